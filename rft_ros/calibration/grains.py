@@ -10,7 +10,7 @@ zero of the load cell is an error that all fits share. What noise of the poses d
 and Stefanski, Journal of the American Statistical Association 89, 1994).
 """
 
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
@@ -114,17 +114,24 @@ class _Fits:
             if changed < _SETTLED or not (self.turns and self.contacts):
                 break
 
-    def values(self, *, surface: float, log_length: float) -> Array:
-        """Surface [m], log λ and ζ as fitted with these of the others; 0 for what is not fitted."""
+    def surface_for(self, log_length: float) -> float:
+        """The surface height [m] as fitted with this log λ; 0 if it is not fitted."""
+        grains = self.grains._replace(length=float(np.exp(log_length)))
+        return float(np.mean([contact.value for contact in self.surfaces(grains)])) if self.contacts else 0.0
+
+    def log_length_for(self, surface: float) -> float:
+        """Log λ as fitted with this height of the surface [m]; 0 if it is not fitted."""
+        return float(np.mean([turn.logarithm for turn in self.lengths(surface)])) if self.turns else 0.0
+
+    def zeta_for(self, *, surface: float, log_length: float) -> float:
+        """ζ as fitted with this height of the surface [m] and log λ; 0 if it is not fitted."""
         grains = self.grains._replace(surface=surface, length=float(np.exp(log_length)))
-        found = np.zeros(3)
-        if self.contacts:
-            found[_SURFACE] = np.mean([contact.value for contact in self.surfaces(grains)])
-        if self.turns:
-            found[_LENGTH] = np.mean([turn.logarithm for turn in self.lengths(surface)])
-        if self.ways_down:
-            found[_ZETA] = np.mean([way.zeta.value for way in self.penetrations(grains)])
-        return found
+        return float(np.mean([way.zeta.value for way in self.penetrations(grains)])) if self.ways_down else 0.0
+
+    def values(self, *, surface: float, log_length: float) -> Array:
+        """Surface [m], log λ and ζ, each as fitted with these of the others; 0 for what is not fitted."""
+        zeta = self.zeta_for(surface=surface, log_length=log_length)
+        return np.array([self.surface_for(log_length), self.log_length_for(surface), zeta])
 
     def errors(self, own: Array, zero_error: float) -> Array:
         """Standard errors of the surface [m], log λ and ζ, from the own error of each; `zero_error` [N], one axis."""
@@ -140,16 +147,13 @@ class _Fits:
         # over the error of what is changed: within a smaller step a fit may stay where it is
         height_step, length_step = np.clip(own[_SURFACE], *_HEIGHT_STEPS), np.clip(own[_LENGTH], *_LENGTH_STEPS)
         by = np.zeros((3, 3))  # the derivative of each value's fit by the others
-        higher, lower = (
-            self.values(surface=surface + step, log_length=log_length) for step in (height_step, -height_step)
-        )
-        by[:, _SURFACE] = (higher - lower) / (2.0 * height_step)
+        by[_LENGTH, _SURFACE] = _slope(self.log_length_for, surface, height_step)
+        by[_ZETA, _SURFACE] = _slope(lambda z: self.zeta_for(surface=z, log_length=log_length), surface, height_step)
         if self.grains.length > 0.0:
-            longer, shorter = (
-                self.values(surface=surface, log_length=log_length + step) for step in (length_step, -length_step)
+            by[_SURFACE, _LENGTH] = _slope(self.surface_for, log_length, length_step)
+            by[_ZETA, _LENGTH] = _slope(
+                lambda logarithm: self.zeta_for(surface=surface, log_length=logarithm), log_length, length_step
             )
-            by[:, _LENGTH] = (longer - shorter) / (2.0 * length_step)
-        by[[_SURFACE, _LENGTH], [_SURFACE, _LENGTH]] = 0.0
         by_zero = np.zeros((3, 3))
         if self.turns:
             by_zero[_LENGTH] = np.mean([turn.by_zero for turn in self.found_turns], axis=0)
@@ -180,6 +184,11 @@ class _Fits:
             ]
             found[_LENGTH] = np.hypot(found[_LENGTH], np.linalg.norm(shifts) / len(shifts))
         return np.asarray(found)
+
+
+def _slope(value: Callable[[float], float], at: float, step: float) -> float:
+    """Derivative of a value by central differences."""
+    return (value(at + step) - value(at - step)) / (2.0 * step)
 
 
 def _error_of_mean(values: Sequence[float], errors: Sequence[float]) -> float:
