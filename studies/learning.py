@@ -10,7 +10,7 @@ from contextlib import redirect_stdout
 from dataclasses import dataclass, replace
 from functools import cache
 from pathlib import Path
-from tempfile import TemporaryDirectory
+from tempfile import TemporaryDirectory, mkdtemp
 from typing import Any
 
 import numpy as np
@@ -205,6 +205,7 @@ def _smoothed(forces: Array) -> Array:
     return np.apply_along_axis(np.convolve, 0, forces, np.full(_WINDOW, 1.0 / _WINDOW), "same")
 
 
+@cache
 def dem_series(name: str, choice: Choice) -> Series:
     """A simulated run with ζ from the calibration run; the samples that count are those of the data's README."""
     tool, law_ = dem_model(name, choice)
@@ -238,6 +239,7 @@ def _dem_tool(name: str, choice: Choice) -> Tool:
     return load_tool(str(DATA / "meshes" / f"{mesh}.stl"), scale=1.0, integration=choice.integration)
 
 
+@cache  # several studies use them
 def bag_series(group: str, choice: Choice) -> list[Series]:
     """The recordings of a group, `abb` or `cmu`, calibrated together; the samples that count are those on the way in.
 
@@ -246,15 +248,22 @@ def bag_series(group: str, choice: Choice) -> list[Series]:
     """
     if not _RECORDINGS.is_dir():
         return []
+    calibrated = _calibrated("cmu" if group == "wheel" else group, choice)
+    values, options = read_parameter_file(calibrated), read_replay_options(calibrated)
     with TemporaryDirectory() as folder:
-        calibrated = _calibrated("cmu" if group == "wheel" else group, choice, Path(folder))
-        values, options = read_parameter_file(calibrated), read_replay_options(calibrated)
         bags, meshes = _recordings(group, Path(folder))
         return [_recorded(bag, {**values, **meshes.get(bag.name, {})}, options, choice) for bag in bags]
 
 
-def _calibrated(group: str, choice: Choice, folder: Path) -> Path:
+@cache
+def _folder_of_this_process() -> TemporaryDirectory[str]:
+    return TemporaryDirectory()
+
+
+@cache
+def _calibrated(group: str, choice: Choice) -> Path:
     """The parameter file that `rft calibrate` writes for the recordings of a group."""
+    folder = Path(mkdtemp(dir=_folder_of_this_process().name))
     bags, meshes = _recordings(group, folder)
     first = next(iter(meshes.values()), {})
     given = {"law": choice.law, "integration": choice.integration, "alpha_y.model": choice.alpha_y, **first}

@@ -83,17 +83,12 @@ def test_a_layer_put_into_a_run_is_reported_within_3_mm(grains, name):
 
 
 @pytest.mark.usefixtures("shared_data")
-def test_vertical_errors_on_real_tools_lie_within_their_standard_deviations(wheels_and_plates):
+def test_vertical_errors_on_real_tools_lie_within_their_standard_deviations():
     """60 to 80 % within one and over 93 % within two; by recording 5 points more or less, since they are smooth."""
-    for group, series in wheels_and_plates.items():
+    for group in ("abb", "cmu", "wheel"):
+        series = bag_series(group, REFINED)
         for lag in (0.002, 0.005):
             errors = [within(run, lag=lag)[:, 2] for run in series]
             one, two = (np.mean([(error < k).mean() for error in errors]) for k in (1.0, 2.0))
             assert 0.55 <= one <= 0.85, (group, lag)
             assert two >= 0.93, (group, lag)
-
-
-@pytest.fixture(scope="module")
-def wheels_and_plates():
-    """The recordings of real tools, by group."""
-    return {group: bag_series(group, REFINED) for group in ("abb", "cmu", "wheel")}
