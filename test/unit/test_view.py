@@ -94,7 +94,7 @@ def tools(draw):
     """Thin blades and scoops, coarse and fine; the tool's lowest point lies at z = 0 [mm]."""
     width, thickness = draw(st.floats(20.0, 120.0)), draw(st.floats(0.3, 4.0))
     bend = draw(st.one_of(st.just(0.0), st.floats(0.5, 3.0)))  # rad of the blade's arc; 0: flat
-    points, cells = draw(st.integers(2, 40)), draw(st.sampled_from([50, 2000, 30_000]))
+    points, cells = draw(st.integers(2, 40)), draw(st.sampled_from([50, 2000, 12_000]))
     angle = np.linspace(-0.5, 0.5, points) * bend
     radius = width / bend if bend else 0.0
     middle = np.column_stack([radius * np.sin(angle), radius * np.cos(angle)]) if bend else None
