@@ -29,7 +29,7 @@ class Mark:
 
 
 def front(marks: Sequence[Mark]) -> list[Mark]:
-    """The marks than which no other is both faster and nearer, ordered by time."""
+    """The Pareto front: the marks for which no other is both faster and more accurate, ordered by time."""
     best: list[Mark] = []
     for mark in sorted(marks, key=lambda m: (m.seconds, m.error)):
         if not best or mark.error < best[-1].error:
@@ -38,7 +38,7 @@ def front(marks: Sequence[Mark]) -> list[Mark]:
 
 
 _TICKS = {1e-6: "1 µs", 1e-5: "10 µs", 1e-4: "0.1 ms", 1e-3: "1 ms", 1e-2: "10 ms", 1e-1: "0.1 s", 1.0: "1 s"}
-_TICK_OF_THE_NODE = 2e-3  # s: at 500 Hz
+_PERIOD_OF_THE_NODE = 2e-3  # s: at 500 Hz
 _ROOM = 2.9  # decades of time that a name takes
 _GAP = 0.065  # between two names, over the height of the panel
 
@@ -49,7 +49,7 @@ def speed_accuracy_figure(simulated: Sequence[Mark], real: Sequence[Mark]) -> Fi
     panels = figure.subplots(1, 2, width_ratios=(1.15, 1.0))
     kinds = (
         ("Simulated grains, 11 runs", "Median error of the force [%]"),
-        ("Real sand: plates and wheels", "RMS error of the force over its peak [%]"),
+        ("Real sand: plates and a wheel", "RMS error of the force over its peak [%]"),
     )
     for axes, marks, (title, error) in zip(panels, (simulated, real), kinds, strict=True):
         _draw(axes, marks)
@@ -81,10 +81,10 @@ def _draw(axes: Axes, marks: Sequence[Mark]) -> None:
     shown = {t: text for t, text in _TICKS.items() if 0.3 * low < t < 2.0 * high}
     axes.set_xticks(list(shown), list(shown.values()))
     axes.minorticks_off()
-    axes.axvline(_TICK_OF_THE_NODE, color=GREY, lw=1.0, ls="--", zorder=0)
+    axes.axvline(_PERIOD_OF_THE_NODE, color=GREY, lw=1.0, ls="--", zorder=0)
     place = axes.get_xaxis_transform()
-    axes.text(_TICK_OF_THE_NODE, 0.97, " a tick at 500 Hz", transform=place, fontsize=8, color=GREY, va="top")
-    axes.plot(times[:1], [-1.0], color=GREY, lw=7.0, alpha=0.3, label="nothing is both faster and nearer")
+    axes.text(_PERIOD_OF_THE_NODE, 0.97, " period at 500 Hz", transform=place, fontsize=8, color=GREY, va="top")
+    axes.plot(times[:1], [-1.0], color=GREY, lw=7.0, alpha=0.3, label="Pareto front: no model is faster and more accurate")
     axes.legend(loc="lower right" if errors[-1] > 0.3 * top else "upper left", fontsize=8, frameon=False)
 
 
