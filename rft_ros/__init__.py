@@ -19,14 +19,15 @@ _HOMES = "rft_ros.rft", "rft_ros.tool", "rft_ros.parameters", "rft_ros.estimator
 
 
 def __dir__() -> list[str]:
-    """The module's names, with those of `__all__` that no one has used yet, so that an interpreter completes them."""
+    """The names of the module and of `__all__`, also those that were not imported yet: interpreters complete them."""
     return sorted({*globals(), *__all__})
 
 
 def __getattr__(name: str) -> object:
     """Import a name of `__all__` at its first use.
 
-    The import of numba takes half a second. `rft_node` installs its signal handlers first, so that Ctrl-C works then.
+    So `import rft_ros` does not import numba, which takes half a second. `rft_node` installs its signal handlers before
+    that, and Ctrl-C ends it cleanly at any time.
     """
     if name in __all__:
         for home in map(import_module, _HOMES):

@@ -84,7 +84,8 @@ def _draw(axes: Axes, marks: Sequence[Mark]) -> None:
     axes.axvline(_PERIOD_OF_THE_NODE, color=GREY, lw=1.0, ls="--", zorder=0)
     place = axes.get_xaxis_transform()
     axes.text(_PERIOD_OF_THE_NODE, 0.97, " period at 500 Hz", transform=place, fontsize=8, color=GREY, va="top")
-    axes.plot(times[:1], [-1.0], color=GREY, lw=7.0, alpha=0.3, label="Pareto front: no model is faster and more accurate")
+    front_line = "Pareto front: no model is faster and more accurate"
+    axes.plot(times[:1], [-1.0], color=GREY, lw=7.0, alpha=0.3, label=front_line)
     axes.legend(loc="lower right" if errors[-1] > 0.3 * top else "upper left", fontsize=8, frameon=False)
 
 
