@@ -28,10 +28,9 @@ ELSEWHERE = {
     "bags/reading.py reader.open": "the reader's own method, of files that were checked",
     "cli.py os.open": "/dev/null",
     "installation.py Path(__file__).resolve": "the package's own place",
-    "estimator/learning/records.py state.open": "a field",
-    "rft/stress_map.py part.open": "a field",
-    "node/swap.py self._worker.load": "asks the worker, which reads as `rft_ros.files` does",
     "node/swap.py worker.load": "asks the worker, which reads as `rft_ros.files` does",
+    "parameters/settings.py _LOADED[name].load": "functions of the package, which read as `rft_ros.files` does",
+    "simulation/mujoco_grains.py self._holding.load": "a force",
     "parameters/sections.py yaml.parse": "text that `read_text` gave",
     "simulation/six_axis_arm.py (share_directory('rft_ros') / 'config' / 'six_axis_arm.xml').read_text": "shipped",
     "tool/reduction_cache.py file.read_bytes": "the package's own sources",
@@ -49,12 +48,19 @@ def readings(source: str) -> Iterator[str]:
     checked = {a.name for n in ast.walk(tree) if isinstance(n, ast.ImportFrom) for a in n.names} - read
     names = read | (called & READING) - checked
     writing = {id(n.func) for n in ast.walk(tree) if isinstance(n, ast.Call) and _opens_for_writing(n)}
+    functions = {id(n.func) for n in ast.walk(tree) if isinstance(n, ast.Call)} - writing
+    modules = {a.asname or a.name for n in ast.walk(tree) if isinstance(n, ast.Import) for a in n.names} | {"Path"}
     for node in ast.walk(tree):
-        if id(node) in writing:
-            continue
         if isinstance(node, ast.Attribute) and node.attr in READING:
-            yield ast.unparse(node)
-        if isinstance(node, ast.Name) and isinstance(node.ctx, ast.Load) and node.id in names:
+            passed_on = isinstance(node.value, ast.Name) and node.value.id in modules and id(node) not in writing
+            if passed_on or id(node) in functions:
+                yield ast.unparse(node)
+        if (
+            isinstance(node, ast.Name)
+            and isinstance(node.ctx, ast.Load)
+            and node.id in names
+            and id(node) not in writing
+        ):
             yield node.id
 
 
@@ -81,7 +87,7 @@ def test_a_reading_of_any_kind_is_found():
     for call in ("yaml.safe_load(p)", "Reader(p)", "p.resolve()", "zipfile.ZipFile(p)", "sqlite3.connect(p)"):
         assert [*readings(f"x = [{call}]\n")], call
     for passed_on in ("map(open, paths)", "map(Path.read_text, paths)", "partial(np.load, p)"):
-        assert [*readings(f"x = {passed_on}")], passed_on
+        assert [*readings(f"import numpy as np\nx = {passed_on}")], passed_on
     assert [*readings("from numpy import load as numbers\nx = numbers(p)\n")]
     assert not [*readings("def load(p):\n    return p\nx = [load]\n")]
     assert not [*readings("with whole(p) as part, part.open('wb') as out:\n    pass\n")]
