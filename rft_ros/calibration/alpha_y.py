@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 
 from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_each, fit_measurements, fit_series
 from rft_ros.calibration.tool_weight import Sensor
-from rft_ros.calibration.track import Track, level_runs
-from rft_ros.rft import Constant, Medium, Plates, Treers2021, alpha_y_model, wrenches
+from rft_ros.calibration.track import FEWEST, Track, level_runs
+from rft_ros.rft import POSITION, STATE, VELOCITY, Constant, Medium, Plates, Treers2021, alpha_y_model, wrenches
 from rft_ros.rft.traction import FLAT
 from rft_ros.tool.refine import refined_plates
 
@@ -64,7 +64,7 @@ def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np
 
     Raises NotIdentifiable, naming the tool, if two parallel faces do not make up most of its surface.
     """
-    normals, areas = plates.packed[3:6].T, plates.packed[6]
+    normals, areas = plates.normals.T, plates.areas
     # the direction, of either sign, that most of the area faces
     largest = np.argsort(-areas, kind="stable")[:64]
     normal = normals[largest[np.argmax(areas @ (np.abs(normals @ normals[largest].T) > _ALIKE))]]
@@ -83,25 +83,25 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treer
     if plates.integration != "refined":
         plates = refined_plates(track.tool.vertices, track.tool.faces)
     normal, faces = faces_of(plates, track.tool.name)
-    path = np.linalg.norm(np.diff(track.states[rows, :2], axis=0), axis=1).cumsum()
+    path = np.linalg.norm(np.diff(track.states[rows, POSITION][:, :2], axis=0), axis=1).cumsum()
     steady = rows[1:][path >= (1.0 - _STEADY) * path[-1]]
     states, rotation = track.smooth_states()[steady], track.rotations()[steady].mean(axis=0)
-    center = plates.packed[:3] @ plates.packed[6] / plates.area
-    depth = surface - float(states[:, 2].mean() + rotation[2] @ center)
+    center = plates.centroids @ plates.areas / plates.area
+    depth = surface - float(states[:, STATE.index("pz")].mean() + rotation[2] @ center)
     normal = rotation @ normal
     if abs(normal[2]) >= FLAT:
         raise NotIdentifiable(f"{track.name}: the plate is horizontal (β = 0) and has no e1; tilt it")
-    e2, velocity = normal[:2] / np.hypot(*normal[:2]), states[:, 7:10].mean(axis=0)
+    e2, velocity = normal[:2] / np.hypot(*normal[:2]), states[:, VELOCITY].mean(axis=0)
     e1, speed = np.array([e2[1], -e2[0], 0.0]), float(np.linalg.norm(velocity))
     psi = float(np.degrees(np.arccos(min(abs(velocity[:2] @ e2) / speed, 1.0))))
-    if path[-1] < _SHORTEST or depth < _SHALLOWEST or len(steady) < 20 or psi < _ALONG:
+    if path[-1] < _SHORTEST or depth < _SHALLOWEST or len(steady) < FEWEST or psi < _ALONG:
         raise NotIdentifiable(
             f"{track.name}: a level run of {1e3 * path[-1]:.1f} mm, {1e3 * depth:.1f} mm deep, at ψ = {psi:.0f}°"
             f" to the face's normal, in {len(steady)} steady samples; it needs {1e3 * _SHORTEST:g} mm,"
-            f" {1e3 * _SHALLOWEST:g} mm, {_ALONG:g}° and 20"
+            f" {1e3 * _SHALLOWEST:g} mm, {_ALONG:g}° and {FEWEST}"
         )
     # the plate slides along its other edges, which the paper does not count
-    edges = ~faces & (velocity @ rotation @ plates.packed[3:6] > _LEADING * speed)
+    edges = ~faces & (velocity @ rotation @ plates.normals > _LEADING * speed)
 
     def force(which: NDArray[np.bool_], law: Treers2021) -> NDArray[np.float64]:
         some = Plates(plates.rows[:, which])

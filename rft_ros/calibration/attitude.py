@@ -17,7 +17,7 @@ from scipy.spatial.transform import Rotation
 from rft_ros.calibration.recorded import Recorded
 from rft_ros.calibration.track import Rows
 from rft_ros.rft import wrenches
-from rft_ros.rft.frames import QUATERNION, TWIST
+from rft_ros.rft.frames import QUATERNION, STATE, TWIST
 from rft_ros.rft.wrench import FORCE
 
 __all__ = ["doubts_of_zeta"]
@@ -60,7 +60,7 @@ def _forces_over_depth(recording: Recorded, bottom: int, turn: Rotation, depths:
     states[:, QUATERNION] = (Rotation.from_quat(states[:, QUATERNION]) * turn).as_quat()
     states[:, TWIST] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
     lowest, _ = recording.track.tool.lowest_points(states)
-    states[:, 2] -= lowest + depths
+    states[:, STATE.index("pz")] -= lowest + depths
     return np.asarray(wrenches(recording.track.tool.plates, recording.law, states, threads=1)[:, FORCE])
 
 

@@ -8,9 +8,9 @@ from numpy.typing import NDArray
 
 from rft_ros.calibration.fitting import Curve, Measurement, NotIdentifiable, best_start, fit_curve, fit_each
 from rft_ros.calibration.recorded import Grains, Recorded
-from rft_ros.calibration.track import Rows, Track, down_strokes
+from rft_ros.calibration.track import FEWEST, Rows, Track, down_strokes
 from rft_ros.estimator import LoadCell
-from rft_ros.rft import Law, wrenches
+from rft_ros.rft import STATE, TWIST, Law, wrenches
 
 __all__ = ["Contact", "find_contacts", "fit_contact"]
 
@@ -48,8 +48,8 @@ def _find(number: int, track: Track, stroke: Rows, cell: LoadCell, law: Law) -> 
     # the force over the depth of the lowest point, in the orientation at the bottom
     depths = np.linspace(0.0, high - low, 256)
     states = np.repeat(track.states[stroke[-1:]], len(depths), axis=0)
-    states[:, 2] -= height[-1] + depths
-    states[:, 7:] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)  # twist: straight down
+    states[:, STATE.index("pz")] -= height[-1] + depths
+    states[:, TWIST] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)  # straight down
     predicted = wrenches(track.tool.plates, law, states, threads=1)[:, 2]
 
     used, least, most = np.ones(len(stroke), dtype=np.bool_), low, high
@@ -68,7 +68,7 @@ def _find(number: int, track: Track, stroke: Rows, cell: LoadCell, law: Law) -> 
         least = surface - max(_SHALLOW * (surface - low), min(_AT_LEAST, surface - low))
         most = min(high, surface + 0.5 * _AIR)
         near = (height > least) & (height < surface + _AIR)
-        if near.sum() < 20 or (near == used).all():
+        if near.sum() < FEWEST or (near == used).all():
             break
         used = near
     rise = float(found.coefficients[1] * np.interp(surface - z.min(), depths, predicted))

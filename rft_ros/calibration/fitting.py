@@ -299,14 +299,11 @@ def mean_of(
     unit: str,
     goodness: str,
     *,
-    error: float | None = None,
+    error: float,
     spread: float = 0.0,
 ) -> FittedValue:
-    """Mean of repeated measurements. Its error is `error`, or the greater of that by scatter and that by errors."""
+    """Mean of repeated measurements, with its standard error."""
     values = [m.value for m in measurements]
-    if error is None:
-        own = float(np.linalg.norm([m.error for m in measurements])) / len(values)
-        error = max(own, scatter_of_mean(values))
     each = ", ".join(f"{m.bag} {m.value:.3g} ± {m.error:.2g}" for m in measurements)
     return FittedValue(name, (float(np.mean(values)),), (error,), unit, goodness, each, spread)
 

@@ -269,7 +269,7 @@ def fit_grains(
             own[_LENGTH] = _UNKNOWN_LENGTH
             result.not_identifiable["medium.mobilization_length"] = str(reason)
     fits.settle()
-    heights = [Measurement(m.bag, m.value, m.error, m.misfit) for m in fits.found_contacts]
+    heights = fits.found_contacts
     if heights:
         own[_SURFACE] = _error_of_mean([m.value for m in heights], [m.error for m in heights])
     if fits.turns:

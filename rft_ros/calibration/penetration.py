@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from rft_ros.calibration.fitting import Measurement, NotIdentifiable, fit_linear
 from rft_ros.calibration.recorded import Grains, Recorded
-from rft_ros.calibration.track import Rows
+from rft_ros.calibration.track import FEWEST, Rows
 
 __all__ = ["BEDS_DIFFER", "Penetration", "deep_enough", "difference", "fit_penetration", "spread_of"]
 
@@ -55,10 +55,10 @@ def deep_enough(number: int, recording: Recorded, stroke: Rows, surface: float) 
     """The number of the recording and the stroke, if it identifies ζ. Raises NotIdentifiable if it is too shallow."""
     depths = surface - recording.heights[stroke]
     count, depth = int((depths > 0.0).sum()), float(depths.max())
-    if count < 20 or depth < _SHALLOWEST:
+    if count < FEWEST or depth < _SHALLOWEST:
         raise NotIdentifiable(
             f"{recording.track.name}: a penetration of {1e3 * depth:.1f} mm in {count} samples is too shallow; ζ needs"
-            f" {1e3 * _SHALLOWEST:g} mm and 20 samples"
+            f" {1e3 * _SHALLOWEST:g} mm and {FEWEST} samples"
         )
     return number, stroke
 
@@ -93,7 +93,8 @@ def spread_of(found: Sequence[Measurement], tools: Sequence[str]) -> float:
 
 def difference(found: Sequence[Measurement], sizes: Sequence[float] = ()) -> str:
     """Words on a ζ that differs between penetrations; none where it does not. `sizes` of their tools [m]."""
-    low, high = (f(found, key=lambda p: p.value) for f in (min, max))
+    low = min(found, key=lambda measurement: measurement.value)
+    high = max(found, key=lambda measurement: measurement.value)
     apart = high.value - low.value
     if apart <= max(_NOTEWORTHY * low.value, 3.0 * float(np.hypot(low.error, high.error))):
         return ""

@@ -6,6 +6,7 @@ import numpy as np
 
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
+from rft_ros.rft import POSITION
 
 __all__ = ["refuse_implausible"]
 
@@ -20,8 +21,9 @@ def refuse_implausible(track: Track) -> None:
     if not largest <= _LARGEST:
         limit = f"the limit is {_LARGEST:g}; check the driver and its unit"
         raise InputError(f"{track.name} has a load-cell reading of {largest:g} N or N m; {limit}")
-    steps = np.linalg.norm(np.diff(track.states[:, :3], axis=0), axis=1)
-    extent, path = float(np.ptp(track.states[:, :3], axis=0).max()), float(steps.sum())
+    positions = track.states[:, POSITION]
+    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
+    extent, path = float(np.ptp(positions, axis=0).max()), float(steps.sum())
     moving = np.diff(track.time)[steps > 0.0]
     if extent > _FAR and path > _FAST * float(moving.sum()):
         raise InputError(
@@ -30,12 +32,12 @@ def refuse_implausible(track: Track) -> None:
         )
     changes = np.flatnonzero((np.diff(track.readings, axis=0) != 0.0).any(axis=1)) + 1
     edges = [0, *changes.tolist(), len(track.time)]
-    frozen = max((float(steps[a : b - 1].sum()), a) for a, b in pairwise(edges))
-    if path > 0.0 and frozen[0] > _FROZEN * path:
-        reading = track.readings[frozen[1]]
+    frozen_path, start = max((float(steps[a : b - 1].sum()), a) for a, b in pairwise(edges))
+    if path > 0.0 and frozen_path > _FROZEN * path:
+        reading = track.readings[start]
         wrong = "reads 0 N and 0 N m" if not reading.any() else f"repeats one reading ({reading[2]:g} N along its z)"
-        share = 100.0 * frozen[0] / path
+        share = 100.0 * frozen_path / path
         raise InputError(
-            f"{track.name}: the load cell {wrong} from {track.time[frozen[1]]:.1f} s on, over {share:.0f} % of the"
+            f"{track.name}: the load cell {wrong} from {track.time[start]:.1f} s on, over {share:.0f} % of the"
             " tool's path; check that its driver runs and that ~/wrench_measured is its topic, then record again"
         )

@@ -91,25 +91,26 @@ def fit_tool_weight(
         # columns: e_k × gravity, the torque for each component of mass times centre
         levers = cell.sign * np.cross(np.eye(3), gravity[:, None]).transpose(0, 2, 1).reshape(-1, 3)
         torques = fit_measurements(np.column_stack([constant, levers]), readings[:, 3:], errors[:, 3:])
-        x, y, z = center = torques.coefficients[3:] / mass
-        own = np.hypot(torques.errors[3:], center * error) / mass
-        cell = replace(cell, center_of_mass=(float(x), float(y), float(z)))
-        values = cell.center_of_mass, tuple(own.tolist())
+        center = torques.coefficients[3:] / mass
+        x, y, z = center.tolist()
+        cell = replace(cell, center_of_mass=(x, y, z))
+        center_errors = tuple((np.hypot(torques.errors[3:], center * error) / mass).tolist())
         goodness = f"R² {_explained(torques, readings[:, 3:]):.5f}"
-        fitted.append(FittedValue("sensor.center_of_mass", *values, "m", goodness, source))
+        fitted.append(FittedValue("sensor.center_of_mass", cell.center_of_mass, center_errors, "m", goodness, source))
 
     fx, fy, fz, tx, ty, tz = np.concatenate([forces.coefficients[:3], torques.coefficients[:3]]).tolist()
     goodness = f"RMS {forces.rms:.3f} N between poses"
-    own = np.concatenate([forces.errors[:3], torques.errors[:3]])
-    zero_error = float(np.hypot(own[:3].max(), GRAVITY * error))
-    if (weight := _weight_in_bias(cell, mass_known=not unknown)) > 0.0 and "sensor.center_of_mass" in reasons:
-        own[3:] = np.hypot(own[3:], weight * _LEVER)
+    bias_errors = np.concatenate([forces.errors[:3], torques.errors[:3]])
+    zero_error = float(np.hypot(bias_errors[:3].max(), GRAVITY * error))
+    weight = _weight_in_bias(cell, mass_known=not unknown)
+    if weight > 0.0 and "sensor.center_of_mass" in reasons:
+        bias_errors[3:] = np.hypot(bias_errors[3:], weight * _LEVER)
         goodness += "; its torques hold the weight's in these poses"
         if unknown and cell.mass == 0.0:
-            own[:3] = np.hypot(own[:3], weight * np.abs(units.mean(axis=0)))
+            bias_errors[:3] = np.hypot(bias_errors[:3], weight * np.abs(units.mean(axis=0)))
             goodness += ", its forces the weight"
     cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
-    fitted.insert(0, FittedValue("sensor.bias", cell.bias, tuple(own.tolist()), "N, N m", goodness, source))
+    fitted.insert(0, FittedValue("sensor.bias", cell.bias, tuple(bias_errors.tolist()), "N, N m", goodness, source))
     return Sensor(cell, zero_error), fitted, reasons
 
 

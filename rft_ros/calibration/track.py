@@ -15,10 +15,11 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.parameters import Values, model_of, settings_of
+from rft_ros.rft.frames import POSE, POSITION, QUATERNION, TWIST
 from rft_ros.rft.placement import Placement
 from rft_ros.tool import Tool
 
-__all__ = ["GAP", "Rows", "Track", "Turn", "down_strokes", "level_runs", "read_track", "still_intervals"]
+__all__ = ["FEWEST", "GAP", "Rows", "Track", "Turn", "down_strokes", "level_runs", "read_track", "still_intervals"]
 __all__ += ["turns_in_grains"]
 
 Array = NDArray[np.float64]
@@ -30,7 +31,9 @@ _SMOOTHING = 0.1  # time over which velocities are averaged before they classify
 GAP = 0.5
 """A longer time between samples [s] ends a segment."""
 
-_FEWEST = 20  # samples of a usable segment in motion
+FEWEST = 20
+"""Samples that a usable segment in motion has at least."""
+
 _SETTLING = 0.1  # time [s] that is left out after a stop and before a start: the arm vibrates and velocities lag
 _SHORTEST_STILL = 0.25  # shortest time at rest, after settling [s]
 _UP = 0.002  # shortest movement up that ends a stroke down [m]
@@ -65,7 +68,7 @@ class Track:
 
     def rotations(self) -> Array:
         """Rotation of the tool frame into the world at each moment, shape [n, 3, 3], no unit."""
-        return np.asarray(Rotation.from_quat(self.states[:, 3:7]).as_matrix())
+        return np.asarray(Rotation.from_quat(self.states[:, QUATERNION]).as_matrix())
 
     def heights(self) -> Array:
         """World z of the tool's lowest point [m], shape [n]."""
@@ -76,12 +79,12 @@ class Track:
         step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
         count = max(1, round(_SMOOTHING / max(step, 1e-4)))  # stamps may lie closer than any driver's
         # uniform_filter1d would leave 1e-18 in place of 0, and walls along the motion would count as leading
-        mean = correlate1d(self.states[:, 7:13], np.full(count, 1.0 / count), axis=0, mode="nearest")
-        return np.hstack([self.states[:, :7], mean])
+        mean = correlate1d(self.states[:, TWIST], np.full(count, 1.0 / count), axis=0, mode="nearest")
+        return np.hstack([self.states[:, POSE], mean])
 
     def motion(self) -> tuple[Array, Array, Array]:
         """Smooth velocity of the tool frame's origin [m/s], shape [n, 3]; its speed; greatest speed by rotation."""
-        twists = self.smooth_states()[:, 7:13]
+        twists = self.smooth_states()[:, TWIST]
         speed, spin = np.linalg.norm(twists.reshape(-1, 2, 3), axis=2).T
         return twists[:, :3], speed, spin * self.tool.plates.reach
 
@@ -193,7 +196,7 @@ def down_strokes(track: Track, below: float = np.inf) -> list[Rows]:
         rows = np.arange(top, begin + 1)
         alike = np.einsum("nij,ij->n", rotations[rows], rotations[begin]) > 1.0 + 2.0 * np.cos(_TILT)
         rows = rows[alike & straight[rows]]
-        if len(rows) >= _FEWEST and heights[rows].min() < below:
+        if len(rows) >= FEWEST and heights[rows].min() < below:
             found.append(rows)
     return found
 
@@ -202,17 +205,17 @@ def level_runs(track: Track, surface: float) -> list[Rows]:
     """Rows, shape [n], no unit, of each unbroken straight level motion with the lowest point below the surface."""
     velocity, speed, turning = track.motion()
     level = (np.abs(velocity[:, 2]) < _LEVEL * speed) & (turning < _TURNING * speed) & (speed >= track.rest_speed)
-    return [rows for rows in _segments(level & (track.heights() < surface), track.time) if len(rows) >= _FEWEST]
+    return [rows for rows in _segments(level & (track.heights() < surface), track.time) if len(rows) >= FEWEST]
 
 
 def turns_in_grains(track: Track, surface: float) -> list[Turn]:
     """Each turn or start followed by at least 2 mm of path in the grains, with at least 20 rows."""
     center = 0.5 * (track.tool.corners.min(axis=0) + track.tool.corners.max(axis=0))
-    places, moving = track.states[:, :3] + track.rotations() @ center, track.moving()
+    places, moving = track.states[:, POSITION] + track.rotations() @ center, track.moving()
     found = []
     for segment in _segments(track.heights() < surface, track.time):
         rows = segment[moving[segment]]
-        if len(rows) < _FEWEST:
+        if len(rows) < FEWEST:
             continue
         path = np.append(0.0, np.linalg.norm(np.diff(places[rows], axis=0), axis=1).cumsum())
         turns = _sharp_turns(path, places[rows])
@@ -221,7 +224,7 @@ def turns_in_grains(track: Track, surface: float) -> list[Turn]:
         for turn, before, after in zip(turns, [0, *turns], [*turns[1:], -1], strict=False):
             end = min(path[after], path[turn] + _AFTER)
             near = (path >= max(path[before], path[turn] - _BEFORE)) & (path <= end)
-            if end - path[turn] >= 2.0 * _CHORD and near.sum() >= _FEWEST:
+            if end - path[turn] >= 2.0 * _CHORD and near.sum() >= FEWEST:
                 found.append(Turn(max(int(segment[0]) - 1, 0), int(rows[turn]), rows[near], float(end - path[turn])))
     return found
 

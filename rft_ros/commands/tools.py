@@ -11,6 +11,7 @@ from rft_ros.commands import options
 from rft_ros.errors import InputError
 from rft_ros.parameters import MESH, model_of, named_files, tool_of
 from rft_ros.progress import busy
+from rft_ros.rft import STATE
 from rft_ros.states_file import read_states
 from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import run
@@ -82,7 +83,7 @@ def _scene(arguments: argparse.Namespace, tool: Tool) -> NDArray[np.float64]:
     values, chosen = options.recording(arguments)
     of_states = scene.suffix.lower() == ".csv"
     _, states, *_ = read_states(scene) if of_states else states_of(scene, values, model_of(values, tool=tool), chosen)
-    states[:, 2] -= values["surface_height"] if surface is None else surface
+    states[:, STATE.index("pz")] -= values["surface_height"] if surface is None else surface
     return states
 
 

@@ -203,7 +203,7 @@ class QualityMonitor:
         if self._countdown == 0:  # these are expensive and change slowly
             self._countdown, state = _EVERY, motion.state[0]
             self._path.extend(state)
-            height = float(surface.height + surface.slope[0] * state[0] + surface.slope[1] * state[1])
+            height = float(surface.height + surface.slope[0] * x + surface.slope[1] * y)
             deep = settings.calibrated_depth and depth() > _DEEPER * settings.calibrated_depth
             edge = edge_share(self._plates, state, surface_height=height) > _EDGE_SHARE
             self._slow = self._of_tool | (f.WAKE.value if self._path.crosses_itself else 0)

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.ground.height_map import HeightMap
-from rft_ros.rft import LEVEL, rotation_matrix
+from rft_ros.rft import LEVEL, STATE, rotation_matrix
 from rft_ros.rft.frames import attitude, from_frame, parts_of_state
 from rft_ros.rft.kernel.compilation import compiled, inlined
 from rft_ros.rft.placement import Placement
@@ -216,7 +216,7 @@ class Support:
         height, roughness = float(found["height"]), float(found["roughness"])
         sx, sy = found["slope"].tolist()
         if not math.isfinite(height + sx + sy + roughness):  # a pose so far away that its squares overflow
-            return LocalSurface(level, depth=level - float(state[2]))
+            return LocalSurface(level, depth=level - float(state[STATE.index("pz")]))
         return LocalSurface(height, (sx, sy), roughness, depth)
 
 

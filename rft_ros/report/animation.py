@@ -76,8 +76,8 @@ def animate(
         by_facet = plate_forces(tool.facets, law, state, surface_height=surface.height, slope=surface.slope)
         traction.append((np.linalg.norm(by_facet, axis=1) / tool.facets.areas)[facet])
     if ground is not None:  # around the tool's path
-        around = 3.0 * tool.plates.reach
-        x, y = np.linspace(states[:, :2].min(axis=0) - around, states[:, :2].max(axis=0) + around, 100).T
+        around, places = 3.0 * tool.plates.reach, states[:, POSITION][:, :2]
+        x, y = np.linspace(places.min(axis=0) - around, places.max(axis=0) + around, 100).T
         grid = 1e3 * x, 1e3 * y, 1e3 * ground.heights_at(*np.meshgrid(x, y, indexing="ij"))
     return Animation(
         title=title,
