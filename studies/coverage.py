@@ -64,7 +64,8 @@ def study() -> StudyResult:
             for errors_of_run in of_halves["held out"]:
                 for mode, error in zip(_MODES, errors_of_run, strict=True):
                     pooled[mode].append(error)
-    header = ("data; model", "recordings", "fixed model", *(f"learning, lag {1e3 * lag:g} mm" for lag in LAGS))
+    models = ("fixed model", *(f"learning, lag {1e3 * lag:g} mm" for lag in LAGS))
+    header = ("data; model", "recordings", *(f"{model}: horizontal / vertical" for model in models))
     figure = new_figure(9.0, 4.0)
     panels = figure.subplots(1, 2, sharey=True)
     for axes, part, title in zip(panels, (slice(0, 2), slice(2, 3)), ("horizontal", "vertical"), strict=True):
