@@ -52,8 +52,11 @@ class Mechanism:
             (self.jacobian[6 * k : 6 * k + 3], self.jacobian[6 * k + 3 : 6 * k + 6], body)
             for k, body in enumerate(bodies)
         ]
-        flags = self._mujoco.mjtDisableBit
+        self._dofs = np.array([_dofs_of(model, body) for body in bodies])
+        kinds, flags = self._mujoco.mjtIntegrator, self._mujoco.mjtDisableBit
+        self._euler, self._rk4 = int(kinds.mjINT_EULER), int(kinds.mjINT_RK4)
         self._no_dampers = int(getattr(flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0)))
+        self._no_implicit_dampers = self._no_dampers | int(flags.mjDSBL_EULERDAMP)
         self.data: Any = None
         self.bind(self._mujoco.MjData(model))
         self._respond: Any = machine_code(_respond, self._arguments(_NO_ROWS, _NO_CONES, 0.1, np.zeros(6 * n)))
@@ -64,7 +67,7 @@ class Mechanism:
             raise ValueError("data is not of the model of these grains; make it with mujoco.MjData(model)")
         self.data = data
         self._dampers = self._actuators_and_tendons(data)
-        self._moving = np.array(self._bodies), data.xpos, data.xquat, data.qvel, data.qacc
+        self._moving = np.array(self._bodies), self._dofs, data.xpos, data.xquat, data.qvel, data.qacc
 
     def move(self) -> None:
         """Compute what depends on positions and velocities, without sensors."""
@@ -127,12 +130,11 @@ class Mechanism:
 
     def _damps(self) -> int:
         """Whose damping the integrator takes implicitly: 0 none, 1 that of joints, 2 of actuators, 3 of tendons too."""
-        option, kinds, flags = self.model.opt, self._mujoco.mjtIntegrator, self._mujoco.mjtDisableBit
+        option = self.model.opt
         integrator, off = option.integrator, option.disableflags
-        passive = not off & self._no_dampers
-        if integrator == kinds.mjINT_EULER:
-            return int(passive and not off & flags.mjDSBL_EULERDAMP)
-        return 0 if integrator == kinds.mjINT_RK4 else 2 + passive
+        if integrator == self._euler:
+            return int(not off & self._no_implicit_dampers)
+        return 0 if integrator == self._rk4 else 2 + (not off & self._no_dampers)
 
     def _actuators_and_tendons(self, data: Any) -> tuple[Any, ...]:
         """What their damping follows from, in arrays that stay where they are."""
@@ -145,6 +147,15 @@ class Mechanism:
         numbers = model.actuator_biasprm, model.actuator_gainprm, model.actuator_forcerange
         moving = model.actuator_actadr, data.ctrl, data.act, data.actuator_force
         return model.dof_damping, (model.tendon_damping, *tendons), (kinds, numbers, moving, moments)
+
+
+def _dofs_of(model: Any, body: int) -> tuple[int, int]:
+    """The degrees of freedom from the first to the last that moves the body: begin and end, as of a slice."""
+    moved = model.body_weldid[body]
+    first = last = int(model.body_dofadr[moved] + model.body_dofnum[moved]) - 1
+    while model.dof_parentid[first] >= 0:
+        first = int(model.dof_parentid[first])
+    return first, last + 1
 
 
 def _full_inertia(mujoco: Any, model: Any, data: Any, mass: Array) -> None:
@@ -163,27 +174,44 @@ def _dot(a, b):
 
 
 @inlined
-def _factor(a):
-    """LU in place, without pivots, as the matrix has a positive symmetric part; zeros between trees cost nothing."""
-    for i in range(len(a)):
-        for j in range(i + 1, len(a)):
-            if a[j, i] != 0.0:
-                f = a[j, i] / a[i, i]
-                a[j, i] = f
-                for k in range(i + 1, len(a)):
-                    a[j, k] -= f * a[i, k]
+def _factor(a, begins):
+    """LU in place, without pivots, of a matrix that is symmetric and positive.
+
+    `begins`: takes the column where each row begins. Those before it are zero, as between trees, and stay so.
+    """
+    for j in range(len(a)):
+        begins[j] = j
+        for k in range(j - 1, -1, -1):
+            if a[j, k] != 0.0:
+                begins[j] = k
+    for j in range(len(a)):
+        for i in range(begins[j], j):
+            f = a[j, i] / a[i, i]
+            a[j, i] = f
+            for k in range(i + 1, len(a)):
+                a[j, k] -= f * a[i, k]
 
 
 @inlined
-def _solve(lu, x):
-    """Solve in place for a row x, with the factors of `_factor`."""
+def _solve(lu, begins, x):
+    """Solve in place for x, with the factors and the begins of `_factor`."""
     for i in range(len(lu)):
-        for k in range(i):
+        for k in range(begins[i], i):
             x[i] -= lu[i, k] * x[k]
     for i in range(len(lu) - 1, -1, -1):
-        for k in range(i + 1, len(lu)):
-            x[i] -= lu[i, k] * x[k]
         x[i] /= lu[i, i]
+        for k in range(begins[i], i):
+            x[k] -= lu[k, i] * x[i]
+
+
+@inlined
+def _multiply(a, begins, x, out):
+    """Write a x for a symmetric matrix, with the begins of its rows or of those of a matrix with fewer zeros."""
+    for i in range(len(a)):
+        out[i] = a[i, i] * x[i]
+        for k in range(begins[i], i):
+            out[i] += a[i, k] * x[k]
+            out[k] += a[i, k] * x[i]
 
 
 @inlined
@@ -268,43 +296,44 @@ def _set_damping(damping, which, dampers):
 @compiled
 def _respond(moving, inertia, which, dampers, rows, cones, h, held, states, inverse, ahead):
     """Write `Mechanism.states`, `inverse` and `ahead`; returns whether all of it is finite and not too fast."""
-    ids, positions, quaternions, velocity, acceleration = moving
+    ids, dofs, positions, quaternions, velocity, acceleration = moving
     mass, damping, jacobian, moves = inertia
     nv, size = len(mass), len(jacobian)
     fine = True
     for b in range(len(ids)):
+        first, end = dofs[b]
         states[b, :3] = positions[ids[b]]
         w, x, y, z = quaternions[ids[b]]
         states[b, 3], states[b, 4], states[b, 5], states[b, 6] = x, y, z, w
         for i in range(6):
-            states[b, 7 + i] = _dot(jacobian[6 * b + i], velocity)
-    hessian = mass.copy()
+            states[b, 7 + i] = _dot(jacobian[6 * b + i, first:end], velocity[first:end])
+    hessian, begins, damped_begins = mass.copy(), np.empty(nv, np.int64), np.empty(nv, np.int64)
     _add_constraints(hessian, rows, cones)
-    _factor(hessian)
+    _factor(hessian, begins)
     damped = _set_damping(damping, which, dampers)
     taken = acceleration.copy()
     implicit = mass
     if damped:
         implicit = mass + h * damping
-        _factor(implicit)
-        for i in range(nv):
-            taken[i] = _dot(mass[i], acceleration)
-        _solve(implicit, taken)
+        _factor(implicit, damped_begins)
+        _multiply(mass, begins, acceleration, taken)
+        _solve(implicit, damped_begins, taken)
     x = np.empty(nv)
-    for i in range(size):
-        moves[i] = jacobian[i]
-        _solve(hessian, moves[i])
+    for j in range(size):
+        moves[j] = jacobian[j]
+        _solve(hessian, begins, moves[j])
         if damped:
-            for k in range(nv):
-                x[k] = _dot(mass[k], moves[i])
-            _solve(implicit, x)
-            moves[i] = x
-    for i in range(size):
-        for j in range(size):
-            inverse[i, j] = _dot(jacobian[i], moves[j])
+            _multiply(mass, begins, moves[j], x)
+            _solve(implicit, damped_begins, x)
+            moves[j] = x
+        for i in range(size):
+            first, end = dofs[i // 6]
+            inverse[i, j] = _dot(jacobian[i, first:end], moves[j, first:end])
             fine &= np.isfinite(inverse[i, j])
     for i in range(size):
+        first, end = dofs[i // 6]
         twist = states[i // 6, 7 + i % 6]
-        ahead[i] = twist + h * (_dot(jacobian[i], taken) - _dot(inverse[i], held))
+        way = _dot(jacobian[i, first:end], taken[first:end])
+        ahead[i] = twist + h * (way - _dot(inverse[i], held))
         fine &= abs(twist) + abs(ahead[i]) < _FASTEST
     return fine and np.isfinite(states.sum())
