@@ -30,6 +30,10 @@ pushed back. Grains that yielded are more than ten times as stiff when the motio
 _MOST, _CLOSE = 20, 0.02
 """Most evaluations of Newton's method, and the relative change of the wrench at which it ends."""
 
+_SLIGHT = 0.1
+"""Change of a body's motion by its wrench in the step, as a share of the motion. Below it the wrench at the beginning
+is a good first guess for grains that yield, which resist about the same all along."""
+
 _OVERSHOT, _LEVEL = 0.5, 0.1
 """Residual along a step of Newton's method at its end, over that at its beginning. The step is too long if the sign has
 changed and the ratio is over the first number. It is short enough if the ratio is below the second."""
@@ -266,12 +270,13 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
     """
     n = len(states)
     springs, begin, residual, change = np.empty((n, 6, 6)), np.empty(6 * n), np.empty(6 * n), np.empty(6 * n)
+    under_begin = np.empty(6 * n)  # the twists at the end of the step under the wrenches at its beginning
     for b in range(n):
         stiffness_matrix(beds.memory[first + b], springs[b])
         begin[_part(b)] = rows[b, :6]
-    _follow(ahead, inverse, h, begin, after)
+    _follow(ahead, inverse, h, begin, under_begin)
     for i in range(6 * n):
-        residual[i] = -h * _dot(springs[i // 6, i % 6], after[_part(i // 6)])
+        residual[i] = -h * _dot(springs[i // 6, i % 6], under_begin[_part(i // 6)])
     _settle(residual, springs, inverse, h, change)
     wrench[:] = begin + change
     _follow(ahead, inverse, h, wrench, after)
@@ -285,6 +290,12 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
     linear &= path <= _STRIDE * beds.length
     found = linear
     if not linear:
+        for b in range(n):
+            part, reach = _part(b), beds.bodies[first + b].reach
+            twist, turn = states[b, 7:], under_begin[part] - ahead[part]
+            if _dot(begin[part], twist) < 0.0 and _path(turn, reach) < _SLIGHT * _path(twist, reach):
+                wrench[part] = begin[part]
+        _follow(ahead, inverse, h, wrench, after)
         found = _newton(beds, first, states, begin, springs, inverse, ahead, h, wrench, after)
     allowed = np.empty(n)
     for b in range(n):
