@@ -69,25 +69,29 @@ def _fixed_layout(count: int, *, ros1: bool) -> Callable[[bytes], _Content]:
 
 
 def _transforms(data: bytes, *, ros1: bool, fixed: bool) -> tuple[TransformSample, ...]:
-    # by struct as well: robots publish a hundred frames at 500 Hz
-    order, at, four, eight = _order(data, ros1), 4, 4, 8  # CDR has a head of 4 bytes, and aligns numbers to their size
-    if ros1:
-        at, four, eight = 0, 1, 1
-    head, size, doubles = (struct.Struct(order + kinds) for kinds in ("4xIII" if ros1 else "iII", "I", "7d"))
-    (count,) = size.unpack_from(data, at)
-    at += 4
+    """The transforms of a message, by struct as well: robots publish a hundred frames at 500 Hz."""
+    order = _order(data, ros1)
+    # CDR begins with 4 bytes, from which on each number is aligned to its size; ROS 1 does neither
+    begin, of_integers, of_doubles = (0, 1, 1) if ros1 else (4, 4, 8)
+    header = struct.Struct(order + ("4xIII" if ros1 else "iII"))  # stamp, length of the parent's name
+    length, pose = struct.Struct(f"{order}I"), struct.Struct(f"{order}7d")
+    (count,) = length.unpack_from(data, begin)
+    at = begin + length.size
     found: list[TransformSample] = []
     for _ in range(count):
-        at += -at % four
-        seconds, nanoseconds, length = head.unpack_from(data, at)
-        middle = at + head.size + length
-        parent = data[middle - length : middle].rstrip(b"\x00").decode()
-        middle += -middle % four
-        at = middle + 4 + size.unpack_from(data, middle)[0]
-        child = data[middle + 4 : at].rstrip(b"\x00").decode()
-        at += (4 - at) % eight
-        x, y, z, *quaternion = doubles.unpack_from(data, at)
-        at += 56
+        at += (begin - at) % of_integers
+        seconds, nanoseconds, of_parent = header.unpack_from(data, at)
+        at += header.size
+        parent = data[at : at + of_parent].rstrip(b"\x00").decode()
+        at += of_parent
+        at += (begin - at) % of_integers
+        (of_child,) = length.unpack_from(data, at)
+        at += length.size
+        child = data[at : at + of_child].rstrip(b"\x00").decode()
+        at += of_child
+        at += (begin - at) % of_doubles
+        x, y, z, *quaternion = pose.unpack_from(data, at)
+        at += pose.size
         found.append(TransformSample(_stamp(seconds, nanoseconds), parent, child, (x, y, z), (*quaternion,), fixed))
     return tuple(found)
 

@@ -110,7 +110,7 @@ class Kinematics:
         A part of the noise that is not known counts as 0: both with a topic of twists and at the beginning, and that
         of rotations or of positions that have not changed yet, as of an arm that keeps its attitude exactly.
         """
-        position, rotation = (variance if variance < np.inf else 0.0 for variance in self._difference.noise)
+        position, rotation = self._difference.known_noise
         return math.sqrt(position + self.reach * self.reach * rotation)
 
     def _velocity(self, pose: PoseSample) -> Sequence[float] | Reason:
@@ -161,10 +161,10 @@ class PoseDifference:
         self.span(window=0.0, max_age=0.0)
 
     @property
-    def noise(self) -> tuple[float, float]:
-        """Variance of one coordinate of a pose: of positions [m²] and rotations [rad²]; infinite while unknown."""
+    def known_noise(self) -> tuple[float, float]:
+        """Variance of one coordinate of a pose: of positions [m²] and rotations [rad²]; 0 while unknown."""
         position, rotation = self._noise.tolist()
-        return position, rotation
+        return (position if position < math.inf else 0.0), (rotation if rotation < math.inf else 0.0)
 
     def span(self, *, window: float, max_age: float) -> None:
         """Set the window of the fit [s]; it has at least three poses, and ends at a gap longer than `max_age` [s]."""

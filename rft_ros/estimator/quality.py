@@ -152,13 +152,20 @@ def speed_limits(law: Law) -> SpeedLimits:
 
 
 class QualityMonitor:
-    """Sets the quality flags of one tool's successive estimates."""
+    """Sets the quality flags of one tool's successive estimates.
+
+    They are joined as integers: an operation on two `QualityFlag`s takes a microsecond.
+    """
 
     def __init__(self, tool: Tool) -> None:
         self._plates, self._path, self._deepest = tool.plates, _Path(tool), deepest(tool)
-        self._of_tool = QualityFlag.CONCAVE.value if "concave" in tool.issues else 0
-        self._of_tool |= QualityFlag.MESH.value if tool.issues.keys() - _HARMLESS else 0
-        self._of_tool |= 0 if is_plausible_tool(tool) else QualityFlag.IMPOSSIBLE.value
+        self._of_tool = 0
+        if "concave" in tool.issues:
+            self._of_tool |= QualityFlag.CONCAVE.value
+        if tool.issues.keys() - _HARMLESS:
+            self._of_tool |= QualityFlag.MESH.value
+        if not is_plausible_tool(tool):
+            self._of_tool |= QualityFlag.IMPOSSIBLE.value
         self._countdown = self._slow = 0
 
     def flags(
@@ -179,37 +186,69 @@ class QualityMonitor:
         `force`: of the model [N]. `depth`: returns the depth of the lowest point [m]; called only if needed.
         `withdrawn`: `Withdrawal.active`.
         """
-        flags, f = 0, QualityFlag  # whose operations take a microsecond, so integers are joined
-        if learning is not None:
-            flags = (f.SURPRISE.value if learning.surprise else 0) | (f.DISAGREEMENT.value if learning.disagrees else 0)
+        f = QualityFlag
+        flags = 0 if learning is None else _flags_of_learning(learning)
         x, y, z = motion.pose.position
-        sunk = surface.height + surface.slope[0] * x + surface.slope[1] * y - z  # depth of the tool frame's origin
+        height = surface.height + surface.slope[0] * x + surface.slope[1] * y
+        origin_depth = height - z  # of the tool frame's origin
         if not in_grains:
             self._path.clear()
             self._countdown = 0
-            return flags | (f.IMPOSSIBLE.value if sunk < -HIGHEST else 0)
+            if origin_depth < -HIGHEST:
+                flags |= f.IMPOSSIBLE.value
+            return flags
         # the lowest point is at most `reach` below the origin; its exact depth takes longer to compute
-        may_be_deep = sunk + self._plates.reach > self._deepest
+        may_be_deep = origin_depth + self._plates.reach > self._deepest
         if math.hypot(*force) > LARGEST_FORCE or (may_be_deep and depth() > self._deepest):
             flags |= f.IMPOSSIBLE.value
-        flags |= f.WITHDRAWAL.value if withdrawn else 0
-        if motion.speed_bound > limits.checked:
-            flags |= f.FAST.value | (f.INERTIAL.value if motion.speed_bound > limits.inertial else 0)
-        elif motion.speed_bound < _NEAR_REST_FACTOR * settings.rest_speed:
-            flags |= f.NEAR_REST.value
-        if not math.isnan(surface.depth):  # the ground is a map
-            flags |= f.STEEP.value if math.hypot(*surface.slope) > _STEEP_SLOPE else 0
-            flags |= f.UNEVEN.value if surface.roughness > _UNEVEN_SHARE * surface.depth else 0
-        if self._countdown == 0:  # these are expensive and change slowly
-            self._countdown, state = _EVERY, motion.state[0]
-            self._path.extend(state)
-            height = float(surface.height + surface.slope[0] * x + surface.slope[1] * y)
-            deep = settings.calibrated_depth and depth() > _DEEPER * settings.calibrated_depth
-            edge = edge_share(self._plates, state, surface_height=height) > _EDGE_SHARE
-            self._slow = self._of_tool | (f.WAKE.value if self._path.crosses_itself else 0)
-            self._slow |= (f.DEEP.value if deep else 0) | (f.KNIFE_EDGE.value if edge else 0)
+        if withdrawn:
+            flags |= f.WITHDRAWAL.value
+        flags |= _flags_of_speed(motion.speed_bound, limits, settings.rest_speed) | _flags_of_ground(surface)
+        if self._countdown == 0:
+            self._countdown = _EVERY
+            self._slow = self._slow_flags(motion.state[0], height, settings.calibrated_depth, depth)
         self._countdown -= 1
         return flags | self._slow
+
+    def _slow_flags(self, state: Array, height: float, calibrated_depth: float, depth: Callable[[], float]) -> int:
+        """The flags that take long to find, and change slowly. `height` of the surface at the tool frame [m]."""
+        f, flags = QualityFlag, self._of_tool
+        self._path.extend(state)
+        if self._path.crosses_itself:
+            flags |= f.WAKE.value
+        if calibrated_depth > 0.0 and depth() > _DEEPER * calibrated_depth:
+            flags |= f.DEEP.value
+        if edge_share(self._plates, state, surface_height=float(height)) > _EDGE_SHARE:
+            flags |= f.KNIFE_EDGE.value
+        return flags
+
+
+def _flags_of_learning(learning: Learning) -> int:
+    flags = 0
+    if learning.surprise:
+        flags |= QualityFlag.SURPRISE.value
+    if learning.disagrees:
+        flags |= QualityFlag.DISAGREEMENT.value
+    return flags
+
+
+def _flags_of_speed(speed: float, limits: SpeedLimits, rest_speed: float) -> int:
+    if speed > limits.inertial:
+        return QualityFlag.FAST.value | QualityFlag.INERTIAL.value
+    if speed > limits.checked:
+        return QualityFlag.FAST.value
+    return QualityFlag.NEAR_REST.value if speed < _NEAR_REST_FACTOR * rest_speed else 0
+
+
+def _flags_of_ground(surface: LocalSurface) -> int:
+    if math.isnan(surface.depth):  # the ground is a level plane
+        return 0
+    flags = 0
+    if math.hypot(*surface.slope) > _STEEP_SLOPE:
+        flags |= QualityFlag.STEEP.value
+    if surface.roughness > _UNEVEN_SHARE * surface.depth:
+        flags |= QualityFlag.UNEVEN.value
+    return flags
 
 
 class _Path:
