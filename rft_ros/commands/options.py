@@ -15,8 +15,8 @@ from rft_ros.bags.playback import ReplayOptions, read_replay_options
 from rft_ros.estimator.plausible import sentence_on
 from rft_ros.files import refuse_overwriting
 from rft_ros.parameters import NODE, PARAMETERS, Values, defaults, read_parameter_file
+from rft_ros.parameters.short_names import SHORT_NAMES, parameters_of
 from rft_ros.rft import ALPHA_Y_MODELS, MEDIA, Law
-from rft_ros.sweeps.design import PARAMETER_NAMES, parameters_of
 from rft_ros.tool import Tool
 
 BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, or ROS 1 .bag"
@@ -65,7 +65,7 @@ def share(command: argparse._ActionsContainer, *names: str) -> None:
 
 def _of_parameter(option: str) -> dict[str, Any]:
     """Arguments of `add_argument` for an option that sets a parameter of the node."""
-    name = PARAMETER_NAMES[option.removeprefix("--").replace("-", "_")]
+    name = SHORT_NAMES[option.removeprefix("--").replace("-", "_")]
     (parameter,) = (p for p in PARAMETERS if p.name == name)
     value, unit = parameter.default, f" [{parameter.unit}]" if parameter.unit else ""
     meaning = (parameter.description[0].lower() + parameter.description[1:]).rstrip(".").replace("%", "%%")
@@ -81,7 +81,7 @@ def _of_parameter(option: str) -> dict[str, Any]:
 
 def values_of(arguments: argparse.Namespace) -> Values:
     """The node's parameters, checked: those that options of `share` set, and the defaults of the others."""
-    given = {name: value for name, value in vars(arguments).items() if name in PARAMETER_NAMES and value is not None}
+    given = {name: value for name, value in vars(arguments).items() if name in SHORT_NAMES and value is not None}
     table = given.get("alpha_y", "")
     if Path(table).suffix:
         return {**parameters_of(given | {"alpha_y": "table"}), "alpha_y.table": table}

@@ -12,19 +12,12 @@ import numpy as np
 from rft_ros.errors import InputError
 from rft_ros.files import read_file, read_yaml
 from rft_ros.installation import release
-from rft_ros.parameters import Values, checked, defaults, is_medium_file
-from rft_ros.rft import LAW_NUMBERS
+from rft_ros.parameters import is_medium_file
+from rft_ros.parameters.short_names import OF_MEDIUM, OF_TOOL, parameters_of
 from rft_ros.sweeps.motions import FAMILIES, Motion
 from rft_ros.tool import locate_mesh
 
-__all__ = ["PARAMETER_NAMES", "Design", "Variant", "motion_of", "parameters_of", "read_design"]
-
-_TOOL = {"mesh": "mesh.file", "scale": "mesh.scale", "origin": "mesh.origin", "rotate": "mesh.quaternion"}
-_TOOL |= {"integration": "integration", "tolerance": "tolerance"}
-_MEDIUM = {"law": "law", "medium": "medium.name", "alpha_y": "alpha_y.model", "surface_height": "surface_height"}
-_MEDIUM |= {name: f"medium.{name}" for name in LAW_NUMBERS}
-PARAMETER_NAMES = _TOOL | _MEDIUM
-"""The node's parameter for each short name in a study or in an option of the command line."""
+__all__ = ["Design", "Variant", "motion_of", "read_design"]
 
 _VECTORS = ("origin", "rotate")  # a list of numbers is one value of these
 _MOST = 1_000_000  # variants, values in a range, samples, and the greatest number in a motion
@@ -61,19 +54,6 @@ class Design(NamedTuple):
             except InputError:  # the rows of its variants will give the reason
                 checksum = zlib.crc32(b"missing", checksum)
         return checksum
-
-
-def parameters_of(entry: Mapping[str, Any]) -> Values:
-    """The node's parameters from an entry's short names; the others have their defaults. Raises InputError.
-
-    Tools are not reduced. Without an integration, a tool has the rule of its file.
-    """
-    given = {PARAMETER_NAMES[key]: value for key, value in entry.items()}
-    medium = given.get("medium.name")
-    if isinstance(medium, str) and is_medium_file(medium):
-        given |= {"medium.name": defaults()["medium.name"], "medium.file": medium}
-    checks = {name: checked(name, value) for name, value in given.items()}
-    return {**defaults(), "tolerance": 0.0, "integration": None, **checks}
 
 
 def motion_of(entry: Mapping[str, Any]) -> tuple[Motion, int]:
@@ -130,7 +110,7 @@ def _expanded(name: str, entries: object) -> Iterator[dict[str, Any]]:
             for combination in itertools.product(*(_values(key, value) for key, value in entry.items())):
                 point = dict(zip(entry, combination, strict=True))
                 if name != "motions":
-                    _check_names(point, _TOOL if name == "tools" else _MEDIUM)
+                    _check_names(point, OF_TOOL if name == "tools" else OF_MEDIUM)
                     parameters_of(point)
                     if name == "tools":
                         locate_mesh(point["mesh"])

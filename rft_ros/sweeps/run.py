@@ -25,10 +25,11 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.files import opened, whole
 from rft_ros.parameters import files_of, medium_of, model_of, tool_of
+from rft_ros.parameters.short_names import parameters_of
 from rft_ros.progress import bar
 from rft_ros.rft import FORCE, WRENCH, Medium
 from rft_ros.states_file import read_states, wrenches_along
-from rft_ros.sweeps.design import Design, Variant, motion_of, parameters_of
+from rft_ros.sweeps.design import Design, Variant, motion_of
 from rft_ros.sweeps.motions import sample
 from rft_ros.tool import Tool
 

@@ -7,8 +7,9 @@ from refusals import refusal
 
 from rft_ros.cli import main
 from rft_ros.parameters import defaults, model_of, read_medium, read_parameter_file, read_stress_map
+from rft_ros.parameters.short_names import parameters_of
 from rft_ros.rft import MEDIA
-from rft_ros.sweeps.design import parameters_of, read_design
+from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import evaluate
 
 LOOSE = MEDIA["poppy_seeds_loose"]

@@ -25,8 +25,8 @@ from rft_ros.parameters import (
     with_grains,
     write_parameter_file,
 )
+from rft_ros.parameters.short_names import SHORT_NAMES
 from rft_ros.rft import LAW_NUMBERS, LAWS, MEDIA, Constant, Linear, law_named
-from rft_ros.sweeps.design import PARAMETER_NAMES
 
 
 @pytest.mark.parametrize("parameter", PARAMETERS, ids=lambda p: p.name)
@@ -295,7 +295,7 @@ def test_every_other_parameter_of_the_law_is_none_of_its_numbers():
 def test_each_number_of_a_law_is_a_parameter_that_reaches_the_law_and_can_be_varied_in_a_study():
     for name in LAW_NUMBERS:
         parameter = f"medium.{name}"
-        assert PARAMETER_NAMES[name] == parameter
+        assert SHORT_NAMES[name] == parameter
         for law in LAWS:
             values = {**defaults(), "law": law, parameter: 0.125}
             made = model_of(values, tool=object()).law
