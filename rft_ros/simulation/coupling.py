@@ -27,8 +27,13 @@ _CHANGE, _TURN = 0.02, 0.002
 """Greatest relative change of the wrench over which the grains are taken as linear, and the same for a body that is
 pushed back. Grains that yielded are more than ten times as stiff when the motion reverses."""
 
-_MOST, _CLOSE = 20, 0.02
-"""Most evaluations of Newton's method, and the relative change of the wrench at which it ends."""
+_MOST, _WHOLE, _CLOSE = 32, 12, 0.02
+"""Most evaluations of Newton's method, those with whole steps, and the relative change of the wrench at which it ends.
+The steps after them are halved: where plates turn, whole steps may go round in a circle."""
+
+_ROUNDED = 1e-9
+"""Wrench of a body, as a share of the greatest of all bodies, below which it is rounding: of a foot in the air, beside
+one on the ground."""
 
 _SLIGHT = 0.1
 """Change of a body's motion by its wrench in the step, as a share of the motion. Below it the wrench at the beginning
@@ -178,6 +183,24 @@ def _size(wrench, reach):
 
 
 @inlined
+def _small(beds, first, change, most, most_back, begin, wrench, after):
+    """Whether the wrenches of all bodies change by small shares: `most`, or `most_back` of a body that is pushed back.
+
+    Shares of the wrench, at the beginning of the step or now.
+    """
+    greatest, small = 0.0, True
+    for b in range(len(change) // 6):
+        part, reach = _part(b), beds.bodies[first + b].reach
+        greatest = max(greatest, _size(wrench[part], reach), _size(begin[part], reach))
+    for b in range(len(change) // 6):
+        part, reach = _part(b), beds.bodies[first + b].reach
+        largest = max(_size(wrench[part], reach), _size(begin[part], reach), _ROUNDED * greatest)
+        share = most_back if _dot(begin[part], after[part]) > 0.0 else most
+        small &= _size(change[part], reach) <= share * largest
+    return small
+
+
+@inlined
 def _part(b):
     return slice(6 * b, 6 * b + 6)
 
@@ -280,14 +303,10 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
     _settle(residual, springs, inverse, h, change)
     wrench[:] = begin + change
     _follow(ahead, inverse, h, wrench, after)
-    path, linear = 0.0, True
+    path = 0.0
     for b in range(n):
-        part, reach = _part(b), beds.bodies[first + b].reach
-        path = max(path, h * _path(after[part], reach))
-        turns = _dot(begin[part], after[part]) > 0.0
-        most = _TURN if turns else _CHANGE
-        linear &= _size(change[part], reach) <= most * _size(begin[part], reach)
-    linear &= path <= _STRIDE * beds.length
+        path = max(path, h * _path(after[_part(b)], beds.bodies[first + b].reach))
+    linear = path <= _STRIDE * beds.length and _small(beds, first, change, _CHANGE, _TURN, begin, wrench, after)
     found = linear
     if not linear:
         for b in range(n):
@@ -325,7 +344,7 @@ def _newton(beds, first, states, begin, springs, inverse, ahead, h, wrench, afte
     trial, row = np.empty((1, 13)), np.empty((1, 19))
     residual, change, start = np.empty(6 * n), np.zeros(6 * n), wrench.copy()
     share, slope, within, low, high, at_low, at_high = 1.0, 0.0, False, 0.0, 1.0, 0.0, 0.0
-    for _ in range(_MOST):
+    for turn in range(_MOST):
         for b in range(n):
             trial[0] = states[b]
             _move(trial[0], after[_part(b)], h)
@@ -336,7 +355,8 @@ def _newton(beds, first, states, begin, springs, inverse, ahead, h, wrench, afte
         along = 0.0
         for i in range(6 * n):
             along += residual[i] * _dot(inverse[i], change)
-        if not within and along < -_OVERSHOT * slope < 0.0:
+        length = 1.0 if turn < _WHOLE else 0.5
+        if turn < _WHOLE and not within and along < -_OVERSHOT * slope < 0.0:
             within, low, high, at_low, at_high = True, 0.0, 1.0, slope, along
         elif within and along > 0.0:
             low, at_low, at_high = share, along, 0.5 * at_high
@@ -352,13 +372,8 @@ def _newton(beds, first, states, begin, springs, inverse, ahead, h, wrench, afte
             slope = 0.0
             for i in range(6 * n):
                 slope += residual[i] * _dot(inverse[i], change)
-            wrench[:] = start + change
-            close = True
-            for b in range(n):
-                part, reach = _part(b), beds.bodies[first + b].reach
-                largest = max(_size(wrench[part], reach), _size(begin[part], reach))
-                close &= _size(change[part], reach) <= _CLOSE * largest
-            if close:
+            wrench[:] = start + length * change
+            if _small(beds, first, change, _CLOSE, _CLOSE, begin, wrench, after):
                 _follow(ahead, inverse, h, wrench, after)
                 return True
         _follow(ahead, inverse, h, wrench, after)

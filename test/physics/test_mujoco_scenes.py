@@ -96,6 +96,12 @@ def test_a_quadruped_with_stiff_knees_stands_still_and_takes_nothing_from_the_gr
     assert found["back"] < 0.5
 
 
+def test_steps_of_a_trotting_quadruped_converge_also_with_feet_in_the_air():
+    found = scenes.gait(0.002, "implicitfast", trots=2.0, stands=1.0)
+    assert found["failures"] < 0.005 * 3.0 / 0.002
+    assert found["back"] < 0.5
+
+
 def test_many_presses_at_one_place_do_not_drift():
     found = scenes.presses(0.005, times=40)
     assert found["drift"] < 1e-3 * found["last"]
