@@ -1,8 +1,11 @@
 """Recordings with known parameters: a tool on a path, what a load cell in any mounting reads of it, noise added."""
 
 from dataclasses import replace
+from pathlib import Path as File
+from tempfile import TemporaryDirectory
 
 import numpy as np
+import trimesh
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation, Slerp
 
@@ -18,8 +21,14 @@ REST = 2e-4
 """Speed below which a tool is at rest [m/s]."""
 
 GENERIC = MEDIA["generic"]
-TOOL = load_tool("abb_plate", scale=0.001)
-"""The shipped plate of few facets, its faces horizontal in the orientation 0, 0, 0, 1."""
+_FOLDER = TemporaryDirectory()
+TOOL_FILE = str(File(_FOLDER.name) / "plate.stl")
+"""A plate of twelve facets and the size of the shipped abb_plate, which has 392; horizontal at 0, 0, 0, 1."""
+
+_BOX = trimesh.creation.box((42.64, 32.57, 3.0))
+_BOX.apply_translation((0.0, 0.0, -1.5))
+_BOX.export(TOOL_FILE)
+TOOL = load_tool(TOOL_FILE, scale=0.001)
 
 ROTATED = tuple(float(v) for v in Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_quat())
 
@@ -31,7 +40,7 @@ def law(zeta=1.0, alpha_y=None):
 def parameters(**given):
     """The node's parameters for `TOOL`, without memory; names with __ for dots."""
     named = {name.replace("__", "."): value for name, value in given.items()}
-    of_tool = {"mesh.file": "abb_plate", "mesh.scale": 0.001, "tolerance": 0.0}
+    of_tool = {"mesh.file": TOOL_FILE, "mesh.scale": 0.001, "tolerance": 0.0}
     return {**defaults(), **of_tool, "medium.mobilization_length": 0.0, **named}
 
 

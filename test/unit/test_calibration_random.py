@@ -40,8 +40,7 @@ FILE_ERROR = 0.002  # m, of the file's surface height, which is used where the r
 def tool_of(name, integration):
     """A coarse tool: the plate, a shipped mesh, a cylinder on its end, or a wheel on its rim."""
     if name in ("abb_plate", "scoop", "sphere"):
-        tolerance = 0.0 if name == "abb_plate" else 0.1
-        return load_tool(name, scale=0.001, integration=integration, tolerance=tolerance)
+        return load_tool(name, scale=0.001, integration=integration, tolerance=0.1)
     radius, height, turn = {"cylinder": (20.0, 50.0, 0.0), "wheel": (60.0, 30.0, np.pi / 2.0)}[name]
     mesh = trimesh.creation.cylinder(radius=radius, height=height, sections=48)
     mesh.apply_transform(trimesh.transformations.rotation_matrix(turn, (0, 1, 0)))

@@ -15,7 +15,7 @@ import pytest
 import yaml
 from distribution import ROOT, own_domain, without_ros
 from recordings import POSE, WRENCH, write_run
-from synthetic_track import LOAD_CELL, grain_wrenches, law, read_by
+from synthetic_track import LOAD_CELL, TOOL_FILE, grain_wrenches, law, read_by
 from synthetic_track import Path as Way
 from test_cli import rft
 
@@ -141,7 +141,7 @@ def prepared(folder: Path, *, more_cell: str = "", scripts: str = sysconfig.get_
         (project / ".venv" / stamp).touch()
     study = project / "config" / "sweep_example.yaml"  # a tenth of its variants, of shorter motions
     study.write_text(study.read_text().replace("count: 50", "count: 5").replace("samples: 200", "samples: 50"))
-    shutil.copy(project / "meshes" / "abb_plate.stl", project / "my_tool.stl")
+    shutil.copy(TOOL_FILE, project / "my_tool.stl")
     cell = next(b.text for b in blocks(README) if b.language == "yaml" and "my_tool.stl" in b.text)
     (project / "my_cell.yaml").write_text(cell.replace("/path/to", str(project)) + more_cell, encoding="utf-8")
     (project / "limits.yaml").write_text("estimates: {min: 100}\n", encoding="utf-8")
