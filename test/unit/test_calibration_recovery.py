@@ -67,8 +67,8 @@ def test_load_cell_surface_and_zeta():
 @pytest.mark.parametrize(
     "path",
     [
-        Path((0, 0, 0.03)).move((0, 0, -0.07), 0.02).wait(0.3).move((0, 0, 0.015), 0.01),
-        Path((0, 0, -0.03), UPRIGHT).wait(1).move((0, 0.04, 0), 0.01),
+        Path((0, 0, 0.01)).move((0, 0, -0.03), 0.02).wait(0.3).move((0, 0, 0.012), 0.01),
+        Path((0, 0, -0.03), UPRIGHT).wait(0.3).move((0, 0.015, 0), 0.01),
     ],
     ids=["reversal", "start from rest"],
 )
