@@ -276,12 +276,12 @@ class Estimator:
             self._air.add_in_grains(force)
         self._poses.append(PastPose(pose, "the tool was in the grains" if in_grains else ""))
         self._withdrawal.follow(motion, force, in_grains=in_grains)
-        answer = self._corrected(motion, row)
-        self._withdrawal.widen(answer)
+        with_sigma = self._corrected(motion, row)
+        self._withdrawal.widen(with_sigma)
         self.state = state
         if in_grains and motion.rests and self._memory is None:
             raise RefusedError(Reason.AT_REST)  # only now: a tare and the phases need the state of a tool at rest, too
-        wrench, offset, sigma = cell.into_sensor(state[QUATERNION], answer)
+        wrench, offset, sigma = cell.into_sensor(state[QUATERNION], with_sigma)
         self._comparison.add(Prediction(pose, wrench, offset, cell, in_air=not in_grains))
         self._learn_readings()  # the reading at this pose may have come already; it decides the flag SURPRISE
         flags = self._quality.flags(
@@ -327,9 +327,9 @@ class Estimator:
     def _corrected(self, motion: Motion, row: Array) -> Array:
         """The wrench, corrected in mode apply, and one standard deviation of each component, shape [12]; world axes."""
         if self.learning is None:
-            answer = np.empty(12)
-            predict_without_learning(row, self.settings.zeta_error, self._kinematics.reach, answer)
-            return answer
+            with_sigma = np.empty(12)
+            predict_without_learning(row, self.settings.zeta_error, self._kinematics.reach, with_sigma)
+            return with_sigma
         fast = math.hypot(*motion.velocity) > self._limits.inertial
         passing, apply = self._withdrawal.active or fast, self.settings.learning_mode == "apply"
         return self.learning.predict(motion.pose.stamp, row, step=motion.path, passing=passing, apply=apply)

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.samples import PATIENCE, Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample, around
-from rft_ros.estimator.sigma import parts_of_answer
+from rft_ros.estimator.sigma import parts_of_prediction
 from rft_ros.parameters import LoadCell
 from rft_ros.rft import POSITION, QUATERNION
 from rft_ros.rft.frames import attitude, into_frame
@@ -45,17 +45,17 @@ _IN_SENSOR = np.dtype([("wrench", float, 6), ("offset", float, 6), ("sigma", flo
 
 
 @compiled
-def _into_sensor(mounts, quaternion, answer, outs):
+def _into_sensor(mounts, quaternion, with_sigma, outs):
     """Write wrench, offset and deviations, in sensor axes about the sensor's origin, to `outs`, one record.
 
-    `mounts`: one record of `_MOUNT`. `quaternion` of the tool. `answer`, shape [12]: wrench and its standard deviations
-    in world axes about the tool frame's origin. The errors of world components, and those of force and torque, are
-    taken as independent.
+    `mounts`: one record of `_MOUNT`. `quaternion` of the tool. `with_sigma`, shape [12]: wrench and its standard
+    deviations in world axes about the tool frame's origin. The errors of world components, and those of force and
+    torque, are taken as independent.
     """
     mount, out = mounts[0], outs[0]
     position, center, bias = mount.position, mount.center_of_mass, mount.bias
     wrench, offset, sigma = out.wrench, out.offset, out.sigma
-    force, torque, force_sigma, torque_sigma = parts_of_answer(answer)
+    force, torque, force_sigma, torque_sigma = parts_of_prediction(with_sigma)
     tool, sensor = attitude(quaternion), attitude(mount.quaternion)
     px, py, pz = position[0], position[1], position[2]
     turned = 0.0, 0.0, 0.0
@@ -91,14 +91,14 @@ class LoadCellFrame:
         self._rows = self._out.view(np.float64).reshape(3, 6)  # wrench, offset, sigma
         self._into_sensor = machine_code(_into_sensor, (self._mount, np.zeros(4), np.zeros(12), self._out))
 
-    def into_sensor(self, quaternion: Array, answer: Array) -> tuple[Wrench, Wrench, Wrench]:
+    def into_sensor(self, quaternion: Array, with_sigma: Array) -> tuple[Wrench, Wrench, Wrench]:
         """The wrench, the offset and one standard deviation of each component of the wrench, in the sensor frame.
 
         The offset is bias plus tool weight, in the sign of a force on the tool: the raw reading is `sign` times the sum
-        of wrench and offset. `answer`, shape [12]: wrench and standard deviations in world axes, about the tool frame's
-        origin [N], [N m].
+        of wrench and offset. `with_sigma`, shape [12]: wrench and standard deviations in world axes, about the tool
+        frame's origin [N], [N m].
         """
-        self._into_sensor(self._mount, np.ascontiguousarray(quaternion), np.ascontiguousarray(answer), self._out)
+        self._into_sensor(self._mount, np.ascontiguousarray(quaternion), np.ascontiguousarray(with_sigma), self._out)
         rows: list[Any] = self._rows.tolist()
         wrench, offset, sigma = map(tuple, rows)
         return wrench, offset, sigma

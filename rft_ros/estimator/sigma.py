@@ -7,7 +7,7 @@ from numpy.typing import NDArray
 
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
-__all__ = ["parts_of_answer", "predict_without_learning"]
+__all__ = ["parts_of_prediction", "predict_without_learning"]
 
 Array = NDArray[np.float64]
 
@@ -21,22 +21,22 @@ _LEVER = 0.07  # of the point where the force acts, over the tool's reach
 
 
 @inlined
-def parts_of_answer(answer):
-    """Force, torque, and the standard deviations of each, of an answer, shape [12]: views of it."""
-    return answer[0:3], answer[3:6], answer[6:9], answer[9:12]
+def parts_of_prediction(with_sigma):
+    """Views of a wrench with its standard deviations, shape [12]: force, torque, and the deviations of each."""
+    return with_sigma[0:3], with_sigma[3:6], with_sigma[6:9], with_sigma[9:12]
 
 
 @compiled
-def predict_without_learning(row: Array, zeta_error: float, reach: float, answer: Array) -> None:
-    """Write a prediction without learning, (L6), to `answer`, shape [12]: force [N], torque [N m], a deviation of each.
+def predict_without_learning(row: Array, zeta_error: float, reach: float, with_sigma: Array) -> None:
+    """Write a prediction without learning, (L6), to `with_sigma`, shape [12]: wrench and deviations.
 
     `row`: the model, begins with force and torque; world axes. `zeta_error`: relative standard error of ζ, 0 if
     unknown. `reach` of the tool [m].
     """
     zeta_error = zeta_error or _STRENGTH_ERROR
     for i in range(6):
-        answer[i] = row[i]
-    force, torque, force_sigma, torque_sigma = parts_of_answer(answer)
+        with_sigma[i] = row[i]
+    force, torque, force_sigma, torque_sigma = parts_of_prediction(with_sigma)
     flat, vertical = force[0] ** 2 + force[1] ** 2, force[2] ** 2
     whole = flat + vertical
     horizontally, vertically = zeta_error**2 + _HORIZONTAL_ERROR**2, zeta_error**2 + _VERTICAL_ERROR**2

@@ -17,7 +17,7 @@ __all__ = ["Withdrawal", "compile_withdrawal", "is_withdrawn"]
 
 _UPWARDS = 0.5  # upward velocity over the speed of the fastest point
 _RELEASE = 0.001  # path [m] over which the last push decays to 1/e while the tool is withdrawn
-_LEAST_PATH = 1e-9  # path [m] that each answer adds at least
+_LEAST_PATH = 1e-9  # path [m] that each pose adds at least
 
 
 def is_withdrawn(upward: float, speed: float, force: Vector) -> bool:
@@ -29,13 +29,13 @@ def is_withdrawn(upward: float, speed: float, force: Vector) -> bool:
 
 
 class Withdrawal:
-    """Follows one tool from answer to answer: `follow` its motion, then `widen` the answer's standard deviations."""
+    """Follows one tool from pose to pose: `follow` its motion, then `widen` the prediction's standard deviations."""
 
     def __init__(self) -> None:
         self.active = False
         """Whether the tool was being withdrawn at the last motion."""
         self._path = 0.0  # since the last push [m]
-        self._pushed = np.zeros(12)  # the last answer before the withdrawal
+        self._pushed = np.zeros(12)  # the last prediction before the withdrawal
         self._rests_in_grains = False  # the last push, or the withdrawal, goes on
 
     def follow(self, motion: Motion, force: Vector, *, in_grains: bool) -> None:
@@ -45,20 +45,24 @@ class Withdrawal:
             self.active = in_grains and is_withdrawn(motion.velocity[2], motion.speed_bound, force)
         self._path = self._path + max(motion.path, _LEAST_PATH) if self.active else 0.0
 
-    def widen(self, answer: NDArray[np.float64]) -> None:
-        """While `active`, widen the deviations of an answer, shape [12], by the last push and the prediction."""
+    def widen(self, with_sigma: NDArray[np.float64]) -> None:
+        """While `active`, widen the deviations of a prediction by the last push and by itself.
+
+        `with_sigma`, shape [12]: the wrench and its standard deviations.
+        """
         if self.active:
-            _widen(answer, self._pushed, math.exp(-self._path / _RELEASE))
+            _widen(with_sigma, self._pushed, math.exp(-self._path / _RELEASE))
         elif not self._rests_in_grains:
-            self._pushed = answer
+            self._pushed = with_sigma
 
 
 @compiled
-def _widen(answer, pushed, left):
+def _widen(with_sigma, pushed, left):
     """Add the share `left` of the last push, and the whole of the prediction, to the deviations."""
     for i in range(6):
-        held = left * (abs(pushed[i] - answer[i]) + pushed[6 + i])
-        answer[6 + i] = math.sqrt(answer[6 + i] ** 2 + held * held + answer[i] * answer[i])
+        held = left * (abs(pushed[i] - with_sigma[i]) + pushed[6 + i])
+        itself = with_sigma[i]
+        with_sigma[6 + i] = math.sqrt(with_sigma[6 + i] ** 2 + held * held + itself * itself)
 
 
 def compile_withdrawal() -> None:

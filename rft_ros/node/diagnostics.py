@@ -105,13 +105,20 @@ class Diagnostics:
             logger.info(f"ended: {problem}")
 
     def _status(
-        self, component: str, values: dict[str, object], problem: str, fine: str, level: bytes = DiagnosticStatus.WARN
+        self,
+        component: str,
+        values: dict[str, object],
+        *,
+        problem: str,
+        fine: str,
+        level: bytes = DiagnosticStatus.WARN,
     ) -> DiagnosticStatus:
         """A status of this `level` with the `problem`; if there is none, OK with the message `fine`."""
         pairs = [KeyValue(key=k, value=f"{v:.6g}" if isinstance(v, float) else str(v)) for k, v in values.items()]
-        level, message = (level, problem) if problem else (DiagnosticStatus.OK, fine)
+        if not problem:
+            level = DiagnosticStatus.OK
         name = f"{self._node.get_fully_qualified_name()}: {component}"
-        return DiagnosticStatus(level=level, name=name, message=message, values=pairs)
+        return DiagnosticStatus(level=level, name=name, message=problem or fine, values=pairs)
 
     def _inputs(self, now: int, bad: list[str]) -> DiagnosticStatus:
         roles: tuple[Role, ...] = ("pose", "twist", "wrench")
@@ -121,7 +128,7 @@ class Diagnostics:
         problems, level = list(map(self._sentence, bad)), DiagnosticStatus.WARN
         if not self._received["pose"]:
             problems, level = ["no poses", *problems], DiagnosticStatus.ERROR
-        return self._status("inputs", values, ", ".join(problems), "inputs arrive", level)
+        return self._status("inputs", values, problem=", ".join(problems), fine="inputs arrive", level=level)
 
     def _estimates(self, new: int) -> DiagnosticStatus:
         flags = self._quality_flags
@@ -136,7 +143,7 @@ class Diagnostics:
             values["latency_median_us"], values["latency_p99_us"] = 1e6 * np.percentile(self._latencies, (50, 99))
         speed = f"{self._fastest:.3f} m/s is " if flags & QualityFlag.FAST else ""  # completes the sentence of FAST
         problem = speed + sentences(flags) if new else "no estimates"
-        return self._status("estimates", values, problem, f"{new} estimates")
+        return self._status("estimates", values, problem=problem, fine=f"{new} estimates")
 
     def _model(self) -> DiagnosticStatus:
         model, swap = self._estimator.model, self._swap
@@ -146,8 +153,8 @@ class Diagnostics:
         values |= {"mobilization_length": model.law.mobilization_length}
         values |= {"generation": model.generation, "preparing": swap.preparing, "last_swap_failure": swap.last_failure}
         problems = swap.last_failure or "; ".join(tool.issues.values())
-        return self._status("model", values, problems, "in force")
+        return self._status("model", values, problem=problems, fine="in force")
 
     def _medium(self, learning: Learning) -> DiagnosticStatus:
         problem = "; ".join(learning.issues()) or learning.surprise_sentence()
-        return self._status("medium", learning.belief()._asdict(), problem, "as learned")
+        return self._status("medium", learning.belief()._asdict(), problem=problem, fine="as learned")
