@@ -57,17 +57,17 @@ def published_against_ours(*rows: tuple[str, str, str]) -> TextTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyResult:
-    """A figure with its numbers: CSV tables by file stem, and a text table."""
+    """A text table, its numbers as CSV tables by file stem, and the figure that shows them, if one does."""
 
     name: str
     title: str
-    figure: Figure
+    figure: Figure | None
     numbers: Mapping[str, Columns]
     table: TextTable
 
     def write(self, folder: Path) -> list[Path]:
         """Write NAME.png, NAME.md and the CSV tables; returns the files. The same result gives the same bytes."""
-        contents = {f"{self.name}.png": picture(self.figure)}
+        contents = {f"{self.name}.png": picture(self.figure)} if self.figure else {}
         contents[f"{self.name}.md"] = f"# {self.title}\n\n{self.table.markdown()}".encode()
         contents |= {f"{stem}.csv": _csv(columns) for stem, columns in self.numbers.items()}
         folder.mkdir(parents=True, exist_ok=True)
