@@ -74,7 +74,7 @@ class Run:
             learned = tuple(getattr(belief, name) for name in LEARNED_COLUMNS)
             self.issues.update(e.learning.issues())
         if isinstance(answer, Estimate):
-            reason, flags, speed = _ESTIMATE, answer.quality_flags, answer.speed
+            reason, flags, speed = _ESTIMATE, answer.quality_flags, answer.speed_bound
             predicted, sigma = answer.predicted, answer.sigma
         else:
             reason, flags, speed = _REASONS.index(answer.reason), 0, math.nan

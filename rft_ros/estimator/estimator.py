@@ -147,22 +147,28 @@ class Estimator:
                 self._memory = self._empty_memory()
             self._prepare_step()
 
+        new_place = new_tool or new_axes or new_ground or s.surface_height != old.surface_height
+        self._use_in_learning(before=old, new_law=m.law != old_model.law, new_place=new_place)
+
+    def _use_in_learning(self, *, before: Settings, new_law: bool, new_place: bool) -> None:
+        """Apply the current settings and model to what is learned from the load cell. `before`: the last settings."""
+        s = self.settings
         learns = s.learning_mode != "off"
-        if learns != (self.learning is not None) or s.zeta_error != old.zeta_error:
+        if learns != (self.learning is not None) or s.zeta_error != before.zeta_error:
             strength_error = s.zeta_error or _UNKNOWN_ZETA_ERROR
             self.learning = Learning(lag=s.learning_lag, strength_error=strength_error) if learns else None
-        if s.load_cell != old.load_cell:
+        new_cell = s.load_cell != before.load_cell
+        if new_cell:
             self._air.forget()
-        learning = self.learning
-        if learning is None:
+        if self.learning is None:
             return
-        learning.lag, learning.reach = s.learning_lag, m.tool.plates.reach
-        if s.load_cell != old.load_cell:
-            learning.forget_air()
-        if m.law != old_model.law:
-            learning.forget()
-        elif new_tool or new_axes or new_ground or s.surface_height != old.surface_height:
-            learning.forget_place()
+        self.learning.lag, self.learning.reach = s.learning_lag, self.model.tool.plates.reach
+        if new_cell:
+            self.learning.forget_air()
+        if new_law:
+            self.learning.forget()
+        elif new_place:
+            self.learning.forget_place()
 
     def _place_sensor(self) -> None:
         """Prepare the load cell's frame. With `sensor_source` tf its place comes from fixed transforms, once known."""
@@ -288,7 +294,15 @@ class Estimator:
             motion, surface, self.settings, self._limits, force=force, in_grains=in_grains, depth=self.depth,
             withdrawn=self._withdrawal.active, learning=self.learning,
         )  # fmt: skip
-        return Estimate(pose.stamp, wrench, sigma, motion.speed_bound, area, self.model.generation, flags)
+        return Estimate(
+            stamp=pose.stamp,
+            predicted=wrench,
+            sigma=sigma,
+            speed_bound=motion.speed_bound,
+            submerged_area=area,
+            generation=self.model.generation,
+            quality_flags=flags,
+        )
 
     def _accepted(self, sample: PoseSample) -> PoseSample:
         """Check a pose, and pass it to the ground and the comparison. A stamp that jumps back starts a new run.

@@ -186,15 +186,15 @@ class Estimate(NamedTuple):
     """The immediate answer to one pose.
 
     `stamp`: of the pose [ns]. `predicted`: the wrench on the tool by the grains, in sensor axes about the sensor's
-    origin [N], [N m]. `sigma`: one standard deviation of each of its components. `speed`: an upper bound on the speed
-    of the plates [m/s]. `submerged_area`: area of the plates in the grains [m²]. `generation`: number of the model.
-    `quality_flags`: a bitwise or of `quality.QualityFlag`.
+    origin [N], [N m]. `sigma`: one standard deviation of each of its components. `speed_bound`: an upper bound on the
+    speed of the plates [m/s]. `submerged_area`: area of the plates in the grains [m²]. `generation`: number of the
+    model. `quality_flags`: a bitwise or of `quality.QualityFlag`.
     """
 
     stamp: int
     predicted: Wrench
     sigma: Wrench
-    speed: float
+    speed_bound: float
     submerged_area: float
     generation: int
     quality_flags: int

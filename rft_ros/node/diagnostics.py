@@ -46,7 +46,7 @@ class Diagnostics:
         """Record an estimate, and the time from its pose's callback to its publication [s]."""
         self._latencies.append(latency)
         self._quality_flags |= estimate.quality_flags
-        self._fastest = max(self._fastest, estimate.speed)
+        self._fastest = max(self._fastest, estimate.speed_bound)
         if not self._answered and estimate.submerged_area > 0.0:
             self._first_depth = self._estimator.depth()
         self._answered = True

@@ -2,6 +2,7 @@
 
 from array import array
 from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
@@ -37,6 +38,14 @@ class UnknownParameterError(ParameterNotDeclaredException):
         Exception.__init__(self, sentence)  # rclpy's own names no parameter: "undeclared parameter(s): []"
 
 
+@dataclass(frozen=True, slots=True)
+class _Accepted(Generic[_Prepared]):
+    """A change that was accepted: the new values of the parameters that change, and the result of `prepare`."""
+
+    changes: dict[str, Value]
+    prepared: _Prepared
+
+
 class NodeParameters(Generic[_Prepared]):
     """The node's values of the parameter table.
 
@@ -51,8 +60,8 @@ class NodeParameters(Generic[_Prepared]):
         self._why = ""
         self._checked: dict[str, Value | InputError] = {}
         """For each parameter that is about to be set: its checked value, or the reason for refusing it."""
-        self._prepared: tuple[dict[str, Value], _Prepared] | None = None
-        """The change that was accepted last, and the result of `prepare` for it."""
+        self._accepted: _Accepted[_Prepared] | None = None
+        """The change that was accepted last, until it is applied."""
         overrides = node._parameter_overrides  # rclpy has no public access to overrides of undeclared parameters
         own_name = node.get_fully_qualified_name()
         self._check_given(own_name, {name: _plain(p.value) for name, p in overrides.items()})
@@ -103,7 +112,7 @@ class NodeParameters(Generic[_Prepared]):
 
     def _on_pre_set(self, parameters: list[RosParameter]) -> list[RosParameter]:
         """Convert parameters to the types of the table. `_on_set` will refuse those that `checked` refuses."""
-        self._checked, self._prepared, found = {}, None, []
+        self._checked, self._accepted, found = {}, None, []
         for p in parameters:
             if p.name in self.values:
                 try:
@@ -125,20 +134,22 @@ class NodeParameters(Generic[_Prepared]):
                 if value != self.values[name]:
                     changes[name] = value
             if changes:
-                self._prepared = changes, self._prepare({**self.values, **changes})
+                self._accepted = _Accepted(changes, self._prepare({**self.values, **changes}))
         except ValueError as error:  # an exception here would end the node
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _on_post_set(self, _: list[RosParameter]) -> None:
-        if self._prepared is not None:
-            changes, prepared = self._prepared
-            before = self.values
-            said = ", ".join([f"{name} {before[name]!r} -> {value!r}" for name, value in sorted(changes.items())])
-            self._node.get_logger().info(f"parameters set: {said}" + (f" ({self._why})" if self._why else ""))
-            self.values = {**self.values, **changes}
-            self._prepared = None
-            self._apply(prepared)
+        accepted, self._accepted = self._accepted, None
+        if accepted is None:
+            return
+        before, changes = self.values, accepted.changes
+        said = ", ".join([f"{name} {before[name]!r} -> {value!r}" for name, value in sorted(changes.items())])
+        if self._why:
+            said += f" ({self._why})"
+        self._node.get_logger().info(f"parameters set: {said}")
+        self.values = {**before, **changes}
+        self._apply(accepted.prepared)
 
 
 def _plain(value: Any) -> Any:

@@ -28,7 +28,7 @@ def test_the_force_on_a_flat_plate_is_1_newton_a_cm_of_depth_a_cm2_times_zeta():
 def test_the_speed_is_an_upper_bound_of_the_fastest_plates_speed_and_decides_on_rest():
     """20 cm from the origin: at 0.5 rad/s and 1 cm/s at most 11 cm/s; 1 mrad/s alone is 0.2 mm/s at the plate."""
     model = plate_model(tool=plate_tool(distance=0.2))
-    assert push(estimator(model=model), twist(angular=(0.5, 0.0, 0.0)), pose()).speed == pytest.approx(0.11)
+    assert push(estimator(model=model), twist(angular=(0.5, 0.0, 0.0)), pose()).speed_bound == pytest.approx(0.11)
     for rate, rests in ((0.9e-3, True), (1.1e-3, False)):
         found = push(estimator(model=model), twist(linear=(0.0, 0.0, 0.0), angular=(-rate, 0.0, 0.0)), pose())
         assert (found.reason is Reason.AT_REST) if rests else found.predicted[2] == pytest.approx(4.0, rel=1e-4)
@@ -37,9 +37,9 @@ def test_the_speed_is_an_upper_bound_of_the_fastest_plates_speed_and_decides_on_
 def test_the_last_twist_at_or_before_the_pose_that_has_come_is_used():
     e = estimator()
     push(e, *(twist(START + k * MS, (0.0, 0.0, -0.01 * (k + 1))) for k in range(3)))
-    assert push(e, pose(START + MS)).speed == pytest.approx(0.02)
-    assert push(e, pose(START + 5 * MS)).speed == pytest.approx(0.03)
-    assert push(e, twist(START + 5 * MS, (0.0, 0.0, -0.05)), pose(START + 6 * MS)).speed == pytest.approx(0.05)
+    assert push(e, pose(START + MS)).speed_bound == pytest.approx(0.02)
+    assert push(e, pose(START + 5 * MS)).speed_bound == pytest.approx(0.03)
+    assert push(e, twist(START + 5 * MS, (0.0, 0.0, -0.05)), pose(START + 6 * MS)).speed_bound == pytest.approx(0.05)
 
 
 def test_new_settings_and_models_apply_to_the_next_pose_and_keep_inputs_and_history():
