@@ -1,15 +1,18 @@
-"""A row of the parameter table that nobody reads, and a quality flag that nobody sets, are found."""
+"""A parameter that nobody reads is found, a quality flag that nobody sets, and a flag or an option without a test."""
 
 import ast
+import re
 from dataclasses import fields
 from pathlib import Path
 
 import rft_ros
+from rft_ros.cli import parser
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.parameters import PARAMETERS, LoadCell, Settings
 from rft_ros.rft import LAW_NUMBERS
 
 PACKAGE = Path(rft_ros.__file__).parent
+TESTS = Path(__file__).parents[1]
 SOURCES = {f: ast.parse(f.read_text(encoding="utf-8")) for f in PACKAGE.rglob("*.py")}
 NODES = [node for tree in SOURCES.values() for node in ast.walk(tree)]
 
@@ -41,6 +44,23 @@ def test_a_parameter_that_nobody_reads_is_found_even_if_the_end_of_its_name_is_a
 def test_every_field_of_the_settings_is_used_somewhere():
     used = {node.attr for node in NODES if isinstance(node, ast.Attribute)}
     assert [f.name for f in (*fields(Settings), *fields(LoadCell)) if f.name not in used] == []
+
+
+def untested(names):
+    """The words that stand in no test."""
+    tests = "\n".join(f.read_text(encoding="utf-8") for f in TESTS.rglob("*.py"))
+    return [name for name in names if not re.search(rf"{re.escape(name)}(?![\w-])", tests)]
+
+
+def test_every_quality_flag_is_named_in_a_test():
+    assert untested(f"QualityFlag.{flag.name}" for flag in QualityFlag if flag) == []
+
+
+def test_every_option_of_every_command_is_named_in_a_test():
+    commands = next(action for action in parser()._actions if action.dest == "command").choices
+    options = {option for c in commands.values() for a in c._actions for option in a.option_strings[-1:]}
+    without_a_cluster = {"--scheduler"}  # `run` itself is tested with one
+    assert untested(sorted(options - without_a_cluster)) == []
 
 
 def test_every_quality_flag_is_set_somewhere():
