@@ -1,14 +1,17 @@
-"""``make fuzz``: damaged input files for `rft predict` and `rft replay`; each must be used or refused with a sentence.
+"""``make fuzz``: hostile input files for the commands, and random estimators; each is used, or refused with a sentence.
 
-Accepted outcomes: status 0 with finite numbers, 2 with one sentence on stderr, 1 of a replay without estimates. Any
-other is a finding, kept with its input in ``out/fuzz``. The same seed gives the same inputs in the same order.
+Accepted outcomes of a command: status 0 with finite numbers, 2 with one sentence on stderr, 1 of a replay without
+estimates or of a doctor or a calibration that found nothing. Any other is a finding, kept with its input in
+``out/fuzz``. The same seed gives the same inputs in the same order.
 """
 
 import argparse
 import contextlib
 import faulthandler
 import io
+import json
 import math
+import os
 import re
 import resource
 import shutil
@@ -21,17 +24,24 @@ from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
 
+import fuzz_estimators
 import numpy as np
 import trimesh
-from recordings import StoragePlugin, moments, write_ros1, write_ros2
+from hostile_parameters import hostile_file
+from packed_bags import chunk_bomb
+from recordings import FRAMES, TOPICS, StoragePlugin, cdr, moments, write_messages, write_ros1, write_ros2
 
 from rft_ros.cli import main
+from rft_ros.parameters import read_parameter_file
 
 SPECIAL = (
     *("nan", "inf", "-inf", "-0", "0", "1e309", "-1e308", "5e-324", "1e-310", "1e200", "-1e30", "1", "", " ", "abc"),
     *("1,2", "1_0", "0x10", "1e", "--1", "٣", "\ufeff1", "\x00", "1;2", '"1"', "1.0.0", "True", "9" * 400, "\n", "\r"),
 )
 HEADER = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
+MOST_LETTERS = 2000
+"""Characters of a sentence that can still be read."""
+
 MOST_SECONDS = 300
 """Limit for one input, also on a busy machine."""
 
@@ -68,17 +78,48 @@ def damaged_table(text: str, random: Random) -> bytes:
     return damaged(data, random) if random.random() < 0.2 else data
 
 
-def strange(random: Random) -> list[tuple[object, ...]]:
-    """Moments of a recording with strange numbers and stamps."""
-    numbers = (math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, 1e-310, 1e200, -1e308, 1e30, 1.0, -1.0)
-    told = []
+def strange(random: Random) -> list[tuple[int, str, str, bytes]]:
+    """Messages of a recording with strange numbers, units, quaternions, stamps and frames: time, topic, type, bytes."""
+    scale = 1e3 if random.random() < 0.1 else 1.0  # of a driver that gives millimetres
+    found = []
     for role, time_, stamp, values in moments(30):
+        values, frame = [scale * v for v in values[:3]] + list(values[3:]), FRAMES[role]
         if random.random() < 0.2:
-            values = tuple(float(random.choice(numbers)) if random.random() < 0.3 else v for v in values)
+            numbers = random.choice(fuzz_estimators.NUMBERS, size=len(values))
+            values = [float(n) if random.random() < 0.3 else v for n, v in zip(numbers, values, strict=True)]
+        if random.random() < 0.1:
+            factor = float(random.choice([0.0, 1e-320, 1.005, 1.02, -1.0, 1e3]))
+            values = values[:3] + [factor * v for v in values[3:]]
         if random.random() < 0.1:
             stamp = int(random.choice([0, 1, stamp - 5 * 10**9, stamp + 10**9, 2**31 * 10**9 - 1, stamp // 2]))
-        told.append((role, time_, stamp, values))
-    return told
+        if random.random() < 0.1:
+            frame = str(random.choice(fuzz_estimators.NAMES))
+        topic, kind = TOPICS[role]
+        with np.errstate(all="ignore"):
+            found.append((time_, topic, kind, cdr(role, stamp, values, frame)))
+    return found
+
+
+def spoiled(bag: Path, random: Random) -> None:
+    """Cut a file of a bag, fill its end with zeros, or put what is no file into its place or beside it."""
+    files = [file for file in sorted(bag.iterdir()) if file.is_file()] if bag.is_dir() else [bag]
+    file = files[random.integers(len(files))]
+    data, at = file.read_bytes(), int(random.integers(file.stat().st_size))
+    kind = random.integers(6)
+    if kind == 0:
+        file.write_bytes(data[:at])
+    elif kind == 1:
+        file.write_bytes(data[:at] + bytes(len(data) - at))
+    elif kind == 2:  # as of a computer that lost its power
+        file.write_bytes(data[:at])
+        os.truncate(file, 2**30)
+    elif kind == 3:
+        os.truncate(file, 2**31)
+    else:
+        place = file if kind == 4 or not bag.is_dir() else bag / f"more{random.choice(['.mcap', '.db3', '.bag'])}"
+        place.unlink(missing_ok=True)
+        deeds = (os.mkfifo, os.mkdir, lambda p: p.symlink_to(p), lambda p: p.symlink_to("/dev/zero"), Path.touch)
+        deeds[random.integers(len(deeds))](place)
 
 
 def cases(folder: Path) -> list[Callable[[Random], Case]]:
@@ -129,23 +170,42 @@ def cases(folder: Path) -> list[Callable[[Random], Case]]:
         file = bad("bad_alpha_y.csv", damaged_table(alpha_y, random))
         return "α_y table", predict(states, mesh, "--alpha-y", str(file)), file
 
+    def of_bag(bag: Path, random: Random) -> list[str]:
+        """A command that reads a bag."""
+        shutil.rmtree(folder / "replayed", ignore_errors=True)
+        calibrated = ["calibrate", str(bag), "--params", str(params), "-o", str(folder / "calibrated.yaml")]
+        viewed = ["view", str(bag), "--params", str(params), "-o", str(folder / "out.html")]
+        doctor = ["doctor", str(params), "--bag", str(bag)]
+        return [replay(bag), replay(bag), calibrated, viewed, doctor][random.integers(5)]
+
     def bad_bag(random: Random) -> Case:
-        """A bag of strange numbers, or a file of a good bag damaged, or its metadata."""
-        name = str(random.choice(["strange", "MCAP", "SQLITE3", "ROS1.bag"]))
-        good, copy = folder / name, folder / f"bad_{name}"
+        """A bag of strange messages, or a file of a good bag damaged, or its metadata; or one that fills the memory."""
+        kind = str(random.choice(["strange", "strange", "bomb", "damaged", "spoiled"]))
+        name = str(random.choice(["MCAP", "SQLITE3", "ROS1.bag"]))
+        copy = folder / ("bad" if kind == "strange" else f"bad_{name}")
+        if copy.is_symlink() or not copy.is_dir():
+            copy.unlink(missing_ok=True)
         shutil.rmtree(copy, ignore_errors=True)
-        if name == "strange":
-            write_ros2(copy, strange(random))
-        elif good.is_file():
-            bad(copy.name, damaged(good.read_bytes(), random))
+        if kind == "strange":
+            write_messages(copy, strange(random))
+        elif kind == "bomb":
+            sizes = {"size": 300 * 2**20, "says": int(random.choice([0, 2**20, 2**40, 300 * 2**20])) or None}
+            chunk_bomb(copy := folder / "bomb.mcap", **sizes, streamed=bool(random.random() < 0.5))
         else:
-            shutil.copytree(good, copy)
-            file = sorted(copy.iterdir())[random.integers(2)]
-            file.write_bytes(damaged(file.read_bytes(), random))
-        return f"bag {name}", replay(copy), copy
+            shutil.copytree(folder / name, copy) if (folder / name).is_dir() else shutil.copy(folder / name, copy)
+            if kind == "spoiled":
+                spoiled(copy, random)
+            else:
+                file = sorted(copy.iterdir())[random.integers(2)] if copy.is_dir() else copy
+                file.write_bytes(damaged(file.read_bytes(), random))
+        return f"bag {kind} {name}", of_bag(copy, random), copy
 
     def bad_parameters(random: Random) -> Case:
-        file = bad("bad.yaml", damaged(params.read_bytes(), random))
+        """A parameter file that is damaged, or that YAML and ROS may read otherwise."""
+        data = damaged(params.read_bytes(), random)
+        if random.random() < 0.6:
+            data = hostile_file(random, strange=float(random.choice([0.03, 0.5]))).encode(errors="replace")
+        file = bad("bad.yaml", data)
         return "parameters", replay(folder / "MCAP", file), file
 
     return [bad_states, bad_mesh, bad_alpha_y, bad_bag, bad_parameters]
@@ -165,16 +225,40 @@ def wrong_with(arguments: list[str], folder: Path) -> tuple[str, str]:
     finally:
         signal.alarm(0)
     # warnings about the mesh come before the error
-    text = "\n".join(line for line in said.getvalue().splitlines() if not line.startswith("warning: "))
+    text = "\n".join(line for line in said.getvalue().splitlines() if not line.startswith(("warning: ", "note: ")))
     wrong = ""
-    if "Traceback" in text or status not in (0, 1, 2) or (status == 1 and "has no estimate" not in text):
+    if "Traceback" in text or status not in (0, 1, 2) or (status == 1 and not _says_why(arguments[0], text)):
         wrong = text or "no sentence"
-    elif status and (not text.startswith("rft ") or len(text.splitlines()) != 1):
+    elif status == 2 and (not text.startswith("rft ") or len(text.splitlines()) != 1 or len(text) > MOST_LETTERS):
         wrong = f"not one sentence: {text!r}"
-    elif status == 0 and arguments[0] == "predict":
-        table = np.loadtxt(folder / "out.csv", delimiter=",", skiprows=1, ndmin=2)
-        wrong = "" if np.isfinite(table).all() else "numbers in the output are not finite"
+    elif status == 0 and text:
+        wrong = f"on stderr, although all is well: {text!r}"
+    elif status == 0:
+        wrong = _wrong_output(arguments[0], folder)
     return f"status {status}", wrong
+
+
+def _says_why(command: str, text: str) -> bool:
+    """Whether a command may end with status 1 and this text on stderr."""
+    return "has no estimate" in text if command == "replay" else command in ("doctor", "calibrate") and not text
+
+
+def _wrong_output(command: str, folder: Path) -> str:
+    """What is wrong with what a command has written; empty if nothing is."""
+    if command == "predict":
+        table = np.loadtxt(folder / "out.csv", delimiter=",", skiprows=1, ndmin=2)
+        return "" if np.isfinite(table).all() else "numbers in the output are not finite"
+    if command == "replay":
+        words = (folder / "replayed" / "estimates.csv").read_text(encoding="utf-8").splitlines()[1:]
+        json.loads((folder / "replayed" / "summary.json").read_text(encoding="utf-8"), parse_constant=_refuse)
+        return next((line for line in words if re.search(r"(^|,)-?(nan|inf)", line)), "")
+    if command == "calibrate":
+        read_parameter_file(folder / "calibrated.yaml")
+    return ""
+
+
+def _refuse(number: str) -> None:
+    raise ValueError(f"{number} is no number of JSON")
 
 
 def _too_long(*_: object) -> None:
@@ -215,7 +299,8 @@ if __name__ == "__main__":
     kept = Path("out/fuzz")
     shutil.rmtree(kept, ignore_errors=True)
     kept.mkdir(parents=True)
-    outcomes, findings = fuzz(seconds=given.seconds, seed=given.seed, keep=kept)
-    for outcome, count in sorted(outcomes.items()):
+    outcomes, findings = fuzz(seconds=0.75 * given.seconds, seed=given.seed, keep=kept)
+    more, wrong = fuzz_estimators.fuzz(seconds=0.25 * given.seconds, first=given.seed)
+    for outcome, count in sorted((outcomes + more).items()):
         print(f"{count:6d}  {outcome}")
-    sys.exit(1 if findings else 0)
+    sys.exit(1 if findings or wrong else 0)

@@ -6,6 +6,9 @@ quaternions of another length, stamps that are 0, go back or lie far ahead, or s
 """
 
 import math
+import time
+import traceback
+from collections import Counter
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from typing import Any
@@ -206,6 +209,25 @@ def run(seed: int, *, count: int = 150) -> tuple[list[object], Law | None]:
     if estimator.learning is not None:
         assert np.isfinite(estimator.learning.belief()).all()
     return answers, estimator.model.law
+
+
+def fuzz(*, seconds: float, first: int = 0) -> tuple[Counter[str], list[str]]:
+    """Try random estimators for so many seconds, each twice; how many of each answer, and a traceback of each fault."""
+    outcomes, findings, seed, ends = Counter[str](), list[str](), first, time.monotonic() + seconds
+    while time.monotonic() < ends:
+        try:
+            answers, law = run(seed)
+            assert repr(run(seed)) == repr((answers, law)), "the same samples gave other answers"
+            outcomes.update(f"estimator: {_kind(answer)}" for answer in answers)
+        except Exception:
+            findings.append(f"estimator {seed}: {traceback.format_exc()}")
+            print(findings[-1])
+        seed += 1
+    return outcomes, findings
+
+
+def _kind(answer: object) -> str:
+    return answer.reason.value if isinstance(answer, NoEstimate) else type(answer).__name__
 
 
 def _check(answer: object, pose: PoseSample) -> None:

@@ -1,9 +1,17 @@
-"""A short fuzz of the commands' input files; ``make fuzz`` runs for five minutes."""
+"""A short fuzz of the commands' input files and of estimators; ``make fuzz`` runs for five minutes."""
 
+import pytest
 from fuzz import fuzz
+from fuzz_estimators import run
 
 
 def test_damaged_inputs_are_used_or_refused_with_a_sentence():
     outcomes, findings = fuzz(count=80, seed=20)
-    assert {name.partition(":")[0] for name in outcomes} >= {"states", "mesh", "bag"}
+    assert {name.partition(":")[0] for name in outcomes} >= {"states", "mesh", "bag", "parameters"}
     assert not findings, findings[0]
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("seed", range(12))
+def test_an_estimator_answers_each_pose_with_finite_numbers_or_a_reason_and_again_with_the_same(seed):
+    assert repr(run(seed)) == repr(run(seed))

@@ -286,7 +286,8 @@ class Estimator:
         self._withdrawal.widen(with_sigma)
         self.state = state
         if in_grains and motion.rests and self._memory is None:
-            raise RefusedError(Reason.AT_REST)  # only now: a tare and the phases need the state of a tool at rest, too
+            # only now: a tare and the phases need the state of a tool at rest, and late readings update the filter
+            raise RefusedError(Reason.AT_REST)
         wrench, offset, sigma = cell.into_sensor(state[QUATERNION], with_sigma)
         self._comparison.add(Prediction(pose, wrench, offset, cell, in_air=not in_grains))
         self._learn_readings()  # the reading at this pose may have come already; it decides the flag SURPRISE

@@ -9,6 +9,7 @@ import sys
 
 import pytest
 import zstandard
+from packed_bags import chunk_bomb
 from recordings import POSE, ROS2, START, STEP, cdr, moments, write_ros2
 from refusals import refusal
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -55,26 +56,9 @@ def test_a_file_of_zeros_is_called_damaged_without_being_read_into_memory(tmp_pa
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2 * MOST_BYTES / 1024
 
 
-def bomb(file, *, size=900 * 2**20, says=None, compression="zstd", streamed=False):
-    """An MCAP file with one chunk that unpacks to `size` bytes and says `says`, without an index."""
-    compressor = zstandard.ZstdCompressor(level=1).compressobj(size=-1 if streamed else size)
-    data = b"".join(compressor.compress(bytes(2**20)) for _ in range(size // 2**20)) + compressor.flush()
-    name = compression.encode()
-    head = struct.pack("<QQQI", 1, 2, says or size, 0) + struct.pack("<I", len(name)) + name
-    chunk = head + struct.pack("<Q", len(data)) + data
-    magic = b"\x89MCAP0\r\n"
-    records = [
-        (1, struct.pack("<I4sI", 4, b"ros2", 0)),
-        (6, chunk),
-        (15, struct.pack("<I", 0)),
-        (2, struct.pack("<QQI", 0, 0, 0)),
-    ]
-    file.write_bytes(magic + b"".join(struct.pack("<BQ", op, len(r)) + r for op, r in records) + magic)
-
-
 @pytest.mark.parametrize("options", [{}, {"says": 2**20}, {"streamed": True}, {"says": 2**20, "streamed": True}])
 def test_a_chunk_that_unpacks_to_gigabytes_is_refused_before_it_is_unpacked(tmp_path, options):
-    bomb(tmp_path / "bomb.mcap", **options)
+    chunk_bomb(tmp_path / "bomb.mcap", **options)
     assert (tmp_path / "bomb.mcap").stat().st_size < 2**17
     said, memory = read(tmp_path / "bomb.mcap")
     assert "bomb.mcap" in said
@@ -119,7 +103,7 @@ def test_a_compressed_file_or_message_that_unpacks_to_gigabytes_is_refused_befor
 def test_what_comes_before_a_chunk_that_is_too_large_is_used(tmp_path):
     write_ros2(tmp_path / "good", moments(40))
     (good,) = (tmp_path / "good").glob("*.mcap")
-    bomb(tmp_path / "bomb.mcap")
+    chunk_bomb(tmp_path / "bomb.mcap")
     content, bad = good.read_bytes(), (tmp_path / "bomb.mcap").read_bytes()
     end = content.index(struct.pack("<BQ", 15, 4))  # the end of the data
     both = tmp_path / "both.mcap"

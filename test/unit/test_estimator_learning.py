@@ -56,6 +56,33 @@ def test_observe_learns_the_same_and_predicts_as_the_model():
     assert plain.learning is None
 
 
+def test_readings_at_rest_update_nothing_but_late_ones_of_the_motion_before_do():
+    press, felt = Press().push(100, 1.6), []
+
+    def move(count, speed):
+        for _ in range(count):
+            press.stamp, press.depth = press.stamp + STEP, press.depth + speed * STEP * 1e-9
+            felt.append(wrench(press.stamp, (0.0, 0.0, 1.6 * 400.0 * press.depth, 0.0, 0.0, 0.0)))
+            motion = twist(press.stamp, (0.0, 0.0, -speed)), pose(press.stamp, (0.0, 0.0, -press.depth))
+            push(press.estimator, *motion)
+
+    move(1, 0.0)  # half of the way since the pose before was in motion
+    learned = press.learning.belief()
+    move(20, 0.0)
+    for sample in felt:
+        press.estimator.push(sample._replace(wrench=(0.0, 0.0, 50.0, 0.0, 0.0, 0.0)))
+    move(5, 0.0)
+    assert press.learning.belief() == learned
+    felt.clear()
+    move(50, 0.01)
+    move(5, 0.0)
+    rested = press.learning.belief()
+    for sample in felt:
+        press.estimator.push(sample)
+    move(1, 0.0)
+    assert press.learning.belief() != rested
+
+
 @pytest.mark.parametrize("noise", [0.0, 0.05])
 def test_a_load_cell_dead_from_the_start_is_named_and_leaves_the_model_as_it_is(noise):
     """Zeros, and zeros with noise, in grains 1.6 times as strong as the model's."""
