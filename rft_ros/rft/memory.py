@@ -1,30 +1,38 @@
-"""Memory: grains must be sheared over a distance before they resist fully, and let go over a shorter one, Eq. (10).
+"""Memory: grains resist fully only after they have been sheared over a distance, Eq. (10).
 
-Each plate keeps its traction per depth τ, in world axes; the radius y of its elastic zone; the law's traction t when it
-last yielded; and the gap g behind it. A step moves it by D, of which D_n = D·n along its normal:
+Each plate keeps its traction per depth τ, in world axes; the radius y of its elastic zone; the strength s of the grains
+by which it yielded; what the law asked of it at the last state; and the gap g behind it. A step moves it by D, of which
+D_n = D·n is along its normal. The law asks for the traction a = share t, of the plate's leading share.
 
-- A retreat of a plate without traction leaves a fifth of it open: g grows by -0.2 D_n. On the way back the gap closes
-  before anything else happens.
-- Inside its elastic zone, abs(τ) <= y, a plate is a spring: τ falls by k D, k = max(abs(t), y) / l(d). Nothing is
-  counted there, so noise at rest teaches it nothing.
-- Beyond it, a plate that leads yields: τ approaches the law's t over λ(d), or half of it where it falls, along the
-  path that remains, and y = abs(τ).
-- A plate that trails keeps abs(τ) <= y. While it presses, τ·n < 0, it is a spring that slips at y; where it slips, or
-  abs(τ) is below y / 2, y fades over 3 λ(d). A retreat that ends its pressure releases it: τ shrinks to zero over l(d)
-  of any motion, so that what is left of it cannot push the plate along.
-- Under the refined rule a plate passes from the rule for leading plates to that for trailing ones over 2° of its
-  direction of motion (`TRAILING`), with the mean of both, so that noise of a velocity does not choose between them.
+- Gap. A retreat of a plate without traction opens a gap: g grows by -0.2 D_n. On the way back the gap closes before
+  anything else happens. A refined plate that leads closes it by 1/57 of its path at least (`GRAZING`).
+- Elastic zone. While abs(τ) <= y a plate is a spring: τ falls by k D, k = max(s, y) / l(d). Nothing else changes there,
+  so noise at rest changes nothing.
+- Yield. Beyond the zone, a plate that leads yields: along the path that remains, τ approaches the mean of what the law
+  asks at both ends of the step, over λ(d), or half of it where τ falls. y follows abs(τ). s follows abs(t) over λ(d) / 8,
+  and at once while y is small.
+- Slip. A plate that trails keeps abs(τ) <= y: beyond, the spring slips. Where it slips, or abs(τ) is below y / 2, y
+  fades over 3 λ(d).
+- Release. Grains do not pull. In the part of a step in which neither the traction, τ·n < 0, nor the motion, D_n > 0,
+  presses the plate, there is no spring: τ shrinks to zero over l(d) of any motion, and then the gap opens.
+- Under the refined rule a plate passes from yielding to slipping over 2° of its direction of motion (`TRAILING`), with
+  the mean of both, so that noise of a velocity does not choose between them.
 
 λ(d) is the mobilization length times (d / `DEPTH`)², and l(d) the elastic share of it, within the bounds below.
 
 Energy. Per depth and area a plate stores abs(τ)² / 2k <= abs(τ) l / 2, and at constant depth it gives back no more
-than that: a spring gives what it took, a plate that yields or slips has τ·D <= 0 (if the law has), and one that lets
-go loses what it stored. So no closed path at constant depth yields work. With a change of depth the force follows the
-load at constant τ, and closed paths within the elastic zone can yield up to (l / d) of the energy stored.
+than that: a spring gives what it took, a plate that yields or slips has τ·D <= 0 (if the law has), and a release loses
+what was stored. So no closed path at constant depth yields work. With a change of depth the force follows the load at
+constant τ, and closed paths within the elastic zone can yield up to (l / d) of the energy stored.
+
+Continuity. Under the refined rule a small change of a path makes a small change of the force, at v·n = 0, D_n = 0,
+g = 0, τ = 0 and D = 0 too. So each switch in `advance` is a ramp, and a step is divided where a part of it ends. Two
+jumps are left. A plate that leaves the grains forgets, and one that touches the surface may leave them or not. The
+direction of a vanishing velocity is anything; while D = 0, it decides nothing.
 
 Constants. λ's square and its halving were chosen on ten simulated runs at 0 to 45 mm, hence `GREATEST`. The elastic
 share was chosen on the withdrawal of the ABB plate; the gap, the fading of y and `LEAST_ELASTIC` on two simulated runs
-of small retreats (docs/accuracy.md).
+of small retreats (docs/accuracy.md). The widths of the ramps were not fitted.
 """
 
 from dataclasses import KW_ONLY, dataclass, field
@@ -42,7 +50,7 @@ from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.plates import BLOCK, Plates
 
 __all__ = ["DEPTH", "GAPS", "LOADED", "MOTION", "SLACK", "TRACTIONS", "TRAILING", "Memory"]
-__all__ += ["displacement", "forget", "is_empty", "open_gaps", "remember"]
+__all__ += ["displacement", "forget", "is_empty", "open_gap", "remember"]
 
 DEPTH = 0.03
 """Depth [m] at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
@@ -60,6 +68,12 @@ YIELD_FADES = 3.0
 TRAILING = sin(radians(2.0))
 """A refined plate passes from the rule for leading plates to that for trailing ones while -v·n over abs(v) grows by
 this, from where its leading share ends: noise of a velocity must not choose between them."""
+
+GRAZING = sin(radians(1.0))
+"""A refined plate that leads closes its gap by at least this share of its path, for the normals that it stands for."""
+
+WEAKEST = 0.01
+"""The least strength that the elastic modulus is computed with, over ζ times 1 N/cm³."""
 
 OPEN = 0.2
 """Growth of the gap over the retreat."""
@@ -81,7 +95,11 @@ _BEGUN, _SLACK, _POSE = 6, 7, 8  # in the motion
 _FADED = 1e-6  # square:  a trailing plate whose y has fallen to this share of abs(t) remembers nothing
 _NONE = 1e-30  # added to y² of a plate with a gap, so that it has a sign [N²/m⁶]
 _FAR = 1e30  # bounds displacements [m], and 1 / _FAR the mobilization length, so that no product overflows
-_TINY = 1e-290  # avoids 0 / 0
+_WEAK, _SHORT = 1e-60, 1e-60  # least tractions per depth, or their squares, and lengths that are divided by
+_FALLS = 10.0  # over the inverse of this cosine between τ and its change the rate of a fall doubles
+_AT_ONCE = 10.0  # over the inverse of this share a plate begins to yield where it is pressed no more
+_SWIFT = 8.0  # s follows the law over λ over this, and at once where y is small
+_ENDS = 0.05  # a release that does not need this share of a step ends what the rule for leading plates keeps
 
 
 Array = NDArray[np.float64]
@@ -107,7 +125,7 @@ class Memory:
 
     def __post_init__(self) -> None:
         blocks = self.plates.bounds.shape[1]
-        object.__setattr__(self, "numbers", np.zeros((self.bodies, TRACTIONS + blocks * (1 + 7 * BLOCK))))
+        object.__setattr__(self, "numbers", np.zeros((self.bodies, TRACTIONS + blocks * (1 + 8 * BLOCK))))
         self.numbers[:, MOTION + _SLACK] = self.slack
 
     def widen_slack(self, slack: float) -> None:
@@ -200,83 +218,113 @@ def _moved(motion, place):
 
 
 @inlined
-def advance(past, normal, moved, asked, share, leading, depth, length):
+def advance(past, normal, moved, law, share, leading, closes, depth, length, weakest):
     """A plate's traction after one step, what it remembers then, and the modulus of its fall with motion [N/m⁴].
 
-    `past`: τ (below m), the law's t when it last yielded (b), and y² (limit), as in `Memory.numbers`; `moved`: its
-    displacement D [m]; `asked`: the law's t now, times the `share` of the plate that leads (a); `leading`: the weight
-    of the rule for a plate that leads, 0 to 1; the rule for one that trails has the rest.
+    `past`: τ (m), what the law asked at the last state (b), y² (yield2) and the law's strength s, as in
+    `Memory.numbers`; `moved`: its displacement D [m]; `law`: the law's t now, of which the plate is asked for its
+    leading `share` (a); `leading`: the weight of the rule for a plate that leads, 0 to 1; the rule for one that trails
+    has the rest. `closes`: at least this share of its path closes a gap. `weakest`: the least s [N/m³].
     """
     nx, ny, nz = normal
     dx, dy, dz = moved
-    ax, ay, az = asked
-    (mx, my, mz), (bx, by, bz), limit = past
+    lx, ly, lz = law
+    ax, ay, az = share * lx, share * ly, share * lz
+    (mx, my, mz), (bx, by, bz), yield2, strength = past
     trailing = 1.0 - leading
-    opened = limit < 0.0
+    opened = yield2 < 0.0
     gap = _select(opened, mx, 0.0)
     mx = _select(opened, 0.0, mx)
-    limit = _select(opened, -limit - _NONE, limit)
+    yield2 = _select(opened, -yield2 - _NONE, yield2)
+    y = sqrt(yield2)
 
-    mm = mx * mx + my * my + mz * mz
-    bb = bx * bx + by * by + bz * bz
+    full2 = lx * lx + ly * ly + lz * lz
+    asked2 = share * share * full2
+    before2 = bx * bx + by * by + bz * bz
+    pull = mx * nx + my * ny + mz * nz
     dn = dx * nx + dy * ny + dz * nz
-    # what counts is the part of the displacement after the gap has closed
-    shut = max(gap - max(dn, 0.0), 0.0) + _select((share > 0.0) | (mm > 0.0), 0.0, OPEN * max(-dn, 0.0))
+    way = sqrt(dx * dx + dy * dy + dz * dz)
+    onward, retreat = max(dn, 0.0), max(-dn, 0.0)
+
+    # the part of the displacement that counts, after the gap has closed; k, the modulus of the elastic zone
+    closing = max(dn, closes * way)
     square = depth * depth * (1.0 / (DEPTH * DEPTH))
     ratio = min(max(square, LEAST), GREATEST)
-    ahead = max(dn, _TINY)
-    r = 1.0 / (ahead * ratio)
-    used = _select(gap > 0.0, max(dn - gap, 0.0) * (r * ratio), _select(shut > 0.0, 0.0, 1.0))
-    per_span = (1.0 / max(length, 1.0 / _FAR)) * (r * ahead)
-    strength = sqrt(_select(bb > 0.0, max(bb, limit), ax * ax + ay * ay + az * az))
+    ahead, most, aslant = max(closing, _SHORT), max(asked2, before2, _WEAK), max(TRAILING * way, _SHORT)
+    ahead_most, ratio_aslant = ahead * most, ratio * aslant
+    r = 1.0 / (ahead_most * ratio_aslant)  # one division for four
+    per_ahead, per_most = r * most * ratio_aslant, r * ahead * ratio_aslant
+    per_ratio, per_aslant = r * ahead_most * aslant, r * ahead_most * ratio
+    counts = _select(gap > 0.0, max(closing - gap, 0.0) * per_ahead, 1.0)
+    per_span = (1.0 / max(length, 1.0 / _FAR)) * per_ratio
     longer = max(ratio, LEAST_ELASTIC / ELASTIC - square) * (1.0 / LEAST_ELASTIC)
-    k = used * strength * per_span * min(1.0 / ELASTIC, longer)
+    k = counts * max(strength, y, weakest) * per_span * min(1.0 / ELASTIC, longer)
     kx, ky, kz = k * dx, k * dy, k * dz
-    way = sqrt(dx * dx + dy * dy + dz * dz)
+    fall, slide = max(k * way, _WEAK), max(k * max(retreat, TRAILING * way), _WEAK)
+    r = 1.0 / (fall * slide)
+    per_fall, per_slide = r * slide, r * fall
+
+    # released is the part in which neither its traction nor its motion presses the plate; the rest is a spring
+    pressed = min(max(-pull, 0.0) * per_slide, 1.0)
+    released = (1.0 - pressed) * (1.0 - min(onward * per_aslant, 1.0))
+    spring = 1.0 - released
 
     # a plate that leads: elastic up to the yield surface, then τ follows the law along the path that remains
-    kk, q = kx * kx + ky * ky + kz * kz, kx * mx + ky * my + kz * mz
-    elastic = min((q + sqrt(q * q + kk * max(limit - mm, 0.0))) / max(kk, _TINY), 1.0)
-    path = way * (used - used * elastic)
-    yields = path > 0.0
-    left = _exp_minus(path * per_span)
+    q, inside = kx * mx + ky * my + kz * mz, max(yield2 - (mx * mx + my * my + mz * mz), 0.0)
+    elastic = min((q + sqrt(q * q + fall * fall * inside)) * (per_fall * per_fall), spring)
+    path = way * counts * (spring - elastic + released * min(_AT_ONCE * share, 1.0))
     ux, uy, uz = mx - elastic * kx, my - elastic * ky, mz - elastic * kz
-    mean = _select(bb > 0.0, 0.5, 1.0)
-    gx, gy, gz = bx + mean * (ax - bx) - ux, by + mean * (ay - by) - uy, bz + mean * (az - bz) - uz
-    w = _select(yields, 1.0 - _select(gx * ux + gy * uy + gz * uz < 0.0, left * left, left), 0.0)
-    ux, uy, uz = ux + w * gx, uy + w * gy, uz + w * gz
-    limit_leading = _select(yields, ux * ux + uy * uy + uz * uz, limit)
+    mean = 0.5 * min(4.0 * min(asked2, before2) * per_most, 1.0)
+    gx, gy, gz = ax + mean * (bx - ax) - ux, ay + mean * (by - ay) - uy, az + mean * (bz - az) - uz
+    gu, gg, uu = gx * ux + gy * uy + gz * uz, gx * gx + gy * gy + gz * gz, ux * ux + uy * uy + uz * uz
 
-    # a plate that trails: a spring that slips at y while it presses; released over l(d) of any motion where it does not
-    tx, ty, tz = mx - kx, my - ky, mz - kz
+    # a plate that trails: the spring slips at y
+    tx, ty, tz = mx - spring * kx, my - spring * ky, mz - spring * kz
     tt = tx * tx + ty * ty + tz * tz
-    presses = (tx * nx + ty * ny + tz * nz < 0.0) | (dn >= 0.0)
-    root = sqrt(_select(presses, tt * min(tt, limit), mm))
-    over = _select(presses, root, max(mm - k * way * root, 0.0))
-    stays = min(over / max(_select(presses, tt, mm), _TINY), 1.0)
-    holds = (tt >= 0.25 * limit) & (tt <= limit) & presses
-    fade = _exp_minus(_select(holds, 0.0, way * per_span * (1.0 / YIELD_FADES)))
-    faded = limit * (fade * fade)
-    none = faded <= _FADED * bb
-    stays = _select(none, 0.0, stays)
-    moves = _select(presses, stays, 0.0)
+    tried = sqrt(tt)
+    size = min(tried, y)
 
-    mx = leading * ux + trailing * (stays * mx - moves * kx)
-    my = leading * uy + trailing * (stays * my - moves * ky)
-    mz = leading * uz + trailing * (stays * mz - moves * kz)
-    limit = leading * limit_leading + trailing * _select(none, 0.0, faded)
-    renewed = yields & (share > 0.0)
-    yielded = _select(renewed, ax, bx), _select(renewed, ay, by), _select(renewed, az, bz)
+    swift = path * per_span * max(_SWIFT * y, strength, weakest)
+    turn, some, least2, speed = max(sqrt(gg * (gg + uu)), weakest * weakest), max(tried, _WEAK), max(yield2, _WEAK), max(y + swift, _WEAK)
+    turn_some, least2_speed = turn * some, least2 * speed
+    r = 1.0 / (turn_some * least2_speed)
+    per_turn, per_some = r * some * least2_speed, r * turn * least2_speed
+    per_least2, per_speed = r * turn_some * speed, r * turn_some * least2
 
-    gapes = shut > 0.0
-    kept = _select(gapes, min(shut, WIDEST), mx), my, mz
-    limit = _select(gapes, -limit - _NONE, limit)
-    stiff = leading * _select(yields, strength * per_span, k) + trailing * k
+    falls = min(max(-gu * per_turn * _FALLS, 0.0), 1.0)
+    remains = _exp_minus(path * per_span * (1.0 + falls))
+    w = 1.0 - remains
+    spare = remains * remains * max(yield2 - uu, 0.0)
+    ux, uy, uz = ux + w * gx, uy + w * gy, uz + w * gz
+    yields = path > 0.0
+    yield2_leading = _select(yields, ux * ux + uy * uy + uz * uz + spare, yield2)
+
+    loose = min(max(5.0 - 20.0 * tt * per_least2, 0.0), 1.0)
+    slips = (tried - size) * per_fall
+    fades = released + spring * min(max(loose, slips), 1.0)
+    fade = _exp_minus(way * fades * per_span * (1.0 / YIELD_FADES))
+    floor = _FADED * strength * strength
+    yield2_trailing = max((yield2 + floor) * (fade * fade) - floor, 0.0)
+
+    # what the release does not need ends what the rule for leading plates keeps, and then opens the gap
+    unused = trailing * max(released - size * per_fall, 0.0)
+    leads = leading * max(1.0 - unused * (1.0 / _ENDS), 0.0)
+    trails = trailing * max(size - fall * released, 0.0) * per_some
+    gap = max(gap - closing, 0.0) + OPEN * retreat * max((unused - _ENDS) * (1.0 / (1.0 - _ENDS)), 0.0)
+
+    mx, my, mz = leads * ux + trails * tx, leads * uy + trails * ty, leads * uz + trails * tz
+    yield2 = leading * yield2_leading + trailing * yield2_trailing
+    full = sqrt(full2)
+    stiff = leading * _select(yields, max(strength, y, weakest, full) * per_span, k) + trailing * k
+    strength += leading * swift * per_speed * (full - strength)
+    opened = gap > 0.0
+    kept = _select(opened, min(gap, WIDEST), mx), my, mz
+    yield2 = _select(opened, -yield2 - _NONE, yield2)
     loaded = (leading > 0.0) | (mx * mx + my * my + mz * mz > 0.0)
-    return (mx, my, mz), (kept, yielded, limit), _select(loaded, stiff, 0.0)
+    return (mx, my, mz), (kept, (ax, ay, az), yield2, strength), _select(loaded, stiff, 0.0)
 
 
-def _remember(chunk, i0, memory, first, motion, below, slope, length):
+def _remember(chunk, i0, memory, first, motion, below, slope, length, weakest, refined):
     """Replace the law's tractions of a block, in a chunk from plate `i0` on, by those with memory.
 
     `first`: where its tractions begin in `Memory.numbers`. `motion`: of `displacement`, world axes; `below`, `slope`:
@@ -290,37 +338,39 @@ def _remember(chunk, i0, memory, first, motion, below, slope, length):
         # half a step before
         depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
         share, load = chunk[at(row.SHARE, i)], chunk[at(row.LOAD, i)]
-        asked = _times(share, triple(chunk, row.TRACTION, i))
+        law = triple(chunk, row.TRACTION, i)
         leading = chunk[at(row.LEADING, i)]
         kept, yielded = triple(memory, first, j, BLOCK), triple(memory, first + 3 * BLOCK, j, BLOCK)
-        past = kept, yielded, memory[at(first + 6 * BLOCK, j)]
-        traction, past, stiff = advance(past, triple(chunk, row.NORMAL, i), moved, asked, share, leading, depth, length)
+        past = kept, yielded, memory[at(first + 6 * BLOCK, j)], memory[at(first + 7 * BLOCK, j)]
+        closes = GRAZING * share if refined else 0.0
+        normal = triple(chunk, row.NORMAL, i)
+        traction, past, stiff = advance(past, normal, moved, law, share, leading, closes, depth, length, weakest)
         wet = 1.0 if load > 0.0 else 0.0
         put(chunk, row.TRACTION, i, _times(wet, traction))
         chunk[at(row.STIFF, i)] = stiff * max(load, 0.0)
-        kept, yielded, limit = past
+        kept, yielded, limit, law_strength = past
         put(memory, first, j, _times(wet, kept), BLOCK)
         put(memory, first + 3 * BLOCK, j, _times(wet, yielded), BLOCK)
         memory[at(first + 6 * BLOCK, j)] = wet * limit
+        memory[at(first + 7 * BLOCK, j)] = wet * law_strength
 
 
 remember = compiled(_remember, **STEP)
 
 
 @inlined
-def open_gaps(memory, first, rows, form, motion):
-    """Follow the gaps behind a block that trails and has no traction.
+def open_gap(memory, first, i, normal, place, motion):
+    """Follow the gap behind plate i of a block that trails and has no traction.
 
-    `first`, `form`: where it begins in `Memory.numbers` and in `rows`; `motion`: of `displacement`, tool axes.
+    `first`: where the block begins in `Memory.numbers`; `motion`: of `displacement`, in the axes of normal and place.
     """
-    for i in range(BLOCK):
-        place = triple(rows, form, i, BLOCK)
-        nx, ny, nz = triple(rows, form + 3 * BLOCK, i, BLOCK)
-        dx, dy, dz = _moved(motion, place)
-        dn = dx * nx + dy * ny + dz * nz
-        gap = min(max(memory[at(first, i)] - max(dn, 0.0), 0.0) + OPEN * max(-dn, 0.0), WIDEST)
-        memory[at(first, i)] = gap
-        memory[at(first + 6 * BLOCK, i)] = -_NONE if gap > 0.0 else 0.0
+    nx, ny, nz = normal
+    dx, dy, dz = _moved(motion, place)
+    dn = dx * nx + dy * ny + dz * nz
+    gap = min(max(memory[at(first, i)] - max(dn, 0.0), 0.0) + OPEN * max(-dn, 0.0), WIDEST)
+    memory[at(first, i)] = gap
+    memory[at(first + 6 * BLOCK, i)] = -_NONE if gap > 0.0 else 0.0
+    put(memory, first + 3 * BLOCK, i, (0.0, 0.0, 0.0), BLOCK)
 
 
 @inlined
@@ -335,5 +385,5 @@ def is_empty(memory, first):
 @inlined
 def forget(memory, first):
     """Clear the memory of a block."""
-    for i in range(7 * BLOCK):
+    for i in range(8 * BLOCK):
         memory[at(first, i)] = 0.0

@@ -10,13 +10,17 @@ from rft_ros.rft import Memory, Plates, rotation_matrix, traction_per_depth, wre
 
 LENGTH, AREA = 0.003, 2e-4
 NORMAL = np.array([0.6, 0.0, -0.8])
+SLIGHT = np.sin(np.radians(2.0))
+
+
+WEAKEST = 0.01e6  # N/m³, at zeta 1
 
 
 class Plate:
-    """Traction per depth τ, elastic radius y, the law's traction when it last yielded t, and the gap behind it g."""
+    """Traction per depth τ, elastic radius y, strength s, what the law asked at the last state, and the gap g."""
 
     def __init__(self):
-        self.tau, self.t, self.y, self.gap = np.zeros(3), np.zeros(3), 0.0, 0.0
+        self.tau, self.asked, self.y, self.s, self.gap = np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0
 
     def step(self, n, moved, law, depth):
         """Over a displacement [m] to a depth [m]; `law`: traction per depth there, None where the plate trails."""
@@ -27,49 +31,57 @@ class Plate:
         square = ((depth + 0.5 * moved[2]) / 0.03) ** 2  # half-way
         ratio = np.clip(square, 1 / 6, 2.25)
         length, elastic = LENGTH * ratio, LENGTH * ratio * max(0.08, 1 / 30 / max(ratio, 5 / 12 - square))
-        if law is None and not self.tau.any() and (forward < 0.0 or self.gap > 0.0):
-            self.gap = min(max(self.gap - max(forward, 0.0), 0.0) + 0.2 * max(-forward, 0.0), 5e-3)
-            self.fade(way, length)
-            return np.zeros(3)
-        if self.gap > 0.0:  # it closes first, and what is left of the displacement counts
-            gap, self.gap = self.gap, max(self.gap - max(forward, 0.0), 0.0)
-            if forward <= gap:
-                return np.zeros(3)
-            moved, way = moved * (1.0 - gap / forward), way * (1.0 - gap / forward)
-        known = self.t.any()
-        k = (max(np.linalg.norm(self.t), self.y) if known else 0.0 if law is None else np.linalg.norm(law)) / elastic
-        trial = self.tau - k * moved
-        if law is not None:
-            self.lead(law, k * moved, way, length, known)
-        elif trial @ n < 0.0 or forward >= 0.0:  # grains press: it slips beyond y
-            size = np.linalg.norm(trial)
-            self.tau = trial * min(1.0, self.y / size) if size > 0.0 else trial
-            if not 0.5 * self.y <= size <= self.y:
-                self.fade(way, length)
-        else:  # it lets go
-            size = np.linalg.norm(self.tau)
-            self.tau = self.tau * max(1.0 - k * way / size, 0.0) if size > 0.0 else self.tau
-            self.fade(way, length)
+        gap, counts = self.gap, 1.0
+        self.gap = max(gap - max(forward, 0.0), 0.0)
+        if gap > 0.0:  # it closes first, and what is left of the displacement counts
+            counts = max(1.0 - gap / forward, 0.0) if forward > 0.0 else 0.0
+        k = counts * max(self.y, self.s, WEAKEST) / elastic
+        limit = k * max(-forward, SLIGHT * way)
+        pressed = min(max(-self.tau @ n, 0.0) / limit, 1.0) if limit > 0.0 else float(self.tau @ n < 0.0)
+        onward = min(max(forward, 0.0) / (SLIGHT * way), 1.0) if way > 0.0 else 0.0
+        released = (1.0 - pressed) * (1.0 - onward)
+        if law is None:
+            self.trail(k * moved, k * way, released, way / length, forward)
+        else:
+            self.lead(law, k * moved, released, counts * way / length)
+        self.asked = np.zeros(3) if law is None else np.array(law)
         return self.tau * depth * AREA
 
-    def lead(self, law, fall, way, length, known):
+    def lead(self, law, fall, released, path):
         """Elastic up to abs(τ) = y, which τ - share fall meets; then τ approaches the mean of t over the step."""
-        share = 1.0 if not fall.any() else 0.0
+        share = 1.0 - released
         if fall.any():
             a, b, c = fall @ fall, fall @ self.tau, self.y**2 - self.tau @ self.tau
-            share = min((b + np.sqrt(b * b + a * max(c, 0.0))) / a, 1.0)
-        self.tau = self.tau - share * fall
-        path = way * (1.0 - share)
-        if path > 0.0:
-            to_go = (0.5 * (self.t + law) if known else law) - self.tau
-            part = np.exp(-path / length)
-            self.tau = self.tau + (1.0 - (part**2 if to_go @ self.tau < 0.0 else part)) * to_go
-            self.t, self.y = np.array(law), np.linalg.norm(self.tau)
+            share = min((b + np.sqrt(b * b + a * max(c, 0.0))) / a, share)
+        tau = self.tau - share * fall
+        path *= 1.0 - share
+        if path <= 0.0:
+            self.tau = tau
+            return
+        sizes = sorted((law @ law, self.asked @ self.asked))
+        change = law + 0.5 * min(4.0 * sizes[0] / sizes[1], 1.0) * (self.asked - law) - tau
+        turn = np.sqrt(change @ change * (change @ change + tau @ tau))
+        rate = 1.0 + np.clip(-10.0 * (change @ tau) / max(turn, WEAKEST**2), 0.0, 1.0)
+        left = np.exp(-path * rate)
+        self.tau = tau + (1.0 - left) * change
+        swift = path * max(8.0 * self.y, self.s, WEAKEST)
+        self.s += swift / (self.y + swift) * (np.linalg.norm(law) - self.s)
+        self.y = np.sqrt(self.tau @ self.tau + left**2 * max(self.y**2 - tau @ tau, 0.0))
 
-    def fade(self, way, length):
-        self.y *= np.exp(-way / (3.0 * length))
-        if self.y <= 1e-3 * np.linalg.norm(self.t):  # so little that it is forgotten
-            self.y, self.tau = 0.0, np.zeros(3)
+    def trail(self, fall, full, released, path, forward):
+        """A spring that slips at y, and a release; y fades where it slips or is not half used, and in the release."""
+        tau = self.tau - (1.0 - released) * fall
+        tried = np.linalg.norm(tau)
+        size = min(tried, self.y)
+        left = max(size - full * released, 0.0)
+        self.tau = tau * (left / tried) if tried > 0.0 else tau
+        unused = max(released - (size / full if full > 0.0 else 0.0), 0.0)
+        self.gap = min(self.gap + 0.2 * max(-forward, 0.0) * max(unused - 0.05, 0.0) / 0.95, 5e-3)
+        loose = np.clip(5.0 - 20.0 * (tried / self.y) ** 2, 0.0, 1.0) if self.y > 0.0 else 0.0
+        slips = (tried - size) / full if full > 0.0 else 0.0
+        fades = released + (1.0 - released) * min(max(loose, slips), 1.0)
+        floor = 1e-6 * self.s**2
+        self.y = np.sqrt(max((self.y**2 + floor) * np.exp(-path * fades / 1.5) - floor, 0.0))
 
 
 def wandering(seed, steps=60):

@@ -20,10 +20,11 @@ from rft_ros.rft.memory import (
     MOTION,
     TRACTIONS,
     TRAILING,
+    WEAKEST,
     displacement,
     forget,
     is_empty,
-    open_gaps,
+    open_gap,
     remember,
 )
 from rft_ros.rft.plates import BLOCK, ROUNDING
@@ -85,7 +86,7 @@ def _range(bounds, b, box, v):
 
 
 @inlined
-def _classify(chunk, bounds, first, last, scene, reach, level):
+def _classify(chunk, bounds, first, last, scene, reach, level, margin_of_direction):
     """Store the kinds of blocks; where the bounds leave two, the one with the longer loop.
 
     `bounds`: of `Plates`. `level`: abs(n·E3) from which on a plate may be horizontal.
@@ -102,7 +103,7 @@ def _classify(chunk, bounds, first, last, scene, reach, level):
         # v·n of a plate is linear · n + angular · (r x n)
         along, more_along = _range(bounds, b, 0, linear)
         around, more_around = _range(bounds, b, 6, angular)
-        trails = along + more_along + around + more_around + (bounds[19, b] + ROUNDING) * fastest <= 0.0
+        trails = along + more_along + around + more_around + (bounds[19, b] + margin_of_direction) * fastest <= 0.0
         upwards, more_upwards = _range(bounds, b, 0, axes[6:])
         tilt = abs(upwards) + more_upwards + ROUNDING
         kind = _FLAT_OR_CUT if tilt >= level else (_PLAIN if wet else _CUT)
@@ -207,6 +208,15 @@ def _geometry(chunk, i0, rows, b, scene, remembers, refined, cut):
 
 
 @inlined
+def _open_gaps(memory, first, form, block, below, rise, motion):
+    """Follow the gaps behind the plates of a submerged block that trails and has no traction."""
+    rows, _, refined, _ = form
+    for i in range(BLOCK):
+        place, _, _ = _centre_and_load(rows, block, i, below, rise, refined, False)
+        open_gap(memory, first, i, triple(rows, block + 3 * BLOCK, i, BLOCK), place, motion)
+
+
+@inlined
 def _add_sums(chunk, n):
     """Add force, torque, dF/dh and the moments r_j f_l of a chunk to the totals."""
     wide_vectors()
@@ -295,6 +305,8 @@ def _sums(form, law, height, slope, states, past, out):
     remembers, durations, length, memories = past
     chunk, inertia = new_chunk(), law[1][0]
     level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == 3
+    weakest = WEAKEST * law[1][1]
+    beyond = ROUNDING + (TRAILING if remembers and refined else 0.0)
     # unsigned: numba adds code for negative indices otherwise
     rule, blocks, one = np.uint64((14 if refined else 7) * BLOCK), np.uint64(bounds.shape[1]), np.uint64(1)
     remembered = np.uint64(TRACTIONS) + blocks
@@ -320,7 +332,7 @@ def _sums(form, law, height, slope, states, past, out):
         while b <= blocks:
             place = b & np.uint64(row.KINDS - 1)
             if place == np.uint64(0):
-                _classify(chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), scene, reach, level)
+                _classify(chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), scene, reach, level, beyond)
             kind = chunk[at(row.KIND, place)] if b < blocks else _SKIP_DRY
             if remembers and kind == _SKIP_WET and memory[at(TRACTIONS, b)] == LOADED:
                 kind = _FADING
@@ -342,8 +354,8 @@ def _sums(form, law, height, slope, states, past, out):
                 if remembers:
                     for j in range(count):
                         w = np.uint64(chunk[at(row.NUMBER, j)])
-                        first = remembered + w * np.uint64(7 * BLOCK)
-                        remember(chunk, j * np.uint64(BLOCK), memory, first, motion, below, slope, length)
+                        first = remembered + w * np.uint64(8 * BLOCK)
+                        remember(chunk, j * np.uint64(BLOCK), memory, first, motion, below, slope, length, weakest, refined)
                         memory[at(TRACTIONS, w)] = GAPS if is_empty(memory, first) else LOADED
                     _add_stiffness(chunk, n, memory)
                 for inertial in range(2 if inertia > 0.0 else 1):
@@ -360,11 +372,11 @@ def _sums(form, law, height, slope, states, past, out):
                 count += one
             elif kind == _SKIP_WET:
                 chunk[at(row.TOTAL, 6)] += bounds[18, b]
-                if moved:
-                    open_gaps(memory, remembered + b * np.uint64(7 * BLOCK), rows, b * rule, motion_in_tool)
+                if remembers:
+                    _open_gaps(memory, remembered + b * np.uint64(8 * BLOCK), form, b * rule, below, rise, motion_in_tool)
                     memory[at(TRACTIONS, b)] = GAPS
             elif remembers and b < blocks and memory[at(TRACTIONS, b)] != 0.0:
-                forget(memory, remembered + b * np.uint64(7 * BLOCK))
+                forget(memory, remembered + b * np.uint64(8 * BLOCK))
                 memory[at(TRACTIONS, b)] = 0.0
             b += one
         if not of_plates:
