@@ -285,7 +285,12 @@ def advance(past, normal, moved, law, share, leading, closes, depth, length, wea
     size = min(tried, y)
 
     swift = path * per_span * max(_SWIFT * y, strength, weakest)
-    turn, some, least2, speed = max(sqrt(gg * (gg + uu)), weakest * weakest), max(tried, _WEAK), max(yield2, _WEAK), max(y + swift, _WEAK)
+    turn, some, least2, speed = (
+        max(sqrt(gg * (gg + uu)), weakest * weakest),
+        max(tried, _WEAK),
+        max(yield2, _WEAK),
+        max(y + swift, _WEAK),
+    )
     turn_some, least2_speed = turn * some, least2 * speed
     r = 1.0 / (turn_some * least2_speed)
     per_turn, per_some = r * some * least2_speed, r * turn * least2_speed

@@ -355,7 +355,9 @@ def _sums(form, law, height, slope, states, past, out):
                     for j in range(count):
                         w = np.uint64(chunk[at(row.NUMBER, j)])
                         first = remembered + w * np.uint64(8 * BLOCK)
-                        remember(chunk, j * np.uint64(BLOCK), memory, first, motion, below, slope, length, weakest, refined)
+                        remember(
+                            chunk, j * np.uint64(BLOCK), memory, first, motion, below, slope, length, weakest, refined
+                        )
                         memory[at(TRACTIONS, w)] = GAPS if is_empty(memory, first) else LOADED
                     _add_stiffness(chunk, n, memory)
                 for inertial in range(2 if inertia > 0.0 else 1):
@@ -373,7 +375,9 @@ def _sums(form, law, height, slope, states, past, out):
             elif kind == _SKIP_WET:
                 chunk[at(row.TOTAL, 6)] += bounds[18, b]
                 if remembers:
-                    _open_gaps(memory, remembered + b * np.uint64(8 * BLOCK), form, b * rule, below, rise, motion_in_tool)
+                    _open_gaps(
+                        memory, remembered + b * np.uint64(8 * BLOCK), form, b * rule, below, rise, motion_in_tool
+                    )
                     memory[at(TRACTIONS, b)] = GAPS
             elif remembers and b < blocks and memory[at(TRACTIONS, b)] != 0.0:
                 forget(memory, remembered + b * np.uint64(8 * BLOCK))
