@@ -9,8 +9,8 @@ D_n = D·n is along its normal. The law asks for the traction a = share t, of th
 - Elastic zone. While abs(τ) <= y a plate is a spring: τ falls by k D, k = max(s, y) / l(d). Nothing else changes there,
   so noise at rest changes nothing.
 - Yield. Beyond the zone, a plate that leads yields: along the path that remains, τ approaches the mean of what the law
-  asks at both ends of the step, over λ(d), or half of it where τ falls. y follows abs(τ). s follows abs(t) over λ(d) / 8,
-  and at once while y is small.
+  asks at both ends of the step, over λ(d), or half of it where τ falls. y follows abs(τ). s follows abs(t) over
+  λ(d) / 8, and at once while y is small.
 - Slip. A plate that trails keeps abs(τ) <= y: beyond, the spring slips. Where it slips, or abs(τ) is below y / 2, y
   fades over 3 λ(d).
 - Release. Grains do not pull. In the part of a step in which neither the traction, τ·n < 0, nor the motion, D_n > 0,
@@ -37,6 +37,7 @@ of small retreats (docs/accuracy.md). The widths of the ramps were not fitted.
 
 from dataclasses import KW_ONLY, dataclass, field
 from math import radians, sin, sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numba import types
@@ -50,7 +51,8 @@ from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.plates import BLOCK, Plates
 
 __all__ = ["DEPTH", "GAPS", "LOADED", "MOTION", "SLACK", "TRACTIONS", "TRAILING", "Memory"]
-__all__ += ["displacement", "forget", "is_empty", "open_gap", "remember"]
+__all__ += ["GRAZING", "IN_MEMORY", "OF_BLOCK", "WEAKEST", "InMemory"]
+__all__ += ["add_memory", "clear", "displacement", "follow_gap", "is_empty"]
 
 DEPTH = 0.03
 """Depth [m] at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
@@ -90,7 +92,26 @@ GAPS, LOADED = 1.0, 2.0
 MOTION, TRACTIONS = 10, 30
 """Where the motion, and the blocks' states with their plates' tractions, begin in `Memory.numbers`."""
 
-_BEGUN, _SLACK, _POSE = 6, 7, 8  # in the motion
+_BEGUN, _SLACK, _POSITION, _ROTATION = 6, 7, 8, 11  # in the motion
+
+
+class InMemory(NamedTuple):
+    """Where the rows of a block begin in `Memory.numbers`, counted from the block's first number.
+
+    `traction`: τ [N/m³], world axes, three rows; with a gap behind the plate g [m] in the first of them, and 0.
+    `asked`: what the law asked at the last state [N/m³], world axes, three rows. `yield2`: y², negative with a gap.
+    `strength`: s [N/m³].
+    """
+
+    traction: int
+    asked: int
+    yield2: int
+    strength: int
+
+
+IN_MEMORY = InMemory(traction=0, asked=3 * BLOCK, yield2=6 * BLOCK, strength=7 * BLOCK)
+OF_BLOCK = 8 * BLOCK
+"""Numbers of a block in `Memory.numbers`."""
 
 _FADED = 1e-6  # square:  a trailing plate whose y has fallen to this share of abs(t) remembers nothing
 _NONE = 1e-30  # added to y² of a plate with a gap, so that it has a sign [N²/m⁶]
@@ -111,10 +132,10 @@ class Memory:
 
     `slack` [m]: so far the tool moves before its plates do, and so far it must turn back before they do, for poses with
     noise; a simulator needs none. Of many `bodies` of these plates, state i is of body i.
-    `numbers`: shape [bodies, m], what it remembers, one after the other: `stiffness`; from `MOTION` on the last twist
+    `numbers`: shape [bodies, m], one after the other: `stiffness`; from `MOTION` on the last twist
     that was not zero, scaled to order one, 1 after the first state, slack [m] and the pose that the plates have
-    followed to, position [m] and rotation matrix; from `TRACTIONS` on by block 0, `GAPS` or `LOADED`, and then by block
-    τ and t [N/m³], world axes, and y², which is negative where there is a gap, g [m] being in τ's first row.
+    followed to, position [m] and rotation matrix; from `TRACTIONS` on by block 0, `GAPS` or `LOADED`; and then block by
+    block the rows of `InMemory`.
     """
 
     plates: Plates
@@ -125,7 +146,7 @@ class Memory:
 
     def __post_init__(self) -> None:
         blocks = self.plates.bounds.shape[1]
-        object.__setattr__(self, "numbers", np.zeros((self.bodies, TRACTIONS + blocks * (1 + 8 * BLOCK))))
+        object.__setattr__(self, "numbers", np.zeros((self.bodies, TRACTIONS + blocks * (1 + OF_BLOCK))))
         self.numbers[:, MOTION + _SLACK] = self.slack
 
     def widen_slack(self, slack: float) -> None:
@@ -178,17 +199,17 @@ def _times(s, v):
 
 @inlined
 def displacement(last, state, axes, reach, counts):
-    """What the tool moved since the pose in `last`, which follows: whether, origin [m], matrices.
+    """What the tool moved since the pose in `last`, which follows: origin [m] and matrix, in world and in tool axes.
 
     `last`: `Memory.numbers` from `MOTION` on. A point at x from the tool frame's origin moved by origin + matrix x; the
     first matrix takes x in world axes, the second in tool axes, and gives world and tool axes.
     """
     one = 1.0 if counts & (last[_BEGUN] > 0.0) else 0.0
-    px, py, pz = _difference(state, last, _POSE)
+    px, py, pz = _difference(state, last, _POSITION)
     shift = _times(one, (min(max(px, -_FAR), _FAR), min(max(py, -_FAR), _FAR), min(max(pz, -_FAR), _FAR)))
-    x = _times(one, _difference(axes[:3], last, _POSE + 3))  # rows of the change of the rotation matrix
-    y = _times(one, _difference(axes[3:6], last, _POSE + 6))
-    z = _times(one, _difference(axes[6:], last, _POSE + 9))
+    x = _times(one, _difference(axes[:3], last, _ROTATION))  # rows of the change of the rotation matrix
+    y = _times(one, _difference(axes[3:6], last, _ROTATION + 3))
+    z = _times(one, _difference(axes[6:], last, _ROTATION + 6))
     size, spin, slack = 0.0, 0.0, last[_SLACK]
     for v in shift:
         size += v * v
@@ -199,14 +220,14 @@ def displacement(last, state, axes, reach, counts):
     rest = one * (1.0 - part)  # the slack trails behind
     last[_BEGUN] = 1.0
     for j, v in enumerate((state[0], state[1], state[2], *axes)):
-        last[_POSE + j] = v
+        last[_POSITION + j] = v
     for j, v in enumerate((*shift, *x, *y, *z)):
-        last[_POSE + j] -= rest * v
+        last[_POSITION + j] -= rest * v
     shift, x, y, z = _times(part, shift), _times(part, x), _times(part, y), _times(part, z)
     p, q, r = into_frame(axes, x[0], y[0], z[0]), into_frame(axes, x[1], y[1], z[1]), into_frame(axes, x[2], y[2], z[2])
     turn = (*from_frame(axes, *x), *from_frame(axes, *y), *from_frame(axes, *z))
     inner = p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2]
-    return size * part > 0.0, (shift, turn), (into_frame(axes, *shift), inner)
+    return (shift, turn), (into_frame(axes, *shift), inner)
 
 
 @inlined
@@ -329,13 +350,15 @@ def advance(past, normal, moved, law, share, leading, closes, depth, length, wea
     return (mx, my, mz), (kept, (ax, ay, az), yield2, strength), _select(loaded, stiff, 0.0)
 
 
-def _remember(chunk, i0, memory, first, motion, below, slope, length, weakest, refined):
+def _add_memory(chunk, i0, memory, first, motion, below, slope, grains):
     """Replace the law's tractions of a block, in a chunk from plate `i0` on, by those with memory.
 
     `first`: where its tractions begin in `Memory.numbers`. `motion`: of `displacement`, world axes; `below`, `slope`:
-    depth of the tool frame's origin [m], and the surface's.
+    depth of the tool frame's origin [m], and the surface's; `grains`: mobilization length [m], least strength
+    [N/m³], and whether the rule is the refined one.
     """
     wide_vectors()
+    length, weakest, refined = grains
     for j in range(BLOCK):
         i = at(i0, j)
         x, y, z = place = triple(chunk, row.PLACE, i)
@@ -345,26 +368,27 @@ def _remember(chunk, i0, memory, first, motion, below, slope, length, weakest, r
         share, load = chunk[at(row.SHARE, i)], chunk[at(row.LOAD, i)]
         law = triple(chunk, row.TRACTION, i)
         leading = chunk[at(row.LEADING, i)]
-        kept, yielded = triple(memory, first, j, BLOCK), triple(memory, first + 3 * BLOCK, j, BLOCK)
-        past = kept, yielded, memory[at(first + 6 * BLOCK, j)], memory[at(first + 7 * BLOCK, j)]
+        kept = triple(memory, first + IN_MEMORY.traction, j, BLOCK)
+        asked = triple(memory, first + IN_MEMORY.asked, j, BLOCK)
+        past = kept, asked, memory[at(first + IN_MEMORY.yield2, j)], memory[at(first + IN_MEMORY.strength, j)]
         closes = GRAZING * share if refined else 0.0
         normal = triple(chunk, row.NORMAL, i)
         traction, past, stiff = advance(past, normal, moved, law, share, leading, closes, depth, length, weakest)
         wet = 1.0 if load > 0.0 else 0.0
         put(chunk, row.TRACTION, i, _times(wet, traction))
         chunk[at(row.STIFF, i)] = stiff * max(load, 0.0)
-        kept, yielded, limit, law_strength = past
-        put(memory, first, j, _times(wet, kept), BLOCK)
-        put(memory, first + 3 * BLOCK, j, _times(wet, yielded), BLOCK)
-        memory[at(first + 6 * BLOCK, j)] = wet * limit
-        memory[at(first + 7 * BLOCK, j)] = wet * law_strength
+        kept, asked, yield2, strength = past
+        put(memory, first + IN_MEMORY.traction, j, _times(wet, kept), BLOCK)
+        put(memory, first + IN_MEMORY.asked, j, _times(wet, asked), BLOCK)
+        memory[at(first + IN_MEMORY.yield2, j)] = wet * yield2
+        memory[at(first + IN_MEMORY.strength, j)] = wet * strength
 
 
-remember = compiled(_remember, **STEP)
+add_memory = compiled(_add_memory, **STEP)
 
 
 @inlined
-def open_gap(memory, first, i, normal, place, motion):
+def follow_gap(memory, first, i, normal, place, motion):
     """Follow the gap behind plate i of a block that trails and has no traction.
 
     `first`: where the block begins in `Memory.numbers`; `motion`: of `displacement`, in the axes of normal and place.
@@ -372,10 +396,10 @@ def open_gap(memory, first, i, normal, place, motion):
     nx, ny, nz = normal
     dx, dy, dz = _moved(motion, place)
     dn = dx * nx + dy * ny + dz * nz
-    gap = min(max(memory[at(first, i)] - max(dn, 0.0), 0.0) + OPEN * max(-dn, 0.0), WIDEST)
-    memory[at(first, i)] = gap
-    memory[at(first + 6 * BLOCK, i)] = -_NONE if gap > 0.0 else 0.0
-    put(memory, first + 3 * BLOCK, i, (0.0, 0.0, 0.0), BLOCK)
+    gap = min(max(memory[at(first + IN_MEMORY.traction, i)] - max(dn, 0.0), 0.0) + OPEN * max(-dn, 0.0), WIDEST)
+    memory[at(first + IN_MEMORY.traction, i)] = gap
+    memory[at(first + IN_MEMORY.yield2, i)] = -_NONE if gap > 0.0 else 0.0
+    put(memory, first + IN_MEMORY.asked, i, (0.0, 0.0, 0.0), BLOCK)
 
 
 @inlined
@@ -383,12 +407,12 @@ def is_empty(memory, first):
     """Whether the plates of a block remember no more than a gap."""
     largest = 0.0
     for i in range(BLOCK):
-        largest = max(largest, abs(memory[at(first + 6 * BLOCK, i)]))
+        largest = max(largest, abs(memory[at(first + IN_MEMORY.yield2, i)]))
     return largest <= _NONE
 
 
 @inlined
-def forget(memory, first):
+def clear(memory, first):
     """Clear the memory of a block."""
-    for i in range(8 * BLOCK):
+    for i in range(OF_BLOCK):
         memory[at(first, i)] = 0.0

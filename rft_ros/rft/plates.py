@@ -5,12 +5,14 @@ body's plates trail, and a tool is seldom fully submerged. Skipping single plate
 """
 
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["AREA", "CENTROID", "FIRST_CORNER", "HALF_ANGLE", "NORMAL", "SECOND_CORNER"]
+__all__ += ["BOUNDS", "BOUND_AREA", "BOUND_MOMENT", "BOUND_NORMAL", "BOUND_PLACE", "BOUND_SINE"]
+__all__ += ["IN_BLOCK", "ROWS_OF_CENTROID", "ROWS_OF_REFINED", "InBlock"]
 __all__ += ["BLOCK", "INTEGRATIONS", "ROUNDING", "Integration", "Plates"]
 
 BLOCK = 16
@@ -29,7 +31,35 @@ FIRST_CORNER, SECOND_CORNER, HALF_ANGLE = slice(7, 10), slice(10, 13), 13
 
 The corners are relative to the centroid [m]. `HALF_ANGLE` holds 1 / (2 sin θ), θ the half angle.
 """
-_ROWS_OF_CENTROID, _ROWS_OF_REFINED = 7, 14
+ROWS_OF_CENTROID, ROWS_OF_REFINED = 7, 14
+"""Numbers of a plate for each rule."""
+
+
+class InBlock(NamedTuple):
+    """Where the rows of a block begin in `Plates.blocks`, counted from the block's first number."""
+
+    centroid: int
+    normal: int
+    area: int
+    first_corner: int
+    second_corner: int
+    half_angle: int
+
+
+IN_BLOCK = InBlock(
+    centroid=BLOCK * CENTROID.start,
+    normal=BLOCK * NORMAL.start,
+    area=BLOCK * AREA,
+    first_corner=BLOCK * FIRST_CORNER.start,
+    second_corner=BLOCK * SECOND_CORNER.start,
+    half_angle=BLOCK * HALF_ANGLE,
+)
+
+BOUND_NORMAL, BOUND_MOMENT, BOUND_PLACE, BOUND_AREA, BOUND_SINE = 0, 6, 12, 18, 19
+"""The rows of `Plates.bounds`; each of the first three is the first of six: the middle of a box, and half its sides."""
+
+BOUNDS = 20
+"""Rows of `Plates.bounds`."""
 
 Array = NDArray[np.float64]
 
@@ -58,11 +88,11 @@ class Plates:
 
     def __init__(self, rows: ArrayLike) -> None:
         r = np.array(rows, dtype=np.float64, order="C")
-        if r.ndim != 2 or len(r) not in (_ROWS_OF_CENTROID, _ROWS_OF_REFINED):
+        if r.ndim != 2 or len(r) not in (ROWS_OF_CENTROID, ROWS_OF_REFINED):
             raise ValueError(f"plates have 7 rows, or 14 for the refined rule; got shape {r.shape}")
         if r.shape[1] == 0:
             raise ValueError("a tool needs at least one plate element; got none")
-        if not np.isfinite(r[:_ROWS_OF_CENTROID]).all():
+        if not np.isfinite(r[:ROWS_OF_CENTROID]).all():
             raise ValueError("plate centroids, normals and areas must be finite numbers")
         length = np.linalg.norm(r[NORMAL], axis=0)
         if (r[AREA] < 0.0).any() or (length == 0.0).any():
@@ -85,7 +115,7 @@ class Plates:
     def _arrange(self, r: Array) -> None:
         """Fill the fields from checked rows."""
         far = np.zeros(r.shape[1])  # of a plate's points from its centroid
-        if len(r) == _ROWS_OF_REFINED:
+        if len(r) == ROWS_OF_REFINED:
             first, second = r[FIRST_CORNER], r[SECOND_CORNER]
             far = np.sqrt(np.max([(e * e).sum(axis=0) for e in (first, second, first + second)], axis=0))
         self._set(r, float((np.linalg.norm(r[CENTROID], axis=0) + far).max()), *_in_blocks(r, far))
@@ -102,7 +132,7 @@ class Plates:
     @property
     def packed(self) -> Array:
         """Centroids, normals and areas: the first seven of `rows`."""
-        return self.rows[:_ROWS_OF_CENTROID]
+        return self.rows[:ROWS_OF_CENTROID]
 
     @property
     def centroids(self) -> Array:
@@ -127,12 +157,12 @@ class Plates:
         each plate is a triangle; depth is integrated over its part below the surface, the force acts at its centre of
         pressure, and the leading share grows continuously over its half angle (`from_triangles`).
         """
-        return "centroid" if len(self.rows) == _ROWS_OF_CENTROID else "refined"
+        return "centroid" if len(self.rows) == ROWS_OF_CENTROID else "refined"
 
     @property
     def form(self) -> tuple[Array, Array, bool, float]:
         """What the kernel takes: blocks, bounds, whether refined, reach."""
-        return self.blocks, self.bounds, len(self.rows) == _ROWS_OF_REFINED, self.reach
+        return self.blocks, self.bounds, len(self.rows) == ROWS_OF_REFINED, self.reach
 
     @classmethod
     def from_arrays(cls, centroids: ArrayLike, normals: ArrayLike, areas: ArrayLike) -> "Plates":
@@ -223,6 +253,6 @@ def _bounds(rows: Array, extents: Array) -> Array:
         low, high = (vectors - more).min(axis=2), (vectors + more).max(axis=2)
         return np.vstack([0.5 * (low + high), 0.5 * (high - low) * (1.0 + ROUNDING)])
 
-    fade = 0.5 / by_block[HALF_ANGLE].min(axis=1) if len(rows) == _ROWS_OF_REFINED else np.zeros(by_block.shape[1])
+    fade = 0.5 / by_block[HALF_ANGLE].min(axis=1) if len(rows) == ROWS_OF_REFINED else np.zeros(by_block.shape[1])
     boxes = box(normal, np.zeros_like(far)), box(moment, far), box(place, far)
     return np.ascontiguousarray(np.vstack([*boxes, area.sum(axis=1), fade]))

@@ -12,7 +12,16 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rft_ros.rft.agarwal2023 import Agarwal2023, agarwal2023_traction
-from rft_ros.rft.alpha_y import PAPER_LINEAR, AlphaY, PackedLaw, add_alpha_y, alpha_y_name, packed_alpha_y
+from rft_ros.rft.alpha_y import (
+    LAW_OWN,
+    LAW_STIFFNESS,
+    PAPER_LINEAR,
+    AlphaY,
+    PackedLaw,
+    add_alpha_y,
+    alpha_y_name,
+    packed_alpha_y,
+)
 from rft_ros.rft.grains import Grains
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
@@ -222,9 +231,10 @@ def _stresses(coefficients, sin_b, cos_b, e2, velocity):
 @inlined
 def _treers2021(kind, given, values, chunk, n, refined):
     wide_vectors()
-    coefficients = (
-        given[1], given[2], given[3], given[4], given[5], given[6], given[7], given[8], given[9], given[10],
-    )  # fmt: skip
+    a = LAW_OWN
+    of_alpha_z = given[a], given[a + 1], given[a + 2], given[a + 3], given[a + 4]
+    c = a + len(of_alpha_z)
+    coefficients = (given[LAW_STIFFNESS], *of_alpha_z, given[c], given[c + 1], given[c + 2], given[c + 3])
     for i in range(n):
         e2, velocity = (chunk[at(row.E2_X, i)], chunk[at(row.E2_Y, i)]), triple(chunk, row.VELOCITY, i)
         t, along, sin_g, cos_g = _stresses(coefficients, chunk[at(row.SIN_B, i)], chunk[at(row.COS_B, i)], e2, velocity)
@@ -254,9 +264,10 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> No
     wide_vectors()
     kind, given, values = law
     if kind < 0:
+        stiffness, friction = given[LAW_STIFFNESS], given[LAW_OWN]
         for i in range(n):
             normal, velocity = triple(chunk, row.NORMAL, i), triple(chunk, row.VELOCITY, i)
-            put(chunk, row.TRACTION, i, agarwal2023_traction(given[1], given[2], normal, velocity))
+            put(chunk, row.TRACTION, i, agarwal2023_traction(stiffness, friction, normal, velocity))
         return
     turns, blends = flatness != NEVER_FLAT, flatness == BLENDED
     for turned in range(2 if blends else 1):

@@ -16,8 +16,8 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.rft.agarwal2023 import agarwal2023
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.frames import STATE
+from rft_ros.rft.kernel import loops
 from rft_ros.rft.kernel.compilation import machine_code
-from rft_ros.rft.kernel.loops import EDGE_SHARE, SUMS
 from rft_ros.rft.memory import TRACTIONS, Memory
 from rft_ros.rft.plates import BLOCK, Plates
 from rft_ros.rft.traction import Law, packed_law, tractions
@@ -46,8 +46,8 @@ LEVEL = 0.0, 0.0
 _WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
 _CORES = os.cpu_count() or 1
 _ROW = (len(STATE),)
-_NOTHING = np.zeros((1, TRACTIONS))
-_NO_MEMORY = False, np.zeros(1), 1.0, _NOTHING
+_EMPTY = np.zeros((1, TRACTIONS))
+_NO_MEMORY = False, np.zeros(1), 1.0, _EMPTY
 
 
 def wrenches(
@@ -101,7 +101,7 @@ def wrenches_in_time(
     [n], time since the previous state [s]; 0 for the very first. `memory`: of these plates, updated in place; of many
     bodies, row i is of body i.
     """
-    scene, kept = _scene(plates, law, surface_height, slope), _remembered(plates, memory)
+    scene, kept = _scene(plates, law, surface_height, slope), _numbers_of(memory, plates)
     length = _length(law)
     states = numbers("states", states, _ROW)
     durations = numbers("durations", durations, rows=len(states))
@@ -126,12 +126,12 @@ def prepared(
     """
     loop, (form, packed, _, _) = _loop(), _scene(plates, law, 0.0, LEVEL)
     length = 1.0 if memory is None else _length(law)
-    remembers, kept = memory is not None, _NOTHING if memory is None else _remembered(plates, memory)[bodies]
+    has_memory, kept = memory is not None, _EMPTY if memory is None else _numbers_of(memory, plates)[bodies]
     if not kept.size or not kept.flags.c_contiguous:
         raise ValueError(f"bodies is {bodies}; it must be of one body or more, one after the other, of the memory's")
 
     def step(states: Array, durations: Array, height: float, slope: tuple[float, float], result: Array) -> None:
-        loop(form, packed, height, slope, states, (remembers, durations, length, kept), result)
+        loop(form, packed, height, slope, states, (has_memory, durations, length, kept), result)
 
     return step
 
@@ -160,8 +160,8 @@ def edge_share(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0)
 
     `state`: shape [13], columns `STATE`; `surface_height` [m]. In 0 to 1, no unit; 0 in the air.
     """
-    height, one = number("surface_height", surface_height), numbers("state", state, rows=13)
-    return EDGE_SHARE(_checked(plates).packed, plates.reach, height, one)
+    p, height, one = _checked(plates), number("surface_height", surface_height), numbers("state", state, rows=13)
+    return loops.edge_share(p.centroids, p.normals, p.areas, p.reach, height, one)
 
 
 def _checked(plates: Plates) -> Plates:
@@ -183,7 +183,8 @@ def _length(law: Law) -> float:
     return number("mobilization_length of the law", law.mobilization_length, positive=True)
 
 
-def _remembered(plates: Plates, memory: Memory) -> Array:
+def _numbers_of(memory: Memory, plates: Plates) -> Array:
+    """`Memory.numbers` of a memory of these plates."""
     if not isinstance(memory, Memory):
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
     if memory.plates is not plates and not np.array_equal(memory.plates.rows, plates.rows):
@@ -205,7 +206,7 @@ def _loop() -> Callable[..., None]:
     """The compiled loop, from the cache on disk if it is there."""
     plates = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
     scene = _scene(plates, agarwal2023(), 0.0, LEVEL)
-    return machine_code(SUMS, (*scene, np.zeros((1, len(STATE))), _NO_MEMORY, np.zeros((1, len(COLUMNS)))))
+    return machine_code(loops.sums, (*scene, np.zeros((1, len(STATE))), _NO_MEMORY, np.zeros((1, len(COLUMNS)))))
 
 
 def compile_tractions() -> None:

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from rft_ros.rft import Law, Memory, Plates
 from rft_ros.rft.arguments import number
 from rft_ros.rft.kernel.compilation import inlined
-from rft_ros.rft.kernel.loops import SUMS
+from rft_ros.rft.kernel.loops import sums
+from rft_ros.rft.plates import BOUNDS
 from rft_ros.rft.traction import packed_law
 
 __all__ = ["Beds", "evaluate", "make_beds", "stiffness_matrix", "use_law"]
@@ -84,11 +85,11 @@ def evaluate(beds, b, memory, states, out):
     [plates, 3] takes the forces of the plates, in the kernel's order.
     """
     p = beds.bodies[b]
-    bounds = beds.bounds[p.bounds : p.bounds + 20 * p.blocks].reshape(20, p.blocks)
+    bounds = beds.bounds[p.bounds : p.bounds + BOUNDS * p.blocks].reshape(BOUNDS, p.blocks)
     form = beds.rows[p.rows : p.rows_end], bounds, p.refined, p.reach
     law = beds.kind, beds.laws[b], beds.table
     past = True, beds.duration, beds.length, memory
-    SUMS(form, law, p.height, (p.slope_x, p.slope_y), states, past, out)
+    sums(form, law, p.height, (p.slope_x, p.slope_y), states, past, out)
 
 
 @inlined

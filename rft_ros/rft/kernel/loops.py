@@ -9,7 +9,8 @@ from math import cos, radians, sin, sqrt
 
 import numpy as np
 
-from rft_ros.rft.frames import from_frame, into_frame, rotation
+from rft_ros.rft.alpha_y import LAW_INERTIA, LAW_STIFFNESS
+from rft_ros.rft.frames import attitude, from_frame, into_frame, parts_of_state
 from rft_ros.rft.inertia import inertia_force
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
@@ -18,19 +19,31 @@ from rft_ros.rft.memory import (
     GAPS,
     LOADED,
     MOTION,
+    OF_BLOCK,
     TRACTIONS,
     TRAILING,
     WEAKEST,
+    add_memory,
+    clear,
     displacement,
-    forget,
+    follow_gap,
     is_empty,
-    open_gap,
-    remember,
 )
-from rft_ros.rft.plates import BLOCK, ROUNDING
+from rft_ros.rft.plates import (
+    BLOCK,
+    BOUND_AREA,
+    BOUND_MOMENT,
+    BOUND_NORMAL,
+    BOUND_PLACE,
+    BOUND_SINE,
+    IN_BLOCK,
+    ROUNDING,
+    ROWS_OF_CENTROID,
+    ROWS_OF_REFINED,
+)
 from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, orient, tractions
 
-__all__ = ["EDGE_SHARE", "SUMS"]
+__all__ = ["edge_share", "sums"]
 
 _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT, _FADING = range(6)
 """Kinds of blocks: dry (skipped); submerged and trailing (only its area counts); submerged without horizontal plates;
@@ -49,13 +62,14 @@ def _motion(state, reach):
     The law is rate-independent, so the scale changes no force; it prevents over- and underflow of squared speeds. The
     inertia of the grains takes the speed back from the last number [m²/s²], bounded so that 0 times it stays 0.
     """
-    vx, vy, vz, wx, wy, wz = state[7], state[8], state[9], state[10], state[11], state[12]
+    _, quaternion, velocity, angular = parts_of_state(state)
+    vx, vy, vz, wx, wy, wz = velocity[0], velocity[1], velocity[2], angular[0], angular[1], angular[2]
     # The 1e-9 m bounds the scaled angular velocity of plates at the origin, which would be inf * 0.
     fastest = max(abs(vx), abs(vy), abs(vz), max(reach, 1e-9) * max(abs(wx), abs(wy), abs(wz)))
     s = 1.0 / fastest if fastest > 1e-290 else 0.0
     squared = min(fastest * fastest, 1e30) if s > 0.0 else 0.0
     twist = vx * s, vy * s, vz * s, wx * s, wy * s, wz * s
-    return rotation(state[3], state[4], state[5], state[6]), twist, s, squared
+    return attitude(quaternion), twist, s, squared
 
 
 @inlined
@@ -79,14 +93,14 @@ def _surface(height, slope, state, axes):
 def _range(bounds, b, box, v):
     """The dot product of a vector and the middle of a block's box, and how far that of a point in it can lie from this.
 
-    `box`: 0 of the normals, 6 of r x n, 12 of the positions.
+    `box`: `BOUND_NORMAL`, `BOUND_MOMENT` (of r x n) or `BOUND_PLACE`.
     """
     middle = v[0] * bounds[box, b] + v[1] * bounds[box + 1, b] + v[2] * bounds[box + 2, b]
     return middle, abs(v[0]) * bounds[box + 3, b] + abs(v[1]) * bounds[box + 4, b] + abs(v[2]) * bounds[box + 5, b]
 
 
 @inlined
-def _classify(chunk, bounds, first, last, scene, reach, level, margin_of_direction):
+def _classify(chunk, bounds, first, last, scene, reach, level, aslant):
     """Store the kinds of blocks; where the bounds leave two, the one with the longer loop.
 
     `bounds`: of `Plates`. `level`: abs(n·E3) from which on a plate may be horizontal.
@@ -97,14 +111,14 @@ def _classify(chunk, bounds, first, last, scene, reach, level, margin_of_directi
     fastest = _length(linear) + _length(angular) * reach
     margin = ROUNDING * (reach + abs(below))
     for b in range(first, last):
-        height, spread = _range(bounds, b, 12, rise)
+        height, spread = _range(bounds, b, BOUND_PLACE, rise)
         depth, spread = below - height, spread + margin
         wet = depth - spread > 0.0
         # v·n of a plate is linear · n + angular · (r x n)
-        along, more_along = _range(bounds, b, 0, linear)
-        around, more_around = _range(bounds, b, 6, angular)
-        trails = along + more_along + around + more_around + (bounds[19, b] + margin_of_direction) * fastest <= 0.0
-        upwards, more_upwards = _range(bounds, b, 0, axes[6:])
+        along, more_along = _range(bounds, b, BOUND_NORMAL, linear)
+        around, more_around = _range(bounds, b, BOUND_MOMENT, angular)
+        trails = along + more_along + around + more_around + (bounds[BOUND_SINE, b] + aslant) * fastest <= 0.0
+        upwards, more_upwards = _range(bounds, b, BOUND_NORMAL, axes[6:])
         tilt = abs(upwards) + more_upwards + ROUNDING
         kind = _FLAT_OR_CUT if tilt >= level else (_PLAIN if wet else _CUT)
         kind = _SKIP_WET if wet & trails else kind
@@ -148,15 +162,15 @@ def _centre_and_load(rows, first, i, below, rise, refined, cut):
     submerged. `refined` and `cut` must be constants, or the loop is not vectorised.
     """
     zx, zy, zz = rise
-    a, b, c = triple(rows, first, i, BLOCK)
-    area = rows[at(first + 6 * BLOCK, i)]
+    a, b, c = triple(rows, first + IN_BLOCK.centroid, i, BLOCK)
+    area = rows[at(first + IN_BLOCK.area, i)]
     depth = below - (zx * a + zy * b + zz * c)
     if not refined:
         area = area if depth > 0.0 else 0.0
         return (a, b, c), depth * area, area
     # e0, e1 and -(e0 + e1) are the corners from the centroid
-    e0x, e0y, e0z = triple(rows, first + 7 * BLOCK, i, BLOCK)
-    e1x, e1y, e1z = triple(rows, first + 10 * BLOCK, i, BLOCK)
+    e0x, e0y, e0z = triple(rows, first + IN_BLOCK.first_corner, i, BLOCK)
+    e1x, e1y, e1z = triple(rows, first + IN_BLOCK.second_corner, i, BLOCK)
     h0 = zx * e0x + zy * e0y + zz * e0z
     h1 = zx * e1x + zy * e1y + zz * e1z
     if cut:
@@ -174,23 +188,23 @@ def _centre_and_load(rows, first, i, below, rise, refined, cut):
 
 
 @inlined
-def _geometry(chunk, i0, rows, b, scene, remembers, refined, cut):
+def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
     """Eq. (1) for block b, world axes, stored from plate `i0` of the chunk on; returns its area below the surface."""
     wide_vectors()
     axes, twist, below, rise = scene
     vx, vy, vz, wx, wy, wz = twist
-    first = b * np.uint64((14 if refined else 7) * BLOCK)
+    first = b * np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK)
     submerged = 0.0
     for j in range(BLOCK):
         (a, b, c), load, area = _centre_and_load(rows, first, j, below, rise, refined, cut)
-        normal = nx, ny, nz = from_frame(axes, *triple(rows, first + 3 * BLOCK, j, BLOCK))
+        normal = nx, ny, nz = from_frame(axes, *triple(rows, first + IN_BLOCK.normal, j, BLOCK))
         x, y, z = from_frame(axes, a, b, c)
         ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
         lead = ux * nx + uy * ny + uz * nz
         i = at(i0, j)
         per_speed = orient(chunk, i, normal, (ux, uy, uz))
         if refined:
-            per_width = rows[at(first + 13 * BLOCK, j)]
+            per_width = rows[at(first + IN_BLOCK.half_angle, j)]
             raw = lead * per_speed * per_width + 0.5
             share = min(max(raw, 0.0), 1.0)
             leading = max(1.0 + min(raw, 0.0) / (per_width * TRAILING), 0.0)
@@ -198,22 +212,22 @@ def _geometry(chunk, i0, rows, b, scene, remembers, refined, cut):
             share = leading = 1.0 if lead > 0.0 else 0.0
         put(chunk, row.PLACE, i, (x, y, z))
         submerged += area
-        loaded = 1.0 if remembers else share
+        loaded = 1.0 if has_memory else share
         chunk[at(row.LOAD, i)] = load * loaded
         chunk[at(row.AREA, i)] = area * loaded
         chunk[at(row.SHARE, i)] = share
-        if remembers:
+        if has_memory:
             chunk[at(row.LEADING, i)] = leading
     return submerged
 
 
 @inlined
-def _open_gaps(memory, first, form, block, below, rise, motion):
+def _follow_gaps(memory, first, form, block, below, rise, motion):
     """Follow the gaps behind the plates of a submerged block that trails and has no traction."""
     rows, _, refined, _ = form
     for i in range(BLOCK):
         place, _, _ = _centre_and_load(rows, block, i, below, rise, refined, False)
-        open_gap(memory, first, i, triple(rows, block + 3 * BLOCK, i, BLOCK), place, motion)
+        follow_gap(memory, first, i, triple(rows, block + IN_BLOCK.normal, i, BLOCK), place, motion)
 
 
 @inlined
@@ -270,11 +284,11 @@ def _add_stiffness(chunk, n, memory):
 
 
 @inlined
-def _inertia(chunk, n, inertia, squared, remembers):
+def _inertia(chunk, n, inertia, squared, has_memory):
     """Replace the tractions of a chunk by the forces of the grains' inertia, and their loads by one."""
     wide_vectors()
     for i in range(n):
-        area = chunk[at(row.AREA, i)] * (chunk[at(row.SHARE, i)] if remembers else 1.0)
+        area = chunk[at(row.AREA, i)] * (chunk[at(row.SHARE, i)] if has_memory else 1.0)
         speed = chunk[at(row.SPEED, i)]
         normal, direction = triple(chunk, row.NORMAL, i), triple(chunk, row.VELOCITY, i)
         put(chunk, row.TRACTION, i, inertia_force(inertia, normal, direction, area, squared * speed * speed))
@@ -296,27 +310,31 @@ def _add_forces(chunk, i0, b, out):
 def _sums(form, law, height, slope, states, past, out):
     """The sums for each state, `out` of shape [n, 7] or [n, 19], or the forces of plates at one state, shape [m, 3].
 
-    `form`: of `Plates`. `law`: its `packed`. `past`: whether the plates remember, durations, mobilization length,
+    `form`: of `Plates`. `law`: its `packed`. `past`: whether the plates have memory, durations, mobilization length,
     `Memory.numbers`. Forces are added to those in `out`, in the kernel's order. One function: LLVM keeps what is the
     same for all blocks in registers, and a state takes 8 % longer if it is divided.
     """
     wide_vectors()
     rows, bounds, refined, reach = form
-    remembers, durations, length, memories = past
-    chunk, inertia = new_chunk(), law[1][0]
+    has_memory, durations, length, memories = past
+    _, numbers, _ = law
+    chunk, inertia, weakest = new_chunk(), numbers[LAW_INERTIA], WEAKEST * numbers[LAW_STIFFNESS]
     level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == 3
-    weakest = WEAKEST * law[1][1]
-    beyond = ROUNDING + (TRAILING if remembers and refined else 0.0)
+    beyond = ROUNDING + (TRAILING if has_memory and refined else 0.0)
     # unsigned: numba adds code for negative indices otherwise
-    rule, blocks, one = np.uint64((14 if refined else 7) * BLOCK), np.uint64(bounds.shape[1]), np.uint64(1)
-    remembered = np.uint64(TRACTIONS) + blocks
+    rule, blocks, one = (
+        np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK),
+        np.uint64(bounds.shape[1]),
+        np.uint64(1),
+    )
+    first_in_memory = np.uint64(TRACTIONS) + blocks
     for k in range(states.shape[0]):
         axes, twist, scale, squared = _motion(states[k], reach)
         below, rise = _surface(height, slope, states[k], axes)
         memory = memories[k if len(memories) > 1 else 0]
         still = (0.0, 0.0, 0.0), axes
-        moved, motion, motion_in_tool = False, still, still
-        if remembers:
+        motion, motion_in_tool = still, still
+        if has_memory:
             for c in range(MOTION):
                 memory[c] = 0.0
             last = memory[MOTION:TRACTIONS]
@@ -324,7 +342,7 @@ def _sums(form, law, height, slope, states, past, out):
                 for c in range(6):
                     last[c] = twist[c]
             twist = last[0], last[1], last[2], last[3], last[4], last[5]
-            moved, motion, motion_in_tool = displacement(last, states[k], axes, reach, durations[k] > 0.0)
+            motion, motion_in_tool = displacement(last, states[k], axes, reach, durations[k] > 0.0)
         scene = axes, twist, below, rise
         for c in range(_COLUMNS):
             chunk[at(row.TOTAL, c)] = 0.0
@@ -334,7 +352,7 @@ def _sums(form, law, height, slope, states, past, out):
             if place == np.uint64(0):
                 _classify(chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), scene, reach, level, beyond)
             kind = chunk[at(row.KIND, place)] if b < blocks else _SKIP_DRY
-            if remembers and kind == _SKIP_WET and memory[at(TRACTIONS, b)] == LOADED:
+            if has_memory and kind == _SKIP_WET and memory[at(TRACTIONS, b)] == LOADED:
                 kind = _FADING
             changes = kind >= _PLAIN and flat != (kind == _FLAT_OR_CUT)
             if count == np.uint64(row.BLOCKS) or (count > np.uint64(0) and (b == blocks or changes)):
@@ -343,26 +361,25 @@ def _sums(form, law, height, slope, states, past, out):
                     w, i0 = np.uint64(chunk[at(row.NUMBER, j)]), j * np.uint64(BLOCK)
                     submerged = 0.0
                     if not refined:
-                        submerged = _geometry(chunk, i0, rows, w, scene, remembers, False, True)
+                        submerged = _geometry(chunk, i0, rows, w, scene, has_memory, False, True)
                     elif chunk[at(row.NUMBER + row.BLOCKS, j)] == _PLAIN:
-                        submerged = _geometry(chunk, i0, rows, w, scene, remembers, True, False)
+                        submerged = _geometry(chunk, i0, rows, w, scene, has_memory, True, False)
                     else:
-                        submerged = _geometry(chunk, i0, rows, w, scene, remembers, True, True)
+                        submerged = _geometry(chunk, i0, rows, w, scene, has_memory, True, True)
                     chunk[at(row.TOTAL, 6)] += submerged
                 flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
                 tractions(law, chunk, n, flatness, refined)
-                if remembers:
+                if has_memory:
                     for j in range(count):
                         w = np.uint64(chunk[at(row.NUMBER, j)])
-                        first = remembered + w * np.uint64(8 * BLOCK)
-                        remember(
-                            chunk, j * np.uint64(BLOCK), memory, first, motion, below, slope, length, weakest, refined
-                        )
+                        first = first_in_memory + w * np.uint64(OF_BLOCK)
+                        grains = length, weakest, refined
+                        add_memory(chunk, j * np.uint64(BLOCK), memory, first, motion, below, slope, grains)
                         memory[at(TRACTIONS, w)] = GAPS if is_empty(memory, first) else LOADED
                     _add_stiffness(chunk, n, memory)
                 for inertial in range(2 if inertia > 0.0 else 1):
                     if inertial == 1:
-                        _inertia(chunk, n, inertia, squared, remembers)
+                        _inertia(chunk, n, inertia, squared, has_memory)
                     _add_sums(chunk, n)
                     if of_plates:
                         for j in range(count):
@@ -373,14 +390,14 @@ def _sums(form, law, height, slope, states, past, out):
                 chunk[at(row.NUMBER, count)], chunk[at(row.NUMBER + row.BLOCKS, count)] = b, kind
                 count += one
             elif kind == _SKIP_WET:
-                chunk[at(row.TOTAL, 6)] += bounds[18, b]
-                if remembers:
-                    _open_gaps(
-                        memory, remembered + b * np.uint64(8 * BLOCK), form, b * rule, below, rise, motion_in_tool
+                chunk[at(row.TOTAL, 6)] += bounds[BOUND_AREA, b]
+                if has_memory:
+                    _follow_gaps(
+                        memory, first_in_memory + b * np.uint64(OF_BLOCK), form, b * rule, below, rise, motion_in_tool
                     )
                     memory[at(TRACTIONS, b)] = GAPS
-            elif remembers and b < blocks and memory[at(TRACTIONS, b)] != 0.0:
-                forget(memory, remembered + b * np.uint64(8 * BLOCK))
+            elif has_memory and b < blocks and memory[at(TRACTIONS, b)] != 0.0:
+                clear(memory, first_in_memory + b * np.uint64(OF_BLOCK))
                 memory[at(TRACTIONS, b)] = 0.0
             b += one
         if not of_plates:
@@ -388,21 +405,22 @@ def _sums(form, law, height, slope, states, past, out):
                 out[k, c] = chunk[at(row.TOTAL, c)]
 
 
-SUMS = compiled(_sums, **OPTIONS)
+sums = compiled(_sums, **OPTIONS)
 """The loop over states."""
 
 
-def _edge_share(packed, reach, surface_height, state):
-    """Share of the wet area that moves nearly along itself. `packed`: of `Plates`."""
+def _edge_share(centroids, normals, areas, reach, surface_height, state):
+    """Share of the wet area that moves nearly along itself; arrays of `Plates`."""
     edge = wet = 0.0
     axes, twist, _, _ = _motion(state, reach)
     below = surface_height - state[2]
     vx, vy, vz = into_frame(axes, twist[0], twist[1], twist[2])
     wx, wy, wz = into_frame(axes, twist[3], twist[4], twist[5])
     zx, zy, zz = axes[6:]
-    for i in range(packed.shape[1]):
-        a, b, c, nx, ny, nz = packed[0, i], packed[1, i], packed[2, i], packed[3, i], packed[4, i], packed[5, i]
-        area = packed[6, i] if below - (zx * a + zy * b + zz * c) > 0.0 else 0.0
+    for i in range(len(areas)):
+        a, b, c = centroids[0, i], centroids[1, i], centroids[2, i]
+        nx, ny, nz = normals[0, i], normals[1, i], normals[2, i]
+        area = areas[i] if below - (zx * a + zy * b + zz * c) > 0.0 else 0.0
         ux, uy, uz = vx + wy * c - wz * b, vy + wz * a - wx * c, vz + wx * b - wy * a
         lead = ux * nx + uy * ny + uz * nz
         wet += area
@@ -410,5 +428,5 @@ def _edge_share(packed, reach, surface_height, state):
     return edge / wet if wet > 0.0 else 0.0
 
 
-EDGE_SHARE = compiled(_edge_share, **OPTIONS)
+edge_share = compiled(_edge_share, **OPTIONS)
 """The loop of `wrench.edge_share`."""
