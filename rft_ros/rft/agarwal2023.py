@@ -63,8 +63,7 @@ class Agarwal2023(Grains):
     def __post_init__(self) -> None:
         Grains.__post_init__(self)
         numbers = {
-            "inertia": self.inertial_density,
-            "stiffness": self.stiffness,
+            **self.shared(self.stiffness),
             "surface_friction": number("medium.surface_friction", self.surface_friction, least=0.0),
         }
         object.__setattr__(self, "packed", packed(-1, numbers))

@@ -13,13 +13,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.arguments import number, numbers
+from rft_ros.rft.grains import IN_LAW, NUMBERS_OF_LAW
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.media import Medium
 
-__all__ = ["LAW_ALPHA_Y", "LAW_INERTIA", "LAW_OWN", "LAW_STIFFNESS"]
-__all__ += ["ALPHA_Y_MODELS", "PAPER_LINEAR", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model", "alpha_y_name"]
+__all__ = ["ALPHA_Y_MODELS", "PAPER_LINEAR", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model", "alpha_y_name"]
 
 
 class Constant(NamedTuple):
@@ -82,11 +82,7 @@ AlphaY = Constant | Linear | Table
 _NO_VALUES = np.zeros((2, 2))
 
 PackedLaw = tuple[int, NDArray[np.float64], NDArray[np.float64]]
-"""A law for the compiled loop: which, its numbers, and the values of a table."""
-
-LAW_INERTIA, LAW_STIFFNESS, LAW_OWN, LAW_ALPHA_Y, _LAW_LENGTH = 0, 1, 2, 11, 15
-"""Places in the numbers of a packed law: κ ρ [kg/m³]; ζ or ξ [N/m³]; the first number of its own; the first of its
-model of α_y; and how many there are."""
+"""A law for the compiled loop: which, its numbers (`InLaw`), and the values of a table."""
 
 UNDIRECTED = math.sin(math.radians(5.0))
 """abs(v23) over abs(v) below which the refined rule fills v23 up along the normal, for the γ of a table."""
@@ -207,7 +203,10 @@ def packed(kind: int, fields: Mapping[str, float], values: ArrayLike = _NO_VALUE
 
     Raises ValueError or TypeError for what is not finite, or is no table.
     """
-    given, table = np.zeros(_LAW_LENGTH), np.array(numbers("alpha_y.values of the law", values, np.shape(values)[1:]))
+    given, table = (
+        np.zeros(NUMBERS_OF_LAW),
+        np.array(numbers("alpha_y.values of the law", values, np.shape(values)[1:])),
+    )
     if set(map(type, fields.values())) == {float}:
         given[: len(fields)] = list(fields.values())
     if not given.any() or not np.isfinite(given).all():  # of another type, or one of them is not finite: it is named
@@ -219,7 +218,7 @@ def packed(kind: int, fields: Mapping[str, float], values: ArrayLike = _NO_VALUE
 
 
 def packed_alpha_y(model: AlphaY, numbers: Mapping[str, float]) -> PackedLaw:
-    """A law of 11 numbers and a model: the model's place in `ALPHA_Y_MODELS`, all numbers, and its values."""
+    """A law with a model: the model's place in `ALPHA_Y_MODELS`, all numbers, and its values."""
     kind = ALPHA_Y_MODELS.index(alpha_y_name(model))
     fields = {f"alpha_y.{name}": value for name, value in model._asdict().items()}
     values = fields.pop("alpha_y.values", _NO_VALUES)
@@ -257,7 +256,7 @@ def _model_or(kind_of_model: int, model: Any, function: Any, otherwise: Any) -> 
     def add(kind, given, values, chunk, n, refined):
         wide_vectors()
         if kind == kind_of_model:
-            first = LAW_ALPHA_Y
+            first = IN_LAW.alpha_y
             numbers = (given[first], given[first + 1], given[first + 2], given[first + 3])[:count]
             fields = (*numbers, values) if has_values else numbers
             for i in range(n):

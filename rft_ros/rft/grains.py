@@ -1,11 +1,30 @@
 """The numbers of the grains that every law has, whatever its stresses: strength, inertia and memory."""
 
 from dataclasses import dataclass
+from typing import NamedTuple
 
 from rft_ros.rft.arguments import number
 from rft_ros.rft.inertia import INERTIA
 
-__all__ = ["Grains"]
+__all__ = ["IN_LAW", "NUMBERS_OF_LAW", "Grains", "InLaw"]
+
+
+class InLaw(NamedTuple):
+    """Where the numbers of a law are in its `packed` form, which the compiled loop takes.
+
+    First `Grains.shared`, in this order: `inertia` κ ρ [kg/m³], `stiffness` ζ or ξ [N/m³], `mobilization_length` [m].
+    From `own` on the law's own numbers, at most nine, and from `alpha_y` on those of its model of α_y, at most four.
+    """
+
+    inertia: int
+    stiffness: int
+    mobilization_length: int
+    own: int
+    alpha_y: int
+
+
+IN_LAW = InLaw(inertia=0, stiffness=1, mobilization_length=2, own=3, alpha_y=12)
+NUMBERS_OF_LAW = IN_LAW.alpha_y + 4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -27,6 +46,14 @@ class Grains:
         number("medium.mobilization_length", self.mobilization_length, least=0.0)
         number("medium.density", self.density, least=0.0)
         number("medium.inertia", self.inertia, least=0.0)
+
+    def shared(self, stiffness: float) -> dict[str, float]:
+        """The numbers of the grains that the compiled loop takes, in the order of `InLaw`; `stiffness`: the law's."""
+        return {
+            "inertia": self.inertial_density,
+            "stiffness": stiffness,
+            "mobilization_length": self.mobilization_length,
+        }
 
     @property
     def inertial_density(self) -> float:

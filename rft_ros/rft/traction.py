@@ -12,17 +12,8 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rft_ros.rft.agarwal2023 import Agarwal2023, agarwal2023_traction
-from rft_ros.rft.alpha_y import (
-    LAW_OWN,
-    LAW_STIFFNESS,
-    PAPER_LINEAR,
-    AlphaY,
-    PackedLaw,
-    add_alpha_y,
-    alpha_y_name,
-    packed_alpha_y,
-)
-from rft_ros.rft.grains import Grains
+from rft_ros.rft.alpha_y import PAPER_LINEAR, AlphaY, PackedLaw, add_alpha_y, alpha_y_name, packed_alpha_y
+from rft_ros.rft.grains import IN_LAW, Grains
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
@@ -82,7 +73,7 @@ class Treers2021(Grains):
         # sin(±2β + γ) and cos(±2β + γ) expanded, so that no angle is computed; in the order of `_stresses`
         of_z = {"A00": m.A00, "A10": m.A10, "B11 + Bm11": m.B11 + m.Bm11, "B11 - Bm11": m.B11 - m.Bm11, "B01": m.B01}
         of_x = {"C01": m.C01, "C11 + Cm11": m.C11 + m.Cm11, "Cm11 - C11": m.Cm11 - m.C11, "D10": m.D10}
-        numbers = {"inertia": self.inertial_density, "stiffness": self.stiffness, **of_z, **of_x}
+        numbers = {**self.shared(self.stiffness), **of_z, **of_x}
         object.__setattr__(self, "packed", packed_alpha_y(self.alpha_y, numbers))
 
     @property
@@ -231,10 +222,10 @@ def _stresses(coefficients, sin_b, cos_b, e2, velocity):
 @inlined
 def _treers2021(kind, given, values, chunk, n, refined):
     wide_vectors()
-    a = LAW_OWN
+    a = IN_LAW.own
     of_alpha_z = given[a], given[a + 1], given[a + 2], given[a + 3], given[a + 4]
     c = a + len(of_alpha_z)
-    coefficients = (given[LAW_STIFFNESS], *of_alpha_z, given[c], given[c + 1], given[c + 2], given[c + 3])
+    coefficients = (given[IN_LAW.stiffness], *of_alpha_z, given[c], given[c + 1], given[c + 2], given[c + 3])
     for i in range(n):
         e2, velocity = (chunk[at(row.E2_X, i)], chunk[at(row.E2_Y, i)]), triple(chunk, row.VELOCITY, i)
         t, along, sin_g, cos_g = _stresses(coefficients, chunk[at(row.SIN_B, i)], chunk[at(row.COS_B, i)], e2, velocity)
@@ -264,7 +255,7 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> No
     wide_vectors()
     kind, given, values = law
     if kind < 0:
-        stiffness, friction = given[LAW_STIFFNESS], given[LAW_OWN]
+        stiffness, friction = given[IN_LAW.stiffness], given[IN_LAW.own]
         for i in range(n):
             normal, velocity = triple(chunk, row.NORMAL, i), triple(chunk, row.VELOCITY, i)
             put(chunk, row.TRACTION, i, agarwal2023_traction(stiffness, friction, normal, velocity))

@@ -47,7 +47,7 @@ _WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
 _CORES = os.cpu_count() or 1
 _ROW = (len(STATE),)
 _EMPTY = np.zeros((1, TRACTIONS))
-_NO_MEMORY = False, np.zeros(1), 1.0, _EMPTY
+_NO_MEMORY = False, np.zeros(1), _EMPTY
 
 
 def wrenches(
@@ -102,7 +102,7 @@ def wrenches_in_time(
     bodies, row i is of body i.
     """
     scene, kept = _scene(plates, law, surface_height, slope), _numbers_of(memory, plates)
-    length = _length(law)
+    _require_memory(law)
     states = numbers("states", states, _ROW)
     durations = numbers("durations", durations, rows=len(states))
     if not (durations[0] if len(durations) == 1 else durations.min(initial=0.0)) >= 0.0:
@@ -110,7 +110,7 @@ def wrenches_in_time(
     if memory.bodies not in (1, len(states)):
         raise ValueError(f"memory is of {memory.bodies} bodies; states has {len(states)} rows")
     result = _result(states, sensitivities)
-    _loop()(*scene, states, (True, durations, length, kept), result)
+    _loop()(*scene, states, (True, durations, kept), result)
     return result
 
 
@@ -125,13 +125,14 @@ def prepared(
     cannot be used.
     """
     loop, (form, packed, _, _) = _loop(), _scene(plates, law, 0.0, LEVEL)
-    length = 1.0 if memory is None else _length(law)
+    if memory is not None:
+        _require_memory(law)
     has_memory, kept = memory is not None, _EMPTY if memory is None else _numbers_of(memory, plates)[bodies]
     if not kept.size or not kept.flags.c_contiguous:
         raise ValueError(f"bodies is {bodies}; it must be of one body or more, one after the other, of the memory's")
 
     def step(states: Array, durations: Array, height: float, slope: tuple[float, float], result: Array) -> None:
-        loop(form, packed, height, slope, states, (has_memory, durations, length, kept), result)
+        loop(form, packed, height, slope, states, (has_memory, durations, kept), result)
 
     return step
 
@@ -178,9 +179,9 @@ def _scene(plates: Plates, law: Law, height: float, slope: tuple[float, float]) 
     return _checked(plates).form, packed_law(law), number("surface_height", height), slope
 
 
-def _length(law: Law) -> float:
-    """The mobilization length [m] of a law whose memory is to be evaluated."""
-    return number("mobilization_length of the law", law.mobilization_length, positive=True)
+def _require_memory(law: Law) -> None:
+    """Refuse a law without a mobilization length, whose memory is to be evaluated."""
+    number("mobilization_length of the law", law.mobilization_length, positive=True)
 
 
 def _numbers_of(memory: Memory, plates: Plates) -> Array:

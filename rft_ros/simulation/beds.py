@@ -88,7 +88,7 @@ def evaluate(beds, b, memory, states, out):
     bounds = beds.bounds[p.bounds : p.bounds + BOUNDS * p.blocks].reshape(BOUNDS, p.blocks)
     form = beds.rows[p.rows : p.rows_end], bounds, p.refined, p.reach
     law = beds.kind, beds.laws[b], beds.table
-    past = True, beds.duration, beds.length, memory
+    past = True, beds.duration, memory
     sums(form, law, p.height, (p.slope_x, p.slope_y), states, past, out)
 
 

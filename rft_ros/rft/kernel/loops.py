@@ -9,8 +9,8 @@ from math import cos, radians, sin, sqrt
 
 import numpy as np
 
-from rft_ros.rft.alpha_y import LAW_INERTIA, LAW_STIFFNESS
 from rft_ros.rft.frames import attitude, from_frame, into_frame, parts_of_state
+from rft_ros.rft.grains import IN_LAW
 from rft_ros.rft.inertia import inertia_force
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
@@ -310,15 +310,16 @@ def _add_forces(chunk, i0, b, out):
 def _sums(form, law, height, slope, states, past, out):
     """The sums for each state, `out` of shape [n, 7] or [n, 19], or the forces of plates at one state, shape [m, 3].
 
-    `form`: of `Plates`. `law`: its `packed`. `past`: whether the plates have memory, durations, mobilization length,
-    `Memory.numbers`. Forces are added to those in `out`, in the kernel's order. One function: LLVM keeps what is the
-    same for all blocks in registers, and a state takes 8 % longer if it is divided.
+    `form`: of `Plates`. `law`: its `packed`. `past`: whether the plates have memory, durations, `Memory.numbers`. Forces
+    are added to those in `out`, in the kernel's order. One function: LLVM keeps what is the same for all blocks in
+    registers, and a state takes 8 % longer if it is divided.
     """
     wide_vectors()
     rows, bounds, refined, reach = form
-    has_memory, durations, length, memories = past
+    has_memory, durations, memories = past
     _, numbers, _ = law
-    chunk, inertia, weakest = new_chunk(), numbers[LAW_INERTIA], WEAKEST * numbers[LAW_STIFFNESS]
+    chunk, inertia = new_chunk(), numbers[IN_LAW.inertia]
+    grains = numbers[IN_LAW.mobilization_length], WEAKEST * numbers[IN_LAW.stiffness], refined
     level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == 3
     beyond = ROUNDING + (TRAILING if has_memory and refined else 0.0)
     # unsigned: numba adds code for negative indices otherwise
@@ -373,7 +374,6 @@ def _sums(form, law, height, slope, states, past, out):
                     for j in range(count):
                         w = np.uint64(chunk[at(row.NUMBER, j)])
                         first = first_in_memory + w * np.uint64(OF_BLOCK)
-                        grains = length, weakest, refined
                         add_memory(chunk, j * np.uint64(BLOCK), memory, first, motion, below, slope, grains)
                         memory[at(TRACTIONS, w)] = GAPS if is_empty(memory, first) else LOADED
                     _add_stiffness(chunk, n, memory)
