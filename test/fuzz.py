@@ -272,7 +272,7 @@ def fuzz(
     random, outcomes, findings, number = np.random.default_rng(seed), Counter[str](), list[Finding](), 0
     before = signal.signal(signal.SIGALRM, _too_long)
     try:
-        with tempfile.TemporaryDirectory() as name, np.errstate(all="ignore"):
+        with tempfile.TemporaryDirectory() as name:
             inputs, ends = cases(Path(name)), time.monotonic() + seconds
             while number != count and time.monotonic() < ends:
                 kind, arguments, bad = inputs[random.integers(len(inputs))](random)
