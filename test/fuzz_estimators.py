@@ -236,5 +236,5 @@ def _check(answer: object, pose: PoseSample) -> None:
     if isinstance(answer, Estimate):
         assert all(abs(number) < _ANSWER for number in answer.predicted), answer
         assert all(0.0 <= number < _ANSWER for number in answer.sigma), answer
-        assert 0.0 <= answer.speed < math.inf, answer
+        assert 0.0 <= answer.speed_bound < math.inf, answer
         assert 0.0 <= answer.submerged_area < math.inf, answer
