@@ -4,7 +4,9 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Literal
 
-__all__ = ["InputError", "file_errors", "reason_of"]
+__all__ = ["InputError", "file_errors", "reason_of", "shown"]
+
+_LONGEST_SHOWN = 100  # characters
 
 
 class InputError(ValueError):
@@ -20,6 +22,15 @@ def reason_of(error: Exception) -> str:
         return "it is not UTF-8 text"
     text = (isinstance(error, OSError) and error.strerror) or str(error)
     return " ".join(text.split()).rstrip(".") or type(error).__name__
+
+
+def shown(value: object) -> str:
+    """A value as a sentence shows it: as Python writes it, at most 100 characters."""
+    try:
+        text = repr(value[:_LONGEST_SHOWN] if isinstance(value, str | list | tuple) else value)
+    except ValueError:  # Python writes no whole number of over 4,300 digits
+        return "a number of thousands of digits"
+    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
 
 
 @contextmanager

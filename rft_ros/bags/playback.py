@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.bags.reading import NAMES, Recording, bag_name
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, shown
 from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, Reason, Sample
 from rft_ros.ground import HeightMap
 from rft_ros.messages import Role
@@ -42,7 +42,7 @@ class ReplayOptions:
         for name, seconds in (("start", self.start), ("end", self.end), ("tare", self.tare)):
             number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
             if seconds is not None and not (number and 0.0 <= seconds <= 1e9):
-                raise InputError(f"{name} is {seconds!r}; it must be a number from 0 to 1e9 [s]")
+                raise InputError(f"{name} is {shown(seconds)}; it must be a number from 0 to 1e9 [s]")
         if self.start is not None and self.end is not None and self.end <= self.start:
             raise InputError(f"end is {self.end:g} s; it must be after start, {self.start:g} s")
 
@@ -53,10 +53,10 @@ def read_replay_options(file: Path) -> ReplayOptions:
     remap = section.pop("remap", ())
     try:
         if not isinstance(remap, list | tuple) or not all(isinstance(rule, str) for rule in remap):
-            raise InputError(f"remap is {remap!r}; it must be a list of strings")
+            raise InputError(f"remap is {shown(remap)}; it must be a list of strings")
         for name, value in section.items():
             if name not in ("tare", "start", "end") or value is None:
-                raise InputError(f"{name} is {value!r}; it has remap, and the numbers tare, start and end [s]")
+                raise InputError(f"{name} is {shown(value)}; it has remap, and the numbers tare, start and end [s]")
         return ReplayOptions(remap=tuple(remap), **section)
     except InputError as error:
         raise InputError(f"parameter file '{file}': {_SECTION} {error}") from None

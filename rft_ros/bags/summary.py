@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.estimates import AXES, Rows
 from rft_ros.bags.phases import PHASES
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, shown
 from rft_ros.estimator import Reason
 from rft_ros.estimator.quality import QualityFlag, Trust, trust
 from rft_ros.files import read_yaml
@@ -265,7 +265,7 @@ def read_limits(file: Path) -> dict[str, tuple[float, float]]:
         finite = all(abs(v) <= sys.float_info.max for v in numbers)
         if not bounds or len(numbers) < len(bounds) or not finite or low > high:
             must = "it must be {min: NUMBER, max: NUMBER} or one of them, of finite numbers, min not above max"
-            raise InputError(f"limits file '{file}': {metric} is {given!r}; {must}")
+            raise InputError(f"limits file '{file}': {metric} is {shown(given)}; {must}")
         limits[str(metric)] = low, high
     return limits
 

@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, shown
 from rft_ros.files import read_text, whole
 from rft_ros.parameters.sections import Given, Section, parameter_file_text, read_sections
 from rft_ros.parameters.table import Value, Values, checked, defaults
@@ -61,7 +61,7 @@ def checked_names(file: Path, given: Mapping[str, Given]) -> dict[str, Value]:
     values = {}
     for name, value in given.items():
         if name == "use_sim_time" and not isinstance(value, bool):
-            raise InputError(f"parameter file '{file}': use_sim_time is {value!r}; it must be true or false")
+            raise InputError(f"parameter file '{file}': use_sim_time is {shown(value)}; it must be true or false")
         if name == "use_sim_time" or name.startswith("qos_overrides."):
             continue
         try:

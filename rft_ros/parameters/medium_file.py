@@ -13,7 +13,7 @@ import numpy as np
 import yaml
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, shown
 from rft_ros.files import read_text, read_yaml, whole
 from rft_ros.rft import MEDIA, Medium, MediumFit, StressMap, fit_medium
 
@@ -59,7 +59,7 @@ def _of_yaml(file: Path) -> Medium:
         raise InputError(f"{what} has no coefficients; it needs {', '.join(MEDIA['generic'].coefficients)}")
     given = content.get("coefficients", content)
     if not isinstance(given, Mapping):
-        raise InputError(f"{what}: coefficients is {given!r}; it must have names and numbers [N/cm³]")
+        raise InputError(f"{what}: coefficients is {shown(given)}; it must have names and numbers [N/cm³]")
     given = {str(name).replace("-", "m"): value for name, value in given.items()}  # Li et al. write B-11
     found = {}
     for name in MEDIA["generic"].coefficients:
@@ -67,7 +67,7 @@ def _of_yaml(file: Path) -> Medium:
         if value is None:
             raise InputError(f"{what} has no coefficient {name}; give all nine, and 0.0 for one that is zero")
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _MOST:
-            raise InputError(f"{what}: {name} is {value!r}; it must be a number of at most {_MOST:g} N/cm³")
+            raise InputError(f"{what}: {name} is {shown(value)}; it must be a number of at most {_MOST:g} N/cm³")
         found[name] = float(value)
     medium = Medium.of(str(content.get("name", file.stem)), found)
     if max(map(abs, found.values())) < 0.1 * _LEAST:
@@ -219,7 +219,7 @@ def _row(cells: list[str], columns: list[_Column], where: str) -> list[float]:
         except ValueError:
             value = np.inf
         if not np.isfinite(value):
-            raise InputError(f"{where}: {column.quantity} is {text!r}; it must be a finite number")
+            raise InputError(f"{where}: {column.quantity} is {shown(text)}; it must be a finite number")
         values.append(value)
     return values
 

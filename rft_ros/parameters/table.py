@@ -7,7 +7,7 @@ from dataclasses import KW_ONLY, dataclass
 from difflib import get_close_matches
 from typing import Any, Literal
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, shown
 from rft_ros.rft import ALPHA_Y_MODELS, INERTIA, INTEGRATIONS, LAWS, MEDIA, SURFACE_FRICTION
 from rft_ros.rft.frames import UNIT_TOLERANCE
 
@@ -260,6 +260,8 @@ def defaults() -> dict[str, Any]:
 
 def unknown_parameter(name: str) -> str:
     """A sentence for a parameter that does not exist; it proposes the most similar name."""
+    if len(name) > _LONGEST_FRAME:
+        return f"there is no parameter with a name of {len(name):,} characters"
     similar = get_close_matches(name, _BY_NAME, n=1)
     if similar:
         return f"there is no parameter '{name}'; did you mean '{similar[0]}'?"
@@ -276,12 +278,12 @@ def checked(name: str, value: object) -> Value:
         if value is False and "off" in choices:  # YAML, and so ROS, reads an unquoted off as false
             value = "off"
         if not isinstance(value, str):
-            raise InputError(f"{name} is {value!r}; it must be a string")
+            raise InputError(f"{name} is {shown(value)}; it must be a string")
         limit = _LONGEST_FRAME if name.endswith("_frame") else _LONGEST
         if len(value) > limit:
             raise InputError(f"{name} has {len(value):,} characters; the limit is {limit:,}")
         if choices and value not in choices:
-            raise InputError(f"{name} is '{value}'; it must be one of {', '.join(choices)}")
+            raise InputError(f"{name} is {shown(value)}; it must be one of {', '.join(choices)}")
         return value
     if isinstance(default, float):
         number = _number(parameter, value)
@@ -291,7 +293,7 @@ def checked(name: str, value: object) -> Value:
             raise InputError(f"sensor.sign is {number:g}; it must be 1.0 or -1.0")
         return number
     if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(default):
-        raise InputError(f"{name} is {value!r}; it must be {len(default)} numbers")
+        raise InputError(f"{name} is {shown(value)}; it must be {len(default)} numbers")
     numbers = tuple(_number(parameter, v) for v in value)
     if parameter.unit == "xyzw":
         norm = math.hypot(*numbers)
@@ -304,7 +306,7 @@ def checked(name: str, value: object) -> Value:
 def _number(parameter: Parameter, value: object) -> float:
     name, (low, high) = parameter.name, parameter.bounds
     if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
-        raise InputError(f"{name} is {value!r}; it must be a finite number (such as 1.0)")
+        raise InputError(f"{name} is {shown(value)}; it must be a finite number (such as 1.0)")
     if not low <= value <= high:
         raise InputError(f"{name} is {value:g}; it must lie between {low:g} and {high:g}")
     return float(value)

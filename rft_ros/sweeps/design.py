@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, shown
 from rft_ros.files import read_file, read_yaml
 from rft_ros.installation import release
 from rft_ros.parameters import is_medium_file
@@ -61,12 +61,12 @@ def motion_of(entry: Mapping[str, Any]) -> tuple[Motion, int]:
     numbers = {"samples": 200, **entry}
     family = numbers.pop("family", None)
     if not isinstance(family, str) or family not in FAMILIES:
-        raise InputError(f"family is {family!r}; it must be one of {', '.join(FAMILIES)}, or a states_file")
+        raise InputError(f"family is {shown(family)}; it must be one of {', '.join(FAMILIES)}, or a states_file")
     _check_names(numbers, ("family", "samples", *signature(FAMILIES[family]).parameters))
     for name, value in numbers.items():
         least = _LEAST.get(name, -_MOST)
         if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= _MOST:
-            raise InputError(f"{name} is {value!r}; it must be a number from {least:g} to {_MOST:,}")
+            raise InputError(f"{name} is {shown(value)}; it must be a number from {least:g} to {_MOST:,}")
     samples = int(numbers.pop("samples"))
     return FAMILIES[family](**numbers), samples
 
@@ -91,7 +91,7 @@ def read_design(file: Path) -> Design:
         sample, seed = content.get("sample", total), content.get("seed", 0)
         for name, value, low, high in (("sample", sample, 1, total), ("seed", seed, 0, 2**63)):
             if type(value) is not int or not low <= value <= high:
-                raise InputError(f"{name} is {value!r}; it must be a whole number from {low} to {high:,}")
+                raise InputError(f"{name} is {shown(value)}; it must be a whole number from {low} to {high:,}")
     except InputError as error:
         raise InputError(f"study '{file}': {error}") from None
     variants = list(itertools.starmap(Variant, itertools.product(*parts)))
@@ -101,12 +101,12 @@ def read_design(file: Path) -> Design:
 def _expanded(name: str, entries: object) -> Iterator[dict[str, Any]]:
     """One dict for each combination of the values in an entry's lists and ranges."""
     if not isinstance(entries, list) or not entries:
-        raise InputError(f"{name} is {entries!r}; it must be a list of entries")
+        raise InputError(f"{name} is {shown(entries)}; it must be a list of entries")
     for number, entry in enumerate(entries, start=1):
         try:
             if not isinstance(entry, Mapping) or (name == "tools" and "mesh" not in entry):
                 needed = "names and values, and a mesh" if name == "tools" else "names and values"
-                raise InputError(f"it is {entry!r}; it must have {needed}")
+                raise InputError(f"it is {shown(entry)}; it must have {needed}")
             for combination in itertools.product(*(_values(key, value) for key, value in entry.items())):
                 point = dict(zip(entry, combination, strict=True))
                 if name != "motions":
@@ -130,7 +130,7 @@ def _values(key: str, value: object) -> list[Any]:
             return list(np.linspace(float(value["from"]), float(value["to"]), count).tolist())
         except (KeyError, TypeError, ValueError, OverflowError):
             needed = f"a range has from, to and count, of 1 to {_MOST:,}"
-            raise InputError(f"{key} is {dict(value)!r}; {needed}") from None
+            raise InputError(f"{key} is {shown(dict(value))}; {needed}") from None
     if not isinstance(value, list) or (key in _VECTORS and not any(isinstance(v, list) for v in value)):
         return [value]
     if not value:

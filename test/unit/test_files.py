@@ -18,7 +18,7 @@ from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.files import read_yaml, whole, whole_folder
 from rft_ros.ground import read_height_map
-from rft_ros.parameters import read_alpha_y_table, read_parameter_file
+from rft_ros.parameters import checked, read_alpha_y_table, read_parameter_file
 from rft_ros.states_file import read_states
 from rft_ros.sweeps.design import read_design
 from rft_ros.tool import load_tool
@@ -288,3 +288,45 @@ def test_no_command_overwrites_its_input(tmp_path, monkeypatch, capsys, command)
     assert main(command.format(folder=tmp_path).split()) == 2
     assert "would overwrite the input" in capsys.readouterr().err
     assert {name: (tmp_path / name).read_text() for name in contents} == contents
+
+
+DIGITS = "0x" + "f" * 5000
+"""A whole number of YAML that Python does not write out."""
+
+
+@pytest.mark.parametrize(
+    ("name", "text", "command"),
+    [
+        (
+            "study.yaml",
+            f"{{sample: {DIGITS}, tools: [{{mesh: plate}}], motions: [{{family: straight}}]}}",
+            "sweep {} -o o",
+        ),
+        (
+            "study.yaml",
+            f"{{tools: [{{mesh: plate}}], motions: [{{family: straight, samples: {DIGITS}}}]}}",
+            "sweep {} -o o",
+        ),
+        ("medium.yaml", f"A00: {DIGITS}", "predict states.csv --mesh plate --medium {} -o o.csv"),
+        ("limits.yaml", f"estimates: {{min: {DIGITS}}}", "replay bag --check {} -o o"),
+        ("cell.yaml", f"/**: {{ros__parameters: {{medium.zeta: {DIGITS}}}}}", "replay bag --params {} -o o"),
+    ],
+)
+def test_a_number_of_thousands_of_digits_is_refused_with_a_sentence_that_can_be_read(
+    tmp_path, monkeypatch, capsys, name, text, command
+):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / name).write_text(text)
+    (tmp_path / "states.csv").write_text(STATE)
+    assert main(command.format(name).split()) == 2
+    (said,) = capsys.readouterr().err.splitlines()
+    assert name in said
+    assert len(said) < 500
+
+
+@pytest.mark.parametrize(
+    "value", [[1.0] * 10**6, "x" * 10**7, 10**5000, ["x" * 10**6] * 6], ids=["numbers", "text", "digits", "texts"]
+)
+@pytest.mark.parametrize("name", ["sensor.bias", "medium.zeta", "law", "mesh.file", pytest.param("x" * 10**6, id="x")])
+def test_huge_values_and_names_of_parameters_are_refused_with_a_sentence_that_can_be_read(name, value):
+    assert len(refusal(checked, name, value)) < 500

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from refusals import refusal
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, shown
 from rft_ros.estimator import LoadCell, Settings
 from rft_ros.estimator.warm_up import needed
 from rft_ros.parameters import (
@@ -39,7 +39,7 @@ def test_a_parameter_is_described_passes_its_own_check_and_refuses_what_has_anot
     if isinstance(parameter.default, str):
         return
     for value in (math.nan, math.inf, -math.inf, True, "1.0", 10**400):
-        sentence = f"{name} is {value!r}; it must be a finite number (such as 1.0)"
+        sentence = f"{name} is {shown(value)}; it must be a finite number (such as 1.0)"
         if isinstance(parameter.default, float):
             assert refusal(checked, name, value) == sentence
             continue
