@@ -52,12 +52,13 @@ Horizontal plates have no e2 from their normal and use the velocity's horizontal
 
 Beyond the paper. `Plates.integration` "refined" integrates d over the wet part of each triangle and makes both switches
 continuous (`Plates.from_triangles`). A result can include `SENSITIVITIES`: dF/dh, and the sums of r_j f_l. With a
-`Memory`, `wrenches_in_time` replaces t in Eq. (9) by τ. It falls elastically with the plate's displacement D inside a
-radius y, and beyond follows t along the plate's path s, over a mobilization length λ (see `memory`):
+`Memory`, `wrenches_in_time` replaces t in Eq. (9) by τ. While abs(τ) <= y, a radius that the plate keeps, τ
+changes elastically with the plate's displacement D. Beyond, τ approaches t along the plate's path p over a mobilization
+length λ. `memory` has the rules for plates that trail:
 
-    dτ = -k dD  if abs(τ) <= y,   else  dτ/ds = (t - τ) / λ(d), y = abs(τ),   λ(d) = λ (d / 30 mm)²   Eq. (10)
+    dτ = -k dD  if abs(τ) <= y,   else  dτ/dp = (t - τ) / λ(d), y = abs(τ),   λ(d) = λ (d / 30 mm)²   Eq. (10)
 
-Fast motion. With a bed of density ρ a leading plate, area dA below the surface, feels the inertia of the grains:
+Fast motion. In a bed of density ρ the inertia of the grains loads a leading plate of area dA below the surface:
 
     dF = -κ (1 + 2 c²) ρ (v·n)² n dA,   c = max(-n·E3, 0)                                       Eq. (11)
 

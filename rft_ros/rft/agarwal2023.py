@@ -37,8 +37,8 @@ C3 = (
 x1² x3, x1 x3², x1 x2 x3 in f1, f2, f3; no unit."""
 
 FLAT_PRESS = -sum(C1 + C2 + C3)
-"""Traction per depth of a flat plate pressed straight down, over ξ: with ξ = ζ · 1 N/cm³ / `FLAT_PRESS` it feels the
-same force by this law as by Li's generic coefficients, whose sum is 1 N/cm³."""
+"""Traction per depth of a flat plate pressed straight down, over ξ: with ξ = ζ · 1 N/cm³ / `FLAT_PRESS` its
+force is the same by this law as by Li's generic coefficients, whose sum is 1 N/cm³."""
 
 SURFACE_FRICTION = 0.3
 """Friction of the tool's surface in the simulated runs."""

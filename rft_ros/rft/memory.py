@@ -27,8 +27,8 @@ constant τ, and closed paths within the elastic zone can yield up to (l / d) of
 
 Continuity. Under the refined rule a small change of a path makes a small change of the force, at v·n = 0, D_n = 0,
 g = 0, τ = 0 and D = 0 too. So each switch in `advance` is a ramp, and a step is divided where a part of it ends. Two
-jumps are left. A plate that leaves the grains forgets, and one that touches the surface may leave them or not. The
-direction of a vanishing velocity is anything; while D = 0, it decides nothing.
+jumps are left. A plate that leaves the grains loses its memory, and where a path only just touches the surface a small
+change decides whether it leaves. And a vanishing velocity can have any direction; while D = 0 this decides nothing.
 
 Constants. λ's square and its halving were chosen on ten simulated runs at 0 to 45 mm, hence `GREATEST`. The elastic
 share was chosen on the withdrawal of the ABB plate; the gap, the fading of y and `LEAST_ELASTIC` on two simulated runs
@@ -113,14 +113,14 @@ IN_MEMORY = InMemory(traction=0, asked=3 * BLOCK, yield2=6 * BLOCK, strength=7 *
 OF_BLOCK = 8 * BLOCK
 """Numbers of a block in `Memory.numbers`."""
 
-_FADED = 1e-6  # square:  a trailing plate whose y has fallen to this share of abs(t) remembers nothing
+_FADED = 1e-6  # a trailing plate's y² ends at 0 where fading alone would leave this share of s²
 _NONE = 1e-30  # added to y² of a plate with a gap, so that it has a sign [N²/m⁶]
 _FAR = 1e30  # bounds displacements [m], and 1 / _FAR the mobilization length, so that no product overflows
 _WEAK, _SHORT = 1e-60, 1e-60  # least tractions per depth, or their squares, and lengths that are divided by
-_FALLS = 10.0  # over the inverse of this cosine between τ and its change the rate of a fall doubles
-_AT_ONCE = 10.0  # over the inverse of this share a plate begins to yield where it is pressed no more
-_SWIFT = 8.0  # s follows the law over λ over this, and at once where y is small
-_ENDS = 0.05  # a release that does not need this share of a step ends what the rule for leading plates keeps
+_FALLS = 10.0  # λ(d) is halved fully where the cosine between -τ and the change of τ is over 1 / this
+_AT_ONCE = 10.0  # a released plate that leads yields over its whole path where its leading share is over 1 / this
+_SWIFT = 8.0  # s follows abs(t) over λ(d) / this
+_ENDS = 0.05  # while a plate passes to trailing, a release with this share of a step to spare takes the rest of τ
 
 
 Array = NDArray[np.float64]
@@ -130,12 +130,12 @@ Array = NDArray[np.float64]
 class Memory:
     """The memory of the plates of one tool; ``Memory(plates)`` is empty.
 
-    `slack` [m]: so far the tool moves before its plates do, and so far it must turn back before they do, for poses with
-    noise; a simulator needs none. Of many `bodies` of these plates, state i is of body i.
-    `numbers`: shape [bodies, m], one after the other: `stiffness`; from `MOTION` on the last twist
-    that was not zero, scaled to order one, 1 after the first state, slack [m] and the pose that the plates have
-    followed to, position [m] and rotation matrix; from `TRACTIONS` on by block 0, `GAPS` or `LOADED`; and then block by
-    block the rows of `InMemory`.
+    `slack` [m]: the dead band on the displacement, which filters the noise of poses. The plates follow the tool's pose
+    at this distance. A simulator needs none. Of many `bodies` of these plates, state i is of body i.
+    `numbers`: shape [bodies, m], one after the other: `stiffness`; from `MOTION` on the last twist that was not zero,
+    scaled to order one, 1 after the first state, the dead band [m], and the pose that the plates have followed to,
+    position [m] and rotation matrix; from `TRACTIONS` on by block 0, `GAPS` or `LOADED`; and then block by block the
+    rows of `InMemory`.
     """
 
     plates: Plates
@@ -150,7 +150,7 @@ class Memory:
         self.numbers[:, MOTION + _SLACK] = self.slack
 
     def widen_slack(self, slack: float) -> None:
-        """Set the slack of all bodies from now on [m], at least that of the memory's beginning."""
+        """Set the dead band of all bodies from now on [m], or keep the one given first if that is wider."""
         self.numbers[:, MOTION + _SLACK] = max(slack, self.slack)
 
     @property
@@ -240,7 +240,7 @@ def _moved(motion, place):
 
 @inlined
 def advance(past, normal, moved, law, share, leading, closes, depth, length, weakest):
-    """A plate's traction after one step, what it remembers then, and the modulus of its fall with motion [N/m⁴].
+    """A plate's traction after one step, its memory then, and the modulus of its elastic change [N/m⁴].
 
     `past`: τ (m), what the law asked at the last state (b), y² (yield2) and the law's strength s, as in
     `Memory.numbers`; `moved`: its displacement D [m]; `law`: the law's t now, of which the plate is asked for its
@@ -404,7 +404,7 @@ def follow_gap(memory, first, i, normal, place, motion):
 
 @inlined
 def is_empty(memory, first):
-    """Whether the plates of a block remember no more than a gap."""
+    """Whether the plates of a block have no more than gaps behind them."""
     largest = 0.0
     for i in range(BLOCK):
         largest = max(largest, abs(memory[at(first + IN_MEMORY.yield2, i)]))
