@@ -160,10 +160,12 @@ def _rows() -> Iterator[tuple[str, Callable[[float], Numbers], Callable[[Numbers
             lambda h, kind=kind: scenes.pressed(kind, h),  # type: ignore[misc]
             lambda found: f"{found['felt over memory']:.4f}, {found['scatter']:.1g}",
         )
-    for speed, stiffness in ((0.01, 2e4), (0.05, 2e5), (0.2, 2e5)):
+    for speed, by, stiffness in ((0.01, "servo", 2e4), (0.05, "servo", 2e5), (0.2, "servo", 2e6), (0.2, "weld", 2e5)):
+        lift = partial(scenes.lifted, speed, stiffness, integrator="implicitfast", by=by)
         yield (
-            f"lifted at {1e3 * speed:g} mm/s by {1e-3 * stiffness:g} kN/m: error, pull, memory's pull, of the press",
-            lambda h, speed=speed, stiffness=stiffness: scenes.lifted(speed, stiffness, h),  # type: ignore[misc]
+            f"lifted at {1e3 * speed:g} mm/s by a {by} of {1e-3 * stiffness:g} kN/m: error, pull, memory's pull, over "
+            "the press",
+            lambda h, lift=lift: lift(step=h),  # type: ignore[misc]
             lambda found: f"{found['error']:.3f}, {found['pull']:.3f}, {found['memory' + chr(39) + 's pull']:.3f}",
         )
     for mass in (0.005, 0.1, 0.5):
