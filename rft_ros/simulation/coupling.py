@@ -20,8 +20,9 @@ from rft_ros.simulation.beds import evaluate, stiffness_matrix
 
 __all__ = ["COUPLED", "advance", "forces_on_plates", "hold", "hold_each"]
 
-_STRIDE = 1.0 / 30.0
-"""Longest path of a point in a step, in mobilization lengths, over which the grains are taken as linear."""
+_STRIDE, _STILL = 1.0 / 30.0, 1e-7
+"""Longest path of a point in a step, in mobilization lengths, over which the grains are taken as linear: if the wrench
+changes little, and in any case."""
 
 _CHANGE, _TURN = 0.02, 0.002
 """Greatest relative change of the wrench over which the grains are taken as linear, and the same for a body that is
@@ -306,7 +307,9 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
     path = 0.0
     for b in range(n):
         path = max(path, h * _path(after[_part(b)], beds.bodies[first + b].reach))
-    linear = path <= _STRIDE * beds.length and _small(beds, first, change, _CHANGE, _TURN, begin, wrench, after)
+    linear = path <= _STILL * beds.length or (
+        path <= _STRIDE * beds.length and _small(beds, first, change, _CHANGE, _TURN, begin, wrench, after)
+    )
     found = linear
     if not linear:
         for b in range(n):

@@ -6,6 +6,7 @@ import pytest
 from rft_ros.errors import InputError
 from rft_ros.simulation import MujocoGrains
 from rft_ros.simulation.mechanism import Mechanism
+from rft_ros.simulation.six_axis_arm import SixAxisArm
 from studies import loop_scenes as scenes
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
@@ -277,6 +278,16 @@ def test_a_step_that_does_not_hold_is_counted_and_told_once(five, caplog):
     model.opt.timestep = 0.002
     assert grains.failures > 0
     assert len([r for r in caplog.records if "shorter steps" in r.getMessage()]) == 1
+
+
+def test_a_tool_that_is_at_rest_in_grains_from_the_beginning_needs_no_search():
+    arm = SixAxisArm("ellipsoid")
+    grains = MujocoGrains(arm.model, body="tool", law=scenes.law())
+    arm.start([0.45, 0.0, -0.02])
+    for _ in range(1000):
+        grains.apply(arm.data)
+        mujoco.mj_step(arm.model, arm.data)
+    assert grains.failures == 0
 
 
 def test_names_and_sizes_that_cannot_be_used_are_said():
