@@ -39,9 +39,13 @@ def test_a_driver_that_dies_and_returns_is_taken_up_again(rft):
 def test_poses_that_come_before_the_node_do_no_harm(start_process):
     rft = start_process("-p", "mesh.file:=plate")
     stamp = S
-    end = time.monotonic() + WAIT
+    end, again = time.monotonic() + WAIT, time.monotonic() + 60.0
     while not rft.received["wrench_predicted"]:
         assert time.monotonic() < end
+        if time.monotonic() > again:  # as `Harness.call`: on a busy machine a match can stay one-sided for good
+            again += 60.0
+            rft.close_inputs()
+            rft.open_inputs()
         stamp += 10_000_000
         rft.send(stamp)
         rft.spin(0.01)
