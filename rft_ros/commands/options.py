@@ -116,7 +116,9 @@ def warn_of_motion(tool: Tool, times: _Array, states: _Array, forces: _Array, *,
 
     `times` [s], shape [n], `states`, shape [n, 13], `forces` [N], shape [n, 3]; `surface_height` [m].
     """
-    depth, size = surface_height - tool.lowest_points(states)[0], np.linalg.norm(forces, axis=1)
+    depth = surface_height - tool.lowest_points(states)[0]
+    with np.errstate(over="ignore"):  # an infinite size is implausible, too
+        size = np.linalg.norm(forces, axis=1)
     doubtful = {int(k) for k in (depth.argmax(), depth.argmin(), size.argmax())}
     for k in sorted(doubtful):
         sentence = sentence_on(tool, depth=float(depth[k]), force=float(size[k]))

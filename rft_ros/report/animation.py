@@ -133,7 +133,8 @@ def animation_figure(drawn: Animation) -> Any:
         return go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"color": colour, "width": width}, name=name)
 
     def moving(n: int) -> list[Any]:
-        x, y, z = drawn.placed[n].astype(np.float32).T
+        with np.errstate(over="ignore"):  # poses may lie anywhere
+            x, y, z = drawn.placed[n].astype(np.float32).T
         return [
             go.Mesh3d(
                 x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting={"ambient": 0.75, "diffuse": 0.4},
