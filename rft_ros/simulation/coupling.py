@@ -51,8 +51,11 @@ release adds to it at most (`_PER_RELEASE` times) if the load is removed within 
 _AT_ONCE = 0.5
 """Share of the push: a larger decrease of the load in one step counts as a sudden release."""
 
-_PER_RELEASE, _KEPT = 2.0, 0.9
-"""Factor of the release speed in the limit of the push-back; share of the release speed kept from step to step."""
+_PER_RELEASE = 2.0
+"""Factor of the release speed in the limit of the push-back."""
+
+_KEPT, _FADES = 0.9, 0.02
+"""Share of the release speed kept from step to step at most; time [s] in which it falls to 1/e if steps exceed 2 ms."""
 
 _LIMITED = 0.99
 """A body's push-back counts as limited if it keeps a smaller share of its wrench."""
@@ -227,7 +230,7 @@ def _allowed_push_back(coupled, wrench, twist, ahead, inverse, spring, reach, h)
     speed = _path(way, reach)  # of the fastest point, per N s of impulse along the wrench
     most = _SUDDEN if fall > _AT_ONCE * square else _QUICK
     release = min(max(fall, 0.0) / max(h * stiff, _TINY) * speed, most)
-    coupled.release_speed = max(_KEPT * coupled.last_release_speed, release)
+    coupled.release_speed = max(min(_KEPT, np.exp(-h / _FADES)) * coupled.last_release_speed, release)
     if coupled.held:
         return np.inf
     return max((_SLOW + _PER_RELEASE * coupled.release_speed) * square / max(speed, _TINY), free, 0.0)
