@@ -15,7 +15,12 @@ NAME = MANIFEST.findtext("name", "")
 SWEEP = ["dask[distributed]>=2024.1"]
 STUDIES = ["matplotlib>=3.6.3"]
 MUJOCO = ["mujoco>=3.3"]
-DOCS = ["mkdocs-material>=9.5", "latex2mathml>=3.77", "mkdocstrings[python]>=0.27"]
+DOCS = [
+    "mkdocs-material>=9.5",
+    "latex2mathml>=3.77",
+    "mkdocstrings[python]>=0.27",
+    "pymdown-extensions<12; python_version < '3.11'",  # later ones stop the last mkdocstrings for Python 3.10
+]
 
 setup(
     name=NAME,
