@@ -115,9 +115,9 @@ def _bodies(scene: Scene) -> Iterator[tuple[Plates, str]]:
 
 def _one_by_one(plates: Plates, model: Law, states: Sequence[Array]) -> None:
     """Evaluate states as a tick does: one core, one state."""
-    step, no_time, out = prepared(plates, model), np.zeros(1), np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
+    step, no_time, out = prepared(plates), np.zeros(1), np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
     for state in states:
-        step(state, no_time, 0.0, LEVEL, out)
+        step(model.packed, state, no_time, 0.0, LEVEL, out)
 
 
 def _by_numpy(plates: Plates, state: Array) -> Array:

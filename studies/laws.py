@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.withdrawal import is_withdrawn
+from rft_ros.estimator.sigma import is_withdrawn
 from rft_ros.rft import ANGULAR_VELOCITY, VELOCITY, Law, Memory, Plates, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import load_tool
 from studies.dem import (

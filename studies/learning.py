@@ -23,8 +23,7 @@ from rft_ros.bags.playback import ReplayOptions, read_replay_options
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.sigma import predict_without_learning
-from rft_ros.estimator.withdrawal import is_withdrawn
+from rft_ros.estimator.sigma import is_withdrawn, predict_without_learning
 from rft_ros.parameters import Values, model_of, read_parameter_file, settings_of
 from rft_ros.rft import (
     ANGULAR_VELOCITY,

@@ -17,7 +17,7 @@ from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell
 from rft_ros.parameters import Values, model_of, settings_of
-from rft_ros.rft import Law, Treers2021, has_inertia, wrenches
+from rft_ros.rft import Law, Treers2021, wrenches
 
 __all__ = ["PARTS", "Calibration", "calibrate"]
 
@@ -63,7 +63,7 @@ def calibrate(
     contacts: list[Contact] = []
     height = air = settings.surface_height
     try:  # in any case: what counts as air depends on it
-        for _ in range(_ROUNDS if has_inertia(inertial) else 1):
+        for _ in range(_ROUNDS if inertial.has_inertia else 1):
             contacts = find_contacts(tracks, sensor.cell, law)
             start = float(np.mean([contact.surface for contact in contacts]))
             tracks = [_without_inertia(t, sensor.cell, inertial, law, start) for t in recorded]
@@ -102,7 +102,7 @@ def calibrate(
 
 def _without_inertia(track: Track, cell: LoadCell, inertial: Law, law: Law, height: float) -> Track:
     """The recording without the force of the grains' inertia, which ζ does not scale; surface at `height` [m]."""
-    if not has_inertia(inertial):
+    if not inertial.has_inertia:
         return track
     fast, slow = (wrenches(track.tool.plates, x, track.states, surface_height=height) for x in (inertial, law))
     force = np.einsum("nji,nj->ni", track.sensor_rotations(cell), (fast - slow)[:, :3])

@@ -12,14 +12,14 @@ from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, PastPose, Prediction, mean_in_air
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
-from rft_ros.estimator.quality import QualityMonitor, ReadingInAir, speed_limits
+from rft_ros.estimator.quality import QualityMonitor, ReadingInAir
 from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TransformSample, Wrench
-from rft_ros.estimator.sigma import predict_without_learning
-from rft_ros.estimator.withdrawal import Withdrawal
+from rft_ros.estimator.sigma import Withdrawal, predict_without_learning
 from rft_ros.ground import GroundMapper, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
 from rft_ros.rft import COLUMNS, QUATERNION, SENSITIVITIES, SLACK, STATE, Memory, rotation_matrix
 from rft_ros.rft.arguments import number
+from rft_ros.rft.traction import packed_law
 from rft_ros.rft.wrench import prepared
 
 __all__ = ["Estimator"]
@@ -56,7 +56,7 @@ class Estimator:
         self._intake = Intake(settings, self.counts, self._comparison)
         self.transforms = self._intake.transforms
         self._kinematics = Kinematics(settings, self._intake.twists, model.tool.plates.reach)
-        self._mapper = GroundMapper(model.ground, model.tool.corners)
+        self._use_ground(model)
         self._pose: PoseSample | None = None  # the last one that was accepted
         self.surface = LocalSurface(settings.surface_height)
         """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
@@ -80,12 +80,12 @@ class Estimator:
 
     @property
     def ground(self) -> HeightMap | None:
-        """The map of the ground that the last pose was evaluated on, or None."""
-        return self._mapper.map
+        """The map of the ground that the last pose was evaluated on; None if the ground is a level plane."""
+        return None if self._mapper is None else self._mapper.map
 
     def level_ground(self) -> bool:
         """Reset the map to the ground at the start. Returns False if the ground is a level plane, which has no map."""
-        if self._mapper.map is None:
+        if self._mapper is None:
             return False
         self._mapper.level()
         if self.learning is not None:
@@ -121,6 +121,7 @@ class Estimator:
         s, m = settings or old, model or old_model
         if settings is not None:
             number("surface_height", s.surface_height)
+        self._law, self._limits = packed_law(m.law), m.law.speed_limits
         self.settings, self.model = s, m
         self.surface = LocalSurface(s.surface_height)
         new_tool, new_ground = m.tool is not old_model.tool, m.ground is not old_model.ground
@@ -134,21 +135,23 @@ class Estimator:
         if self.learning is not None:
             self._learn_readings()  # with the filter so far, before the changes below
         if new_ground:
-            self._mapper = GroundMapper(m.ground, m.tool.corners)
-        elif new_tool:
+            self._use_ground(m)
+        elif new_tool and self._mapper is not None:
             self._mapper.use_tool(m.tool.corners)
         self._kinematics.reach = m.tool.plates.reach
         if new_axes:
             self._start_run()
         elif new_tool:
             self._start_tool()
-        else:
-            if (m.law.mobilization_length > 0.0) != (self._memory is not None):
-                self._memory = self._empty_memory()
-            self._prepare_step()
+        elif (m.law.mobilization_length > 0.0) != (self._memory is not None):
+            self._start_memory()
 
         new_place = new_tool or new_axes or new_ground or s.surface_height != old.surface_height
         self._use_in_learning(before=old, new_law=m.law != old_model.law, new_place=new_place)
+
+    def _use_ground(self, model: Model) -> None:
+        """Start with the model's map of the ground. A level plane needs no mapper."""
+        self._mapper = None if model.ground is None else GroundMapper(model.ground, model.tool.corners)
 
     def _use_in_learning(self, *, before: Settings, new_law: bool, new_place: bool) -> None:
         """Apply the current settings and model to what is learned from the load cell. `before`: the last settings."""
@@ -184,19 +187,15 @@ class Estimator:
     def _start_tool(self) -> None:
         """Start with a tool that has not moved yet: no path, no memory, no flags."""
         self._sliver = _SLIVER * self.model.tool.plates.area
-        self._memory = self._empty_memory()
-        self._prepare_step()
+        self._start_memory()
         self._withdrawal = Withdrawal()
         self._quality = QualityMonitor(self.model.tool)
 
-    def _empty_memory(self) -> Memory | None:
-        """The memory of a tool that has not moved yet; None if the law has none."""
-        return Memory(self.model.tool.plates, slack=SLACK) if self.model.law.mobilization_length > 0.0 else None
-
-    def _prepare_step(self) -> None:
-        """Prepare the evaluation of the current model, with the memory so far."""
-        self._step = prepared(self.model.tool.plates, self.model.law, self._memory)
-        self._limits = speed_limits(self.model.law)
+    def _start_memory(self) -> None:
+        """Start with the memory of a tool that has not moved yet, or with none if the law has none."""
+        plates, has_memory = self.model.tool.plates, self.model.law.mobilization_length > 0.0
+        self._memory = Memory(plates, slack=SLACK) if has_memory else None
+        self._step = prepared(plates, self._memory)
 
     def _start_run(self) -> None:
         """Start a new run, or a run in new axes: no path, no memory, the ground at the start.
@@ -205,7 +204,8 @@ class Estimator:
         """
         self._start_tool()
         self._kinematics.start_run()
-        self._mapper.start_run()
+        if self._mapper is not None:
+            self._mapper.start_run()
         self.surface = LocalSurface(self.settings.surface_height)
         self._poses.clear()
         if self.learning is not None:
@@ -275,11 +275,10 @@ class Estimator:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
         motion = self._kinematics.at(pose)
         state = motion.state[0]
-        self.surface = surface = self._mapper.surface_at(state, self.settings.surface_height)
-        row, force, area = self._model_wrench(motion, surface)
+        if self._mapper is not None:
+            self.surface = self._mapper.surface_at(state, self.settings.surface_height)
+        row, force, area = self._model_wrench(motion)
         in_grains = area > 0.0
-        if in_grains:
-            self._air.add_in_grains(force)
         self._poses.append(PastPose(pose, "the tool was in the grains" if in_grains else ""))
         self._withdrawal.follow(motion, force, in_grains=in_grains)
         with_sigma = self._corrected(motion, row)
@@ -291,8 +290,10 @@ class Estimator:
         wrench, offset, sigma = cell.into_sensor(state[QUATERNION], with_sigma)
         self._comparison.add(Prediction(pose, wrench, offset, cell, in_air=not in_grains))
         self._learn_readings()  # the reading at this pose may have come already; it decides the flag SURPRISE
+        if in_grains:
+            self._air.add_in_grains(force)
         flags = self._quality.flags(
-            motion, surface, self.settings, self._limits, force=force, in_grains=in_grains, depth=self.depth,
+            motion, self.surface, self.settings, self._limits, force=force, in_grains=in_grains, depth=self.depth,
             withdrawn=self._withdrawal.active, learning=self.learning,
         )  # fmt: skip
         return Estimate(
@@ -317,19 +318,22 @@ class Estimator:
             self._intake.start_run(pose.stamp)
             self._start_run()
         self._pose = pose
-        self._mapper.add_pose(pose.stamp, pose.position, pose.quaternion)
+        if self._mapper is not None:
+            self._mapper.add_pose(pose.stamp, pose.position, pose.quaternion)
         self._comparison.settle(pose.stamp)
         return pose
 
-    def _model_wrench(self, motion: Motion, surface: LocalSurface) -> tuple[Array, samples.Vector, float]:
+    def _model_wrench(self, motion: Motion) -> tuple[Array, samples.Vector, float]:
         """Evaluate the model: its result, shape [19], its force [N] and the submerged area [m²]. Advances the memory.
 
         The result (wrench, area, sensitivities) is overwritten at the next pose.
         """
-        if self._memory is not None:
-            self._memory.widen_slack(min(_SLACK_OVER_NOISE * self._kinematics.noise_of_tip(), _SLACK_MOST))
-        self._duration[0] = motion.duration
-        self._step(motion.state, self._duration, surface.height, surface.slope, self._result)
+        self._duration[0], surface = motion.duration, self.surface
+        step = self._law, motion.state, self._duration, surface.height, surface.slope, self._result
+        if self._memory is None:
+            self._step(*step)
+        else:
+            self._step(*step, slack=min(_SLACK_OVER_NOISE * motion.tip_noise, _SLACK_MOST))
         row: Array = self._result[0]
         fx, fy, fz, _, _, _, area, *_ = numbers = row.tolist()
         if 0.0 < area < self._sliver and self.depth() <= 0.0:

@@ -84,8 +84,10 @@ class Intake:
         self._pose_stamp = stamp
         return PoseSample(stamp, world, position, quaternion)
 
-    def add(self, sample: TwistSample | WrenchSample | Cloud | samples.TransformSample, mapper: GroundMapper) -> None:
-        """Keep a sample that is no pose. A cloud goes to the `mapper`."""
+    def add(
+        self, sample: TwistSample | WrenchSample | Cloud | samples.TransformSample, mapper: GroundMapper | None
+    ) -> None:
+        """Keep a sample that is no pose. A cloud goes to the `mapper`; None: the ground is a level plane."""
         if isinstance(sample, TwistSample):
             self._add_twist(sample)
         elif isinstance(sample, WrenchSample):
@@ -117,11 +119,11 @@ class Intake:
         _check_finite("wrench", *sample.wrench)
         self._keep("wrench", self._comparison.samples, sample)
 
-    def _add_cloud(self, cloud: Cloud, mapper: GroundMapper) -> None:
+    def _add_cloud(self, cloud: Cloud, mapper: GroundMapper | None) -> None:
         """Pass points of the ground to the mapper, with their frame's placement in the world if that is another one."""
-        since = cloud.stamp - mapper.cloud_stamp
-        if mapper.map is None:
+        if mapper is None:
             raise RefusedError(Reason.SURFACE_OFF)
+        since = cloud.stamp - mapper.cloud_stamp
         camera = self._placed("surface", cloud, self._settings.world_frame)
         if -TIME_JUMP < since <= 0:
             raise RefusedError(Reason.SURFACE_OUT_OF_ORDER)

@@ -45,7 +45,10 @@ class Motion(NamedTuple):
 
     `state`: shape [1, 13], columns `rft_ros.rft.STATE`. `velocity`: of the tool frame's origin, world axes [m/s].
     `speed_bound`: an upper bound on the plates' speeds [m/s]. `rests`: it is below `rest_speed`. `path`: an upper bound
-    on the path of any plate since the motion before [m]. `duration`: time since then [s].
+    on the path of any plate since the motion before [m]. `duration`: time since then [s]. `tip_noise`: standard
+    deviation of a coordinate of the tool's farthest point, by the noise of the poses [m]. A part of the noise that is
+    not known counts as 0: both with a topic of twists and at the beginning, and that of rotations or of positions that
+    have not changed yet, as of an arm that keeps its attitude exactly.
     """
 
     pose: PoseSample
@@ -55,6 +58,7 @@ class Motion(NamedTuple):
     rests: bool
     path: float
     duration: float
+    tip_noise: float
 
 
 class Kinematics:
@@ -91,6 +95,7 @@ class Kinematics:
         bound = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.reach
         rests = bound < self._settings.rest_speed or bound == 0.0
         path, duration = self._path_since(pose, 0.0 if rests else bound)
+        noise = self._difference.noise
         state = np.empty((1, len(STATE)))
         _STATE.pack_into(state.data, 0, *pose.position, *pose.quaternion, *velocity)
         self._before = motion = Motion(
@@ -101,17 +106,9 @@ class Kinematics:
             rests=rests,
             path=path,
             duration=duration,
+            tip_noise=math.sqrt(noise.position + self.reach * self.reach * noise.rotation),
         )
         return motion
-
-    def noise_of_tip(self) -> float:
-        """Standard deviation [m] of a coordinate of the tool's farthest point, by the noise of the poses.
-
-        A part of the noise that is not known counts as 0: both with a topic of twists and at the beginning, and that
-        of rotations or of positions that have not changed yet, as of an arm that keeps its attitude exactly.
-        """
-        position, rotation = self._difference.known_noise
-        return math.sqrt(position + self.reach * self.reach * rotation)
 
     def _velocity(self, pose: PoseSample) -> Sequence[float] | Reason:
         """Linear and angular velocity at a pose, world axes; or the reason why it has none."""
@@ -145,6 +142,13 @@ class Kinematics:
         return path, path / mean
 
 
+class PoseNoise(NamedTuple):
+    """Variance of one coordinate of a pose: of positions [m²] and of rotations [rad²]; 0 while unknown."""
+
+    position: float
+    rotation: float
+
+
 class PoseDifference:
     """Keeps the last poses, and computes the `twist` at the newest: vx, vy, vz, wx, wy, wz [m/s], [rad/s], world axes.
 
@@ -158,13 +162,9 @@ class PoseDifference:
         work = np.zeros(_CAPACITY), np.zeros((6, _CAPACITY))
         self._arrays = self._stamps, self._ring, self._noise, *work, self.twist
         self._count = 0
+        self.noise = PoseNoise(0.0, 0.0)
+        """The noise of the poses so far."""
         self.span(window=0.0, max_age=0.0)
-
-    @property
-    def known_noise(self) -> tuple[float, float]:
-        """Variance of one coordinate of a pose: of positions [m²] and rotations [rad²]; 0 while unknown."""
-        position, rotation = self._noise.tolist()
-        return (position if position < math.inf else 0.0), (rotation if rotation < math.inf else 0.0)
 
     def span(self, *, window: float, max_age: float) -> None:
         """Set the window of the fit [s]; it has at least three poses, and ends at a gap longer than `max_age` [s]."""
@@ -183,15 +183,17 @@ class PoseDifference:
         return n >= _FEWEST
 
     def _estimate_noise(self) -> None:
-        """Estimate the variance of one coordinate of a pose, of positions [m²] and rotations [rad²].
+        """Estimate the noise of the poses.
 
-        It is a quantile of the last misfits. Misfits of zero, as from encoders with coarse steps, are left out.
+        The variances are quantiles of the last misfits. Misfits of zero, as from encoders with coarse steps, are left
+        out.
         """
         for group, misfits in enumerate(np.sort(self._misfits, axis=0).T):
             found = misfits[misfits > 0.0]
             if len(found) >= _REFRESH:
                 quantile = found[int(_QUANTILE * (len(found) - 1))]
                 self._noise[group] = max(quantile / _CHI2_OF_QUANTILE, _ROUNDING)
+        self.noise = PoseNoise(*np.where(self._noise < np.inf, self._noise, 0.0).tolist())
 
 
 @inlined

@@ -3,7 +3,6 @@
 import math
 from collections.abc import Callable
 from enum import Enum, IntFlag, unique
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,13 +14,12 @@ from rft_ros.estimator.plausible import HIGHEST, LARGEST_FORCE, deepest, is_plau
 from rft_ros.estimator.samples import Vector
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
-from rft_ros.rft import POSITION, QUATERNION, Law, edge_share, has_inertia, rotation_matrix
+from rft_ros.rft import POSITION, QUATERNION, SpeedLimits, edge_share, rotation_matrix
 from rft_ros.tool import Tool
 
 Array = NDArray[np.float64]
 
-__all__ = ["QualityFlag", "QualityMonitor", "ReadingInAir", "SpeedLimits", "Trust"]
-__all__ += ["flag_names", "sentences", "speed_limits", "trust"]
+__all__ = ["QualityFlag", "QualityMonitor", "ReadingInAir", "Trust", "flag_names", "sentences", "trust"]
 
 
 @unique
@@ -133,22 +131,6 @@ class ReadingInAir:
             return []
         has_offset = math.hypot(*self._mean) > max(OFFSET_LEAST, OFFSET_SHARE * self._greatest)
         return [ISSUES[OFFSET]] if has_offset else []
-
-
-class SpeedLimits(NamedTuple):
-    """Speeds [m/s]: up to `checked` a law was compared with measurements or simulations, up to `inertial` it holds."""
-
-    checked: float
-    inertial: float
-
-
-_WITHOUT_INERTIA = SpeedLimits(checked=0.025, inertial=0.2)  # 0.025: the highest speed tested in the paper
-_WITH_INERTIA = SpeedLimits(checked=1.0, inertial=1.0)  # the speed of the fastest simulated run
-
-
-def speed_limits(law: Law) -> SpeedLimits:
-    """The limits of a law, which are higher if it has the grains' inertia."""
-    return _WITH_INERTIA if has_inertia(law) else _WITHOUT_INERTIA
 
 
 class QualityMonitor:

@@ -1,13 +1,20 @@
-"""The standard deviation of a prediction without learning, (L6) of docs/learning.md."""
+"""The standard deviation of a prediction: (L6) of docs/learning.md without learning, and wider during a withdrawal.
+
+A withdrawal is the motion in which a tool is pulled out of the grains. On the way up the law predicts a downward force
+of a tenth to a quarter of the last push. Real grains still push at first; within a millimetre of path the force drops
+to almost nothing. The standard deviation covers the range between.
+"""
 
 import math
 
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.estimator.motion import Motion
+from rft_ros.estimator.samples import Vector
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
-__all__ = ["parts_of_prediction", "predict_without_learning"]
+__all__ = ["Withdrawal", "compile_withdrawal", "is_withdrawn", "parts_of_prediction", "predict_without_learning"]
 
 Array = NDArray[np.float64]
 
@@ -18,6 +25,11 @@ _HORIZONTAL_SHARE, _VERTICAL_SHARE = 0.03, 0.15  # of the whole force: an uprigh
 _NOISE_FLOOR = 0.05  # of any component of the force [N]
 _TORQUE_ERROR = 0.5  # of the torque, beside ζ's
 _LEVER = 0.07  # of the point where the force acts, over the tool's reach
+
+# of a withdrawal
+_UPWARDS = 0.5  # upward velocity over the speed of the fastest point
+_RELEASE = 0.001  # path [m] over which the last push decays to 1/e while the tool is withdrawn
+_LEAST_PATH = 1e-9  # path [m] that each pose adds at least
 
 
 @inlined
@@ -45,3 +57,53 @@ def predict_without_learning(row: Array, zeta_error: float, reach: float, with_s
     of_point = (_LEVER * reach) ** 2 * whole
     for i in range(3):
         torque_sigma[i] = math.sqrt((zeta_error**2 + _TORQUE_ERROR**2) * torque[i] ** 2 + of_point)
+
+
+def is_withdrawn(upward: float, speed: float, force: Vector) -> bool:
+    """Whether a tool in the grains is withdrawn: it moves up, or the model's force [N] points down.
+
+    `upward`: velocity [m/s]. `speed`: of the fastest point [m/s].
+    """
+    return upward > _UPWARDS * speed or force[2] < -0.5 * math.hypot(*force)
+
+
+class Withdrawal:
+    """Follows one tool from pose to pose: `follow` its motion, then `widen` the prediction's standard deviations."""
+
+    def __init__(self) -> None:
+        self.active = False
+        """Whether the tool was being withdrawn at the last motion."""
+        self._path = 0.0  # since the last push [m]
+        self._pushed = np.zeros(12)  # the last prediction before the withdrawal
+        self._rests_in_grains = False  # the last push, or the withdrawal, goes on
+
+    def follow(self, motion: Motion, force: Vector, *, in_grains: bool) -> None:
+        """Update with the motion at the next pose. `force`: of the model there [N]."""
+        self._rests_in_grains = in_grains and motion.rests
+        if not self._rests_in_grains:  # a pause on the way up does not end the withdrawal
+            self.active = in_grains and is_withdrawn(motion.velocity[2], motion.speed_bound, force)
+        self._path = self._path + max(motion.path, _LEAST_PATH) if self.active else 0.0
+
+    def widen(self, with_sigma: Array) -> None:
+        """While `active`, widen the deviations of a prediction by the last push and by itself.
+
+        `with_sigma`, shape [12]: the wrench and its standard deviations.
+        """
+        if self.active:
+            _widen(with_sigma, self._pushed, math.exp(-self._path / _RELEASE))
+        elif not self._rests_in_grains:
+            self._pushed = with_sigma
+
+
+@compiled
+def _widen(with_sigma, pushed, left):
+    """Add the share `left` of the last push, and the whole of the prediction, to the deviations."""
+    for i in range(6):
+        held = left * (abs(pushed[i] - with_sigma[i]) + pushed[6 + i])
+        itself = with_sigma[i]
+        with_sigma[6 + i] = math.sqrt(with_sigma[6 + i] ** 2 + held * held + itself * itself)
+
+
+def compile_withdrawal() -> None:
+    """Load the machine code, or compile it."""
+    _widen(np.zeros(12), np.zeros(12), 0.0)

@@ -12,8 +12,7 @@ from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.motion import PoseDifference
 from rft_ros.estimator.samples import PoseSample
-from rft_ros.estimator.sigma import predict_without_learning
-from rft_ros.estimator.withdrawal import compile_withdrawal
+from rft_ros.estimator.sigma import compile_withdrawal, predict_without_learning
 from rft_ros.ground import HeightMap, Support
 from rft_ros.parameters import LoadCell, Values
 from rft_ros.rft import QUATERNION, Plates, agarwal2023, edge_share, wrenches

@@ -231,13 +231,13 @@ class Cloud(NamedTuple):
 
 
 class GroundMapper:
-    """Keeps the current `map` of the ground, and updates it from clouds. A map of None is a level plane.
+    """Keeps the current `map` of the ground, and updates it from clouds.
 
     `start`: the map before the first cloud. `corners`: of the tool's convex hull [m], shape [k, 3]. `cloud_stamp` and
     `pose_stamp`: stamps of the last cloud and of the last pose [ns].
     """
 
-    def __init__(self, start: HeightMap | None, corners: Array) -> None:
+    def __init__(self, start: HeightMap, corners: Array) -> None:
         self._start = start
         # A thread computes the maps. numba's loops release the GIL, so that a tick does not wait for them.
         self._thread = ThreadPoolExecutor(1)
@@ -279,8 +279,6 @@ class GroundMapper:
 
     def add_pose(self, stamp: int, position: tuple[float, ...], quaternion: tuple[float, ...]) -> None:
         """Add the tool's pose, and use the maps that are due at its stamp [ns]. Waits for a map that is late."""
-        if self._start is None:
-            return
         self.pose_stamp = stamp
         self._places.append((stamp, position, quaternion))
         if self._clouds:
@@ -307,6 +305,5 @@ class GroundMapper:
             u, v, w = np.array([x, y, z], dtype=np.float64)
             with np.errstate(invalid="ignore", over="ignore"):  # points that are not finite
                 x, y, z = (a * u + b * v + c * w + p for (a, b, c), p in zip(axes, camera.position, strict=True))
-        assert self._merged is not None
         self._merged = self._merged.with_points(x, y, z, tool)
         return self._merged

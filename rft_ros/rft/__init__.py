@@ -97,6 +97,7 @@ from rft_ros.rft.frames import (
     rotation_matrix,
     unit_quaternion,
 )
+from rft_ros.rft.grains import SpeedLimits
 from rft_ros.rft.inertia import INERTIA
 from rft_ros.rft.media import MEDIA, Medium, medium_named
 from rft_ros.rft.memory import SLACK, Memory
@@ -108,7 +109,6 @@ from rft_ros.rft.traction import (
     Law,
     Treers2021,
     described,
-    has_inertia,
     law_named,
     traction_per_depth,
     treers2021,
@@ -137,10 +137,10 @@ __all__ += [
     "SURFACE_FRICTION",
     "Agarwal2023",
     "Law",
+    "SpeedLimits",
     "Treers2021",
     "agarwal2023",
     "described",
-    "has_inertia",
     "law_named",
 ]
 __all__ += ["traction_per_depth", "treers2021"]

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from rft_ros.rft.arguments import number
 from rft_ros.rft.inertia import INERTIA
 
-__all__ = ["IN_LAW", "NUMBERS_OF_LAW", "Grains", "InLaw"]
+__all__ = ["IN_LAW", "NUMBERS_OF_LAW", "Grains", "InLaw", "SpeedLimits"]
 
 
 class InLaw(NamedTuple):
@@ -25,6 +25,17 @@ class InLaw(NamedTuple):
 
 IN_LAW = InLaw(inertia=0, stiffness=1, mobilization_length=2, own=3, alpha_y=12)
 NUMBERS_OF_LAW = IN_LAW.alpha_y + 4
+
+
+class SpeedLimits(NamedTuple):
+    """Speeds [m/s]: up to `checked` a law was compared with measurements or simulations, up to `inertial` it holds."""
+
+    checked: float
+    inertial: float
+
+
+_WITHOUT_INERTIA = SpeedLimits(checked=0.025, inertial=0.2)  # 0.025: the highest speed tested in the paper
+_WITH_INERTIA = SpeedLimits(checked=1.0, inertial=1.0)  # the speed of the fastest simulated run
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -59,3 +70,13 @@ class Grains:
     def inertial_density(self) -> float:
         """κ ρ of Eq. (11) [kg/m³]; 0: no inertia."""
         return self.density * self.inertia
+
+    @property
+    def has_inertia(self) -> bool:
+        """Whether the force includes the grains' inertia, Eq. (11), and so depends on the speed."""
+        return self.inertial_density > 0.0
+
+    @property
+    def speed_limits(self) -> SpeedLimits:
+        """The limits of the law, which are higher if it has the grains' inertia."""
+        return _WITH_INERTIA if self.has_inertia else _WITHOUT_INERTIA

@@ -147,11 +147,12 @@ class Memory:
     def __post_init__(self) -> None:
         blocks = self.plates.bounds.shape[1]
         object.__setattr__(self, "numbers", np.zeros((self.bodies, TRACTIONS + blocks * (1 + OF_BLOCK))))
-        self.numbers[:, MOTION + _SLACK] = self.slack
+        self.slacks[:] = self.slack
 
-    def widen_slack(self, slack: float) -> None:
-        """Set the dead band of all bodies from now on [m], or keep the one given first if that is wider."""
-        self.numbers[:, MOTION + _SLACK] = max(slack, self.slack)
+    @property
+    def slacks(self) -> Array:
+        """The dead band of each body [m], shape [bodies]."""
+        return self.numbers[:, MOTION + _SLACK]
 
     @property
     def stiffness(self) -> Array:

@@ -26,7 +26,6 @@ __all__ = [
     "Law",
     "Treers2021",
     "described",
-    "has_inertia",
     "law_named",
     "traction_per_depth",
     "treers2021",
@@ -135,11 +134,6 @@ def law_named(name: str, medium: Medium, alpha_y_model: AlphaY, **numbers: float
         raise TypeError(f"no law has a number '{unknown[0]}'; use {', '.join(LAW_NUMBERS)}")
     used = {number: value for number, value in numbers.items() if number in _OPTIONAL[name]}
     return Agarwal2023(**used) if name == Agarwal2023.name else treers2021(medium, alpha_y_model, **used)
-
-
-def has_inertia(law: Law) -> bool:
-    """Whether the force includes the grains' inertia, Eq. (11), and so depends on the speed."""
-    return law.density * law.inertia > 0.0
 
 
 def described(law: Law) -> str:

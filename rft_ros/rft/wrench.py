@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.agarwal2023 import agarwal2023
+from rft_ros.rft.alpha_y import PackedLaw
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel import loops
@@ -114,27 +115,38 @@ def wrenches_in_time(
     return result
 
 
-def prepared(
-    plates: Plates, law: Law, memory: Memory | None = None, *, bodies: slice = slice(None)
-) -> Callable[..., None]:
+def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None]:
     """`wrenches`, or with a memory `wrenches_in_time`, for steps that must be short: a call checks nothing.
 
-    `bodies`: those of the memory whose states will be given. Call it with states, durations, surface height [m], slope
-    and the array for the result, shape [n, 7] or [n, 19]; the others are of the types and shapes that
-    `wrenches_in_time` names, and all are C-contiguous. Raises ValueError or TypeError that names the argument that
-    cannot be used.
+    Call it with the law's `packed_law`, states, durations, surface height [m], slope and the array for the result,
+    shape [n, 7] or [n, 19]. With a memory, the law must have a mobilization length; `slack` is the least dead band of
+    this step [m], see `Memory`. The other arguments have the types and shapes that `wrenches_in_time` names, and all
+    arrays are C-contiguous. Raises ValueError or TypeError that names the argument that cannot be used.
     """
-    loop, (form, packed, _, _) = _loop(), _scene(plates, law, 0.0, LEVEL)
-    if memory is not None:
-        _require_memory(law)
-    has_memory, kept = memory is not None, _EMPTY if memory is None else _numbers_of(memory, plates)[bodies]
-    if not kept.size or not kept.flags.c_contiguous:
-        raise ValueError(f"bodies is {bodies}; it must be of one body or more, one after the other, of the memory's")
+    loop, form = _loop(), _checked(plates).form
+    if memory is None:
 
-    def step(states: Array, durations: Array, height: float, slope: tuple[float, float], result: Array) -> None:
-        loop(form, packed, height, slope, states, (has_memory, durations, kept), result)
+        def step(
+            law: PackedLaw, states: Array, _: Array, height: float, slope: tuple[float, float], result: Array
+        ) -> None:
+            loop(form, law, height, slope, states, _NO_MEMORY, result)
 
-    return step
+        return step
+    kept, slacks = _numbers_of(memory, plates), memory.slacks
+
+    def step_in_time(
+        law: PackedLaw,
+        states: Array,
+        durations: Array,
+        height: float,
+        slope: tuple[float, float],
+        result: Array,
+        slack: float = 0.0,
+    ) -> None:
+        slacks[:] = max(slack, memory.slack)
+        loop(form, law, height, slope, states, (True, durations, kept), result)
+
+    return step_in_time
 
 
 def plate_forces(

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, RULES, directions, facing, random_plates, random_scene, seeds
 
-from rft_ros.rft import Memory, Plates, alpha_y_model, has_inertia, treers2021, wrenches, wrenches_in_time
+from rft_ros.rft import Memory, Plates, alpha_y_model, treers2021, wrenches, wrenches_in_time
 from rft_ros.rft.inertia import CONFINEMENT, INERTIA
 
 DENSITY = 1500.0  # of `INERTIAL`
@@ -84,7 +84,7 @@ def test_the_derivative_by_the_surface_height_has_none_of_it_and_the_torque_all(
 
 def test_density_0_is_no_inertia_and_a_negative_one_is_refused():
     model = alpha_y_model("constant", GENERIC)
-    assert not has_inertia(treers2021(GENERIC, model, density=0.0)) and not has_inertia(AGARWAL)
+    assert not treers2021(GENERIC, model, density=0.0).has_inertia and not AGARWAL.has_inertia
     for name, numbers in (("medium.density", {"density": -1.0}), ("medium.inertia", {"density": 1.0, "inertia": -1.0})):
         with pytest.raises(ValueError, match=name):
             treers2021(GENERIC, model, **numbers)

@@ -193,15 +193,9 @@ def test_a_speed_near_the_largest_double_leaves_a_usable_memory():
     assert np.isfinite(remembered(states, durations, memory=memory)).all()
 
 
-def test_a_memory_of_other_plates_or_of_no_body_is_refused():
-    for bodies in (slice(3, 4), slice(1, 1), slice(None, None, 2)):
-        with pytest.raises(ValueError, match="bodies is slice"):
-            prepared(
-                PLATES["centroid"],
-                replace(LAW, mobilization_length=LENGTH),
-                Memory(PLATES["centroid"], bodies=3),
-                bodies=bodies,
-            )
+def test_a_memory_of_other_plates_is_refused():
+    with pytest.raises(ValueError, match="memory belongs to other plates"):
+        prepared(PLATES["centroid"], Memory(PLATES["refined"]))
     states, durations = along(np.array([0.0]), (1.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="memory belongs to other plates"):
         remembered(states, durations, memory=Memory(PLATES["refined"]), plates=PLATES["centroid"])
