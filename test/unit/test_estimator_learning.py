@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from one_plate import SECOND, START, about, estimator, plate_model, plate_tool, pose, push, twist, wrench
 
@@ -138,6 +138,28 @@ def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust(source):
     press.use(load_cell=LoadCell(bias=(0, 0, 2.4, 0, 0, 0)))
     press.push(1, offset=2.4)
     assert not press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
+
+
+@pytest.mark.parametrize("mode", ["observe", "apply"])
+@given(
+    parts=st.lists(
+        st.tuples(st.integers(1, 100), st.sampled_from([-1.0, 0.0, 0.05, 1.0, 7.0]), st.sampled_from([0.0, 0.5, -3.0])),
+        min_size=1,
+        max_size=6,
+    ),
+    start=st.sampled_from([-0.005, 0.0]),
+)
+@settings(max_examples=20, deadline=None)
+@example(parts=[(200, -1.0, 0.0)], start=0.0)
+def test_the_flag_of_a_disagreement_is_set_while_an_issue_is_named_and_only_then(mode, parts, start):
+    """Parts of a push: number of poses, measured force over the model's, offset of the cell [N]; -1: a reversed cell."""
+    press = Press(mode)
+    press.depth = start
+    for count, factor, offset in parts:
+        for _ in range(count):
+            press.push(1, factor, offset=offset)
+            is_flagged = bool(press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT)
+            assert is_flagged == bool(press.estimator.issues())
 
 
 def test_another_medium_or_prior_resets_the_strength_and_another_tool_ground_setting_or_time_keeps_it():

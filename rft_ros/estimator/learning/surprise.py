@@ -28,6 +28,9 @@ _SCORE_MOST = 4.0  # a larger normalised error counts as this
 _SHARE_MOST = 0.34  # most weight of one sample in that mean, so that two spikes in a row are no surprise
 _SUM_LENGTH = 0.005  # path [m] of the means that compare measurement and model
 _OPPOSING = 0.05  # [N]; the direction of a smaller force is random
+_WEAK, _STRONG = 0.2, 5.0  # a measured force below or above this many times the model's is an issue
+_UNEXPLAINED = 0.1  # a measured force below this many times the model's is explained by no θ
+_SIDEWAYS = 0.05  # least share of the horizontal part in the square of the force; the direction of a smaller is random
 _RATIO_MOST = 10.0  # a larger ratio of measured to model force counts as this
 _STUCK_LENGTH = 0.005  # path [m]; a cell that repeats one reading over more is stuck
 _STUCK_STEP = 0.002  # path [m]; most that one sample adds to that
@@ -60,7 +63,6 @@ JUDGE = [
 """Fields of a state that the functions below use."""
 
 STUCK, OPPOSED, WEAK, STRONG, TURNED, OFFSET = 1, 2, 4, 8, 16, 32
-_FAULT = 64  # no θ can explain the force: excluded from the update
 ISSUES = {
     STUCK: "the load cell repeats the same reading while the tool moves: check its driver",
     OPPOSED: "the measured force points against the model's: check sensor.sign, sensor.quaternion and the mesh",
@@ -100,7 +102,7 @@ def judge(state, record, y, step, repeated):
     if not record.passing:
         _compare(state, record, y, step)
     _find_issues(state)
-    record.fault = state.issues & _FAULT != 0
+    record.fault = _is_unexplained(state)
     record.measured = not (repeated or record.fault)  # a repeated reading is no new measurement
     record.r += _offset(state) ** 2
     if record.measured:
@@ -124,25 +126,42 @@ def _compare(state, record, y, step):
 
 
 @inlined
+def _is_comparable(state):
+    """Whether the means compare enough: a path of `_ENTRY` since the tool entered, with a large enough force."""
+    return state.square > 0.0 and state.judged - max(state.entered, state.feeble) >= _ENTRY
+
+
+@inlined
 def _find_issues(state):
-    """Set the issues. Those of the model need a path of `_ENTRY` since the tool entered, and a large enough force."""
-    square, issues = state.square, _offset_issue(state)
+    """Set the issues."""
+    issues = _offset_issue(state)
     if state.repeated > _STUCK_LENGTH:
         issues |= STUCK
-    if state.along < -(_OPPOSING**2):
-        issues |= _FAULT
-    if square > 0.0 and state.judged - max(state.entered, state.feeble) >= _ENTRY:
+    if _is_comparable(state):
         if state.along < 0.0:
-            issues |= OPPOSED | _FAULT
-        elif state.along < 0.2 * square:
-            issues |= WEAK | (_FAULT if state.along < 0.1 * square else 0)
-        elif state.along > 5.0 * square:
+            issues |= OPPOSED
+        elif state.along < _WEAK * state.square:
+            issues |= WEAK
+        elif state.along > _STRONG * state.square:
             issues |= STRONG
-        sideways = state.flat_square > 0.05 * square
-        if state.along >= 0.0 and sideways and abs(state.flat_cross) > state.flat_along:
-            issues |= TURNED | _FAULT
+        is_sideways = state.flat_square > _SIDEWAYS * state.square
+        if state.along >= 0.0 and is_sideways and abs(state.flat_cross) > state.flat_along:
+            issues |= TURNED
     state.issues = issues
     state.doubts |= issues
+
+
+@inlined
+def _is_unexplained(state):
+    """Whether no θ explains the force: it opposes the model's, is turned from it or far too small.
+
+    A force that clearly opposes the model's is excluded before it is comparable, and then no issue is named: while the
+    tool enters, an offset of the cell can outweigh the force of the grains.
+    """
+    if state.along < -(_OPPOSING**2):
+        return True
+    is_small = state.along < _UNEXPLAINED * state.square
+    return _is_comparable(state) and (is_small or state.issues & TURNED != 0)
 
 
 @inlined
