@@ -7,7 +7,7 @@ from matplotlib.axes import Axes
 from numpy.typing import NDArray
 
 from rft_ros.rft import Integration, wrenches
-from rft_ros.sweeps.motions import Motion, circumnutation, sample
+from rft_ros.sweeps.motions import Trajectory, circumnutation, sample
 from rft_ros.tool import Tool, load_tool
 from studies.paper import NOT_STATED, law, root_tip
 from studies.result import (
@@ -53,7 +53,7 @@ def step_errors(integration: Integration) -> WorkConvergence:
     return work_convergence(tool.plates, circumnutation(start_height=_LENGTH), [20 * 2**k for k in range(8)])
 
 
-def straight_limit(motion: Motion) -> Motion:
+def straight_limit(motion: Trajectory) -> Trajectory:
     """The same root pushed straight down: the limit of infinite pitch, because forces do not depend on speed."""
     return replace(motion, turning=0.0)
 

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from rft_ros.installation import share_directory
 from rft_ros.parameters import read_parameter_file, tool_of
 from rft_ros.rft import MEDIA, Law, Plates, alpha_y_model, law_named, wrenches
-from rft_ros.sweeps.motions import Motion
+from rft_ros.sweeps.motions import Trajectory
 from rft_ros.tool import Tool
 
 __all__ = ["ALPHA_Y", "BELOW_90", "NOT_STATED", "PUBLISHED", "ZETA"]
@@ -82,6 +82,6 @@ def in_plate_axes(forces: Array, psi_deg: float) -> Array:
     return np.asarray(forces @ np.array([[sin, cos, 0.0], [-cos, sin, 0.0], [0.0, 0.0, 1.0]]))
 
 
-def drag_force(plates: Plates, law: Law, drag: Motion) -> Array:
+def drag_force(plates: Plates, law: Law, drag: Trajectory) -> Array:
     """Force along e1, e2, E3 on plates at the start of a drag [N], shape [3]."""
     return in_plate_axes(wrenches(plates, law, drag.at(0.0))[0, :3], math.degrees(drag.yaw))

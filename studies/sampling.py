@@ -12,7 +12,7 @@ from rft_ros.estimator import PoseSample
 from rft_ros.estimator.motion import PoseDifference
 from rft_ros.parameters import Settings
 from rft_ros.rft import ANGULAR_VELOCITY, INTEGRATIONS, QUATERNION, TWIST, VELOCITY, Integration, Plates, wrenches
-from rft_ros.sweeps.motions import Motion, circumnutation, oscillating_insertion, sample, straight
+from rft_ros.sweeps.motions import Trajectory, circumnutation, oscillating_insertion, sample, straight
 from studies.paper import law
 from studies.parameter_sweep import RULE_COLOUR, Array, shipped
 from studies.result import BLACK, BLUE, GREY, ORANGE, VERMILION, StudyResult, label_axes, new_figure, result_of_rows
@@ -54,7 +54,7 @@ class Error:
     rest_speed_needed: float
 
 
-def _motions() -> dict[str, tuple[Motion, Plates]]:
+def _motions() -> dict[str, tuple[Trajectory, Plates]]:
     return {
         "plate, down at 10 mm/s": (straight(start_height=-0.01, travel=0.03), shipped("plate")["refined"]),
         "ellipsoid, 5 mm/s, ±9° at 0.625 Hz": (
@@ -64,7 +64,7 @@ def _motions() -> dict[str, tuple[Motion, Plates]]:
     }
 
 
-def sample_every(motion: Motion, step: float) -> tuple[Array, Array]:
+def sample_every(motion: Trajectory, step: float) -> tuple[Array, Array]:
     """Times 0, step, 2 step .. up to the end [s], shape [n], and states, shape [n, 13]."""
     times = np.arange(int(motion.duration / step + 1e-9) + 1, dtype=np.float64) * step
     return times, motion.at(times)
@@ -185,7 +185,7 @@ def window() -> StudyResult:
     )
 
 
-STROKES: dict[str, tuple[str, Motion]] = {
+STROKES: dict[str, tuple[str, Trajectory]] = {
     "ellipsoid, oscillating, from the surface": ("ellipsoid", oscillating_insertion(travel=0.032)),
     "root tip, helix of 40 mm": ("root_tip", circumnutation()),
 }
@@ -214,13 +214,13 @@ def work(times: Array, states: Array, wrenches: Array) -> Work:
     return Work(float(by_component[2]), float(by_component.sum()))
 
 
-def work_of(plates: Plates, motion: Motion, samples: int) -> Work:
+def work_of(plates: Plates, motion: Trajectory, samples: int) -> Work:
     """Work of a motion; α_y constant."""
     times, states = sample(motion, samples)
     return work(times, states, wrenches(plates, law("constant"), states))
 
 
-def work_convergence(plates: Plates, motion: Motion, intervals: Sequence[int]) -> WorkConvergence:
+def work_convergence(plates: Plates, motion: Trajectory, intervals: Sequence[int]) -> WorkConvergence:
     """Errors of the work with numbers of time steps, against eight times the last of them."""
     exact = work_of(plates, motion, 8 * intervals[-1] + 1).total
     errors = np.array([abs(work_of(plates, motion, n + 1).total / exact - 1.0) for n in intervals])

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rft_ros.calibration.recorded import Recorded
-from rft_ros.calibration.track import Rows
+from rft_ros.calibration.track import Indices
 from rft_ros.rft import wrenches
 from rft_ros.rft.frames import QUATERNION, STATE, TWIST
 from rft_ros.rft.wrench import FORCE
@@ -64,7 +64,7 @@ def _forces_over_depth(recording: Recorded, bottom: int, turn: Rotation, depths:
     return np.asarray(wrenches(recording.track.tool.plates, recording.law, states, threads=1)[:, FORCE])
 
 
-def _explained(recording: Recorded, rows: Rows, surface: float, turn: Rotation) -> _Explained:
+def _explained(recording: Recorded, rows: Indices, surface: float, turn: Rotation) -> _Explained:
     """How the tool turned in its frame explains a way down."""
     deepest = surface - float(recording.heights[rows].min())
     # higher up no surface that is tried lies, and the load cell may have drifted
@@ -88,7 +88,7 @@ def _explained(recording: Recorded, rows: Rows, surface: float, turn: Rotation) 
     return _Explained(least**0.5 / peak, fitted(0.0, 0.0)[1])
 
 
-def doubts_of_zeta(zeta: float, ways_down: Sequence[tuple[Recorded, Rows]], surface: float) -> list[str]:
+def doubts_of_zeta(zeta: float, ways_down: Sequence[tuple[Recorded, Indices]], surface: float) -> list[str]:
     """Sentences: on a `zeta` that no dry grains have, and on a turn of the tool by multiples of 90° that fits better.
 
     `ways_down`: a recording and its rows on the way down, from the air on; the surface lies at `surface` [m].

@@ -11,7 +11,7 @@ from rft_ros.calibration.fitting import FitResults, NotIdentifiable
 from rft_ros.calibration.grains import fit_grains
 from rft_ros.calibration.memory_length import LOST_MOTION
 from rft_ros.calibration.plausibility import refuse_implausible
-from rft_ros.calibration.recorded import Grains
+from rft_ros.calibration.recorded import BedValues
 from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
@@ -59,7 +59,7 @@ def calibrate(
     inertial = model_of(at_one, tool=tracks[0].tool).law
     law = replace(inertial, density=0.0, mobilization_length=0.0)
 
-    given = Grains(settings.surface_height, values["medium.mobilization_length"], LOST_MOTION)
+    given = BedValues(settings.surface_height, values["medium.mobilization_length"], LOST_MOTION)
     contacts: list[Contact] = []
     height = air = settings.surface_height
     try:  # in any case: what counts as air depends on it

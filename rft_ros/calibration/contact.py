@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.calibration.fitting import Curve, Measurement, NotIdentifiable, best_start, fit_curve, fit_each
-from rft_ros.calibration.recorded import Grains, Recorded
-from rft_ros.calibration.track import FEWEST, Rows, Track, down_strokes
+from rft_ros.calibration.recorded import BedValues, Recorded
+from rft_ros.calibration.track import FEWEST, Indices, Track, down_strokes
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import STATE, TWIST, Law, wrenches
 
@@ -34,12 +34,12 @@ class Contact(NamedTuple):
 
     number: int
     track: Track
-    rows: Rows
+    rows: Indices
     surface: float
     misfit: float
 
 
-def _find(number: int, track: Track, stroke: Rows, cell: LoadCell, law: Law) -> Contact:
+def _find(number: int, track: Track, stroke: Indices, cell: LoadCell, law: Law) -> Contact:
     """Find the contact of one stroke: fit the vertical force with a free scale and bias, without memory."""
     up = track.sensor_rotations(cell)[stroke][:, 2]
     force = cell.sign * np.einsum("nj,nj->n", up, track.readings[stroke, :3])
@@ -88,7 +88,7 @@ def find_contacts(tracks: Sequence[Track], cell: LoadCell, law: Law) -> list[Con
     return fit_each(_find, strokes, none="the tool never goes straight down")
 
 
-def fit_contact(recording: Recorded, contact: Contact, grains: Grains) -> Measurement:
+def fit_contact(recording: Recorded, contact: Contact, grains: BedValues) -> Measurement:
     """Fit the height of the surface at a contact [m], for the λ of `grains`. The fit starts at `contact.surface`.
 
     Grains with memory begin to resist at the first pose below the surface, so that the height depends on where in a

@@ -30,9 +30,9 @@ from rft_ros.calibration.fitting import (
 )
 from rft_ros.calibration.memory_length import SHORTEST, AtOnce, TurnFit, fit_turn, length_by_place
 from rft_ros.calibration.penetration import Penetration, deep_enough, difference, fit_penetration, spread_of
-from rft_ros.calibration.recorded import Grains, Recorded, recorded
+from rft_ros.calibration.recorded import BedValues, Recorded, recorded
 from rft_ros.calibration.tool_weight import Sensor
-from rft_ros.calibration.track import Rows, Track, Turn, down_strokes, turns_in_grains
+from rft_ros.calibration.track import Indices, Track, Turn, down_strokes, turns_in_grains
 from rft_ros.rft import Law
 
 __all__ = ["fit_grains"]
@@ -66,7 +66,7 @@ class _Coupling(NamedTuple):
     by: Array
     by_poses: Array
     by_zero: Array
-    ways_down: list[tuple[int, Rows]]
+    ways_down: list[tuple[int, Indices]]
 
 
 @dataclass(slots=True, eq=False)
@@ -77,15 +77,15 @@ class _Fits:
     """
 
     recordings: list[Recorded]
-    grains: Grains
+    grains: BedValues
     contacts: list[Contact] = field(default_factory=list)
     turns: list[tuple[int, Turn]] = field(default_factory=list)
-    ways_down: list[tuple[int, Rows]] = field(default_factory=list)
+    ways_down: list[tuple[int, Indices]] = field(default_factory=list)
     found_contacts: list[Measurement] = field(default_factory=list)
     found_turns: list[TurnFit] = field(default_factory=list)
     coupling: _Coupling | None = None
 
-    def surfaces(self, grains: Grains) -> list[Measurement]:
+    def surfaces(self, grains: BedValues) -> list[Measurement]:
         """The surface height at each contact."""
         return [fit_contact(self.recordings[contact.number], contact, grains) for contact in self.contacts]
 
@@ -94,7 +94,7 @@ class _Fits:
         pairs = zip(self.turns, self.found_turns, strict=True)
         return [fit_turn(self.recordings[k], turn, surface, start=start) for (k, turn), start in pairs]
 
-    def penetrations(self, grains: Grains) -> list[Penetration]:
+    def penetrations(self, grains: BedValues) -> list[Penetration]:
         """ζ of each way down."""
         return [fit_penetration(self.recordings[k], stroke, grains) for k, stroke in self.ways_down]
 
@@ -227,7 +227,7 @@ def _fit_ways_down(fits: _Fits, own: Array, zero_error: float) -> list[Measureme
     fits.ways_down = fit_each(deep_enough, strokes, none="no vertical penetration in the grains")
     shared = fits.errors(own, zero_error)[_ZETA]
 
-    def checked(way_down: tuple[int, Rows], found: Penetration) -> tuple[tuple[int, Rows], Measurement]:
+    def checked(way_down: tuple[int, Indices], found: Penetration) -> tuple[tuple[int, Indices], Measurement]:
         error = float(np.hypot(found.zeta.error, shared))
         found.check(error)
         return way_down, found.zeta._replace(error=error)
@@ -244,7 +244,7 @@ def fit_grains(
     law: Law,
     *,
     contacts: Sequence[Contact],
-    given: Grains,
+    given: BedValues,
     parts: Collection[str],
 ) -> FitResults:
     """Fit those of surface, zeta and mobilization that are in `parts`; the others are as `given`.

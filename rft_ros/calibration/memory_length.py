@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.calibration.fitting import Curve, NotIdentifiable, best_start, fit_curve
-from rft_ros.calibration.recorded import Grains, Recorded
+from rft_ros.calibration.recorded import BedValues, Recorded
 from rft_ros.calibration.track import Turn
 
 __all__ = ["LOST_MOTION", "LOST_MOTION_ERROR", "SHORTEST", "AtOnce", "TurnFit", "fit_turn", "length_by_place"]
@@ -91,7 +91,7 @@ def fit_turn(
 
     def columns(parameters: Array) -> Array:
         length, lost_motion = float(np.exp(parameters[0])), float(parameters[1])
-        return recording.predicted(Grains(surface, length, lost_motion), turn.first, turn.rows)[:, :, None]
+        return recording.predicted(BedValues(surface, length, lost_motion), turn.first, turn.rows)[:, :, None]
 
     low, high = np.array([np.log(SHORTEST), 0.0]), np.array([np.log(_LONGEST), _MOST_LOST])
     expected, error = np.array([0.0, LOST_MOTION]), np.array([np.inf, LOST_MOTION_ERROR])

@@ -10,8 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.calibration.fitting import Measurement, NotIdentifiable, fit_linear
-from rft_ros.calibration.recorded import Grains, Recorded
-from rft_ros.calibration.track import FEWEST, Rows
+from rft_ros.calibration.recorded import BedValues, Recorded
+from rft_ros.calibration.track import FEWEST, Indices
 
 __all__ = ["BEDS_DIFFER", "Penetration", "deep_enough", "difference", "fit_penetration", "spread_of"]
 
@@ -51,7 +51,7 @@ class Penetration(NamedTuple):
             )
 
 
-def deep_enough(number: int, recording: Recorded, stroke: Rows, surface: float) -> tuple[int, Rows]:
+def deep_enough(number: int, recording: Recorded, stroke: Indices, surface: float) -> tuple[int, Indices]:
     """The number of the recording and the stroke, if it identifies ζ. Raises NotIdentifiable if it is too shallow."""
     depths = surface - recording.heights[stroke]
     count, depth = int((depths > 0.0).sum()), float(depths.max())
@@ -63,7 +63,7 @@ def deep_enough(number: int, recording: Recorded, stroke: Rows, surface: float) 
     return number, stroke
 
 
-def fit_penetration(recording: Recorded, stroke: Rows, grains: Grains) -> Penetration:
+def fit_penetration(recording: Recorded, stroke: Indices, grains: BedValues) -> Penetration:
     """Fit ζ to the part of a stroke below the surface."""
     depths = grains.surface - recording.heights[stroke]
     rows, depth = stroke[depths > 0.0], float(depths.max())

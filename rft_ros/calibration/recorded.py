@@ -6,21 +6,21 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.smoothing import Motion, fine_motion, noise_of_poses, shaken_states, smoothed_states
-from rft_ros.calibration.track import GAP, Rows, Track
+from rft_ros.calibration.smoothing import FineMotion, fine_motion, noise_of_poses, shaken_states, smoothed_states
+from rft_ros.calibration.track import GAP, Indices, Track
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import Law, Memory, wrenches, wrenches_in_time
 from rft_ros.rft.frames import ANGULAR_VELOCITY, TWIST, VELOCITY
 from rft_ros.rft.wrench import FORCE
 
-__all__ = ["Grains", "Recorded", "recorded"]
+__all__ = ["BedValues", "Recorded", "recorded"]
 
 Array = NDArray[np.float64]
 
 _CLEAR = 0.001  # m: at this height above the surface the memory is empty, despite noise of the poses
 
 
-class Grains(NamedTuple):
+class BedValues(NamedTuple):
     """Values that all fits use: surface height [m]; λ [m], 0 without memory; lost motion of the arm at a turn [m]."""
 
     surface: float
@@ -38,7 +38,7 @@ class Recorded:
 
     track: Track
     law: Law
-    motion: Motion
+    motion: FineMotion
     heights: Array
     forces: Array
 
@@ -48,7 +48,7 @@ class Recorded:
         in_air = np.flatnonzero(self.heights[: row + 1] > surface + _CLEAR)
         return int(max(apart.max(initial=0), in_air.max(initial=0)))
 
-    def predicted(self, grains: Grains, first: int, rows: Rows) -> Array:
+    def predicted(self, grains: BedValues, first: int, rows: Indices) -> Array:
         """Force on the tool at `rows`, with a memory that is empty at the row `first`, world axes [N], shape [m, 3]."""
         plates, last = self.track.tool.plates, int(rows[-1])
         if grains.length <= 0.0:
@@ -75,7 +75,7 @@ class Recorded:
         return self if states is None else replace(self, motion=_motion(track, states))
 
 
-def _motion(track: Track, states: Array) -> Motion:
+def _motion(track: Track, states: Array) -> FineMotion:
     """The motion without the noise of the poses, at rest with velocity 0."""
     smooth = smoothed_states(track.time, states, gap=GAP)
     speed, spin = (np.linalg.norm(smooth[:, part], axis=1) for part in (VELOCITY, ANGULAR_VELOCITY))

@@ -14,7 +14,7 @@ from scipy.ndimage import correlate1d
 
 from rft_ros.rft.frames import POSE, POSITION, QUATERNION, TWIST, VELOCITY
 
-__all__ = ["Motion", "fine_motion", "noise_of_poses", "shaken_states", "smoothed_states"]
+__all__ = ["FineMotion", "fine_motion", "noise_of_poses", "shaken_states", "smoothed_states"]
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ _STEP, _MOST_STEPS = 2e-5, 8  # m: longest step, unless that takes more steps th
 _ROUNDED = 9  # decimals of velocities: rounding must not decide whether a wall along the motion leads
 
 
-class Motion(NamedTuple):
+class FineMotion(NamedTuple):
     """A motion at m times [s], shape [m]. `states`: shape [m, 13]. `rows`: those of the recording's moments, shape [n].
 
     The other rows lie between two moments: corners of the path, and steps.
@@ -173,7 +173,7 @@ def smoothed_states(time: Array, states: Array, *, gap: float) -> Array:
     return result
 
 
-def fine_motion(time: Array, states: Array, *, gap: float) -> Motion:
+def fine_motion(time: Array, states: Array, *, gap: float) -> FineMotion:
     """The motion through smoothed states, shape [n, 13], with the corners between them, in steps of up to 20 µm.
 
     An arm turns back or stops between two poses. Without the corner the path is too short by what the arm did after the
@@ -205,7 +205,7 @@ def fine_motion(time: Array, states: Array, *, gap: float) -> Motion:
     fine = np.vstack([_between(states, begin, part), states[-1:]])
     fine[row[part > 0.0], TWIST] = states[begin[part > 0.0] + 1, TWIST]
     times = time[begin] + part * np.diff(time)[begin]
-    return Motion(np.append(times, time[-1]), fine, ends[rows])
+    return FineMotion(np.append(times, time[-1]), fine, ends[rows])
 
 
 def _between(states: Array, rows: NDArray[np.int64], share: Array) -> Array:

@@ -19,11 +19,12 @@ from rft_ros.rft.frames import POSE, POSITION, QUATERNION, TWIST
 from rft_ros.rft.placement import Placement
 from rft_ros.tool import Tool
 
-__all__ = ["FEWEST", "GAP", "Rows", "Track", "Turn", "down_strokes", "level_runs", "read_track", "still_intervals"]
-__all__ += ["turns_in_grains"]
+__all__ = ["FEWEST", "GAP", "Indices", "Track", "Turn", "down_strokes", "level_runs", "read_track"]
+__all__ += ["still_intervals", "turns_in_grains"]
 
 Array = NDArray[np.float64]
-Rows = NDArray[np.int64]
+Indices = NDArray[np.int64]
+"""Indices of moments of a `Track`, shape [n]."""
 
 _BOTTOMLESS = -1e9  # m: with such a low surface the tool is in the air, and every pose has an estimate, also at rest
 _SMOOTHING = 0.1  # time over which velocities are averaged before they classify the motion [s]
@@ -158,17 +159,17 @@ class Turn(NamedTuple):
 
     first: int
     at: int
-    rows: Rows
+    rows: Indices
     after: float
 
 
-def _segments(mask: NDArray[np.bool_], time: Array) -> list[Rows]:
+def _segments(mask: NDArray[np.bool_], time: Array) -> list[Indices]:
     rows = np.flatnonzero(mask)
     broken = (np.diff(rows) > 1) | (np.diff(time[rows]) > GAP)
     return [part for part in np.split(rows, np.flatnonzero(broken) + 1) if len(part)]
 
 
-def still_intervals(track: Track) -> list[Rows]:
+def still_intervals(track: Track) -> list[Indices]:
     """Rows of each interval at rest, without the time to settle, as indices of `Track`'s rows, shape [n], no unit."""
     found = []
     for rows in _segments(~track.moving(), track.time):
@@ -179,7 +180,7 @@ def still_intervals(track: Track) -> list[Rows]:
     return found
 
 
-def down_strokes(track: Track, below: float = np.inf) -> list[Rows]:
+def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
     """Rows of straight motion down in each movement to a point below a height [m], in the orientation of that point."""
     from scipy.signal import find_peaks  # takes 0.5 s, which rft doctor, demo and warm-up need not wait
 
@@ -201,7 +202,7 @@ def down_strokes(track: Track, below: float = np.inf) -> list[Rows]:
     return found
 
 
-def level_runs(track: Track, surface: float) -> list[Rows]:
+def level_runs(track: Track, surface: float) -> list[Indices]:
     """Rows, shape [n], no unit, of each unbroken straight level motion with the lowest point below the surface."""
     velocity, speed, turning = track.motion()
     level = (np.abs(velocity[:, 2]) < _LEVEL * speed) & (turning < _TURNING * speed) & (speed >= track.rest_speed)

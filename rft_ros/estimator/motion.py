@@ -25,7 +25,7 @@ __all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion", "PoseDifference"]
 UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTORY_SHORT}
 """Reasons for which a pose has no velocity."""
 
-_STATE = Struct(f"{len(STATE)}d")  # writes a state in half the time that numpy takes
+_PACK_STATE = Struct(f"{len(STATE)}d")  # writes a state in half the time that numpy takes
 _CAPACITY = 2048  # poses: the longest window, 1 s, at 2 kHz
 _FEWEST, _FEWEST_OF_PARABOLA = 3, 5
 _MISFITS, _REFRESH = 256, 16  # misfits kept; new misfits between two estimates of the noise, and before the first
@@ -97,7 +97,7 @@ class Kinematics:
         path, duration = self._path_since(pose, 0.0 if rests else bound)
         noise = self._difference.noise
         state = np.empty((1, len(STATE)))
-        _STATE.pack_into(state.data, 0, *pose.position, *pose.quaternion, *velocity)
+        _PACK_STATE.pack_into(state.data, 0, *pose.position, *pose.quaternion, *velocity)
         self._before = motion = Motion(
             pose=pose,
             state=state,

@@ -21,23 +21,23 @@ from rft_ros.rft.wrench import compile_tractions
 __all__ = ["PARTS", "compile_parts", "needed", "prepare"]
 
 _PLATE = Plates.from_arrays([[0.0, 0.0, -1.0]], [[0.0, 0.0, -1.0]], [1.0])
-_STATE = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
+_SINKING = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
 
 
 def _answers() -> None:
-    edge_share(_PLATE, _STATE)
-    LoadCellFrame(LoadCell()).into_sensor(_STATE[QUATERNION], np.zeros(12))
+    edge_share(_PLATE, _SINKING)
+    LoadCellFrame(LoadCell()).into_sensor(_SINKING[QUATERNION], np.zeros(12))
     predict_without_learning(np.zeros(7), 0.0, 0.0, np.zeros(12))
     compile_withdrawal()
 
 
 def _ground() -> None:
     level = HeightMap.unknown(1.0).with_points(*np.zeros((3, 1)))
-    Support(np.eye(3)).local_surface(level, _STATE, level=0.0)
+    Support(np.eye(3)).local_surface(level, _SINKING, level=0.0)
 
 
 _PARTS: dict[str, Callable[[], object]] = {
-    "forces": lambda: wrenches(_PLATE, agarwal2023(), _STATE),
+    "forces": lambda: wrenches(_PLATE, agarwal2023(), _SINKING),
     "answers": _answers,
     "velocity": lambda: PoseDifference().push(PoseSample(1, "", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))),
     "learning": Learning,

@@ -14,7 +14,7 @@ from typing import ClassVar
 
 from rft_ros.rft.alpha_y import PackedLaw, packed
 from rft_ros.rft.arguments import number
-from rft_ros.rft.grains import Grains
+from rft_ros.rft.grains import GranularLaw
 from rft_ros.rft.kernel.compilation import inlined
 
 __all__ = ["C1", "C2", "C3", "FLAT_PRESS", "SURFACE_FRICTION", "Agarwal2023", "agarwal2023", "agarwal2023_traction"]
@@ -48,11 +48,11 @@ _TINY = 1e-290
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Agarwal2023(Grains):
+class Agarwal2023(GranularLaw):
     """The grains by this law.
 
     `zeta`: comparable to that of `Treers2021` (see `FLAT_PRESS`). `surface_friction` of the tool, no unit. The others:
-    see `Grains`. `packed`: for the loop. Raises ValueError that names a number out of range.
+    see `GranularLaw`. `packed`: for the loop. Raises ValueError that names a number out of range.
     """
 
     name: ClassVar[str] = "agarwal2023"
@@ -61,7 +61,7 @@ class Agarwal2023(Grains):
     packed: PackedLaw = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        Grains.__post_init__(self)
+        GranularLaw.__post_init__(self)
         numbers = {
             **self.shared(self.stiffness),
             "surface_friction": number("medium.surface_friction", self.surface_friction, least=0.0),

@@ -6,14 +6,15 @@ from typing import NamedTuple
 from rft_ros.rft.arguments import number
 from rft_ros.rft.inertia import INERTIA
 
-__all__ = ["IN_LAW", "NUMBERS_OF_LAW", "Grains", "InLaw", "SpeedLimits"]
+__all__ = ["IN_LAW", "NUMBERS_OF_LAW", "GranularLaw", "InLaw", "SpeedLimits"]
 
 
 class InLaw(NamedTuple):
     """Where the numbers of a law are in its `packed` form, which the compiled loop takes.
 
-    First `Grains.shared`, in this order: `inertia` κ ρ [kg/m³], `stiffness` ζ or ξ [N/m³], `mobilization_length` [m].
-    From `own` on the law's own numbers, at most nine, and from `alpha_y` on those of its model of α_y, at most four.
+    First `GranularLaw.shared`, in this order: `inertia` κ ρ [kg/m³], `stiffness` ζ or ξ [N/m³], and
+    `mobilization_length` [m]. From `own` on the law's own numbers, at most nine, and from `alpha_y` on those of its
+    model of α_y, at most four.
     """
 
     inertia: int
@@ -39,8 +40,8 @@ _WITH_INERTIA = SpeedLimits(checked=1.0, inertial=1.0)  # the speed of the faste
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Grains:
-    """What every law knows of the grains. Each field is the parameter ``medium.`` with its name.
+class GranularLaw:
+    """Numbers of the grains that every law has. Each field is the parameter ``medium.`` with its name.
 
     `zeta`: strength, no unit, relative to the reference medium. `density` of the bed [kg/m³] and `inertia`, κ of
     Eq. (11), no unit; density 0: the force does not depend on speed. `mobilization_length` [m]: λ of Eq. (10), for

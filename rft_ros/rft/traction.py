@@ -13,7 +13,7 @@ import numpy as np
 
 from rft_ros.rft.agarwal2023 import Agarwal2023, agarwal2023_traction
 from rft_ros.rft.alpha_y import PAPER_LINEAR, AlphaY, PackedLaw, add_alpha_y, alpha_y_name, packed_alpha_y
-from rft_ros.rft.grains import IN_LAW, Grains
+from rft_ros.rft.grains import IN_LAW, GranularLaw
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
@@ -51,11 +51,12 @@ _NUDGE = 1e-5
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Treers2021(Grains):
+class Treers2021(GranularLaw):
     """The grains by 3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013: Eqs. (2) to (8).
 
-    `medium`: the nine coefficients of Eq. (4). `alpha_y`: the model of Eq. (7). The others: see `Grains`. `packed`: for
-    the loop. Raises ValueError that names a number out of range, TypeError for what is not a medium or a model.
+    `medium`: the nine coefficients of Eq. (4). `alpha_y`: the model of Eq. (7). The others: see `GranularLaw`.
+    `packed`: for the loop. Raises ValueError that names a number out of range, TypeError for what is not a medium or a
+    model.
     """
 
     name: ClassVar[str] = "treers2021"
@@ -65,7 +66,7 @@ class Treers2021(Grains):
     packed: PackedLaw = field(init=False, repr=False, compare=False)
 
     def __post_init__(self) -> None:
-        Grains.__post_init__(self)
+        GranularLaw.__post_init__(self)
         m = self.medium
         if not isinstance(m, Medium):
             raise TypeError(f"medium is {m!r}; choose one of MEDIA or create a Medium")

@@ -14,7 +14,7 @@ from rft_ros.files import read_file, read_yaml
 from rft_ros.installation import release
 from rft_ros.parameters import is_medium_file
 from rft_ros.parameters.short_names import OF_MEDIUM, OF_TOOL, parameters_of
-from rft_ros.sweeps.motions import FAMILIES, Motion
+from rft_ros.sweeps.motions import FAMILIES, Trajectory
 from rft_ros.tool import locate_mesh
 
 __all__ = ["Design", "Variant", "motion_of", "read_design"]
@@ -56,7 +56,7 @@ class Design(NamedTuple):
         return checksum
 
 
-def motion_of(entry: Mapping[str, Any]) -> tuple[Motion, int]:
+def motion_of(entry: Mapping[str, Any]) -> tuple[Trajectory, int]:
     """The motion of a variant without a states file, and its number of samples. Raises InputError."""
     numbers = {"samples": 200, **entry}
     family = numbers.pop("family", None)

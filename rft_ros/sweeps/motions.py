@@ -14,13 +14,13 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.errors import InputError
 from rft_ros.rft import STATE
 
-__all__ = ["FAMILIES", "Motion", "circumnutation", "oscillating_insertion", "plate_drag", "sample", "straight"]
+__all__ = ["FAMILIES", "Trajectory", "circumnutation", "oscillating_insertion", "plate_drag", "sample", "straight"]
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
-class Motion:
+class Trajectory:
     """A straight path at constant `velocity` [m/s], on which the tool may turn about the vertical and pitch.
 
     Its attitude is Rz(yaw + turning t) Ry(tilt + amplitude sin(omega t)), with `yaw`, `tilt` and `amplitude` in rad,
@@ -62,7 +62,7 @@ def straight(
     heading_deg: float = 0.0,
     tilt_deg: float = 0.0,
     yaw_deg: float = 0.0,
-) -> Motion:
+) -> Trajectory:
     """Insertion, penetration or withdrawal along a line of length `travel`, without turning.
 
     `descent_deg`: angle of the path below the horizontal, 90 straight down, -90 straight up; `heading_deg`: its
@@ -70,7 +70,7 @@ def straight(
     """
     descent, heading = math.radians(descent_deg), math.radians(heading_deg)
     forward = speed * math.cos(descent)
-    return Motion(
+    return Trajectory(
         duration=travel / speed,
         velocity=(forward * math.cos(heading), forward * math.sin(heading), -speed * math.sin(descent)),
         start_height=start_height,
@@ -87,7 +87,7 @@ def plate_drag(
     beta_deg: float = 90.0,
     phi_deg: float = 0.0,
     depth: float = 0.0255,
-) -> Motion:
+) -> Trajectory:
     """A plate dragged along +x without turning (paper Figs. 2 and 3; with `phi_deg`, Figs. 5 and 6).
 
     The plate's face is the tool's -z: it faces down at `beta_deg` = 0 and forwards at 90. `psi_deg`: angle from the
@@ -105,7 +105,7 @@ def oscillating_insertion(
     speed: float = 0.005,
     travel: float = 0.06,
     start_height: float = 0.018,
-) -> Motion:
+) -> Trajectory:
     """Straight down while pitching about y as amplitude * sin(2π frequency t) (paper Fig. 7; its ellipsoid).
 
     `frequency` [Hz]: 0.625 in the released code (ω = 1.25π rad/s), 1.25 in the paper's text. A `start_height` of 18 mm
@@ -113,7 +113,7 @@ def oscillating_insertion(
     """
     omega, amplitude = 2.0 * math.pi * frequency, math.radians(amplitude_deg)
     down = {"duration": travel / speed, "start_height": start_height}
-    return Motion(**down, velocity=(0.0, 0.0, -speed), amplitude=amplitude, omega=omega)
+    return Trajectory(**down, velocity=(0.0, 0.0, -speed), amplitude=amplitude, omega=omega)
 
 
 def circumnutation(
@@ -123,7 +123,7 @@ def circumnutation(
     rate_deg_s: float = 15.0,
     travel: float = 0.035,
     start_height: float = 0.0,
-) -> Motion:
+) -> Trajectory:
     """A tilted root tip that descends a helix, turning about the vertical (paper Fig. 8).
 
     `tilt_deg`: η, angle of the root's axis from the vertical. `pitch`: P, depth gained per turn; `travel`: in all.
@@ -134,15 +134,15 @@ def circumnutation(
         raise InputError(f"rate_deg_s is {rate_deg_s:g}; for no turning use the family straight")
     speed, turning = pitch * abs(rate_deg_s) / 360.0, math.radians(rate_deg_s)
     down = {"duration": travel / speed, "start_height": start_height}
-    return Motion(**down, velocity=(0.0, 0.0, -speed), tilt=math.radians(tilt_deg), turning=turning)
+    return Trajectory(**down, velocity=(0.0, 0.0, -speed), tilt=math.radians(tilt_deg), turning=turning)
 
 
-FAMILIES: dict[str, Callable[..., Motion]] = {
+FAMILIES: dict[str, Callable[..., Trajectory]] = {
     family.__name__: family for family in (straight, plate_drag, oscillating_insertion, circumnutation)
 }
 
 
-def sample(motion: Motion, count: int) -> tuple[Array, Array]:
+def sample(motion: Trajectory, count: int) -> tuple[Array, Array]:
     """Times [s], shape [count], evenly spaced from the start to the end, and states, shape [count, 13]."""
     times = np.linspace(0.0, motion.duration, count)
     return times, motion.at(times)

@@ -152,7 +152,7 @@ def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust(source):
 @settings(max_examples=20, deadline=None)
 @example(parts=[(200, -1.0, 0.0)], start=0.0)
 def test_the_flag_of_a_disagreement_is_set_while_an_issue_is_named_and_only_then(mode, parts, start):
-    """Parts of a push: number of poses, measured force over the model's, offset of the cell [N]; -1: a reversed cell."""
+    """Parts of a push: number of poses, measured force over the model's (-1: a reversed cell), its offset [N]."""
     press = Press(mode)
     press.depth = start
     for count, factor, offset in parts:

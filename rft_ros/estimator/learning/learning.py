@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.learning.filter import begin
-from rft_ros.estimator.learning.records import RECORD, RECORDS, STATE, STEP_MOST, add_reading, predict
+from rft_ros.estimator.learning.records import FILTER_STATE, RECORD, RECORDS, STEP_MOST, add_reading, predict
 from rft_ros.estimator.learning.surprise import ISSUES, JUDGE
 from rft_ros.estimator.samples import ABSURD, Vector
 from rft_ros.rft.kernel.compilation import machine_code
@@ -48,7 +48,7 @@ class Learning:
 
     def __init__(self, *, lag: float = 0.002, strength_error: float = 0.15, reach: float = 0.0) -> None:
         self.lag, self.reach, self._strength_error = lag, reach, strength_error
-        self._states, self._records = np.zeros(1, STATE), np.zeros(RECORDS, RECORD)
+        self._states, self._records = np.zeros(1, FILTER_STATE), np.zeros(RECORDS, RECORD)
         self._state: Any = self._states[0]
         self._surprise, self._issues = self._states["surprise"], self._states["issues"]
         self._row, self._y, out = np.zeros(19), np.zeros(3), np.zeros(12)
@@ -59,7 +59,7 @@ class Learning:
 
     def forget(self) -> None:
         """Go back to the calibration."""
-        self._states[:] = np.zeros(1, STATE)
+        self._states[:] = np.zeros(1, FILTER_STATE)
         begin(self._state, self._strength_error)
         self._state["pushing"] = True
 

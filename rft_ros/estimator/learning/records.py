@@ -10,7 +10,7 @@ from rft_ros.estimator.learning.surprise import JUDGE, average_in_air, judge
 from rft_ros.rft import SUBMERGED_AREA
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
-__all__ = ["RECORD", "RECORDS", "STATE", "STEP_MOST", "add_reading", "predict"]
+__all__ = ["FILTER_STATE", "RECORD", "RECORDS", "STEP_MOST", "add_reading", "predict"]
 
 RECORDS, _RECORDS_PER_LAG = 2048, 1024
 STEP_MOST = 1.0  # path [m] between two poses
@@ -33,7 +33,7 @@ RECORD = np.dtype(
     align=True,
 )
 
-STATE = np.dtype(
+FILTER_STATE = np.dtype(
     [
         *FILTER,
         *JUDGE,
