@@ -45,7 +45,7 @@ def wrenches_along(
     to use; a model with memory uses one. Raises InputError for times that go back, and for a wrench that is not finite.
     """
     plates, law, durations = model.tool.plates, model.law, np.diff(times, prepend=times[0])
-    if law.mobilization_length == 0.0:
+    if not law.has_memory:
         result = wrenches(plates, law, states, surface_height=surface_height, threads=threads)
     elif durations.min() < 0.0:
         k = int(np.argmax(durations < 0.0))

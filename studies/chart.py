@@ -17,7 +17,8 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rft_ros.rft import COLUMNS, INTEGRATIONS, LEVEL, MEDIA, SENSITIVITIES, Law, Plates, wrenches
+from rft_ros.rft import INTEGRATIONS, LEVEL, MEDIA, Law, Plates, wrenches
+from rft_ros.rft.result import WIDTH
 from rft_ros.rft.wrench import prepared
 from rft_ros.tool.reduce import chosen_plates, merged_plates
 from studies import numpy_rft
@@ -115,7 +116,7 @@ def _bodies(scene: Scene) -> Iterator[tuple[Plates, str]]:
 
 def _one_by_one(plates: Plates, model: Law, states: Sequence[Array]) -> None:
     """Evaluate states as a tick does: one core, one state."""
-    step, no_time, out = prepared(plates), np.zeros(1), np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
+    step, no_time, out = prepared(plates), np.zeros(1), np.empty((1, WIDTH))
     for state in states:
         step(model.packed, state, no_time, 0.0, LEVEL, out)
 

@@ -109,7 +109,7 @@ class DemRun:
     def predicted(self, law: Law, *, threads: int | None = None) -> Array:
         """The model's force at each state [N], shape [n, 3]; with memory if the law has a mobilization length."""
         plates = self.tool.plates
-        if law.mobilization_length == 0.0:
+        if not law.has_memory:
             return wrenches(plates, law, self.states, threads=threads)[:, :3]
         durations = np.diff(self.times, prepend=self.times[0])
         return wrenches_in_time(plates, law, self.states, durations, Memory(plates))[:, :3]

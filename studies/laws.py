@@ -111,7 +111,7 @@ def _refined(name: str) -> DemRun:
 def _learned(run: DemRun, model: Law) -> Array:
     """The force at each state with what was learned from the samples `LAG` before [N], shape [n, 3]."""
     plates, states = run.tool.plates, run.states
-    if model.mobilization_length > 0.0:
+    if model.has_memory:
         durations = np.diff(run.times, prepend=run.times[0])
         rows = wrenches_in_time(plates, model, states, durations, Memory(plates), sensitivities=True)
     else:

@@ -170,7 +170,7 @@ def learned(series: Series, *, lag: float, forces: Array | None = None) -> Learn
 
 def model_rows(plates: Plates, law: Law, states: Array, times: Array, *, surface: float = 0.0) -> Array:
     """What the filter needs of the model at each state, shape [n, 19]."""
-    if law.mobilization_length == 0.0:
+    if not law.has_memory:
         return wrenches(plates, law, states, surface_height=surface, sensitivities=True, threads=1)
     durations, memory = np.diff(times, prepend=times[0]), Memory(plates)
     return wrenches_in_time(plates, law, states, durations, memory, surface_height=surface, sensitivities=True)

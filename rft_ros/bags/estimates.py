@@ -15,11 +15,9 @@ from rft_ros.bags.writing import BagWriter
 from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
 from rft_ros.estimator.quality import flag_names
 from rft_ros.messages import TYPES, wrench_cdr
+from rft_ros.rft import AXES
 
-__all__ = ["AXES", "COLUMNS", "LEARNED_COLUMNS", "ROW", "Rows", "Run", "write_estimates"]
-
-AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
-"""Components of a wrench: force [N], torque [N m]."""
+__all__ = ["COLUMNS", "LEARNED_COLUMNS", "ROW", "Rows", "Run", "write_estimates"]
 
 _KINDS = ("predicted", "compensated", "residual", "sigma")
 _OF_WRENCHES = tuple(f"{kind}_{axis}" for kind in _KINDS for axis in AXES)

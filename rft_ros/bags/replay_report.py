@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.estimates import AXES, Rows
+from rft_ros.bags.estimates import Rows
 from rft_ros.bags.phases import PHASES
 from rft_ros.bags.playback import world_forces
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
@@ -17,7 +17,7 @@ from rft_ros.estimator.quality import QualityFlag, sentences, trust
 from rft_ros.parameters import PARAMETERS
 from rft_ros.report.animation import animate, animation_figure, what_is_shown
 from rft_ros.report.page import Figure, Table, write_page
-from rft_ros.rft import FORCE
+from rft_ros.rft import AXES, FORCE
 
 __all__ = ["decimated", "draw", "replay_charts"]
 

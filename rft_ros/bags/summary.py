@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.estimates import AXES, Rows
+from rft_ros.bags.estimates import Rows
 from rft_ros.bags.phases import PHASES
 from rft_ros.errors import InputError, shown
 from rft_ros.estimator import Reason
@@ -22,7 +22,7 @@ from rft_ros.files import read_yaml
 from rft_ros.messages import Role
 from rft_ros.parameters import Value
 from rft_ros.parameters.sections import flat
-from rft_ros.rft import FORCE, TORQUE
+from rft_ros.rft import AXES, FORCE, TORQUE
 
 __all__ = ["METRIC_HEADS", "Group", "PhaseGroup", "Summary"]
 __all__ += ["check", "metric_rows", "read_limits", "statistics", "summary_of"]

@@ -16,9 +16,8 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.calibration.recorded import Recorded
 from rft_ros.calibration.track import Indices
-from rft_ros.rft import wrenches
+from rft_ros.rft import FORCE, wrenches
 from rft_ros.rft.frames import QUATERNION, STATE, TWIST
-from rft_ros.rft.wrench import FORCE
 
 __all__ = ["doubts_of_zeta"]
 

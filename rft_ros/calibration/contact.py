@@ -105,7 +105,7 @@ def fit_contact(recording: Recorded, contact: Contact, grains: BedValues) -> Mea
     low, high = np.array([height.min()]), np.array([height.max()])
     curve = Curve(columns, np.array([_STEP]), low, high, expected=np.zeros(1), expected_error=_UNKNOWN)
     found = fit_curve(curve, observed, np.array([contact.surface]))
-    step = float(np.median(np.abs(np.diff(height)))) / 12.0**0.5 if grains.length > 0.0 else 0.0
+    step = float(np.median(np.abs(np.diff(height)))) / 12.0**0.5 if grains.has_memory else 0.0
     return Measurement(
         recording.track.name, float(found.coefficients[0]), float(np.hypot(found.errors[0], step)), contact.misfit
     )

@@ -143,13 +143,13 @@ class _Fits:
 
     def _coupled(self, own: Array) -> _Coupling:
         surface = self.grains.surface
-        log_length = float(np.log(self.grains.length)) if self.grains.length > 0.0 else -np.inf
+        log_length = float(np.log(self.grains.length)) if self.grains.has_memory else -np.inf
         # over the error of what is changed: within a smaller step a fit may stay where it is
         height_step, length_step = np.clip(own[_SURFACE], *_HEIGHT_STEPS), np.clip(own[_LENGTH], *_LENGTH_STEPS)
         by = np.zeros((3, 3))  # the derivative of each value's fit by the others
         by[_LENGTH, _SURFACE] = _slope(self.log_length_for, surface, height_step)
         by[_ZETA, _SURFACE] = _slope(lambda z: self.zeta_for(surface=z, log_length=log_length), surface, height_step)
-        if self.grains.length > 0.0:
+        if self.grains.has_memory:
             by[_SURFACE, _LENGTH] = _slope(self.surface_for, log_length, length_step)
             by[_ZETA, _LENGTH] = _slope(
                 lambda logarithm: self.zeta_for(surface=surface, log_length=logarithm), log_length, length_step

@@ -9,9 +9,8 @@ from numpy.typing import NDArray
 from rft_ros.calibration.smoothing import FineMotion, fine_motion, noise_of_poses, shaken_states, smoothed_states
 from rft_ros.calibration.track import GAP, Indices, Track
 from rft_ros.estimator import LoadCell
-from rft_ros.rft import Law, Memory, wrenches, wrenches_in_time
+from rft_ros.rft import FORCE, Law, Memory, wrenches, wrenches_in_time
 from rft_ros.rft.frames import ANGULAR_VELOCITY, TWIST, VELOCITY
-from rft_ros.rft.wrench import FORCE
 
 __all__ = ["BedValues", "Recorded", "recorded"]
 
@@ -26,6 +25,11 @@ class BedValues(NamedTuple):
     surface: float
     length: float
     lost_motion: float
+
+    @property
+    def has_memory(self) -> bool:
+        """Whether the model's force has memory."""
+        return self.length > 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -51,7 +55,7 @@ class Recorded:
     def predicted(self, grains: BedValues, first: int, rows: Indices) -> Array:
         """Force on the tool at `rows`, with a memory that is empty at the row `first`, world axes [N], shape [m, 3]."""
         plates, last = self.track.tool.plates, int(rows[-1])
-        if grains.length <= 0.0:
+        if not grains.has_memory:
             # smooth velocities: without memory there is no force at rest, and an arm guided by hand stops in between
             states = self.track.smooth_states()[rows]
             return wrenches(plates, self.law, states, surface_height=grains.surface, threads=1)[:, FORCE]

@@ -52,7 +52,7 @@ def predict(arguments: argparse.Namespace) -> int:
     wet = int((result[:, SUBMERGED_AREA] > 0.0).sum())
     print(f"{len(states)} states, {wet} in the grains, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")
     grains = described(model.law)
-    if model.law.mobilization_length == 0.0:
+    if not model.law.has_memory:
         grains += " (each state alone; node and replay have it: --mobilization-length 0.003 for states of one motion)"
     print(grains)
     return 0

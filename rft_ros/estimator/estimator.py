@@ -17,8 +17,9 @@ from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError
 from rft_ros.estimator.sigma import Withdrawal, predict_without_learning
 from rft_ros.ground import GroundMapper, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
-from rft_ros.rft import COLUMNS, QUATERNION, SENSITIVITIES, SLACK, STATE, Memory, rotation_matrix
+from rft_ros.rft import QUATERNION, SLACK, STATE, Memory, rotation_matrix
 from rft_ros.rft.arguments import number
+from rft_ros.rft.result import WIDTH
 from rft_ros.rft.traction import packed_law
 from rft_ros.rft.wrench import prepared
 
@@ -61,7 +62,7 @@ class Estimator:
         self.surface = LocalSurface(settings.surface_height)
         """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
         self._poses: deque[PastPose] = deque(maxlen=HISTORY)  # for a tare
-        self._duration, self._result = np.zeros(1), np.zeros((1, len(COLUMNS) + len(SENSITIVITIES)))
+        self._duration, self._result = np.zeros(1), np.zeros((1, WIDTH))
         self.state: Array = np.zeros(len(STATE))
         """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
         self._start_tool()
@@ -143,7 +144,7 @@ class Estimator:
             self._start_run()
         elif new_tool:
             self._start_tool()
-        elif (m.law.mobilization_length > 0.0) != (self._memory is not None):
+        elif m.law.has_memory != (self._memory is not None):
             self._start_memory()
 
         new_place = new_tool or new_axes or new_ground or s.surface_height != old.surface_height
@@ -193,7 +194,7 @@ class Estimator:
 
     def _start_memory(self) -> None:
         """Start with the memory of a tool that has not moved yet, or with none if the law has none."""
-        plates, has_memory = self.model.tool.plates, self.model.law.mobilization_length > 0.0
+        plates, has_memory = self.model.tool.plates, self.model.law.has_memory
         self._memory = Memory(plates, slack=SLACK) if has_memory else None
         self._step = prepared(plates, self._memory)
 

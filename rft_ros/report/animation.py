@@ -100,7 +100,7 @@ def what_is_shown(law: Law, *, learned: bool) -> str:
     The line is the whole predicted force. The colours are the law's traction without memory and learned corrections.
     """
     more = []
-    if law.mobilization_length > 0.0:
+    if law.has_memory:
         more.append("memory")
     if learned:
         more.append("learned corrections")

@@ -70,8 +70,8 @@ m = n or -n so that m does not point up, and polynomials f1, f2, f3 of x1 = -v·
 with the pressure p, 0 or more, and s along the plate.
 
 Modules, in the order of the paper: `frames`, `media`, `velocity_weights`, `alpha_y`, `grains`, `traction`, `plates`,
-`wrench`, for Eq. (10) `memory`, for Eq. (11) `inertia`, for Eq. (12) `agarwal2023`. The package `kernel` makes them
-fast; `arguments` checks inputs.
+`wrench`, `result` with the columns of a result, for Eq. (10) `memory`, for Eq. (11) `inertia`, for Eq. (12)
+`agarwal2023`. The package `kernel` makes them fast; `arguments` checks inputs.
 
 Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed straight down at 1 cm/s.
 
@@ -102,6 +102,17 @@ from rft_ros.rft.inertia import INERTIA
 from rft_ros.rft.media import MEDIA, Medium, medium_named
 from rft_ros.rft.memory import SLACK, Memory
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
+from rft_ros.rft.result import (
+    AXES,
+    BY_HEIGHT,
+    COLUMNS,
+    FORCE,
+    MOMENTS,
+    SENSITIVITIES,
+    SUBMERGED_AREA,
+    TORQUE,
+    WRENCH,
+)
 from rft_ros.rft.stress_map import LeftOut, MediumFit, StressMap, fit_medium
 from rft_ros.rft.traction import (
     LAW_NUMBERS,
@@ -113,20 +124,7 @@ from rft_ros.rft.traction import (
     traction_per_depth,
     treers2021,
 )
-from rft_ros.rft.wrench import (
-    COLUMNS,
-    FORCE,
-    LEVEL,
-    MOMENTS,
-    SENSITIVITIES,
-    SUBMERGED_AREA,
-    TORQUE,
-    WRENCH,
-    edge_share,
-    plate_forces,
-    wrenches,
-    wrenches_in_time,
-)
+from rft_ros.rft.wrench import LEVEL, edge_share, plate_forces, wrenches, wrenches_in_time
 
 __all__ = ["MEDIA", "LeftOut", "Medium", "MediumFit", "StressMap", "fit_medium", "medium_named"]
 __all__ += ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model"]
@@ -147,5 +145,5 @@ __all__ += ["traction_per_depth", "treers2021"]
 __all__ += ["ANGULAR_VELOCITY", "POSE", "POSITION", "QUATERNION", "TWIST", "VELOCITY"]
 __all__ += ["STATE", "checked_states", "rotation_matrix", "unit_quaternion"]
 __all__ += ["INTEGRATIONS", "SLACK", "Integration", "Memory", "Plates"]
-__all__ += ["FORCE", "MOMENTS", "SUBMERGED_AREA", "TORQUE", "WRENCH"]
+__all__ += ["AXES", "BY_HEIGHT", "FORCE", "MOMENTS", "SUBMERGED_AREA", "TORQUE", "WRENCH"]
 __all__ += ["COLUMNS", "LEVEL", "SENSITIVITIES", "edge_share", "plate_forces", "wrenches", "wrenches_in_time"]

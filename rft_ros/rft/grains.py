@@ -78,6 +78,11 @@ class GranularLaw:
         return self.inertial_density > 0.0
 
     @property
+    def has_memory(self) -> bool:
+        """Whether the force has memory, Eq. (10), in evaluations in time."""
+        return self.mobilization_length > 0.0
+
+    @property
     def speed_limits(self) -> SpeedLimits:
         """The limits of the law, which are higher if it has the grains' inertia."""
         return _WITH_INERTIA if self.has_inertia else _WITHOUT_INERTIA

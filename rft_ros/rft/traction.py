@@ -140,9 +140,8 @@ def law_named(name: str, medium: Medium, alpha_y_model: AlphaY, **numbers: float
 def described(law: Law) -> str:
     """The grains in words, such as "law treers2021, medium generic, alpha_y linear, zeta 0.33, memory 3 mm"."""
     parts = [f"law {law.name}", *(f"{what} {name}" for what, name in law.stresses.items()), f"zeta {law.zeta:g}"]
-    length = law.mobilization_length
-    parts.append(f"memory {1e3 * length:g} mm" if length > 0.0 else "no memory")
-    if law.density > 0.0:
+    parts.append(f"memory {1e3 * law.mobilization_length:g} mm" if law.has_memory else "no memory")
+    if law.has_inertia:
         parts.append(f"density {law.density:g} kg/m3")
     return ", ".join(parts)
 

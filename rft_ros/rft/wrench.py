@@ -21,25 +21,12 @@ from rft_ros.rft.kernel import loops
 from rft_ros.rft.kernel.compilation import machine_code
 from rft_ros.rft.memory import TRACTIONS, Memory
 from rft_ros.rft.plates import BLOCK, Plates
+from rft_ros.rft.result import COLUMNS, WIDTH
 from rft_ros.rft.traction import Law, packed_law, tractions
 
-__all__ = ["COLUMNS", "FORCE", "LEVEL", "MOMENTS", "SENSITIVITIES", "edge_share", "plate_forces", "prepared"]
-__all__ += ["SUBMERGED_AREA", "TORQUE", "WRENCH", "wrenches", "wrenches_in_time"]
+__all__ = ["LEVEL", "compile_tractions", "edge_share", "plate_forces", "prepared", "wrenches", "wrenches_in_time"]
 
 Array = NDArray[np.float64]
-
-COLUMNS = ("fx", "fy", "fz", "tx", "ty", "tz", "submerged_area")
-"""Columns of a result: force [N], torque about the tool frame's origin [N m], area below the surface [m²]."""
-
-FORCE, TORQUE, WRENCH, SUBMERGED_AREA = slice(0, 3), slice(3, 6), slice(0, 6), 6
-"""The parts of a result, as slices of its columns; the last is one column."""
-
-SENSITIVITIES = ("dfx_dh", "dfy_dh", "dfz_dh", *(f"{r}_f{f}" for r in "xyz" for f in "xyz"))
-"""Further columns: derivative of the force by the surface height [N/m], the sum of traction per depth times wet area;
-and the sums over plates of r_j f_l [N m], r from the tool frame's origin, which make up the torque."""
-
-MOMENTS = slice(len(COLUMNS) + 3, len(COLUMNS) + len(SENSITIVITIES))
-"""The sums of r_j f_l in a result with sensitivities, row by row of r."""
 
 LEVEL = 0.0, 0.0
 """The slope of a level surface."""
@@ -71,15 +58,16 @@ def wrenches(
     A row does not depend on the other rows or on `threads`, to the last bit. Raises ValueError or TypeError that names
     the argument that cannot be used.
     """
-    loop, scene = _loop(), _scene(plates, law, surface_height, slope)
+    loop, arguments = _loop(), _model_arguments(plates, law, surface_height, slope)
     states = numbers("states", states, _ROW)
     n, result = len(states), _result(states, sensitivities)
-    if threads == 1 or (workers := _workers(threads, n, len(plates))) <= 1:
-        loop(*scene, states, _NO_MEMORY, result)
+    workers = 1 if threads == 1 else _workers(threads, n, len(plates))
+    if workers <= 1:
+        loop(*arguments, states, _NO_MEMORY, result)
         return result
     edges = np.linspace(0, n, workers + 1).astype(int)
     with ThreadPoolExecutor(workers) as pool:
-        parts = [pool.submit(loop, *scene, states[a:b], _NO_MEMORY, result[a:b]) for a, b in pairwise(edges)]
+        parts = [pool.submit(loop, *arguments, states[a:b], _NO_MEMORY, result[a:b]) for a, b in pairwise(edges)]
     for part in parts:
         part.result()
     return result
@@ -102,16 +90,17 @@ def wrenches_in_time(
     [n], time since the previous state [s]; 0 for the very first. `memory`: of these plates, updated in place; of many
     bodies, row i is of body i.
     """
-    scene, kept = _scene(plates, law, surface_height, slope), _numbers_of(memory, plates)
+    arguments, kept = _model_arguments(plates, law, surface_height, slope), _numbers_of(memory, plates)
     _require_memory(law)
     states = numbers("states", states, _ROW)
     durations = numbers("durations", durations, rows=len(states))
-    if not (durations[0] if len(durations) == 1 else durations.min(initial=0.0)) >= 0.0:
+    shortest = durations[0] if len(durations) == 1 else durations.min(initial=0.0)
+    if not shortest >= 0.0:  # or NaN
         raise ValueError("durations has a value that is negative or NaN; states must be in chronological order")
     if memory.bodies not in (1, len(states)):
         raise ValueError(f"memory is of {memory.bodies} bodies; states has {len(states)} rows")
     result = _result(states, sensitivities)
-    _loop()(*scene, states, (True, durations, kept), result)
+    _loop()(*arguments, states, (True, durations, kept), result)
     return result
 
 
@@ -161,9 +150,12 @@ def plate_forces(
 
     `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height` [m], `slope`: as there.
     """
-    scene, states = _scene(plates, law, surface_height, slope), numbers("state", state, rows=13).reshape(1, 13)
+    arguments, states = (
+        _model_arguments(plates, law, surface_height, slope),
+        numbers("state", state, rows=13).reshape(1, 13),
+    )
     forces, ordered = np.zeros((plates.bounds.shape[1] * BLOCK, 3)), np.empty((len(plates), 3))
-    _loop()(*scene, states, _NO_MEMORY, forces)
+    _loop()(*arguments, states, _NO_MEMORY, forces)
     ordered[plates.order] = forces[: len(plates)]
     return ordered
 
@@ -183,8 +175,8 @@ def _checked(plates: Plates) -> Plates:
     return plates
 
 
-def _scene(plates: Plates, law: Law, height: float, slope: tuple[float, float]) -> tuple[Any, ...]:
-    """What the loop takes of these."""
+def _model_arguments(plates: Plates, law: Law, height: float, slope: tuple[float, float]) -> tuple[Any, ...]:
+    """The checked arguments of the loop: plates, law, surface height and slope."""
     if slope is not LEVEL:
         x, y = (number("slope", part) for part in numbers("slope", slope, rows=2).tolist())
         slope = x, y
@@ -211,15 +203,15 @@ def _workers(threads: int | None, states: int, plates: int) -> int:
 
 
 def _result(states: Array, sensitivities: bool) -> Array:
-    return np.empty((len(states), len(COLUMNS) + (len(SENSITIVITIES) if sensitivities else 0)))
+    return np.empty((len(states), WIDTH if sensitivities else len(COLUMNS)))
 
 
 @cache
 def _loop() -> Callable[..., None]:
     """The compiled loop, from the cache on disk if it is there."""
     plates = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
-    scene = _scene(plates, agarwal2023(), 0.0, LEVEL)
-    return machine_code(loops.sums, (*scene, np.zeros((1, len(STATE))), _NO_MEMORY, np.zeros((1, len(COLUMNS)))))
+    arguments = _model_arguments(plates, agarwal2023(), 0.0, LEVEL)
+    return machine_code(loops.sums, (*arguments, np.zeros((1, len(STATE))), _NO_MEMORY, np.zeros((1, len(COLUMNS)))))
 
 
 def compile_tractions() -> None:

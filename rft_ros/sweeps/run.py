@@ -27,7 +27,7 @@ from rft_ros.files import opened, whole
 from rft_ros.parameters import files_of, medium_of, model_of, tool_of
 from rft_ros.parameters.short_names import parameters_of
 from rft_ros.progress import bar
-from rft_ros.rft import FORCE, WRENCH, Medium
+from rft_ros.rft import AXES, FORCE, WRENCH, Medium
 from rft_ros.states_file import read_states, wrenches_along
 from rft_ros.sweeps.design import Design, Variant, motion_of
 from rft_ros.sweeps.motions import sample
@@ -37,9 +37,8 @@ __all__ = ["RESULTS", "evaluate", "rows_of", "run"]
 
 Array = NDArray[np.float64]
 
-_AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 RESULTS = (
-    *(f"{kind}_{axis}" for kind in ("peak", "mean") for axis in _AXES),
+    *(f"{kind}_{axis}" for kind in ("peak", "mean") for axis in AXES),
     *("peak_force", "vertical_work", "total_work", "path", "plates"),
 )
 """Columns of results: wrench on the tool [N], [N m], world axes, peaks by magnitude, signed; work on the grains [J];
@@ -69,8 +68,8 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
     work = trapezoid(-wrench * twist, times, axis=0)  # positive where the grains resist
     path = np.linalg.norm(np.diff(position, axis=0), axis=1).sum()
     force = np.linalg.norm(wrench[:, FORCE], axis=1).max()
-    results = {f"peak_{axis}": float(number) for axis, number in zip(_AXES, peak, strict=True)}
-    results |= {f"mean_{axis}": float(number) for axis, number in zip(_AXES, wrench.mean(axis=0), strict=True)}
+    results = {f"peak_{axis}": float(number) for axis, number in zip(AXES, peak, strict=True)}
+    results |= {f"mean_{axis}": float(number) for axis, number in zip(AXES, wrench.mean(axis=0), strict=True)}
     results |= {"peak_force": float(force), "vertical_work": float(work[2]), "total_work": float(work.sum())}
     results |= {"path": float(path), "plates": float(len(model.tool.plates))}
     if not np.isfinite(list(results.values())).all():

@@ -8,7 +8,18 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, RULES, directions, facing, random_plates, random_scene, seeds
 
-from rft_ros.rft import Memory, Plates, alpha_y_model, treers2021, wrenches, wrenches_in_time
+from rft_ros.rft import (
+    BY_HEIGHT,
+    MOMENTS,
+    TORQUE,
+    Memory,
+    Plates,
+    alpha_y_model,
+    described,
+    treers2021,
+    wrenches,
+    wrenches_in_time,
+)
 from rft_ros.rft.inertia import CONFINEMENT, INERTIA
 
 DENSITY = 1500.0  # of `INERTIAL`
@@ -76,10 +87,10 @@ def test_the_derivative_by_the_surface_height_has_none_of_it_and_the_torque_all(
     rng = np.random.default_rng(seed)
     body, state = random_plates(rng, 60, rule), random_scene(rng, 1)
     wide, plain = (wrenches(body, law, state, sensitivities=True)[0] for law in (INERTIAL, CONSTANT))
-    np.testing.assert_array_equal(wide[7:10], plain[7:10])
-    moments = wide[10:].reshape(3, 3)  # r_j f_l
+    np.testing.assert_array_equal(wide[BY_HEIGHT], plain[BY_HEIGHT])
+    moments = wide[MOMENTS].reshape(3, 3)  # r_j f_l
     torque = [moments[1, 2] - moments[2, 1], moments[2, 0] - moments[0, 2], moments[0, 1] - moments[1, 0]]
-    np.testing.assert_allclose(torque, wide[3:6], rtol=1e-9, atol=1e-12)
+    np.testing.assert_allclose(torque, wide[TORQUE], rtol=1e-9, atol=1e-12)
 
 
 def test_density_0_is_no_inertia_and_a_negative_one_is_refused():
@@ -88,3 +99,11 @@ def test_density_0_is_no_inertia_and_a_negative_one_is_refused():
     for name, numbers in (("medium.density", {"density": -1.0}), ("medium.inertia", {"density": 1.0, "inertia": -1.0})):
         with pytest.raises(ValueError, match=name):
             treers2021(GENERIC, model, **numbers)
+
+
+def test_a_law_is_described_with_inertia_if_density_and_factor_are_over_0():
+    model = alpha_y_model("constant", GENERIC)
+    assert "density 1500" in described(treers2021(GENERIC, model, density=DENSITY))
+    for numbers in ({}, {"density": DENSITY, "inertia": 0.0}):
+        law = treers2021(GENERIC, model, **numbers)
+        assert not law.has_inertia and "density" not in described(law)
