@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.estimates import Rows
+from rft_ros.bags.estimates import LEARNED_COLUMNS, Rows
 from rft_ros.bags.phases import PHASES
 from rft_ros.bags.playback import world_forces
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
@@ -28,11 +28,12 @@ _BUCKETS = 1500
 _IN_GRAINS = -1e-3  # least depth in charts over depth [m]
 _TIME, _DEPTH = "Time since the first pose [s]", "Depth of the lowest point [mm]"
 _LEARNED = (
-    ("Strength", 1.0, {0: "vertical", 1: "horizontal"}),
-    ("Turn [deg]", math.degrees(1.0), {2: "turn"}),
-    ("Surface [mm]", 1e3, {3: "surface"}),
-    ("Surprise<br>[std. deviations]", 1.0, {8: "surprise"}),
+    ("Strength", 1.0, {"vertical_strength": "vertical", "horizontal_strength": "horizontal"}),
+    ("Turn [deg]", math.degrees(1.0), {"turn": "turn"}),
+    ("Surface [mm]", 1e3, {"surface": "surface"}),
+    ("Surprise<br>[std. deviations]", 1.0, {"surprise": "surprise"}),
 )
+"""Panels of what is learned: label, factor of the unit, and for each of `LEARNED_COLUMNS` in it the line's name."""
 _NAMES = {  # Okabe and Ito's palette, distinguishable with any kind of colour vision
     "#333333": ("measured", "turn", "surface", "surprise"),
     "#D55E00": ("predicted", "vertical"),
@@ -200,15 +201,19 @@ def _flags(rows: Rows, time: _Array) -> Figure:
     return Figure("quality_flags", "Quality flags over time", "When the prediction had which flag.", panels)
 
 
+def _learned_column(rows: Rows, name: str) -> _Array:
+    return np.asarray(rows["learned"][:, LEARNED_COLUMNS.index(name)], dtype=np.float64)
+
+
 def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
     panels = _panels(len(_LEARNED), 2, height=900)
     for row, (label, unit, columns) in enumerate(_LEARNED, start=1):
         for column, (x, x_label) in enumerate(((time, _TIME), (depth, _DEPTH)), start=1):
             at = (row, column)
-            for number, name in columns.items():
-                value = unit * rows["learned"][:, number]
-                if number < 4:
-                    error = unit * rows["learned"][:, number + 4]
+            for learned, name in columns.items():
+                value = unit * _learned_column(rows, learned)
+                if f"{learned}_error" in LEARNED_COLUMNS:
+                    error = unit * _learned_column(rows, f"{learned}_error")
                     _band(panels, at, "± standard error", x, value, error, colour=name)
                 _line(panels, at, name, x, value)
             _label(panels, at, x=x_label if row == len(_LEARNED) else "", y=label)

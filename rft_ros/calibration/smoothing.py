@@ -52,15 +52,32 @@ class _Line(NamedTuple):
     deviation: Array
 
 
-def _noise(places: Array) -> Array:
-    """Standard deviation of one number of position [m] and of quaternion, shape [7], from the third differences."""
+class _PoseNoise(NamedTuple):
+    """Standard deviation of one number of the position [m], and of one of the quaternion [rad/2]."""
+
+    position: float
+    quaternion: float
+
+    @property
+    def of_numbers(self) -> Array:
+        """The deviation of each number of a pose, shape [7]."""
+        found = np.empty(QUATERNION.stop)
+        found[POSITION], found[QUATERNION] = self.position, self.quaternion
+        return found
+
+
+def _noise(places: Array) -> _PoseNoise:
+    """The noise of poses, shape [n, 7], from their third differences."""
     third = np.diff(places, n=3, axis=0)
-    found = []
-    for columns, free in ((slice(0, 3), 3), (slice(3, 7), 3)):
-        squares = np.sort(np.sum(third[:, columns] ** 2, axis=1))
-        variance = squares[int(_CALM * (len(squares) - 1))] / _CHI2_OF_CALM / 20.0 if len(squares) else 0.0
-        found += [np.sqrt(variance * free / 3.0)] * (columns.stop - columns.start)
-    return np.array(found)
+
+    def deviation(part: slice) -> float:
+        squares = np.sort(np.sum(third[:, part] ** 2, axis=1))
+        if not len(squares):
+            return 0.0
+        variance = squares[int(_CALM * (len(squares) - 1))] / _CHI2_OF_CALM / 20.0
+        return float(np.sqrt(variance * 3.0 / 3.0))  # without the factor 3 / 3 the last bits of results would change
+
+    return _PoseNoise(position=deviation(POSITION), quaternion=deviation(QUATERNION))
 
 
 def _line(time: Array, places: Array, before: int, after: int) -> _Line:
@@ -92,7 +109,7 @@ def _longest_lines(time: Array, places: Array, noise: Array) -> _Line:
     n = len(time)
     step = max(float(np.median(np.diff(time))), 1e-6)
     most = min(round(_LONGEST / step), n - 1)
-    # the line to the pose before has no noise less than the pose
+    # fallback: the pose itself, with the slope to the pose before
     best = _line(time, places, 1, 0)
     best.slope[0], best.deviation[0] = best.slope[1], 1.0
     best.value[0] = places[0]
@@ -120,9 +137,9 @@ def _apart(time: Array, gap: float) -> list[NDArray[np.int64]]:
 
 def _alike(places: Array) -> Array:
     """The places, with the signs of quaternions chosen so that they do not jump: q and -q are one attitude."""
-    turned = np.sign(np.sum(places[1:, 3:] * places[:-1, 3:], axis=1))
+    turned = np.sign(np.sum(places[1:, QUATERNION] * places[:-1, QUATERNION], axis=1))
     signs = np.append(1.0, np.cumprod(np.where(turned < 0.0, -1.0, 1.0)))
-    return np.hstack([places[:, :3], signs[:, None] * places[:, 3:]])
+    return np.hstack([places[:, POSITION], signs[:, None] * places[:, QUATERNION]])
 
 
 def noise_of_poses(time: Array, states: Array, *, gap: float, reach: float) -> float:
@@ -133,9 +150,10 @@ def noise_of_poses(time: Array, states: Array, *, gap: float, reach: float) -> f
     noise = [_noise(_alike(states[rows, POSE])) for rows in _apart(time, gap)]
     if not noise:
         return 0.0
-    place, turn = np.median(noise, axis=0)[[0, 3]].tolist()
-    found = float(np.hypot(place, 2.0 * reach * turn))
-    return found if max(place, turn) > _QUIET else 0.0
+    typical = _PoseNoise(*np.median(noise, axis=0).tolist())
+    if max(typical) <= _QUIET:
+        return 0.0
+    return float(np.hypot(typical.position, 2.0 * reach * typical.quaternion))
 
 
 def shaken_states(time: Array, states: Array, *, gap: float, times: float, rng: np.random.Generator) -> Array | None:
@@ -145,7 +163,7 @@ def shaken_states(time: Array, states: Array, *, gap: float, times: float, rng: 
     """
     result, shaken = states.copy(), False
     for rows in _apart(time, gap):
-        noise = _noise(_alike(states[rows, POSE]))
+        noise = _noise(_alike(states[rows, POSE])).of_numbers
         noise[noise <= _QUIET] = 0.0
         shaken |= bool(noise.any())
         result[rows, POSE] += times * noise * rng.normal(size=(len(rows), 7))
@@ -162,15 +180,21 @@ def smoothed_states(time: Array, states: Array, *, gap: float) -> Array:
     result = states.copy()
     for rows in _apart(time, gap):
         places = _alike(states[rows, POSE])
-        noise = _noise(places)
+        noise = _noise(places).of_numbers
         middle = places.mean(axis=0)
         line = _longest_lines(time[rows], places - middle, np.maximum(noise, _QUIET))
         value = np.where(noise > _QUIET, line.value + middle, states[rows, POSE])
-        value[:, 3:] /= np.linalg.norm(value[:, 3:], axis=1)[:, None]
-        turn, w, at, at_w = line.slope[:, 3:6], line.slope[:, 6:], places[:, 3:6], places[:, 6:]
-        spin = 2.0 * (at_w * turn - w * at - np.cross(turn, at))
-        result[rows] = np.hstack([value, np.round(np.hstack([line.slope[:, :3], spin]), _ROUNDED)])
+        value[:, QUATERNION] /= np.linalg.norm(value[:, QUATERNION], axis=1)[:, None]
+        spin = _spin(places[:, QUATERNION], line.slope[:, QUATERNION])
+        result[rows, POSE] = value
+        result[rows, TWIST] = np.round(np.hstack([line.slope[:, POSITION], spin]), _ROUNDED)
     return result
+
+
+def _spin(quaternions: Array, rates: Array) -> Array:
+    """Angular velocity in world axes [rad/s], shape [n, 3], from quaternions and their rates [1/s], shape [n, 4]."""
+    (vector, scalar), (vector_rate, scalar_rate) = (np.split(q, [3], axis=1) for q in (quaternions, rates))
+    return np.asarray(2.0 * (scalar * vector_rate - scalar_rate * vector - np.cross(vector_rate, vector)))
 
 
 def fine_motion(time: Array, states: Array, *, gap: float) -> FineMotion:

@@ -1,7 +1,9 @@
 """A height map: square cells with one height each. It is made from points or read from a file, and written to one."""
 
+import math
 from dataclasses import dataclass
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -62,7 +64,7 @@ class HeightMap:
     def points(self, *, at_most: int = MOST_CELLS) -> Array:
         """Centres of the known cells, or of every nth, and their heights: x, y, h [m], shape [k, 3]."""
         known = np.argwhere(~np.isnan(self.heights))
-        known = known[:: -(-len(known) // at_most) or 1]
+        known = known[:: max(1, math.ceil(len(known) / at_most))]
         return np.column_stack([self.cell * (known + self.corner + 0.5), self.heights[tuple(known.T)]])
 
     def filled(self) -> "HeightMap":
@@ -77,11 +79,9 @@ class HeightMap:
 
     def nearest(self, x: float, y: float) -> float:
         """Height of the cell at a place [m], or beside the map of the nearest one on its edge; NaN if it is unknown."""
-        n, m = self.heights.shape
-        i, j = (
-            int(np.clip(v / self.cell - first, 0, k - 1))
-            for v, first, k in zip((x, y), self.corner, (n, m), strict=True)
-        )
+        (first_i, first_j), (n, m) = self.corner, self.heights.shape
+        i = int(np.clip(x / self.cell - first_i, 0, n - 1))
+        j = int(np.clip(y / self.cell - first_j, 0, m - 1))
         return float(self.heights[i, j])
 
     def heights_at(self, x: Array, y: Array) -> Array:
@@ -101,21 +101,25 @@ class HeightMap:
         """
         phase = np.append(np.mod(self.corner, 1.0), 0.0)  # distance of the cells from multiples of `cell`, in cells
         offset = self.cell * phase
-        if tool is None:
-            reach, nowhere = np.inf, np.full(3, np.inf)
-            box = np.vstack([np.zeros((4, 3)), nowhere, nowhere])
-        else:
-            (position, rotation, corners), margin, reach = tool, _MARGIN * self.cell, _REACH * self.cell
-            low, high = corners.min(axis=0) - margin, corners.max(axis=0) + margin
-            box = np.vstack([position - offset, rotation.T, low, high])
+        box = _NO_BOX
+        if tool is not None:
+            (position, rotation, corners), margin = tool, _MARGIN * self.cell
+            box = _Box(
+                position=position - offset,
+                axes=np.ascontiguousarray(rotation.T),
+                lowest=corners.min(axis=0) - margin,
+                highest=corners.max(axis=0) + margin,
+                reach=_REACH * self.cell,
+            )
+        any_known = not np.isnan(self.heights).all()
         first = np.floor(self.corner).astype(np.int64)
-        old = np.append(first, first if np.isnan(self.heights).all() else first + self.heights.shape)
+        end = first + self.heights.shape if any_known else first
         p = np.vstack([x, y, z]).astype(np.float64) - offset[:, None]
-        index, i0, j0, i1, j1 = _cells_of(p, self.cell, box, reach, old)
+        index, i0, j0, i1, j1 = _cells_of(p, self.cell, box, first, end)
         if i1 == i0:
             return self
         heights = np.full((i1 - i0, j1 - j0), np.nan, dtype=np.float32)
-        if old[2] > old[0]:
+        if any_known:
             i, j = first - (i0, j0)
             heights[i : i + self.heights.shape[0], j : j + self.heights.shape[1]] = self.heights
         seen = np.full_like(heights, np.nan)
@@ -124,16 +128,33 @@ class HeightMap:
         return HeightMap(cell=self.cell, corner=(i0 + float(phase[0]), j0 + float(phase[1])), heights=heights)
 
 
+class _Box(NamedTuple):
+    """The box around a tool: `position` of the tool [m], shape [3]; its `axes` as rows, shape [3, 3].
+
+    `lowest` and `highest` point of the box in the tool's axes [m], shape [3]. `reach`: points are left out that lie
+    further from the tool along x or y [m].
+    """
+
+    position: Array
+    axes: Array
+    lowest: Array
+    highest: Array
+    reach: float
+
+
+_NO_BOX = _Box(np.zeros(3), np.zeros((3, 3)), np.full(3, np.inf), np.full(3, np.inf), np.inf)
+"""A box without points."""
+
+
 @compiled
-def _cells_of(p, cell, box, reach, old):
+def _cells_of(p, cell, box, first, end):
     """The cell of each point, shape [2, n], and the first and end cells i0, j0, i1, j1 of the new map.
 
-    Row 0 is `_LEFT_OUT` for a point that is left out. `box`: rows are the tool's position, its axes, its lowest and its
-    highest corner. `old`: the first and end cells of the map so far.
+    Row 0 is `_LEFT_OUT` for a point that is left out. `first`, `end`: cells of the map so far.
     """
     index = np.full((2, p.shape[1]), _LEFT_OUT)
-    i0, j0, i1, j1 = old
-    position, axes, lowest, highest = box[0], box[1:4], box[4], box[5]
+    i0, j0, i1, j1 = first[0], first[1], end[0], end[1]
+    position, axes, lowest, highest = box.position, box.axes, box.lowest, box.highest
     for k in range(p.shape[1]):
         x, y, z = p[0, k], p[1, k], p[2, k]
         if not (abs(x) < _FARTHEST * cell and abs(y) < _FARTHEST * cell and abs(z) < _HIGHEST):  # NaN, too
@@ -143,7 +164,7 @@ def _cells_of(p, cell, box, reach, old):
         for c in range(3):
             r = axes[c, 0] * dx + axes[c, 1] * dy + axes[c, 2] * dz
             inside = inside and lowest[c] <= r <= highest[c]
-        if inside or max(abs(dx), abs(dy)) > reach:
+        if inside or max(abs(dx), abs(dy)) > box.reach:
             continue
         i, j = int(np.floor(x / cell)), int(np.floor(y / cell))
         if i1 == i0:  # the first cell that is known

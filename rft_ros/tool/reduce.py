@@ -115,8 +115,9 @@ def _error_over(states: Array, plates: Plates, *, own_force: bool) -> Callable[[
         raise InputError("the scene has no force: the tool never moves in the grains (the surface is at z = 0)")
 
     def error_of(few: Plates) -> float:
-        off = np.linalg.norm((wrenches_of(few) - full).reshape(*full.shape[:2], 2, 3), axis=3)
-        larger = np.maximum(off[..., 0], off[..., 1] / plates.reach)
+        off = wrenches_of(few) - full
+        of_force, of_torque = (np.linalg.norm(off[..., part], axis=2) for part in (FORCE, TORQUE))
+        larger = np.maximum(of_force, of_torque / plates.reach)
         return float(np.percentile(larger / scale, 95.0, axis=1).max())
 
     return error_of
