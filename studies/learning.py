@@ -25,6 +25,7 @@ from rft_ros.cli import main
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.sigma import is_withdrawn, predict_without_learning
 from rft_ros.parameters import Values, model_of, read_parameter_file, settings_of
+from rft_ros.parameters.settings import CALIBRATED_ERROR
 from rft_ros.rft import (
     ANGULAR_VELOCITY,
     TWIST,
@@ -105,8 +106,7 @@ class Series:
     tool's fastest point [m/s];
     `passing`: withdrawn, or so fast that inertia matters; `rows`: the model, shape [n, 19], columns of `wrenches` with
     sensitivities; `forces`: measured, world axes [N], shape [n, 3]; `judged`: the samples that count; `expected`: what
-    they are compared with [N], shape [n, 3]. `zeta_error`: relative standard error of ζ by the calibration; 0: not
-    known.
+    they are compared with [N], shape [n, 3]. `strength_error`: relative standard error of ζ.
     """
 
     name: str
@@ -120,7 +120,7 @@ class Series:
     forces: Array
     judged: NDArray[np.int64]
     expected: Array
-    zeta_error: float = 0.0
+    strength_error: float = CALIBRATED_ERROR
 
     @property
     def reach(self) -> float:
@@ -155,8 +155,7 @@ class Learned:
 
 def learned(series: Series, *, lag: float, forces: Array | None = None) -> Learned:
     """A series through the filter, with its own measured forces [N] or others, shape [n, 3]."""
-    error = {"strength_error": series.zeta_error} if series.zeta_error else {}
-    learning = Learning(lag=lag, reach=series.reach, **error)
+    learning = Learning(lag=lag, reach=series.reach, strength_error=series.strength_error)
     measured = series.forces if forces is None else forces
     out, surprise = np.empty((len(series.stamps), 12)), np.full(len(series.stamps), "", "U6")
     steps = series.steps
@@ -293,7 +292,7 @@ def _recorded(bag: Path, values: Values, options: ReplayOptions, choice: Choice)
     sinking = np.convolve(states[:, 9], np.full(21, 1.0 / 21.0), "same") < -rest
     deep = settings.surface_height - track.heights() > 0.0
     inward = np.flatnonzero(sinking & deep & (rows[:, 2] > 0.0) & (series.speeds > 0.0))
-    return replace(series, judged=inward, zeta_error=settings.zeta_error)
+    return replace(series, judged=inward, strength_error=settings.zeta_error or CALIBRATED_ERROR)
 
 
 def _recordings(group: str, folder: Path) -> tuple[list[Path], dict[str, dict[str, Any]]]:
@@ -363,7 +362,7 @@ def unlearned(series: Series) -> Array:
     """The model's wrench and its standard deviations without learning, shape [n, 12]."""
     answers = np.empty((len(series.rows), 12))
     for row, answer in zip(series.rows, answers, strict=True):
-        predict_without_learning(row, series.zeta_error, series.reach, answer)
+        predict_without_learning(row, series.strength_error, series.reach, answer)
     return answers
 
 

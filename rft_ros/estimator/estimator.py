@@ -31,7 +31,6 @@ _AXES = ("world_frame", "tool_frame")
 _SLIVER = 0.01  # of a tool's area: merged plates reach beyond the tool, and may be submerged when it is 6 mm above
 _SLACK_OVER_NOISE = 5.0  # dead band of the memory over the poses' noise at the tool's tip, so that noise is no motion
 _SLACK_MOST = 5e-4  # m
-_UNKNOWN_ZETA_ERROR = 1.0  # prior of an uncalibrated ζ: wide enough to learn any grains from ζ = 1 within centimetres
 
 
 class Estimator:
@@ -159,8 +158,7 @@ class Estimator:
         s = self.settings
         learns = s.learning_mode != "off"
         if learns != (self.learning is not None) or s.zeta_error != before.zeta_error:
-            strength_error = s.zeta_error or _UNKNOWN_ZETA_ERROR
-            self.learning = Learning(lag=s.learning_lag, strength_error=strength_error) if learns else None
+            self.learning = Learning(lag=s.learning_lag, strength_error=s.strength_error) if learns else None
         new_cell = s.load_cell != before.load_cell
         if new_cell:
             self._air.forget()
@@ -348,7 +346,7 @@ class Estimator:
         """The wrench, corrected in mode apply, and one standard deviation of each component, shape [12]; world axes."""
         if self.learning is None:
             with_sigma = np.empty(12)
-            predict_without_learning(row, self.settings.zeta_error, self._kinematics.reach, with_sigma)
+            predict_without_learning(row, self.settings.strength_error, self._kinematics.reach, with_sigma)
             return with_sigma
         fast = math.hypot(*motion.velocity) > self._limits.inertial
         passing, apply = self._withdrawal.active or fast, self.settings.learning_mode == "apply"

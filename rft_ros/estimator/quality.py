@@ -192,13 +192,15 @@ class QualityMonitor:
         self._countdown -= 1
         return flags | self._slow
 
-    def _slow_flags(self, state: Array, height: float, calibrated_depth: float, depth: Callable[[], float]) -> int:
+    def _slow_flags(
+        self, state: Array, height: float, calibrated_depth: float | None, depth: Callable[[], float]
+    ) -> int:
         """The flags that take long to find, and change slowly. `height` of the surface at the tool frame [m]."""
         f, flags = QualityFlag, self._of_tool
         self._path.extend(state)
         if self._path.crosses_itself:
             flags |= f.WAKE.value
-        if calibrated_depth > 0.0 and depth() > _DEEPER * calibrated_depth:
+        if calibrated_depth is not None and depth() > _DEEPER * calibrated_depth:
             flags |= f.DEEP.value
         if edge_share(self._plates, state, surface_height=float(height)) > _EDGE_SHARE:
             flags |= f.KNIFE_EDGE.value

@@ -19,7 +19,6 @@ __all__ = ["Withdrawal", "compile_withdrawal", "is_withdrawn", "parts_of_predict
 Array = NDArray[np.float64]
 
 # relative standard deviations
-_STRENGTH_ERROR = 0.15  # relative error of a calibrated ζ whose error is not known
 _HORIZONTAL_ERROR, _VERTICAL_ERROR = 0.4, 0.1  # of these parts of the force, beside ζ's
 _HORIZONTAL_SHARE, _VERTICAL_SHARE = 0.03, 0.15  # of the whole force: an upright plate lifts more than the model says
 _NOISE_FLOOR = 0.05  # of any component of the force [N]
@@ -39,24 +38,23 @@ def parts_of_prediction(with_sigma):
 
 
 @compiled
-def predict_without_learning(row: Array, zeta_error: float, reach: float, with_sigma: Array) -> None:
+def predict_without_learning(row: Array, strength_error: float, reach: float, with_sigma: Array) -> None:
     """Write a prediction without learning, (L6), to `with_sigma`, shape [12]: wrench and deviations.
 
-    `row`: the model, begins with force and torque; world axes. `zeta_error`: relative standard error of ζ, 0 if
-    unknown. `reach` of the tool [m].
+    `row`: the model, begins with force and torque; world axes. `strength_error`: relative standard error of
+    ζ. `reach` of the tool [m].
     """
-    zeta_error = zeta_error or _STRENGTH_ERROR
     for i in range(6):
         with_sigma[i] = row[i]
     force, torque, force_sigma, torque_sigma = parts_of_prediction(with_sigma)
     flat, vertical = force[0] ** 2 + force[1] ** 2, force[2] ** 2
     whole = flat + vertical
-    horizontally, vertically = zeta_error**2 + _HORIZONTAL_ERROR**2, zeta_error**2 + _VERTICAL_ERROR**2
+    horizontally, vertically = strength_error**2 + _HORIZONTAL_ERROR**2, strength_error**2 + _VERTICAL_ERROR**2
     force_sigma[0] = force_sigma[1] = math.sqrt(horizontally * flat + _HORIZONTAL_SHARE**2 * whole + _NOISE_FLOOR**2)
     force_sigma[2] = math.sqrt(vertically * vertical + _VERTICAL_SHARE**2 * whole + _NOISE_FLOOR**2)
     of_point = (_LEVER * reach) ** 2 * whole
     for i in range(3):
-        torque_sigma[i] = math.sqrt((zeta_error**2 + _TORQUE_ERROR**2) * torque[i] ** 2 + of_point)
+        torque_sigma[i] = math.sqrt((strength_error**2 + _TORQUE_ERROR**2) * torque[i] ** 2 + of_point)
 
 
 def is_withdrawn(upward: float, speed: float, force: Vector) -> bool:

@@ -27,7 +27,7 @@ _SINKING = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0
 def _answers() -> None:
     edge_share(_PLATE, _SINKING)
     LoadCellFrame(LoadCell()).into_sensor(_SINKING[QUATERNION], np.zeros(12))
-    predict_without_learning(np.zeros(7), 0.0, 0.0, np.zeros(12))
+    predict_without_learning(np.zeros(7), 1.0, 0.0, np.zeros(12))
     compile_withdrawal()
 
 

@@ -11,13 +11,18 @@ from rft_ros.parameters.file import read_alpha_y_table
 from rft_ros.parameters.medium_file import read_medium
 from rft_ros.parameters.table import Values
 from rft_ros.rft import LAW_NUMBERS, Law, Medium, Table, alpha_y_model, described, law_named, medium_named
+from rft_ros.rft.placement import Vector
 from rft_ros.tool import Tool, load_tool
 
 __all__ = ["LoadCell", "Model", "Settings", "files_of", "ground_of", "load_files"]
 __all__ += ["medium_of", "model_of", "read_small_file", "settings_of", "small_files_of", "tool_of"]
-__all__ += ["GRAINS", "with_grains"]
+__all__ += ["CALIBRATED_ERROR", "GRAINS", "with_grains"]
 
-_Vector = tuple[float, float, float]
+CALIBRATED_ERROR = 0.15
+"""Relative standard error that a ζ from a calibration is taken to have, if the calibration does not say."""
+
+_UNCALIBRATED_ERROR = 1.0
+"""The same for a ζ that may be no calibration at all: wide enough to learn any grains from ζ = 1 within centimetres."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -30,12 +35,12 @@ class LoadCell:
     attached below the cell.
     """
 
-    position: _Vector = (0.0, 0.0, 0.0)
+    position: Vector = (0.0, 0.0, 0.0)
     quaternion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
     sign: float = 1.0
     bias: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     mass: float = 0.0
-    center_of_mass: _Vector = (0.0, 0.0, 0.0)
+    center_of_mass: Vector = (0.0, 0.0, 0.0)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -45,10 +50,11 @@ class Settings:
     Some names differ: `load_cell` holds ``sensor.*``, `sensor_source` is ``sensor.frame_source``, `calibrated_depth`
     and `zeta_error` are ``medium.*``, and `learning_mode` and `learning_lag` are ``learning.*``. docs/node.md lists the
     parameters. A value of 0 has a special meaning in some fields. `max_rate`: every pose gets an estimate. `tf_rate`:
-    transforms give a pose at each load-cell stamp. `calibrated_depth`, `zeta_error`: unknown.
+    transforms give a pose at each load-cell stamp. `calibrated_depth` and `zeta_error` are None if they are not known;
+    the parameter is 0 then.
 
     Raises InputError if `world_frame` and `tool_frame` have the same name, because the frame_id of a twist then does
-    not say in which axes the twist is.
+    not say in which axes the twist is, and for a `calibrated_depth` or `zeta_error` that is not positive.
     """
 
     world_frame: str = "world"
@@ -64,14 +70,29 @@ class Settings:
     max_input_age: float = 0.1
     max_rate: float = 0.0
     rest_speed: float = 2e-4
-    calibrated_depth: float = 0.0
-    zeta_error: float = 0.0
+    calibrated_depth: float | None = None
+    zeta_error: float | None = None
     learning_mode: Literal["off", "observe", "apply"] = "off"
     learning_lag: float = 0.002
 
     def __post_init__(self) -> None:
         if self.world_frame == self.tool_frame:
             raise InputError(f"world_frame and tool_frame are both '{self.tool_frame}'; name two different frames")
+        for name, value in (("calibrated_depth", self.calibrated_depth), ("zeta_error", self.zeta_error)):
+            if value is not None and not value > 0.0:
+                raise InputError(f"{name} is {value}; it must be positive, or None if it is not known")
+
+    @property
+    def strength_error(self) -> float:
+        """Relative standard error of the strength of the grains, ζ, that predictions assume.
+
+        If `zeta_error` is not known, it depends on what happens with a wrong ζ. With learning the load cell's readings
+        correct it, so that a wide prior costs little. Without learning nothing does: a ζ of which nothing is known
+        would have no useful standard deviation, so it is taken to be from a calibration.
+        """
+        if self.zeta_error is not None:
+            return self.zeta_error
+        return CALIBRATED_ERROR if self.learning_mode == "off" else _UNCALIBRATED_ERROR
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -102,8 +123,8 @@ def settings_of(values: Values) -> Settings:
         **same_name,
         load_cell=LoadCell(**{field.name: values[f"sensor.{field.name}"] for field in fields(LoadCell)}),
         sensor_source=values["sensor.frame_source"],
-        calibrated_depth=values["medium.calibrated_depth"],
-        zeta_error=values["medium.zeta_error"],
+        calibrated_depth=values["medium.calibrated_depth"] or None,
+        zeta_error=values["medium.zeta_error"] or None,
         learning_mode=values["learning.mode"],
         learning_lag=values["learning.lag"],
     )

@@ -25,6 +25,7 @@ from rft_ros.parameters import (
     with_grains,
     write_parameter_file,
 )
+from rft_ros.parameters.settings import CALIBRATED_ERROR
 from rft_ros.parameters.short_names import SHORT_NAMES
 from rft_ros.rft import LAW_NUMBERS, LAWS, MEDIA, Constant, Linear, law_named
 
@@ -75,6 +76,22 @@ def test_a_wrong_name_or_norm_is_refused_and_an_integer_a_norm_near_1_or_an_unqu
     assert isinstance(checked("medium.zeta", 2), float)
     assert checked("mesh.origin", [1, 2, 3]) == (1.0, 2.0, 3.0)
     assert checked("learning.mode", False) == "off"  # unquoted in YAML
+
+
+@pytest.mark.parametrize("name", ["zeta_error", "calibrated_depth"])
+def test_a_parameter_of_0_is_none_in_python_where_0_means_not_known(name):
+    assert getattr(settings_of({**defaults(), f"medium.{name}": 0.0}), name) is None
+    assert getattr(settings_of({**defaults(), f"medium.{name}": 0.2}), name) == 0.2
+    for value in (0.0, -0.1, math.nan):
+        with pytest.raises(InputError, match=name):
+            Settings(**{name: value})
+
+
+def test_a_zeta_whose_error_is_not_known_counts_as_calibrated_only_where_nothing_corrects_it():
+    assert Settings().strength_error == CALIBRATED_ERROR
+    assert Settings(learning_mode="observe").strength_error == Settings(learning_mode="apply").strength_error == 1.0
+    for mode in ("off", "observe", "apply"):
+        assert Settings(learning_mode=mode, zeta_error=0.07).strength_error == 0.07
 
 
 def test_default_values_make_the_default_settings_and_other_values_reach_them_except_one_frame_for_two():

@@ -10,6 +10,7 @@ from rft_ros.estimator.learning.filter import begin
 from rft_ros.estimator.learning.records import FILTER_STATE, RECORD, RECORDS, STEP_MOST, add_reading, predict
 from rft_ros.estimator.learning.surprise import ISSUES, JUDGE
 from rft_ros.estimator.samples import ABSURD, Vector
+from rft_ros.parameters.settings import CALIBRATED_ERROR
 from rft_ros.rft.kernel.compilation import machine_code
 
 __all__ = ["Belief", "Learning"]
@@ -46,7 +47,7 @@ class Learning:
     `strength_error`: relative standard error of ζ. `reach` of the tool's surface from the tool frame's origin [m].
     """
 
-    def __init__(self, *, lag: float = 0.002, strength_error: float = 0.15, reach: float = 0.0) -> None:
+    def __init__(self, *, lag: float = 0.002, strength_error: float = CALIBRATED_ERROR, reach: float = 0.0) -> None:
         self.lag, self.reach, self._strength_error = lag, reach, strength_error
         self._states, self._records = np.zeros(1, FILTER_STATE), np.zeros(RECORDS, RECORD)
         self._state: Any = self._states[0]
