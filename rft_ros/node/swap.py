@@ -21,11 +21,11 @@ from rft_ros.node.tool_worker import ToolWorker, named
 from rft_ros.parameters import (
     GRAINS,
     Values,
-    files_of,
+    law_files_of,
     model_of,
-    read_small_file,
+    parts_of,
+    read_law_file,
     settings_of,
-    small_files_of,
     with_grains,
 )
 from rft_ros.rft import Medium, Table
@@ -39,8 +39,8 @@ class Prepared:
     """Everything that is made from the checked `values` of all parameters. It is made once, when they are validated.
 
     `settings` and `model` can be used at once: they have the tool, the ground and the machine code that are loaded.
-    `files` (as `files_of`) and `code` (parts of the machine code) are used once they are loaded. `read`: the content of
-    `small_files_of`, by parameter and file. If only parameters in `GRAINS` change, all fields but `values` and `model`
+    `files` (as `parts_of`) and `code` (parts of the machine code) are used once they are loaded. `read`: the content of
+    `law_files_of`, by parameter and file. If only parameters in `GRAINS` change, all fields but `values` and `model`
     are the same objects as before.
     """
 
@@ -89,7 +89,7 @@ class Swap:
     def __init__(self, worker: ToolWorker, values: Values, *, on_cold_cache: Callable[[], None]) -> None:
         self._worker = worker
         self._file_thread, self._code_thread = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
-        self._files, self._code = files_of(values), needed(values)
+        self._files, self._code = parts_of(values), needed(values)
         prepare(self._code, on_cold_cache=on_cold_cache)
         _prepare_clouds(self._code)
         self.parts = worker.load(self._files)  # after the code is in the cache; otherwise the worker compiles it, too
@@ -116,7 +116,7 @@ class Swap:
         return made
 
     def _made(self, values: Values, *, generation: int) -> Prepared:
-        files, code, read = files_of(values), needed(values), self._read_for(values)
+        files, code, read = parts_of(values), needed(values), self._read_for(values)
         settings = settings_of(values)
         if code - self._code:
             settings = self._without_code(settings)
@@ -136,8 +136,8 @@ class Swap:
 
     def _read_for(self, values: Values) -> dict[tuple[str, str], Medium | Table]:
         """The content of the small files of these values. A file that is in use is not read again: it may be gone."""
-        wanted = small_files_of(values).items()
-        return {named: self._read.get(named) or read_small_file(*named) for named in wanted}
+        wanted = law_files_of(values).items()
+        return {named: self._read.get(named) or read_law_file(*named) for named in wanted}
 
     @property
     def preparing(self) -> str:

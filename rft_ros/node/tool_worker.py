@@ -9,7 +9,7 @@ from typing import Any, NamedTuple
 
 from rft_ros.child_process import lower_priority, start_child
 from rft_ros.errors import InputError
-from rft_ros.parameters import FILES, Values, load_files
+from rft_ros.parameters import FILES, Values, load_parts
 
 __all__ = ["ToolWorker", "named"]
 
@@ -54,7 +54,7 @@ class ToolWorker:
         self._start(low_priority=low_priority)
 
     def load(self, files: Mapping[str, Values], given_up: threading.Event | None = None) -> dict[str, Any]:
-        """Load parts of `files_of`. Raises InputError if they cannot be used, do not end, or if `given_up` is set."""
+        """Load parts of `parts_of`. Raises InputError if they cannot be used, do not end, or if `given_up` is set."""
         given_up = given_up or threading.Event()
         try:
             answer = self._answer(files, given_up)
@@ -162,7 +162,7 @@ def _give_signs(connection: Connection, done: threading.Event, used_before: floa
 
 def _loaded(files: Mapping[str, Values]) -> dict[str, Any] | str:
     try:
-        return load_files(files)
+        return load_parts(files)
     except InputError as error:
         return str(error)
     except Exception as error:  # whatever a mesh library raises at a damaged file; its words may quote the file
@@ -170,6 +170,6 @@ def _loaded(files: Mapping[str, Values]) -> dict[str, Any] | str:
 
 
 def named(files: Mapping[str, Values]) -> str:
-    """The files that parts of `files_of` name, with their parameters."""
+    """The files that parts of `parts_of` name, with their parameters."""
     given = {name: value for part in files.values() for name, value in part.items() if name in FILES and value}
     return " and ".join(f"{name} '{file}'" for name, file in given.items()) or "ground.cell"

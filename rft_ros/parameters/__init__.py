@@ -1,38 +1,36 @@
 """Parameters: the table of all of them, the files that set them, and the settings and models made from their values."""
 
+from rft_ros.parameters.alpha_y_file import read_alpha_y_table
 from rft_ros.parameters.file import (
     FILES,
     NODE,
     named_files,
     node_parameters,
-    read_alpha_y_table,
     read_parameter_file,
     section_parameters,
     sections_for,
     write_parameter_file,
 )
-from rft_ros.parameters.medium_file import is_medium_file, read_medium, read_stress_map, write_medium
-from rft_ros.parameters.sections import Section, read_sections
-from rft_ros.parameters.settings import (
+from rft_ros.parameters.from_values import (
     GRAINS,
-    LoadCell,
-    Model,
-    Settings,
-    files_of,
-    load_files,
+    law_files_of,
+    load_parts,
     medium_of,
     model_of,
-    read_small_file,
+    parts_of,
+    read_law_file,
     settings_of,
-    small_files_of,
     tool_of,
     with_grains,
 )
+from rft_ros.parameters.medium_file import is_medium_file, read_medium, read_stress_map, write_medium
+from rft_ros.parameters.sections import Section, read_sections
+from rft_ros.parameters.settings import LoadCell, Model, Settings
 from rft_ros.parameters.table import MESH, PARAMETERS, Parameter, Value, Values, checked, defaults
 
 __all__ = ["FILES", "MESH", "NODE", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
 __all__ += ["LoadCell", "Model", "Settings"]
-__all__ += ["files_of", "load_files", "medium_of", "model_of", "read_small_file", "settings_of", "small_files_of"]
+__all__ += ["law_files_of", "load_parts", "medium_of", "model_of", "parts_of", "read_law_file", "settings_of"]
 __all__ += ["GRAINS", "tool_of", "with_grains"]
 __all__ += ["is_medium_file", "read_medium", "read_stress_map", "write_medium"]
 __all__ += ["Section", "named_files", "node_parameters", "read_sections", "section_parameters", "sections_for"]

@@ -1,19 +1,16 @@
-"""Reads and writes parameter files, and reads tables of α_y. Parameter files mean here what they mean to ROS."""
+"""Reads and writes parameter files. They mean here what they mean to ROS."""
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-
 from rft_ros.errors import InputError, shown
-from rft_ros.files import read_text, whole
+from rft_ros.files import whole
 from rft_ros.parameters.sections import Given, Section, parameter_file_text, read_sections
 from rft_ros.parameters.table import Value, Values, checked, defaults
-from rft_ros.rft import Table
 from rft_ros.tool import is_mesh_path, locate_mesh
 
-__all__ = ["FILES", "NODE", "checked_names", "named_files", "node_parameters", "path_beside", "read_alpha_y_table"]
+__all__ = ["FILES", "NODE", "checked_names", "named_files", "node_parameters", "path_beside"]
 __all__ += ["read_parameter_file", "section_parameters", "sections_for", "write_parameter_file"]
 
 NODE = "/rft"
@@ -37,7 +34,7 @@ def sections_for(sections: Iterable[Section], node: str = NODE) -> list[Section]
 def node_parameters(file: Path, node: str = NODE) -> dict[str, Given]:
     """The parameters that a file sets for a node, by name with dots.
 
-    Raises InputError for text that ROS would read as something else than it says.
+    Raises InputError for a file that ROS would read differently from what is written.
     """
     return _merged(file, sections_for(read_sections(file), node))
 
@@ -110,44 +107,3 @@ def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
     text = parameter_file_text({"/**": {"ros__parameters": plain}})
     with whole(file, "parameter file") as part:
         part.write_text(f"# {comment}\n{text}", encoding="utf-8")
-
-
-_MAX_TABLE = 4 * 2**20  # bytes; a grid of 180 x 360 pairs takes half of them
-
-
-def read_alpha_y_table(file: str) -> Table:
-    """A table from a CSV file with the columns β [deg], α_y [N/cm³], or β, γ [deg], α_y on a full grid.
-
-    Lines that begin with #, and a first line of words, are skipped. Raises InputError.
-    """
-    if not file:
-        raise InputError("alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first")
-    name, rows = f"alpha_y.table '{file}'", list[list[float]]()
-    lines = enumerate(read_text(Path(file), "alpha_y.table", limit=_MAX_TABLE).splitlines(), start=1)
-    numbered = [(k, line) for k, line in lines if line.strip() and line.lstrip()[0] != "#"]
-    for number, line in numbered:
-        try:
-            rows.append([float(cell) for cell in line.split(",")])
-        except ValueError:
-            if number != numbered[0][0] or not line.lstrip(' "')[:1].isalpha():
-                raise InputError(f"{name} line {number} is not numbers; correct or remove it") from None
-    if {len(row) for row in rows} not in ({2}, {3}):
-        raise InputError(f"{name} needs rows of 2 numbers (beta, alpha_y) or 3 (beta, gamma, alpha_y)")
-    *angles, stresses = np.array(rows).T
-    if not np.isfinite(rows).all():
-        raise InputError(f"{name} has a value that is not finite; remove its row or give a number")
-    if stresses.min() < 0.0:
-        raise InputError(f"{name} has a negative alpha_y ({stresses.min():g}); give the size of a stress that resists")
-    beta, i = np.unique(angles[0], return_inverse=True)
-    gamma, j = np.unique(angles[1] if len(angles) > 1 else np.zeros(len(rows)), return_inverse=True)
-    pairs = len(beta) * len(gamma)
-    values = np.full((len(beta), len(gamma)) if pairs == len(rows) else (1, 1), np.nan)
-    if pairs == len(rows):
-        values[i, j] = stresses
-    if np.isnan(values).any():
-        grid = f"a grid of {len(beta)} beta x {len(gamma)} gamma values needs each pair once ({pairs} rows)"
-        raise InputError(f"{name} has {len(rows)} rows; {grid}")
-    table = Table.sampled(np.deg2rad(beta), np.deg2rad(gamma), values)
-    if not np.isfinite([table.beta_nodes, table.gamma_nodes]).all():
-        raise InputError(f"{name} has angles that are too close together; space them further apart")
-    return table

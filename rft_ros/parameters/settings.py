@@ -1,22 +1,15 @@
-"""The estimator's settings, the load cell and the model of tool and grains, made from the values of parameters."""
+"""The estimator's settings, the load cell, and the model of tool and grains: values that do not change."""
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields, replace
-from pathlib import Path
-from typing import Any, Literal, NamedTuple
+from dataclasses import dataclass, field
+from typing import Literal
 
 from rft_ros.errors import InputError
-from rft_ros.ground import HeightMap, read_height_map
-from rft_ros.parameters.file import read_alpha_y_table
-from rft_ros.parameters.medium_file import read_medium
-from rft_ros.parameters.table import Values
-from rft_ros.rft import LAW_NUMBERS, Law, Medium, Table, alpha_y_model, described, law_named, medium_named
-from rft_ros.rft.placement import Vector
-from rft_ros.tool import Tool, load_tool
+from rft_ros.ground import HeightMap
+from rft_ros.rft import Law, described
+from rft_ros.rft.placement import Quaternion, Vector, Wrench
+from rft_ros.tool import Tool
 
-__all__ = ["LoadCell", "Model", "Settings", "files_of", "ground_of", "load_files"]
-__all__ += ["medium_of", "model_of", "read_small_file", "settings_of", "small_files_of", "tool_of"]
-__all__ += ["CALIBRATED_ERROR", "GRAINS", "with_grains"]
+__all__ = ["CALIBRATED_ERROR", "LoadCell", "Model", "Settings"]
 
 CALIBRATED_ERROR = 0.15
 """Relative standard error that a ζ from a calibration is taken to have, if the calibration does not say."""
@@ -36,9 +29,9 @@ class LoadCell:
     """
 
     position: Vector = (0.0, 0.0, 0.0)
-    quaternion: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
+    quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
     sign: float = 1.0
-    bias: tuple[float, float, float, float, float, float] = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    bias: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     mass: float = 0.0
     center_of_mass: Vector = (0.0, 0.0, 0.0)
 
@@ -114,119 +107,3 @@ class Model:
         plates = self.tool.reduction or f"{len(self.tool.plates):,} plates"
         rule = self.tool.plates.integration
         return f"tool {self.tool.name} ({plates}), integration {rule}, {described(self.law)}"
-
-
-def settings_of(values: Values) -> Settings:
-    """The estimator's settings from checked values."""
-    same_name = {field.name: values[field.name] for field in fields(Settings) if field.name in values}
-    return Settings(
-        **same_name,
-        load_cell=LoadCell(**{field.name: values[f"sensor.{field.name}"] for field in fields(LoadCell)}),
-        sensor_source=values["sensor.frame_source"],
-        calibrated_depth=values["medium.calibrated_depth"] or None,
-        zeta_error=values["medium.zeta_error"] or None,
-        learning_mode=values["learning.mode"],
-        learning_lag=values["learning.lag"],
-    )
-
-
-def tool_of(values: Values) -> Tool:
-    """Load the tool from checked values."""
-    return load_tool(
-        values["mesh.file"],
-        scale=values["mesh.scale"],
-        origin=values["mesh.origin"],
-        quaternion=values["mesh.quaternion"],
-        integration=values["integration"],
-        tolerance=values["tolerance"],
-    )
-
-
-def ground_of(values: Values) -> HeightMap | None:
-    """Load the ground at the start from checked values; None: a level plane."""
-    cell, file = values["ground.cell"], values["ground.file"]
-    if file and not cell:
-        raise InputError(f"ground.file '{file}' needs ground.cell, the side of a cell [m]; it is 0")
-    if not cell:
-        return None
-    return read_height_map(Path(file), cell) if file else HeightMap.unknown(cell)
-
-
-class _LoadedPart(NamedTuple):
-    """A part of a model that takes time to load: its parameters, and the function of their values that loads it."""
-
-    parameters: tuple[str, ...]
-    load: Callable[[Values], Tool | HeightMap | None]
-
-
-_OF_TOOL = ("mesh.file", "mesh.scale", "mesh.origin", "mesh.quaternion", "integration", "tolerance")
-_LOADED = {"tool": _LoadedPart(_OF_TOOL, tool_of), "ground": _LoadedPart(("ground.cell", "ground.file"), ground_of)}
-
-
-def files_of(values: Values) -> dict[str, Values]:
-    """The parts of a model that take time to load, and the values of the parameters that each needs.
-
-    The keys are arguments of `model_of`.
-    """
-    return {name: {p: values[p] for p in part.parameters} for name, part in _LOADED.items()}
-
-
-def load_files(files: Mapping[str, Values]) -> dict[str, Any]:
-    """Load parts of `files_of`. Raises InputError for what cannot be used."""
-    return {name: _LOADED[name].load(values) for name, values in files.items()}
-
-
-def small_files_of(values: Values) -> dict[str, str]:
-    """The files of the law, by parameter. They are small enough for a node to read them between two ticks."""
-    files = {}
-    if values["medium.file"]:
-        files["medium.file"] = values["medium.file"]
-    if values["alpha_y.model"] == "table":
-        files["alpha_y.table"] = values["alpha_y.table"]
-    return files
-
-
-def read_small_file(parameter: str, file: str) -> Medium | Table:
-    """Read one of `small_files_of`. Raises InputError for a file that cannot be used."""
-    return read_medium(file) if parameter == "medium.file" else read_alpha_y_table(file)
-
-
-def medium_of(values: Values) -> Medium:
-    """The medium from checked values: of medium.file if it is set, otherwise of medium.name. Raises InputError."""
-    return read_medium(values["medium.file"]) if values["medium.file"] else medium_named(values["medium.name"])
-
-
-GRAINS = frozenset(f"medium.{name}" for name in LAW_NUMBERS)
-"""Parameters that are fields of the law. A change of these changes the law and no other part of a model."""
-
-
-def with_grains(model: Model, changes: Values) -> Model:
-    """The next model, which differs in its law only. `changes`: checked values of parameters in `GRAINS`."""
-    changed = {}
-    for parameter, value in changes.items():
-        field_name = parameter.removeprefix("medium.")
-        if hasattr(model.law, field_name):  # surface_friction, for example, is a field of one law only
-            changed[field_name] = value
-    return replace(model, law=replace(model.law, **changed), generation=model.generation + 1)
-
-
-def model_of(
-    values: Values,
-    *,
-    tool: Tool | None = None,
-    medium: Medium | None = None,
-    table: Table | None = None,
-    ground: HeightMap | None = None,
-    generation: int = 0,
-) -> Model:
-    """The model from checked values. Parts that are not given are loaded. Raises InputError for unusable files."""
-    medium, alpha_y = medium or medium_of(values), values["alpha_y.model"]
-    if alpha_y == "table":
-        table = table or read_alpha_y_table(values["alpha_y.table"])
-    of_law = {name: values[f"medium.{name}"] for name in LAW_NUMBERS}
-    return Model(
-        tool=tool or tool_of(values),
-        law=law_named(values["law"], medium, alpha_y_model(alpha_y, medium, table), **of_law),
-        ground=ground or ground_of(values),
-        generation=generation,
-    )

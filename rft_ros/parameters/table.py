@@ -2,12 +2,13 @@
 
 import math
 import sys
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from difflib import get_close_matches
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 from rft_ros.errors import InputError, shown
+from rft_ros.parameters.settings import LoadCell, Settings
 from rft_ros.rft import ALPHA_Y_MODELS, INERTIA, INTEGRATIONS, LAWS, MEDIA, SURFACE_FRICTION
 from rft_ros.rft.frames import UNIT_TOLERANCE
 
@@ -20,9 +21,20 @@ Values = Mapping[str, Any]
 """The values of all parameters, by name, each a `Value`."""
 
 
+class _Rule(NamedTuple):
+    """What a number must be within its bounds: the check, and the end of the sentence that refuses it."""
+
+    allows: Callable[[float], bool]
+    must: str
+
+
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """One parameter. Its values have the type of `default`. `bounds`: least and greatest value of each number."""
+    """One parameter. Its values have the type of `default`.
+
+    `bounds`: least and greatest value of each number. `rule`: for a number that must be more than within its bounds.
+    `kind`: "frame" for the name of a frame, "quaternion" for the four numbers of a rotation.
+    """
 
     name: str
     default: Value
@@ -30,23 +42,34 @@ class Parameter:
     unit: str = ""
     bounds: tuple[float, float] = (-math.inf, math.inf)
     _: KW_ONLY
+    kind: Literal["", "frame", "quaternion"] = ""
+    rule: _Rule | None = None
     choices: tuple[str, ...] = ()
     applies: Literal["live", "restart"] = "live"
 
+
+_SMALLEST_CELL = 1e-4  # m
 
 MESH = (
     "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate, scoop)"
 )
 """The forms of a value of mesh.file, for help texts."""
 
-_ZERO3 = (0.0, 0.0, 0.0)
-_IDENTITY = (*_ZERO3, 1.0)  # of rotations
+_ORIGIN, _IDENTITY = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+_SETTINGS, _LOAD_CELL = Settings(), LoadCell()
+"""The defaults of the parameters that are fields of these."""
 
 PARAMETERS = (
     Parameter("mesh.file", "plate", f"Tool mesh: {MESH}; a path is relative to the parameter file."),
     Parameter("mesh.scale", 0.001, "Metres per mesh unit.", "m", (1e-9, 1e6)),
-    Parameter("mesh.origin", _ZERO3, "Where the tool frame's origin lies, in mesh-file coordinates.", "mesh units"),
-    Parameter("mesh.quaternion", _IDENTITY, "Orientation of the mesh file's axes in tool_frame, unit length.", "xyzw"),
+    Parameter("mesh.origin", _ORIGIN, "Where the tool frame's origin lies, in mesh-file coordinates.", "mesh units"),
+    Parameter(
+        "mesh.quaternion",
+        _IDENTITY,
+        "Orientation of the mesh file's axes in tool_frame, unit length.",
+        "xyzw",
+        kind="quaternion",
+    ),
     Parameter(
         "law",
         "treers2021",
@@ -66,7 +89,13 @@ PARAMETERS = (
         "N/cm3",
     ),
     Parameter("medium.zeta", 1.0, "Scale factor of the medium, from calibration.", "", (1e-6, 1e6)),
-    Parameter("medium.zeta_error", 0.0, "Relative standard error of medium.zeta. 0.0: not known.", "", (0.0, 2.0)),
+    Parameter(
+        "medium.zeta_error",
+        _SETTINGS.zeta_error or 0.0,
+        "Relative standard error of medium.zeta. 0.0: not known.",
+        "",
+        (0.0, 2.0),
+    ),
     Parameter(
         "medium.mobilization_length",
         0.003,
@@ -77,7 +106,7 @@ PARAMETERS = (
     ),
     Parameter(
         "medium.calibrated_depth",
-        0.0,
+        _SETTINGS.calibrated_depth or 0.0,
         "Greatest depth of the calibration. Deeper estimates are flagged. 0.0: not known.",
         "m",
         (0.0, 1e3),
@@ -125,14 +154,14 @@ PARAMETERS = (
     ),
     Parameter(
         "learning.mode",
-        "off",
+        _SETTINGS.learning_mode,
         "Estimate the medium from the load cell. observe: only report the estimates. apply: also correct the "
         "predictions.",
         choices=("off", "observe", "apply"),
     ),
     Parameter(
         "learning.lag",
-        0.002,
+        _SETTINGS.learning_lag,
         "Path of the tool between a load-cell sample and the first prediction that uses it.",
         "m",
         (1e-5, 1.0),
@@ -167,13 +196,16 @@ PARAMETERS = (
         "s",
         (0.01, 1.0),
     ),
-    Parameter("surface_height", 0.0, "z of the undisturbed surface in world_frame.", "m", (-1e6, 1e6)),
+    Parameter(
+        "surface_height", _SETTINGS.surface_height, "z of the undisturbed surface in world_frame.", "m", (-1e6, 1e6)
+    ),
     Parameter(
         "ground.cell",
         0.0,
         "Side of a cell of the height map of the ground. 0.0: the ground is a level plane.",
         "m",
         (0.0, 1.0),
+        rule=_Rule(lambda side: side == 0.0 or side >= _SMALLEST_CELL, f"0, or at least {_SMALLEST_CELL:g} m"),
     ),
     Parameter(
         "ground.file",
@@ -181,58 +213,88 @@ PARAMETERS = (
         "Heights of the ground at the start, in world_frame: CSV with columns x, y, h, or NPZ. Needs ground.cell.",
         "m",
     ),
-    Parameter("world_frame", "world", "frame_id of poses; z up."),
-    Parameter("tool_frame", "tool", "Frame of the mesh; twists may be in its axes."),
-    Parameter("sensor_frame", "ft_sensor", "frame_id of the load cell, and of all published wrenches."),
-    Parameter("sensor.position", _ZERO3, "Origin of sensor_frame in tool_frame.", "m", (-1e3, 1e3)),
-    Parameter("sensor.quaternion", _IDENTITY, "Orientation of sensor_frame in tool_frame, unit length.", "xyzw"),
+    Parameter("world_frame", _SETTINGS.world_frame, "frame_id of poses; z up.", kind="frame"),
+    Parameter("tool_frame", _SETTINGS.tool_frame, "Frame of the mesh; twists may be in its axes.", kind="frame"),
+    Parameter(
+        "sensor_frame",
+        _SETTINGS.sensor_frame,
+        "frame_id of the load cell, and of all published wrenches.",
+        kind="frame",
+    ),
+    Parameter("sensor.position", _LOAD_CELL.position, "Origin of sensor_frame in tool_frame.", "m", (-1e3, 1e3)),
+    Parameter(
+        "sensor.quaternion",
+        _LOAD_CELL.quaternion,
+        "Orientation of sensor_frame in tool_frame, unit length.",
+        "xyzw",
+        kind="quaternion",
+    ),
     Parameter(
         "sensor.frame_source",
-        "parameters",
+        _SETTINGS.sensor_source,
         "Source of the sensor's place on the tool. parameters: sensor.position and sensor.quaternion. tf: "
         "fixed transforms.",
         choices=("parameters", "tf"),
     ),
     Parameter(
         "sensor.sign",
-        1.0,
+        _LOAD_CELL.sign,
         "1.0: the driver reports the force that acts on the tool. -1.0: the force with which the tool pushes.",
         "",
         (-1.0, 1.0),
+        rule=_Rule(lambda sign: abs(sign) == 1.0, "1.0 or -1.0"),
     ),
     Parameter(
         "sensor.bias",
-        (0.0,) * 6,
+        _LOAD_CELL.bias,
         "Reading of the load cell without load: fx, fy, fz, tx, ty, tz.",
         "N, N m",
         (-1e6, 1e6),
     ),
-    Parameter("sensor.mass", 0.0, "Mass that hangs below the load cell.", "kg", (0.0, 1e3)),
-    Parameter("sensor.center_of_mass", _ZERO3, "Centre of that mass in sensor_frame.", "m", (-1e3, 1e3)),
+    Parameter("sensor.mass", _LOAD_CELL.mass, "Mass that hangs below the load cell.", "kg", (0.0, 1e3)),
+    Parameter(
+        "sensor.center_of_mass", _LOAD_CELL.center_of_mass, "Centre of that mass in sensor_frame.", "m", (-1e3, 1e3)
+    ),
     Parameter(
         "pose_source",
-        "topic",
+        _SETTINGS.pose_source,
         "Source of the pose. topic: ~/pose. tf: the transforms of TF.",
         choices=("topic", "tf"),
         applies="restart",
     ),
     Parameter(
-        "tf_rate", 0.0, "Rate of the poses from TF. 0.0: a pose at each stamp of the load cell.", "Hz", (0.0, 1e4)
+        "tf_rate",
+        _SETTINGS.tf_rate,
+        "Rate of the poses from TF. 0.0: a pose at each stamp of the load cell.",
+        "Hz",
+        (0.0, 1e4),
     ),
     Parameter(
         "twist_source",
-        "topic",
+        _SETTINGS.twist_source,
         "Source of the velocity. topic: ~/twist. pose_difference: computed from the last poses.",
         choices=("topic", "pose_difference"),
     ),
-    Parameter("twist_window", 0.2, "Longest span of poses to which pose_difference fits a curve.", "s", (1e-4, 1.0)),
     Parameter(
-        "max_input_age", 0.1, "Greatest time between a pose and another sample that is used with it.", "s", (1e-6, 1e6)
+        "twist_window",
+        _SETTINGS.twist_window,
+        "Longest span of poses to which pose_difference fits a curve.",
+        "s",
+        (1e-4, 1.0),
     ),
-    Parameter("max_rate", 0.0, "Highest rate of estimates. 0.0: an estimate at every pose.", "Hz", (0.0, 1e6)),
+    Parameter(
+        "max_input_age",
+        _SETTINGS.max_input_age,
+        "Greatest time between a pose and another sample that is used with it.",
+        "s",
+        (1e-6, 1e6),
+    ),
+    Parameter(
+        "max_rate", _SETTINGS.max_rate, "Highest rate of estimates. 0.0: an estimate at every pose.", "Hz", (0.0, 1e6)
+    ),
     Parameter(
         "rest_speed",
-        0.0002,
+        _SETTINGS.rest_speed,
         "A tool that is slower than this is at rest: the filter is not updated and, in the grains without memory, "
         "there is no estimate.",
         "m/s",
@@ -279,7 +341,7 @@ def checked(name: str, value: object) -> Value:
             value = "off"
         if not isinstance(value, str):
             raise InputError(f"{name} is {shown(value)}; it must be a string")
-        limit = _LONGEST_FRAME if name.endswith("_frame") else _LONGEST
+        limit = _LONGEST_FRAME if parameter.kind == "frame" else _LONGEST
         if len(value) > limit:
             raise InputError(f"{name} has {len(value):,} characters; the limit is {limit:,}")
         if choices and value not in choices:
@@ -287,15 +349,13 @@ def checked(name: str, value: object) -> Value:
         return value
     if isinstance(default, float):
         number = _number(parameter, value)
-        if name == "ground.cell" and 0.0 < number < 1e-4:
-            raise InputError(f"ground.cell is {number:g}; it must be 0, or at least 0.0001 m")
-        if name == "sensor.sign" and abs(number) != 1.0:
-            raise InputError(f"sensor.sign is {number:g}; it must be 1.0 or -1.0")
+        if parameter.rule is not None and not parameter.rule.allows(number):
+            raise InputError(f"{name} is {number:g}; it must be {parameter.rule.must}")
         return number
     if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(default):
         raise InputError(f"{name} is {shown(value)}; it must be {len(default)} numbers")
     numbers = tuple(_number(parameter, v) for v in value)
-    if parameter.unit == "xyzw":
+    if parameter.kind == "quaternion":
         norm = math.hypot(*numbers)
         if not abs(norm - 1.0) <= UNIT_TOLERANCE:
             raise InputError(f"{name} has norm {norm:g}; it must be 1")

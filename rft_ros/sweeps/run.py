@@ -24,7 +24,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.files import opened, whole
-from rft_ros.parameters import files_of, medium_of, model_of, tool_of
+from rft_ros.parameters import medium_of, model_of, parts_of, tool_of
 from rft_ros.parameters.short_names import parameters_of
 from rft_ros.progress import bar
 from rft_ros.rft import AXES, FORCE, WRENCH, Medium
@@ -56,7 +56,7 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
     from scipy.integrate import trapezoid  # takes 0.3 s, and only this command needs it
 
     values = parameters_of({**variant.tool, **variant.medium})
-    tool = _tool(tuple(files_of(values)["tool"].items()), fingerprint)
+    tool = _tool(tuple(parts_of(values)["tool"].items()), fingerprint)
     model = model_of(values, tool=tool, medium=_medium(values["medium.name"], values["medium.file"], fingerprint))
     times, states = _motion(tuple(variant.motion.items()), fingerprint)
     if (np.diff(times) < 0.0).any():

@@ -25,7 +25,7 @@ from recordings import cdr
 from std_srvs.srv import Trigger
 
 from rft_ros.node import rft_node
-from rft_ros.parameters import Values, defaults, files_of, load_files, tool_of
+from rft_ros.parameters import Values, defaults, load_parts, parts_of, tool_of
 from rft_ros.rft import checked_states, wrenches
 from rft_ros.tool import Tool
 from studies.paper import law as paper_law
@@ -44,8 +44,8 @@ class InlineWorker:
     def load(self, files: Mapping[str, Values], _given_up: object = None) -> dict[str, object]:
         if "tool" in files and str(files["tool"]["mesh.file"]).isidentifier():
             others = {part: values for part, values in files.items() if part != "tool"}
-            return load_files(others) | {"tool": _shipped(*files["tool"].items())}
-        return load_files(files)
+            return load_parts(others) | {"tool": _shipped(*files["tool"].items())}
+        return load_parts(files)
 
     def end(self) -> None:
         pass
@@ -303,7 +303,7 @@ def predicted_by_the_core(
     """What the node must answer to `Harness.send`'s defaults; the sensor's axes are the world's."""
     made = paper_law(alpha_y, zeta=zeta, name=law, density=density)
     state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
-    of_tool = files_of({**defaults(), "mesh.file": mesh, "mesh.quaternion": quaternion})["tool"]
+    of_tool = parts_of({**defaults(), "mesh.file": mesh, "mesh.quaternion": quaternion})["tool"]
     return wrenches(_shipped(*of_tool.items()).plates, made, state)[0, :6]
 
 

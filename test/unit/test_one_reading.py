@@ -29,7 +29,7 @@ ELSEWHERE = {
     "cli.py os.open": "/dev/null",
     "installation.py Path(__file__).resolve": "the package's own place",
     "node/swap.py worker.load": "asks the worker, which reads as `rft_ros.files` does",
-    "parameters/settings.py _LOADED[name].load": "functions of the package, which read as `rft_ros.files` does",
+    "parameters/from_values.py _LOADED[name].load": "functions of the package, which read as `rft_ros.files` does",
     "simulation/mujoco_grains.py self._holding.load": "a force",
     "parameters/sections.py yaml.parse": "text that `read_text` gave",
     "simulation/six_axis_arm.py (share_directory('rft_ros') / 'config' / 'six_axis_arm.xml').read_text": "shipped",

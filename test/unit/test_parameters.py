@@ -17,8 +17,8 @@ from rft_ros.parameters import (
     PARAMETERS,
     checked,
     defaults,
-    files_of,
     model_of,
+    parts_of,
     read_alpha_y_table,
     read_parameter_file,
     settings_of,
@@ -299,7 +299,7 @@ def test_a_number_of_the_grains_changes_the_law_as_a_new_model_has_it_and_nothin
     assert [*made.law.packed[1]] == [*new.law.packed[1]]
     assert (made.tool, made.ground, made.generation) == (old.tool, old.ground, old.generation + 1)
     assert settings_of(before) == settings_of(after)
-    assert (files_of(before), needed(before)) == (files_of(after), needed(after))
+    assert (parts_of(before), needed(before)) == (parts_of(after), needed(after))
 
 
 def test_every_other_parameter_of_the_law_is_none_of_its_numbers():

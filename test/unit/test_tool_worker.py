@@ -13,7 +13,7 @@ from rft_ros.errors import InputError
 from rft_ros.node import swap, tool_worker
 from rft_ros.node.swap import Swap
 from rft_ros.node.tool_worker import ToolWorker
-from rft_ros.parameters import defaults, files_of
+from rft_ros.parameters import defaults, parts_of
 from rft_ros.tool import load_tool
 
 
@@ -25,7 +25,7 @@ def worker():
 
 
 def loaded(worker, file, tolerance=0.0):
-    files = files_of({**defaults(), "mesh.file": file, "tolerance": tolerance})
+    files = parts_of({**defaults(), "mesh.file": file, "tolerance": tolerance})
     return worker.load({"tool": files["tool"]})["tool"]
 
 
