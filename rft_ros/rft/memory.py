@@ -14,7 +14,8 @@ D_n = D·n is along its normal. The law asks for the traction a = share t, of th
 - Slip. A plate that trails keeps abs(τ) <= y: beyond, the spring slips. Where it slips, or abs(τ) is below y / 2, y
   fades over 3 λ(d).
 - Release. Grains do not pull. In the part of a step in which neither the traction, τ·n < 0, nor the motion, D_n > 0,
-  presses the plate, there is no spring: τ shrinks to zero over l(d) of any motion, and then the gap opens.
+  presses the plate, there is no spring: τ shrinks to zero over l(d) of any motion, and then the gap opens. Of a plate
+  that leads, only a τ that pushes the plate on shrinks so, τ·D > 0: any other builds up by the law.
 - Under the refined rule a plate passes from yielding to slipping over 2° of its direction of motion (`TRAILING`), with
   the mean of both, so that noise of a velocity does not choose between them.
 
@@ -119,6 +120,7 @@ _FAR = 1e30  # bounds displacements [m], and 1 / _FAR the mobilization length, s
 _WEAK, _SHORT = 1e-60, 1e-60  # least tractions per depth, or their squares, and lengths that are divided by
 _FALLS = 10.0  # λ(d) is halved fully where the cosine between -τ and the change of τ is over 1 / this
 _AT_ONCE = 10.0  # a released plate that leads yields over its whole path where its leading share is over 1 / this
+_SHRINKS = 10.0  # a released τ shrinks fully where the cosine between τ and the motion is over 1 / this
 _SWIFT = 8.0  # s follows abs(t) over λ(d) / this
 _ENDS = 0.05  # while a plate passes to trailing, a release with this share of a step to spare takes the rest of τ
 
@@ -291,11 +293,18 @@ def advance(past, normal, moved, law, share, leading, closes, depth, length, wea
     released = (1.0 - pressed) * (1.0 - min(onward * per_aslant, 1.0))
     spring = 1.0 - released
 
-    # a plate that leads: elastic up to the yield surface, then τ follows the law along the path that remains
-    q, inside = kx * mx + ky * my + kz * mz, max(yield2 - (mx * mx + my * my + mz * mz), 0.0)
+    # a plate that leads: a released τ that pushes it on shrinks; elastic up to the yield surface; then τ follows the
+    # law along the path that remains
+    q, mm = kx * mx + ky * my + kz * mz, mx * mx + my * my + mz * mz
+    held = sqrt(mm)
+    per_held = 1.0 / max(held, _WEAK)
+    pushes = min(_SHRINKS * max(q * per_fall * per_held, 0.0), 1.0)
+    keeps = max(1.0 - (fall * per_held) * (released * pushes), 0.0)
+    px, py, pz, q = keeps * mx, keeps * my, keeps * mz, keeps * q
+    inside = max(yield2 - keeps * keeps * mm, 0.0)
     elastic = min((q + sqrt(q * q + fall * fall * inside)) * (per_fall * per_fall), spring)
     path = way * counts * (spring - elastic + released * min(_AT_ONCE * share, 1.0))
-    ux, uy, uz = mx - elastic * kx, my - elastic * ky, mz - elastic * kz
+    ux, uy, uz = px - elastic * kx, py - elastic * ky, pz - elastic * kz
     mean = 0.5 * min(4.0 * min(asked2, before2) * per_most, 1.0)
     gx, gy, gz = ax + mean * (bx - ax) - ux, ay + mean * (by - ay) - uy, az + mean * (bz - az) - uz
     gu, gg, uu = gx * ux + gy * uy + gz * uz, gx * gx + gy * gy + gz * gz, ux * ux + uy * uy + uz * uz

@@ -149,6 +149,10 @@ def described(law: Law) -> str:
 NEVER_FLAT, SWITCHED, BLENDED = 0, 1, 2
 """Near-horizontal plates: assume none, switch at `FLAT`, or blend over `FLAT_BLEND`."""
 
+LEAST_RESISTANCE = 0.08
+"""Under the refined rule, at least this share of a traction is against the motion of its plate. With less, memory's
+elastic zone, whose length is this share of λ, would store more energy than the motion gives."""
+
 _TINY = 1e-290  # avoids 1 / 0 where the reciprocal root multiplies zeros
 
 
@@ -231,14 +235,23 @@ def _treers2021(kind, given, values, chunk, n, refined):
 
 
 @inlined
-def _without_pull(chunk, n):
-    """Remove the part of the tractions along the outward normals where it is positive: grains do not pull."""
+def _limited(chunk, n):
+    """Limit the tractions: grains do not pull a plate, and they resist its motion by at least `LEAST_RESISTANCE`.
+
+    Removes the part along the outward normal where it is positive, and then so much of the velocity's direction, or of
+    its part in the plate's plane if the plate trails, that the rest is left against it.
+    """
     wide_vectors()
     for i in range(n):
         nx, ny, nz = triple(chunk, row.NORMAL, i)
+        vx, vy, vz = triple(chunk, row.VELOCITY, i)
         tx, ty, tz = triple(chunk, row.TRACTION, i)
-        pull = max(tx * nx + ty * ny + tz * nz, 0.0)
-        put(chunk, row.TRACTION, i, (tx - pull * nx, ty - pull * ny, tz - pull * nz))
+        pull, away = max(tx * nx + ty * ny + tz * nz, 0.0), min(vx * nx + vy * ny + vz * nz, 0.0)
+        tx, ty, tz = tx - pull * nx, ty - pull * ny, tz - pull * nz
+        vx, vy, vz = vx - away * nx, vy - away * ny, vz - away * nz
+        least = LEAST_RESISTANCE * sqrt(tx * tx + ty * ty + tz * tz)
+        push = max(tx * vx + ty * vy + tz * vz + least, 0.0)
+        put(chunk, row.TRACTION, i, (tx - push * vx, ty - push * vy, tz - push * vz))
 
 
 def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> None:
@@ -253,6 +266,8 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> No
         for i in range(n):
             normal, velocity = triple(chunk, row.NORMAL, i), triple(chunk, row.VELOCITY, i)
             put(chunk, row.TRACTION, i, agarwal2023_traction(stiffness, friction, normal, velocity))
+        if refined:
+            _limited(chunk, n)
         return
     turns, blends = flatness != NEVER_FLAT, flatness == BLENDED
     for turned in range(2 if blends else 1):
@@ -270,7 +285,7 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> No
             bx, by, bz = triple(chunk, row.UNBLENDED, i)
             put(chunk, row.TRACTION, i, (ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)))
     if refined:
-        _without_pull(chunk, n)
+        _limited(chunk, n)
 
 
 tractions = compiled(_tractions, **STEP)

@@ -9,8 +9,17 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scenes import GENERIC
 
-from rft_ros.rft import Memory, Plates, alpha_y_model, checked_states, treers2021, wrenches, wrenches_in_time
-from rft_ros.rft.memory import TRACTIONS
+from rft_ros.rft import (
+    Memory,
+    Plates,
+    agarwal2023,
+    alpha_y_model,
+    checked_states,
+    treers2021,
+    wrenches,
+    wrenches_in_time,
+)
+from rft_ros.rft.memory import ELASTIC, TRACTIONS
 from rft_ros.rft.wrench import prepared
 from rft_ros.tool import load_tool
 
@@ -20,6 +29,7 @@ INTEGRATIONS = tuple(PLATES)
 ELLIPSOID = load_tool("ellipsoid").plates
 ROOT_TIP = load_tool("root_tip", integration="refined").plates
 LENGTH = 0.003
+LINEAR = treers2021(GENERIC, alpha_y_model("linear", GENERIC), zeta=0.33)
 
 
 def along(path, velocity, *, start=(0.0, 0.0, -0.04)):
@@ -239,3 +249,33 @@ def test_no_work_is_gained_where_a_plate_is_released_at_the_end_of_its_pressure(
             path.append((path[-1][0] + step[0], path[-1][1] + step[1]))
         work, _ = _work_on_a_path(VERTICAL[rule], [*path, (0.0, 0.0)])
         assert work[-1] <= 1e-9
+
+
+@given(seed=st.integers(0, 2**32 - 1), half=st.sampled_from([0.0175, 0.1, 0.3, 0.5]), agarwal=st.booleans())
+@settings(max_examples=40)
+@example(seed=3, half=0.3, agarwal=False)
+def test_a_plate_gives_back_no_more_than_its_traction_stores_whatever_way_it_moves_on(seed, half, agarwal):
+    """At the end of its fan it leads still, of a share of 0, and the grains pushed it on for ever."""
+    rng = np.random.default_rng(seed)
+    law = agarwal2023(zeta=0.33) if agarwal else LINEAR
+    n = np.append(np.array([np.cos(yaw := rng.uniform(0.0, 6.3)), np.sin(yaw)]), rng.uniform(-0.7, 0.7))
+    n /= np.linalg.norm(n)
+    level = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+    across = np.array([np.cos(yaw), np.sin(yaw), 0.0])
+    corners = 1e-3 * np.array([[-1.0, -1.0], [2.0, -1.0], [-1.0, 2.0]]) @ np.array([level, np.cross(n, level)])
+    plate = Plates.from_triangles(corners[None], [half])
+    press = [1e-3 * rng.uniform(0.2, 2.0) * across + 1e-3 * rng.normal() * 2.0 * level]
+    retreat = -1e-3 * 10.0 ** rng.uniform(-1.5, 0.0) * across
+    slope = np.sin(half) * rng.choice([-1.0, -0.99, -0.95, 0.0, *rng.uniform(-1.3, 1.0, 2)]) / (n @ across)
+    ways = [np.sqrt(max(1.0 - slope**2, 0.0)) * sign * level + slope * across for sign in (1.0, -1.0)]
+    for way in ways:
+        legs, counts = [*press, retreat, 0.06 * way], (400, 400, 3000)
+        moves = np.vstack([np.tile(leg / count, (count, 1)) for leg, count in zip(legs, counts, strict=True)])
+        states = np.zeros((len(moves) + 1, 13))
+        states[1:, :3], states[1:, 7:10] = np.cumsum(moves, axis=0), moves
+        states[:, 2] -= 0.03
+        states[:, 6], states[0, 7:10] = 1.0, moves[0]
+        force = remembered(checked_states(states), np.ones(len(states)), plates=plate, law=law)[:, :3]
+        work = np.cumsum((0.5 * (force[1:] + force[:-1]) * moves).sum(axis=1))
+        stored = 0.5 * np.linalg.norm(force[800]) * ELASTIC * LENGTH
+        assert work[800:].max() - work[799] <= 1.05 * stored + 1e-9 * np.abs(work).max()

@@ -48,12 +48,16 @@ class Plate:
         return self.tau * depth * AREA
 
     def lead(self, law, fall, released, path):
-        """Elastic up to abs(τ) = y, which τ - share fall meets; then τ approaches the mean of t over the step."""
-        share = 1.0 - released
-        if fall.any():
-            a, b, c = fall @ fall, fall @ self.tau, self.y**2 - self.tau @ self.tau
+        """A release if τ pushes; elastic to abs(τ) = y, which τ - share fall meets; then τ approaches the mean of t."""
+        tau, share = self.tau, 1.0 - released
+        size, full = np.linalg.norm(tau), np.linalg.norm(fall)
+        if fall @ tau > 0.0:
+            pushes = min(10.0 * (fall @ tau) / (full * size), 1.0)
+            tau = tau * max(size - full * released * pushes, 0.0) / size
+        if full > 0.0:
+            a, b, c = fall @ fall, fall @ tau, self.y**2 - tau @ tau
             share = min((b + np.sqrt(b * b + a * max(c, 0.0))) / a, share)
-        tau = self.tau - share * fall
+        tau = tau - share * fall
         path *= 1.0 - share
         if path <= 0.0:
             self.tau = tau
