@@ -204,8 +204,8 @@ def run(seed: int, *, count: int = 150) -> tuple[list[object], Law | None]:
             assert wrench is None or all(map(math.isfinite, wrench)), measurement
         answers.append(measurement)
     estimates = sum(isinstance(answer, Estimate) for answer in answers)
-    assert estimator.counts["estimates"] == estimates
-    assert set(estimator.counts) <= {"estimates", *(reason.value for reason in Reason)}
+    assert estimator.estimates == estimates
+    assert set(estimator.counts) <= set(Reason)
     if estimator.learning is not None:
         assert np.isfinite(estimator.learning.belief()).all()
     return answers, estimator.model.law

@@ -116,7 +116,7 @@ def play(recording: Recording, estimator: Estimator) -> Iterator[tuple[Sample, _
                 update(recording.time - recording.first, label)
     estimator.finish()
     if recording.unreadable:
-        estimator.counts[Reason.MESSAGE_UNREADABLE.value] += recording.unreadable
+        estimator.counts[Reason.MESSAGE_UNREADABLE] += recording.unreadable
 
 
 def reasons(recording: Recording, estimator: Estimator) -> str:

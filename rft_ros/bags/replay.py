@@ -83,7 +83,6 @@ def replay(
         write_estimates(run, rows, part)
         if estimator.ground is not None:
             write_height_map(part / "ground.csv", estimator.ground)
-        del estimator.counts["estimates"]
         summary = summary_of(
             rows,
             issues=run.issues,
@@ -93,8 +92,8 @@ def replay(
             bias=settings.load_cell.bias,
             tared=bool(options.tare),
             messages={role: recording.counts[role] for role in ("pose", *topics)},
-            reasons=dict(sorted(estimator.counts.items())),
-            unknown_frames=dict(sorted(estimator.unknown_frames().items())),
+            reasons={reason.value: n for reason, n in sorted(estimator.counts.items())},
+            unknown_frames={reason.value: said for reason, said in sorted(estimator.unknown_frames().items())},
             duration=(recording.time - recording.first) * 1e-9,
             damage=recording.damage,
             learning={name: statistics(other.rows())[0] for name, other in others.items()},

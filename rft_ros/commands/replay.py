@@ -10,6 +10,7 @@ from rft_ros.bags.replay import replay_model, results
 from rft_ros.bags.summary import Summary, check, read_limits
 from rft_ros.commands import options
 from rft_ros.errors import InputError
+from rft_ros.estimator.samples import FRAME_UNKNOWN
 from rft_ros.parameters import named_files
 from rft_ros.progress import busy
 
@@ -78,7 +79,7 @@ def _status(summary: Summary, limits: dict[str, tuple[float, float]]) -> int:
         if summary.reasons:
             reason = max(summary.reasons, key=summary.reasons.__getitem__)
             why = f"; most often {summary.unknown_frames.get(reason, reason)}"
-            if reason.endswith("_frame_unknown"):
+            if reason in FRAME_UNKNOWN:
                 why += "; set that parameter to the frame_id, or record a fixed transform between the two"
         none = f"bag '{summary.bag}' has no estimate for its {summary.messages['pose']:,} poses{why}"
         print(f"rft replay: {none}", file=sys.stderr, flush=True)

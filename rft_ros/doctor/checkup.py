@@ -12,6 +12,7 @@ from rft_ros.bags.estimates import Rows, Run
 from rft_ros.bags.playback import push_all
 from rft_ros.doctor.finding import Finding
 from rft_ros.estimator import Estimator, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
+from rft_ros.estimator.samples import OF_TRANSFORMS, STAMP_ZERO
 from rft_ros.ground import Cloud
 from rft_ros.messages import Role
 from rft_ros.parameters import Model, Values, settings_of
@@ -74,7 +75,7 @@ class Checkup:
         self._run = Run(self._estimator)
         self._heard: dict[Role, list[_Heard]] = {role: [] for role in topics}
         self._began = 0
-        self._at_start: Counter[str] = Counter()  # reasons before the first estimate
+        self._at_start: Counter[Reason] = Counter()  # reasons before the first estimate
 
     def push(self, sample: Sample, time: int) -> None:
         """Add a sample that arrived at `time` [ns]."""
@@ -86,12 +87,12 @@ class Checkup:
         for role, stamp, frame in heard:
             if role in self._heard:
                 self._heard[role].append(_Heard(time, stamp, frame))
-        counts = self._estimator.counts
-        for _, answer in push_all(self._estimator, sample):
+        e = self._estimator
+        for _, answer in push_all(e, sample):
             if answer is not None:
                 self._run.add(answer)
-                if counts["estimates"] == 1 and time - self._began <= _START:
-                    self._at_start = self._at_start or Counter(counts)
+                if e.estimates == 1 and time - self._began <= _START:
+                    self._at_start = self._at_start or Counter(e.counts)
 
     def findings(self, *, complete: bool = True) -> list[Finding]:
         """The findings, after the last sample. A cause comes before its effects.
@@ -185,11 +186,11 @@ class Checkup:
             yield Finding(False, f"frames: {cause}; {remedy}")
         for reason, sentence in unknown.items():
             remedy = "set the parameter to an existing frame, or publish the transform between the two on /tf_static"
-            if reason.startswith("tf_") and reason != Reason.TF_FRAME_UNKNOWN:
+            if reason in OF_TRANSFORMS and reason is not Reason.TF_FRAME_UNKNOWN:
                 remedy = "stop or correct one of its publishers"
-            if reason.startswith("tf_") and self._transforms_unstamped():
+            if reason in OF_TRANSFORMS and self._transforms_unstamped():
                 continue  # the frames are unknown because their transforms have no stamps; another finding says so
-            if reason != Reason.TF_OUT_OF_ORDER:  # `_of_reasons` reports it if it is frequent
+            if reason is not Reason.TF_OUT_OF_ORDER:  # `_of_reasons` reports it if it is frequent
                 yield Finding(False, f"frames: {sentence}; {remedy}")
         frames = self._estimator.transforms.frames()
         if frames:
@@ -288,17 +289,17 @@ class Checkup:
         return f"correct the transform {between} to a quaternion", f"the transform {between}"
 
     def _of_reasons(self, poses: int) -> Iterator[Finding]:
-        named = self._estimator.unknown_frames().keys() - {Reason.TF_OUT_OF_ORDER.value}
+        named = self._estimator.unknown_frames().keys() - {Reason.TF_OUT_OF_ORDER}
         counts = self._estimator.counts
         for reason in Reason:
-            told = reason in _EXPECTED or reason.value in named or reason.value.endswith("stamp_zero")
-            told |= reason.value.startswith("tf_") and self._transforms_unstamped()
-            count = counts[reason.value] - self._at_start[reason.value]
+            told = reason in _EXPECTED or reason in named or reason in STAMP_ZERO
+            told |= reason in OF_TRANSFORMS and self._transforms_unstamped()
+            count = counts[reason] - self._at_start[reason]
             if not told and count > _RARE * max(poses, 1):
                 yield Finding(False, f"{reason}: {count} times at {poses} poses; docs/node.md, Reasons, says why")
 
     def _of_estimates(self, poses: int) -> Finding:
-        made = self._estimator.counts["estimates"]
+        made = self._estimator.estimates
         advice = "" if made else "; fix the findings above first"
         return Finding(made > 0, f"estimates: {made} at {poses} poses{advice}")
 

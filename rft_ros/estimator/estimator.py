@@ -13,7 +13,7 @@ from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, PastPose, Prediction, mean_in_air
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
 from rft_ros.estimator.quality import QualityMonitor, ReadingInAir
-from rft_ros.estimator.samples import Estimate, PoseSample, Reason, RefusedError, TransformSample, Wrench
+from rft_ros.estimator.samples import NEW_RUN, Estimate, PoseSample, Reason, RefusedError, TransformSample, Wrench
 from rft_ros.estimator.sigma import Withdrawal, predict_without_learning
 from rft_ros.ground import GroundMapper, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
@@ -42,13 +42,13 @@ class Estimator:
     `max_input_age` are not used together. If a sample is not in the expected frame, it is transformed by the fixed
     transforms that were pushed.
 
-    `counts`: under "estimates" the number of estimates, and under each `Reason` how many samples were refused, or how
-    many poses had no estimate or no residual, for this reason. `learning`: the filter of the medium's strength; None
+    `estimates`: how many poses had an estimate. `counts`: for each `Reason`, how many samples were refused, or how many
+    poses had no estimate or no residual. `learning`: the filter of the medium's strength; None
     while `learning_mode` is off. `transforms`: the tree of frames.
     """
 
     def __init__(self, settings: Settings, model: Model) -> None:
-        self.counts: Counter[str] = Counter()
+        self.counts, self.estimates = Counter[Reason](), 0
         self.settings, self.model = settings, model
         self.learning: Learning | None = None
         self._memory: Memory | None = None
@@ -96,7 +96,7 @@ class Estimator:
         """Sentences of `ISSUES` on implausible readings or a wrong model, now. Without learning: a force in the air."""
         return self._air.issues() if self.learning is None else self.learning.issues()
 
-    def unknown_frames(self) -> dict[str, str]:
+    def unknown_frames(self) -> dict[Reason, str]:
         """For each reason that concerns frames, a sentence that names the frame which was refused last.
 
         Frames that transforms link in the meantime, and frames refused under earlier settings, are left out.
@@ -221,7 +221,7 @@ class Estimator:
             try:
                 self._intake.add(one, self._mapper)
             except RefusedError as refused:
-                self.counts[refused.reason.value] += 1
+                self.counts[refused.reason] += 1
             if isinstance(one, TransformSample) and one.fixed and self.settings.sensor_source == "tf":
                 self._place_sensor()
         self._learn_readings()
@@ -260,11 +260,11 @@ class Estimator:
         try:
             answer = self._tick(sample)
         except RefusedError as refused:
-            self.counts[refused.reason.value] += 1
+            self.counts[refused.reason] += 1
             if refused.reason in UNKNOWN_VELOCITY:
                 self._poses.append(PastPose(sample, f"the tool's velocity was unknown ({refused.reason})"))
             return samples.NoEstimate(sample.stamp, refused.reason)
-        self.counts["estimates"] += 1
+        self.estimates += 1
         return answer
 
     def _tick(self, sample: PoseSample) -> Estimate:
@@ -306,13 +306,13 @@ class Estimator:
         )
 
     def _accepted(self, sample: PoseSample) -> PoseSample:
-        """Check a pose, and pass it to the ground and the comparison. A stamp that jumps back starts a new run.
+        """Check a pose, and pass it to the ground and the comparison. It may be the first one of a new run.
 
         Returns the pose in world axes.
         """
-        pose = self._intake.pose(sample)
-        if self._pose is not None and pose.stamp < self._pose.stamp:
-            self.counts[Reason.TIME_JUMP.value] += 1
+        pose, follows = self._intake.pose(sample)
+        if follows is NEW_RUN:
+            self.counts[Reason.TIME_JUMP] += 1
             self.finish()
             self._intake.start_run(pose.stamp)
             self._start_run()

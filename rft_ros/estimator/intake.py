@@ -2,11 +2,24 @@
 
 import math
 from collections import Counter, deque
-from typing import TypeVar
+from typing import NamedTuple, TypeVar
 
 from rft_ros.estimator import samples
 from rft_ros.estimator.load_cell import Comparison
-from rft_ros.estimator.samples import PATIENCE, TIME_JUMP, PoseSample, Reason, RefusedError, TwistSample, WrenchSample
+from rft_ros.estimator.samples import (
+    LATE,
+    NEW_RUN,
+    NEXT,
+    PATIENCE,
+    REPEATED,
+    PoseSample,
+    Reason,
+    RefusedError,
+    Succession,
+    TwistSample,
+    WrenchSample,
+    succession,
+)
 from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import DELAY, Cloud, GroundMapper
 from rft_ros.parameters import Settings
@@ -18,6 +31,20 @@ __all__ = ["Intake"]
 _TWISTS = 256  # a pose that waited in a queue of 200 messages still finds the twist of its own time
 _CLOUD_PERIOD = 190_000_000  # ns; a cloud that follows another one sooner is dropped: 5 Hz are enough
 _MOST_WANTED = 4096  # stamps that wait for transforms
+
+
+class _OfHeader(NamedTuple):
+    """The reasons for refusing a sample of one input for its header."""
+
+    stamp_zero: Reason
+    frame_unknown: Reason
+
+
+_POSE = _OfHeader(Reason.POSE_STAMP_ZERO, Reason.POSE_FRAME_UNKNOWN)
+_TWIST = _OfHeader(Reason.TWIST_STAMP_ZERO, Reason.TWIST_FRAME_UNKNOWN)
+_WRENCH = _OfHeader(Reason.WRENCH_STAMP_ZERO, Reason.WRENCH_FRAME_UNKNOWN)
+_SURFACE = _OfHeader(Reason.SURFACE_STAMP_ZERO, Reason.SURFACE_FRAME_UNKNOWN)
+
 _UNKNOWN = {
     Reason.POSE_FRAME_UNKNOWN: "pose frame_id {!r} is not world_frame {!r}",
     Reason.TWIST_FRAME_UNKNOWN: "twist frame_id {!r} is neither world_frame {!r} nor tool_frame {!r}",
@@ -31,19 +58,19 @@ _Sample = TypeVar("_Sample", TwistSample, WrenchSample)
 class Intake:
     """Checks and keeps samples. Raises `RefusedError` with the reason for a sample that cannot be used.
 
-    `twists`: those kept, in the order of their stamps; load-cell samples are kept in `comparison`. A stamp that goes
-    back by `TIME_JUMP` starts a new run, and earlier samples are dropped. With `pose_source` tf, `counts` counts the
-    reasons for which transforms give no pose.
+    `twists`: those kept, in the order of their stamps; load-cell samples are kept in `comparison`. The first sample of
+    a new run (`Succession`) drops the earlier ones. With `pose_source` tf, `counts` counts the reasons for which
+    transforms give no pose.
     """
 
-    def __init__(self, settings: Settings, counts: Counter[str], comparison: Comparison) -> None:
+    def __init__(self, settings: Settings, counts: Counter[Reason], comparison: Comparison) -> None:
         self.transforms = Transforms()
         self.twists: deque[TwistSample] = deque(maxlen=_TWISTS)
         self._counts, self._comparison = counts, comparison
         self._pose_stamp = 0  # of the last pose
         self._wanted: deque[int] = deque()  # stamps whose poses wait for transforms
         self._last_wanted = 0
-        self._last_transforms = 0  # stamp up to which poses were asked of the transforms at `tf_rate`
+        self._last_transforms = 0  # last stamp up to which poses from transforms were scheduled, at `tf_rate`
         self._unknown: dict[Reason, tuple[str, ...]] = {}  # the frame refused last, and those expected
         self._settings = settings
         self.use_settings(settings)
@@ -62,27 +89,31 @@ class Intake:
     def start_run(self, stamp: int) -> None:
         """Start a new run at a pose whose stamp jumped back to `stamp` [ns]: drop the samples of the run before."""
         for history in (self.twists, self._comparison.samples):
-            if history and history[-1].stamp - stamp >= TIME_JUMP:
+            if history and succession(stamp, after=history[-1].stamp) is NEW_RUN:
                 history.clear()
 
     # --- samples
 
-    def pose(self, sample: PoseSample) -> PoseSample:
-        """The pose in world axes, its quaternion of unit length."""
+    def pose(self, sample: PoseSample) -> tuple[PoseSample, Succession]:
+        """The pose in world axes, its quaternion of unit length, and whether it is the next one or begins a new run."""
         stamp, world = sample.stamp, self._settings.world_frame
-        base = self._placed("pose", sample, world)
-        _check_finite("pose", *sample.position, *sample.quaternion)
+        base = self._placed(_POSE, sample, world)
+        if not _are_finite(*sample.position, *sample.quaternion):
+            raise RefusedError(Reason.POSE_NOT_FINITE)
         position, quaternion = sample.position, unit_quaternion(*sample.quaternion)
         if quaternion is None:
             raise RefusedError(Reason.POSE_QUATERNION_NOT_UNIT)
         if base is not None:
             position, quaternion = base.of(Placement(position, quaternion))
-            _check_finite("pose", *position)
-        behind = self._pose_stamp - stamp
-        if 0 <= behind < TIME_JUMP:
-            raise RefusedError(Reason.POSE_OUT_OF_ORDER if behind else Reason.POSE_REPEATED)
+            if not _are_finite(*position):
+                raise RefusedError(Reason.POSE_NOT_FINITE)
+        follows = succession(stamp, after=self._pose_stamp)
+        if follows is REPEATED:
+            raise RefusedError(Reason.POSE_REPEATED)
+        if follows is LATE:
+            raise RefusedError(Reason.POSE_OUT_OF_ORDER)
         self._pose_stamp = stamp
-        return PoseSample(stamp, world, position, quaternion)
+        return PoseSample(stamp, world, position, quaternion), follows
 
     def add(
         self, sample: TwistSample | WrenchSample | Cloud | samples.TransformSample, mapper: GroundMapper | None
@@ -102,64 +133,67 @@ class Intake:
     def _add_twist(self, sample: TwistSample) -> None:
         """Keep a twist, in the axes of the world or the tool frame."""
         if self._settings.twist_source != "topic":
-            return  # as a replay, which does not read the topic then
+            return  # a replay does not read this topic either, so that both give the same result
         world, tool = self._settings.world_frame, self._settings.tool_frame
-        axes = self._placed("twist", sample, world, tool)
-        _check_finite("twist", *sample.linear, *sample.angular)
+        axes = self._placed(_TWIST, sample, world, tool)
+        if not _are_finite(*sample.linear, *sample.angular):
+            raise RefusedError(Reason.TWIST_NOT_FINITE)
         if axes is not None:
             into = world if self.transforms.fixed(world, sample.frame) is not None else tool
             sample = TwistSample(sample.stamp, into, axes.rotate(sample.linear), axes.rotate(sample.angular))
-        self._keep("twist", self.twists, sample)
+        self._keep(Reason.TWIST_OUT_OF_ORDER, self.twists, sample)
 
     def _add_wrench(self, sample: WrenchSample) -> None:
         """Keep a reading of the load cell, in the sensor frame."""
-        there = self._placed("wrench", sample, self._settings.sensor_frame)
+        there = self._placed(_WRENCH, sample, self._settings.sensor_frame)
         if there is not None:
             sample = WrenchSample(sample.stamp, self._settings.sensor_frame, there.wrench(sample.wrench))
-        _check_finite("wrench", *sample.wrench)
-        self._keep("wrench", self._comparison.samples, sample)
+        if not _are_finite(*sample.wrench):
+            raise RefusedError(Reason.WRENCH_NOT_FINITE)
+        self._keep(Reason.WRENCH_OUT_OF_ORDER, self._comparison.samples, sample)
 
     def _add_cloud(self, cloud: Cloud, mapper: GroundMapper | None) -> None:
         """Pass points of the ground to the mapper, with their frame's placement in the world if that is another one."""
         if mapper is None:
             raise RefusedError(Reason.SURFACE_OFF)
-        since = cloud.stamp - mapper.cloud_stamp
-        camera = self._placed("surface", cloud, self._settings.world_frame)
-        if -TIME_JUMP < since <= 0:
+        camera = self._placed(_SURFACE, cloud, self._settings.world_frame)
+        follows = succession(cloud.stamp, after=mapper.cloud_stamp)
+        if follows in (REPEATED, LATE):
             raise RefusedError(Reason.SURFACE_OUT_OF_ORDER)
         if mapper.pose_stamp - cloud.stamp >= DELAY:
             raise RefusedError(Reason.SURFACE_LATE)
-        if 0 < since < _CLOUD_PERIOD:
+        if follows is NEXT and cloud.stamp - mapper.cloud_stamp < _CLOUD_PERIOD:
             raise RefusedError(Reason.SURFACE_RATE_LIMITED)
         mapper.add(cloud, camera)
 
-    def _placed(self, kind: str, sample: samples.Stamped, *expected: str) -> Placement | None:
+    def _placed(self, reasons: _OfHeader, sample: samples.Stamped, *expected: str) -> Placement | None:
         """Placement of a sample's frame in the first of the expected frames to which fixed transforms link it.
 
         None if the sample is in one of the expected frames. Raises `RefusedError` if none is linked.
         """
         if sample.stamp <= 0:
-            raise RefusedError(Reason(f"{kind}_stamp_zero"))
+            raise RefusedError(reasons.stamp_zero)
         if sample.frame in expected:
             return None
         for into in expected:
             if (placement := self.transforms.fixed(into, sample.frame)) is not None:
                 return placement
-        reason = Reason(f"{kind}_frame_unknown")
-        self._unknown[reason] = sample.frame, *expected
-        raise RefusedError(reason)
+        self._unknown[reasons.frame_unknown] = sample.frame, *expected
+        raise RefusedError(reasons.frame_unknown)
 
-    def _keep(self, kind: str, history: deque[_Sample], sample: _Sample) -> None:
-        if history and history[-1].stamp >= sample.stamp:
-            if history[-1].stamp - sample.stamp < TIME_JUMP:
-                # of equal stamps the first is used, whether or not a pose came in between
-                raise RefusedError(Reason(f"{kind}_out_of_order"))
-            self._comparison.settle(math.inf)
-            history.clear()
+    def _keep(self, out_of_order: Reason, history: deque[_Sample], sample: _Sample) -> None:
+        """Keep a sample. The first one of several with one stamp is used, also if a pose arrived between them."""
+        if history:
+            follows = succession(sample.stamp, after=history[-1].stamp)
+            if follows is NEW_RUN:
+                self._comparison.settle(math.inf)
+                history.clear()
+            elif follows is not NEXT:
+                raise RefusedError(out_of_order)
         history.append(sample)
         self._comparison.settle(sample.stamp)
 
-    def unknown_frames(self) -> dict[str, str]:
+    def unknown_frames(self) -> dict[Reason, str]:
         """For each reason a sentence on the frame refused last under these settings, unless transforms link it now."""
         s, tree, found = self._settings, self.transforms, dict[Reason, str]()
         for reason, (frame, *expected) in self._unknown.items():
@@ -170,7 +204,7 @@ class Intake:
         sensor = tree.unlinked("sensor_frame", s.sensor_frame, s.tool_frame, fixed=True)
         if sensor and s.sensor_source == "tf":
             found[Reason.SENSOR_FRAME_UNKNOWN] = sensor
-        return {str(r): sentence for r, sentence in (found | tree.sentences).items() if self._counts[r.value]}
+        return {reason: sentence for reason, sentence in (found | tree.sentences).items() if self._counts[reason]}
 
     # --- poses from transforms
 
@@ -194,9 +228,11 @@ class Intake:
         return self._ready(max((transform.stamp for transform in sample), default=0))
 
     def _want_until(self, newest: int, period: int) -> None:
-        if not -TIME_JUMP < newest - self._last_transforms < PATIENCE:  # a new run, or a gap: no poses in between
-            if newest < self._last_transforms:
-                self._wanted.clear()
+        """Schedule the poses at multiples of `period` [ns] up to the stamp `newest` [ns] of the transforms."""
+        is_new_run = succession(newest, after=self._last_transforms) is NEW_RUN
+        if is_new_run:
+            self._wanted.clear()
+        if is_new_run or newest - self._last_transforms >= PATIENCE:  # a gap has no poses
             self._last_transforms = newest - 1
             self._last_wanted = min(self._last_wanted, self._last_transforms)
         for stamp in range((self._last_transforms // period + 1) * period, newest + 1, period):
@@ -204,15 +240,18 @@ class Intake:
         self._last_transforms = max(newest, self._last_transforms)
 
     def _want(self, stamp: int) -> None:
-        if self._last_wanted - stamp >= TIME_JUMP:
+        """Schedule a pose at a stamp [ns]. One that comes out of order has been scheduled before, or has no pose."""
+        follows = succession(stamp, after=self._last_wanted)
+        if follows is NEW_RUN:
             self._wanted.clear()
             self.transforms.start_run(stamp)
-        elif stamp <= self._last_wanted:
+        elif follows is not NEXT:
             return
         self._last_wanted = stamp
         self._wanted.append(stamp)
 
     def _ready(self, now: int) -> list[PoseSample]:
+        """The scheduled poses whose transforms have come, or do not come any more. `now`: stamp of a sample [ns]."""
         s, found = self._settings, list[PoseSample]()
         max_age, may_come = round(1e9 * s.max_input_age), (Reason.TF_STALE, Reason.TF_FRAME_UNKNOWN)
         while self._wanted:
@@ -223,11 +262,10 @@ class Intake:
             elif place in may_come and now <= stamp + PATIENCE and len(self._wanted) < _MOST_WANTED:
                 break
             else:
-                self._counts[place.value] += 1
+                self._counts[place] += 1
             self._wanted.popleft()
         return found
 
 
-def _check_finite(kind: str, *numbers: float) -> None:
-    if not math.hypot(*numbers) < samples.ABSURD:
-        raise RefusedError(Reason(f"{kind}_not_finite"))
+def _are_finite(*numbers: float) -> bool:
+    return math.hypot(*numbers) < samples.ABSURD

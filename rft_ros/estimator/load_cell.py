@@ -140,7 +140,7 @@ class Comparison:
     the order of stamps; the intake adds them. Reasons for predictions without a measurement are counted in `counts`.
     """
 
-    def __init__(self, counts: Counter[str]) -> None:
+    def __init__(self, counts: Counter[Reason]) -> None:
         self.samples: deque[WrenchSample] = deque(maxlen=HISTORY)
         self._counts = counts
         self._pending: deque[Prediction] = deque()
@@ -181,7 +181,7 @@ class Comparison:
         before, after = around(self.samples, stamp)
         if before is None or stamp - before.stamp > self.max_age:
             reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
-            self._counts[reason.value] += 1
+            self._counts[reason] += 1
             return Measurement(stamp, None, None, reason)
         raw = before.wrench
         if before.stamp < stamp and after is not None and after.stamp - stamp <= self.max_age:

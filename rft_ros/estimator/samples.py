@@ -7,9 +7,10 @@ from typing import NamedTuple, TypeVar
 from rft_ros.ground import Cloud
 from rft_ros.rft.placement import Quaternion, Vector, Wrench
 
-__all__ = ["ABSURD", "PATIENCE", "TIME_JUMP", "Estimate", "Measurement", "NoEstimate", "PoseSample", "Reason"]
-__all__ += ["RefusedError", "Sample", "Stamped", "TransformSample", "TwistSample", "Vector", "Wrench", "WrenchSample"]
-__all__ += ["around"]
+__all__ = ["ABSURD", "FRAME_UNKNOWN", "LATE", "NEW_RUN", "NEXT", "OF_TRANSFORMS", "PATIENCE", "REPEATED", "STAMP_ZERO"]
+__all__ += ["TIME_JUMP", "Estimate", "Measurement", "NoEstimate", "PoseSample", "Reason", "RefusedError", "Sample"]
+__all__ += ["Stamped", "Succession", "TransformSample", "TwistSample", "Vector", "Wrench", "WrenchSample", "around"]
+__all__ += ["succession"]
 
 ABSURD = 1e100
 """Larger numbers [m, N, N m] count as not finite: their squares would overflow."""
@@ -22,6 +23,28 @@ PATIENCE = 1_000_000_000
 
 A sender may be late by less than this, for example because its process stalls.
 """
+
+
+class Succession(Enum):
+    """How a stamp follows the last one of the same input."""
+
+    NEXT = "it is later"
+    REPEATED = "it is the same"
+    LATE = "it is earlier by less than `TIME_JUMP`: the sample comes out of order"
+    NEW_RUN = "it is earlier by `TIME_JUMP` or more: the sample is the first one of a new run"
+
+
+NEXT, REPEATED, LATE, NEW_RUN = Succession  # a member of an Enum takes 0.1 us to look up in its class
+
+
+def succession(stamp: int, *, after: int) -> Succession:
+    """How a stamp follows the last one of its input, `after`; both [ns]."""
+    behind = after - stamp
+    if behind < 0:
+        return NEXT
+    if behind >= TIME_JUMP:
+        return NEW_RUN
+    return LATE if behind else REPEATED
 
 
 class PoseSample(NamedTuple):
@@ -172,6 +195,37 @@ class Reason(str, Enum):
     SURFACE_RATE_LIMITED = "surface_rate_limited", "a cloud came less than 0.19 s after the last one"
 
     __str__ = str.__str__
+
+
+STAMP_ZERO = frozenset({
+    Reason.POSE_STAMP_ZERO,
+    Reason.TWIST_STAMP_ZERO,
+    Reason.WRENCH_STAMP_ZERO,
+    Reason.SURFACE_STAMP_ZERO,
+})  # fmt: skip
+"""Reasons for samples without a stamp."""
+
+FRAME_UNKNOWN = frozenset({
+    Reason.POSE_FRAME_UNKNOWN,
+    Reason.TWIST_FRAME_UNKNOWN,
+    Reason.WRENCH_FRAME_UNKNOWN,
+    Reason.SURFACE_FRAME_UNKNOWN,
+    Reason.SENSOR_FRAME_UNKNOWN,
+    Reason.TF_FRAME_UNKNOWN,
+})  # fmt: skip
+"""Reasons for frames that are not the expected ones, or that no transforms link to these."""
+
+OF_TRANSFORMS = frozenset({
+    Reason.TF_INVALID,
+    Reason.TF_OUT_OF_ORDER,
+    Reason.TF_TWO_PARENTS,
+    Reason.TF_LOOP,
+    Reason.TF_FRAME_UNKNOWN,
+    Reason.TF_MISSING,
+    Reason.TF_STALE,
+    Reason.TF_GAP,
+})  # fmt: skip
+"""Reasons for transforms that are refused, and for poses that transforms do not give."""
 
 
 class RefusedError(Exception):

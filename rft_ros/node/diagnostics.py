@@ -15,7 +15,7 @@ from rft_ros.node.swap import Swap
 
 DIAGNOSTICS_PERIOD = 1.0  # s, between two reports
 _QUIET_REPORTS = 3  # a problem that is missing in this many successive reports has ended
-_NORMAL = {Reason.AT_REST.value, Reason.POSE_RATE_LIMITED.value, Reason.SURFACE_RATE_LIMITED.value}  # no problems
+_NORMAL = {Reason.AT_REST, Reason.POSE_RATE_LIMITED, Reason.SURFACE_RATE_LIMITED}  # no problems
 
 
 class Diagnostics:
@@ -24,7 +24,7 @@ class Diagnostics:
     def __init__(self, node: Node, estimator: Estimator, swap: Swap) -> None:
         self._node, self._estimator, self._swap = node, estimator, swap
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._reported: Counter[str] = Counter()
+        self._reported, self._reported_estimates = Counter[Reason](), 0  # until the last report
         self._newest: dict[Role, int] = {}  # stamp [ns] of the last message
         self._ongoing: dict[str, int] = {}  # for each problem, the number of reports since it was last present
         self._idle = True  # no pose came in the second before the last report
@@ -69,11 +69,13 @@ class Diagnostics:
         now = self._node.get_clock().now()
         counts = Counter(self._estimator.counts)
         new, self._reported = counts - self._reported, counts
-        bad = sorted(new.keys() - _NORMAL - {"estimates"})
+        estimates = self._estimator.estimates
+        new_estimates, self._reported_estimates = estimates - self._reported_estimates, estimates
+        bad: list[str] = [*sorted(new.keys() - _NORMAL)]
         array, learning, issues = DiagnosticArray(), self._estimator.learning, self._estimator.issues()
         array.header.stamp = now.to_msg()
         of_inputs = bad if learning is not None else bad + issues  # with learning, the status of the medium has them
-        array.status = [self._inputs(now.nanoseconds, of_inputs), self._estimates(new["estimates"]), self._model()]
+        array.status = [self._inputs(now.nanoseconds, of_inputs), self._estimates(new_estimates), self._model()]
         bad += issues
         if learning is not None:
             if learning.surprise:
@@ -91,8 +93,8 @@ class Diagnostics:
 
     def _sentence(self, problem: str) -> str:
         """The problem; for an unknown frame, with a sentence that names it."""
-        sentence = self._estimator.unknown_frames().get(problem)
-        return f"{problem} ({sentence})" if sentence else problem
+        sentences = {str(reason): sentence for reason, sentence in self._estimator.unknown_frames().items()}
+        return f"{problem} ({sentences[problem]})" if problem in sentences else problem
 
     def _log_changes(self, problems: list[str]) -> None:
         logger = self._node.get_logger()
@@ -124,7 +126,7 @@ class Diagnostics:
         roles: tuple[Role, ...] = ("pose", "twist", "wrench")
         values: dict[str, object] = {f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD for role in roles}
         values |= {f"{role}_age_s": (now - stamp) * 1e-9 for role, stamp in self._newest.items()}
-        values |= {f"count.{k}": n for k, n in self._estimator.counts.items() if k != "estimates"}
+        values |= {f"count.{k}": n for k, n in self._estimator.counts.items()}
         problems, level = list(map(self._sentence, bad)), DiagnosticStatus.WARN
         if not self._received["pose"]:
             problems, level = ["no poses", *problems], DiagnosticStatus.ERROR
@@ -133,7 +135,7 @@ class Diagnostics:
     def _estimates(self, new: int) -> DiagnosticStatus:
         flags = self._quality_flags
         values: dict[str, object] = {
-            "estimates": self._estimator.counts["estimates"],
+            "estimates": self._estimator.estimates,
             "fastest_m_s": self._fastest,
             "depth_m": self._estimator.depth(),
             "trust": (trust(flags) if new else Trust.NO).value,

@@ -111,7 +111,7 @@ class RftNode(Node):
         try:
             sample = self._decode[role](data)
         except UNREADABLE:
-            self.estimator.counts[Reason.MESSAGE_UNREADABLE.value] += 1
+            self.estimator.counts[Reason.MESSAGE_UNREADABLE] += 1
             return None
         if isinstance(sample, Stamped):
             self._diagnostics.received(role, sample.stamp)

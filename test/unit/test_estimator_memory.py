@@ -45,7 +45,7 @@ def test_without_memory_rest_is_a_reason_and_with_memory_it_is_an_estimate_that_
     held = [vertical(a) for a in remembering.move(0.0, 4.0)]
     assert held[-1] == pytest.approx(pressed, rel=0.02)
     assert np.ptp(held[50:]) < 1e-9 * pressed  # flat
-    assert Reason.AT_REST.value not in remembering.estimator.counts
+    assert Reason.AT_REST not in remembering.estimator.counts
 
 
 def test_encoder_noise_at_rest_does_not_wear_the_force_down():
