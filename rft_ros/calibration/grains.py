@@ -285,21 +285,23 @@ def fit_grains(
 
     if heights:
         goodness = f"RMS up to {100 * max(m.misfit for m in heights):.1f} % of the force's rise"
-        result.fitted.append(mean_of("surface_height", heights, "m", goodness, error=surface_error))
+        with result.or_reason("surface_height"):
+            result.fitted.append(mean_of("surface_height", heights, "m", goodness, error=surface_error))
     if strengths:
         tools = [recordings[k].track.tool for k, _ in fits.ways_down]
         words = difference(strengths, [float(np.ptp(tool.corners, axis=0).max()) for tool in tools])
         goodness = f"RMS up to {100 * max(m.misfit for m in strengths):.1f} % of the peak{words}"
         spread = spread_of(strengths, [str(tool.file) for tool in tools])
-        result.fitted.append(mean_of("medium.zeta", strengths, "", goodness, error=zeta_error, spread=spread))
-        zeta = result.fitted[-1].values[0]
+        with result.or_reason("medium.zeta"):
+            result.fitted.append(mean_of("medium.zeta", strengths, "", goodness, error=zeta_error, spread=spread))
         ways_down = [(recordings[k], rows) for k, rows in fits.ways_down]
+        zeta = float(np.mean([strength.value for strength in strengths]))
         result.warnings += doubts_of_zeta(zeta, ways_down, fits.grains.surface)
         deepest = max(fits.penetrations(fits.grains), key=lambda p: p.depth)
         source = f"deepest penetration, {deepest.zeta.bag}"
-        result.fitted.append(
-            FittedValue("medium.calibrated_depth", (deepest.depth,), (surface_error,), "m", "", source)
-        )
+        name = "medium.calibrated_depth"
+        with result.or_reason(name):
+            result.fitted.append(FittedValue(name, (deepest.depth,), (surface_error,), "m", "", source))
     if fits.turns:
         goodness = (
             f"RMS {100.0 * np.mean([t.misfit for t in fits.found_turns]):.1f} % of the greatest force around turns"

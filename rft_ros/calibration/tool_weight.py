@@ -146,15 +146,27 @@ def _poses_at_rest(tracks: Sequence[Track], cell: LoadCell, air: float) -> _Pose
     """The poses at rest above z = `air` [m]. Raises NotIdentifiable if there are none."""
     gravity, readings, errors = [], [], []
     for track in tracks:
+        steps = [_resolution(column) for column in track.readings.T]
         for rows in still_intervals(track):
             if track.heights()[rows].min() > air:
                 series = track.readings[rows]
                 gravity.append(track.gravity_in_sensor(cell)[rows].mean(axis=0))
                 readings.append(series.mean(axis=0))
-                errors.append([fit_series(np.ones((len(rows), 1)), column).errors[0] for column in series.T])
+                errors.append([_error_of_rest(column, step) for column, step in zip(series.T, steps, strict=True)])
     if not gravity:
         raise NotIdentifiable("the tool never rests in the air for 0.5 s; the bias needs one such pose")
     return _Poses(np.array(gravity), np.array(readings), np.array(errors))
+
+
+def _resolution(readings: Array) -> float:
+    """The smallest difference of two readings, shape [n], in their unit; 0 if all are the same."""
+    return float(np.diff(np.unique(readings)).min(initial=np.inf)) if np.ptp(readings) > 0.0 else 0.0
+
+
+def _error_of_rest(readings: Array, resolution: float) -> float:
+    """Standard error of the mean reading at rest. Noise below half of the resolution does not average its steps out."""
+    error = float(fit_series(np.ones((len(readings), 1)), readings).errors[0])
+    return error if np.std(readings) > 0.5 * resolution else float(np.hypot(error, resolution / 12.0**0.5))
 
 
 def _fit_mass(poses: _Poses, cell: LoadCell) -> _Mass:

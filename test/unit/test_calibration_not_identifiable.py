@@ -1,18 +1,34 @@
 """What the data do not determine is reported as not identifiable, in a sentence with numbers."""
 
 import re
+from contextlib import suppress
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import trimesh
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
-from synthetic_track import LOAD_CELL, Path, dragged, grain_wrenches, in_the_air, known, law, read_by, track_of, unknown
+from synthetic_track import (
+    LOAD_CELL,
+    Path,
+    dragged,
+    grain_wrenches,
+    in_the_air,
+    known,
+    law,
+    parameters,
+    read_by,
+    track_of,
+    unknown,
+)
 
 from rft_ros.calibration.alpha_y import faces_of
 from rft_ros.calibration.calibrate import PARTS, calibrate
 from rft_ros.calibration.fitting import NotIdentifiable
 from rft_ros.errors import InputError
+from rft_ros.parameters import checked
 from rft_ros.tool import load_tool, locate_mesh
 
 
@@ -268,3 +284,42 @@ def test_the_bias_has_an_error_for_the_weight_that_the_poses_do_not_separate_fro
         assert "sensor.center_of_mass" in result.not_identifiable
         (bias,) = (f for f in result.fitted if f.name == "sensor.bias")
         assert (np.abs(np.subtract(bias.values, LOAD_CELL.bias)) <= 3.0 * np.array(bias.errors)).all()
+
+
+def test_a_strength_that_no_parameter_takes_is_a_reason_and_not_an_error():
+    """As with a mesh in metres instead of millimetres: rft calibrate ended in a traceback."""
+    time, states = down(30.0).states()
+    readings = 1e-9 * grain_wrenches(time, states, law(0.8), surface=0.0)
+    result = calibrate([track_of(time, states, readings)], parameters(), parts=("zeta",))
+    assert "must lie between" in why(result, "medium.zeta")
+    assert any("medium.zeta is" in warning for warning in result.warnings)
+
+
+@given(force=st.floats(-12.0, 6.0), place=st.floats(-3.0, 3.0), offset=st.floats(-7.0, 7.0))
+@settings(max_examples=12)
+@example(force=-9.0, place=0.0, offset=0.0)
+def test_whatever_the_units_of_a_recording_are_it_is_refused_or_its_values_are_those_of_parameters(
+    force, place, offset
+):
+    time, states = down(30.0).wait(1.0).move((0.0, 0.0, 0.05), 0.01).states()
+    readings = 10.0**force * grain_wrenches(time, states, law(0.8), surface=0.0, length=0.003)
+    states[:, [0, 1, 2, 7, 8, 9]] *= 10.0**place
+    states[:, 2] += 10.0**offset
+    track = track_of(time, states, readings)
+    with suppress(InputError):
+        for fit in calibrate([track], parameters(medium__mobilization_length=0.003)).fitted:
+            assert checked(fit.name, fit.values if len(fit.values) > 1 else fit.values[0]) is not None
+
+
+def test_the_error_of_a_bias_is_no_smaller_than_what_the_resolution_of_the_load_cell_hides():
+    """A cell that reads in steps of 0.5 N, whose noise is smaller, repeats one reading at rest: ± 3e-16 N."""
+    time, states = in_the_air().states()
+    readings = read_by(LOAD_CELL, states, np.zeros((len(states), 6)), np.random.default_rng(1), noise=(0.03, 0.001))
+    readings[:, :3] = 0.5 * np.round(readings[:, :3] / 0.5)
+    result = calibrate([track_of(time, states, readings)], unknown(), parts=("sensor",))
+    (bias,) = (f for f in result.fitted if f.name == "sensor.bias")
+    off = np.abs(np.subtract(bias.values, LOAD_CELL.bias))
+    assert (off <= 3.0 * np.array(bias.errors)).all()
+    one_pose = calibrate([track_of(time[:300], states[:300], readings[:300])], unknown(), parts=("sensor",))
+    (bias,) = (f for f in one_pose.fitted if f.name == "sensor.bias")
+    assert min(bias.errors[:3]) > 0.1
