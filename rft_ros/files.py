@@ -23,6 +23,7 @@ import yaml
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
+from rft_ros.whole_file import replacing
 
 __all__ = ["checked_file", "checked_folder", "expanded", "opened", "read_arrays", "read_columns", "read_file"]
 __all__ += ["read_text", "read_yaml", "refuse_overwriting", "resolved", "whole", "whole_folder"]
@@ -237,15 +238,10 @@ def whole(file: Path, what: str = "output") -> Iterator[Path]:
         place = resolved(file)
         if place.is_symlink():
             raise InputError(f"{what} '{file}' is a loop of symbolic links; give another path")
-        place.parent.mkdir(parents=True, exist_ok=True)
-        part = place.with_name(f".{place.stem}.{os.getpid()}.part{place.suffix}")
-        try:
+        with replacing(place) as part:
             yield part
             if place.exists():
                 shutil.copymode(place, part)
-            part.replace(place)
-        finally:
-            part.unlink(missing_ok=True)
 
 
 @contextmanager

@@ -27,13 +27,12 @@ _UNKNOWN = np.array([np.inf])
 
 
 class Contact(NamedTuple):
-    """A first contact: the track and its number, and the rows around it.
+    """A first contact: the number of its track, and the rows around it.
 
     `surface`: its height by a fit without memory [m]. `misfit`: RMS residual of that fit over the rise of the force.
     """
 
     number: int
-    track: Track
     rows: Indices
     surface: float
     misfit: float
@@ -79,7 +78,7 @@ def _find(number: int, track: Track, stroke: Indices, cell: LoadCell, law: Law) 
             f" vertical force that rises by {rise:.2f} N with {found.rms:.2f} N of scatter; it needs 10 samples, and a"
             " rise of 6 times the scatter"
         )
-    return Contact(number, track, stroke[used], surface, found.rms / rise)
+    return Contact(number, stroke[used], surface, found.rms / rise)
 
 
 def find_contacts(tracks: Sequence[Track], cell: LoadCell, law: Law) -> list[Contact]:

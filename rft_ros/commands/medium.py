@@ -9,9 +9,9 @@ import numpy as np
 from rft_ros.errors import InputError
 from rft_ros.files import refuse_overwriting
 from rft_ros.parameters import read_stress_map, write_medium
+from rft_ros.parameters.stress_map import MediumFit
+from rft_ros.parameters.stress_map import fit_medium as fitted_medium
 from rft_ros.report.stress_figure import check_figure, write_stress_figure
-from rft_ros.rft import MediumFit
-from rft_ros.rft import fit_medium as fitted_medium
 
 
 def fit_medium_options(command: argparse.ArgumentParser) -> None:

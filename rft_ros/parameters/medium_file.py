@@ -15,7 +15,8 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, shown
 from rft_ros.files import read_text, read_yaml, whole
-from rft_ros.rft import MEDIA, Medium, MediumFit, StressMap, fit_medium
+from rft_ros.parameters.stress_map import MediumFit, StressMap, fit_medium
+from rft_ros.rft import MEDIA, Medium
 
 __all__ = ["is_medium_file", "read_medium", "read_stress_map", "write_medium"]
 
@@ -73,7 +74,7 @@ def _of_yaml(file: Path) -> Medium:
     if max(map(abs, found.values())) < 0.1 * _LEAST:
         raise InputError(f"{what}: its coefficients are below {0.1 * _LEAST:g}; they must be in N/cm³")
     if medium.strength <= 0.0:
-        raise InputError(f"{what}: by its coefficients the grains push a tool on where they should resist; check signs")
+        raise InputError(f"{what}: with these coefficients the force points along the motion; check the signs")
     return medium
 
 

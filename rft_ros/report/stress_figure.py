@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.files import whole
-from rft_ros.rft import MediumFit, StressMap
+from rft_ros.parameters.stress_map import MediumFit, StressMap
 
 __all__ = ["check_figure", "write_stress_figure"]
 

@@ -113,7 +113,6 @@ from rft_ros.rft.result import (
     TORQUE,
     WRENCH,
 )
-from rft_ros.rft.stress_map import LeftOut, MediumFit, StressMap, fit_medium
 from rft_ros.rft.traction import (
     LAW_NUMBERS,
     LAWS,
@@ -126,7 +125,7 @@ from rft_ros.rft.traction import (
 )
 from rft_ros.rft.wrench import LEVEL, edge_share, plate_forces, wrenches, wrenches_in_time
 
-__all__ = ["MEDIA", "LeftOut", "Medium", "MediumFit", "StressMap", "fit_medium", "medium_named"]
+__all__ = ["MEDIA", "Medium", "medium_named"]
 __all__ += ["ALPHA_Y_MODELS", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model"]
 __all__ += [
     "INERTIA",

@@ -16,7 +16,7 @@ __all__ += ["IN_BLOCK", "ROWS_OF_CENTROID", "ROWS_OF_REFINED", "InBlock"]
 __all__ += ["BLOCK", "INTEGRATIONS", "ROUNDING", "Integration", "Plates"]
 
 BLOCK = 16
-"""Plates in a block, of which the kernel asks together whether they are wet and lead."""
+"""Plates in a block. The kernel tests the plates of a block together: are any below the surface, and leading?"""
 
 ROUNDING = 1e-12
 """Relative margin of the bounds of blocks against rounding."""
@@ -27,9 +27,10 @@ INTEGRATIONS: tuple[Integration, ...] = ("centroid", "refined")
 
 CENTROID, NORMAL, AREA = slice(0, 3), slice(3, 6), 6
 FIRST_CORNER, SECOND_CORNER, HALF_ANGLE = slice(7, 10), slice(10, 13), 13
-"""The rows of plates, as in `Plates.rows`; those of the second line only with the refined rule.
+"""The rows of plates, as in `Plates.rows`.
 
-The corners are relative to the centroid [m]. `HALF_ANGLE` holds 1 / (2 sin θ), θ the half angle.
+FIRST_CORNER, SECOND_CORNER and HALF_ANGLE exist for the refined rule only. The corners are relative to the centroid
+[m]. HALF_ANGLE holds 1 / (2 sin θ), θ the half angle.
 """
 ROWS_OF_CENTROID, ROWS_OF_REFINED = 7, 14
 """Numbers of a plate for each rule."""
@@ -56,7 +57,8 @@ IN_BLOCK = InBlock(
 )
 
 BOUND_NORMAL, BOUND_MOMENT, BOUND_PLACE, BOUND_AREA, BOUND_SINE = 0, 6, 12, 18, 19
-"""The rows of `Plates.bounds`; each of the first three is the first of six: the middle of a box, and half its sides."""
+"""The rows of `Plates.bounds`. BOUND_NORMAL, BOUND_MOMENT and BOUND_PLACE each begin six rows: the middle of a box (3)
+and half of its sides (3)."""
 
 BOUNDS = 20
 """Rows of `Plates.bounds`."""
@@ -87,19 +89,8 @@ class Plates:
     bounds: Array
 
     def __init__(self, rows: ArrayLike) -> None:
-        r = np.array(rows, dtype=np.float64, order="C")
-        if r.ndim != 2 or len(r) not in (ROWS_OF_CENTROID, ROWS_OF_REFINED):
-            raise ValueError(f"plates have 7 rows, or 14 for the refined rule; got shape {r.shape}")
-        if r.shape[1] == 0:
-            raise ValueError("a tool needs at least one plate element; got none")
-        if not np.isfinite(r[:ROWS_OF_CENTROID]).all():
-            raise ValueError("plate centroids, normals and areas must be finite numbers")
-        length = np.linalg.norm(r[NORMAL], axis=0)
-        if (r[AREA] < 0.0).any() or (length == 0.0).any():
-            raise ValueError("plate areas must not be negative, and normals not zero")
-        if not np.isfinite(r).all() or not (r[HALF_ANGLE:] >= 0.5).all():
-            raise ValueError("rows of refined plates must be finite, and the last one at least 1/2")
-        r[NORMAL] /= length
+        r = _checked(rows)
+        r[NORMAL] /= np.linalg.norm(r[NORMAL], axis=0)
         self._arrange(r)
 
     @classmethod
@@ -108,8 +99,8 @@ class Plates:
 
         Raises ValueError as `Plates`.
         """
-        made = cls(rows)
-        made._arrange(np.array(rows, dtype=np.float64, order="C"))
+        made = object.__new__(cls)
+        made._arrange(_checked(rows))
         return made
 
     def _arrange(self, r: Array) -> None:
@@ -203,6 +194,23 @@ class Plates:
     def area(self) -> float:
         """Total area [m²]."""
         return float(self.areas.sum())
+
+
+def _checked(rows: ArrayLike) -> Array:
+    """A copy of the rows of plates. Raises ValueError as `Plates`."""
+    r = np.array(rows, dtype=np.float64, order="C")
+    if r.ndim != 2 or len(r) not in (ROWS_OF_CENTROID, ROWS_OF_REFINED):
+        raise ValueError(f"plates have 7 rows, or 14 for the refined rule; got shape {r.shape}")
+    if r.shape[1] == 0:
+        raise ValueError("a tool needs at least one plate element; got none")
+    if not np.isfinite(r[:ROWS_OF_CENTROID]).all():
+        raise ValueError("plate centroids, normals and areas must be finite numbers")
+    length = np.linalg.norm(r[NORMAL], axis=0)
+    if (r[AREA] < 0.0).any() or (length == 0.0).any():
+        raise ValueError("plate areas must not be negative, and normals not zero")
+    if not np.isfinite(r).all() or not (r[HALF_ANGLE:] >= 0.5).all():
+        raise ValueError("rows of refined plates must be finite, and the last one at least 1/2")
+    return r
 
 
 def _restored(*values: object) -> Plates:

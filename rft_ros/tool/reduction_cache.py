@@ -19,11 +19,11 @@ from rft_ros.errors import InputError
 from rft_ros.files import read_file
 from rft_ros.rft import Plates
 from rft_ros.tool import reduce
+from rft_ros.whole_file import replacing, with_checksum, without_checksum
 
 __all__ = ["cache_folder", "reduced_once"]
 
 _MOST_BYTES = 64 * 2**20  # of all files; the least recently used are removed first
-_DIGEST = 32  # bytes of the checksum in front of a file's content
 
 Reduced = tuple[Plates, str]
 
@@ -64,9 +64,8 @@ def _digest(*parts: bytes) -> bytes:
 def _read(file: Path, whole: Plates) -> Reduced | None:
     """The reduction of the plates `whole` in a file; None if there is no file, or a damaged one."""
     try:
-        data = read_file(file, "reduced tool", limit=_MOST_BYTES)
-        content = data[_DIGEST:]
-        if hashlib.sha256(content).digest() != data[:_DIGEST]:
+        content = without_checksum(read_file(file, "reduced tool", limit=_MOST_BYTES))
+        if content is None:
             return None
         head, _, numbers = content.partition(b"\n")
         about = json.loads(head)
@@ -86,15 +85,10 @@ def _write(file: Path, whole: Plates, found: Reduced) -> None:
     content = json.dumps({"reduced": few is not whole, "reduction": reduction}).encode() + b"\n" + numbers
     if len(content) > _MOST_BYTES // 4:
         return
-    part = file.with_name(f"{file.name}.{os.getpid()}")
-    try:
-        file.parent.mkdir(parents=True, exist_ok=True)
-        part.write_bytes(hashlib.sha256(content).digest() + content)
-        part.replace(file)  # atomic: no process reads half a file
+    with suppress(OSError):
+        with replacing(file) as part:
+            part.write_bytes(with_checksum(content))
         _make_room(file.parent)
-    except OSError:
-        with suppress(OSError):
-            part.unlink(missing_ok=True)
 
 
 def _make_room(folder: Path) -> None:

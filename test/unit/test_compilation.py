@@ -106,7 +106,7 @@ class Elsewhere:
     """`turned` in new processes, in a copy of the core with a package beside it."""
 
     def __init__(self, folder: Path) -> None:
-        for file in (PACKAGE / "rft").rglob("*.py"):
+        for file in (PACKAGE / "whole_file.py", *(PACKAGE / "rft").rglob("*.py")):
             copy = folder / "rft_ros" / file.relative_to(PACKAGE)
             copy.parent.mkdir(parents=True, exist_ok=True)
             shutil.copy(file, copy)

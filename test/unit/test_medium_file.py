@@ -92,7 +92,7 @@ HEADER = "beta_deg,gamma_deg,alpha_x,alpha_z\n"
         (HEADER + lines(cells(np.pi / 180, np.pi / 180)), ("radians", "beta_rad")),
         (HEADER.replace("deg", "rad") + lines(cells()), ("degrees", "beta_deg")),
         (HEADER + "0,90,,\n", ("no stress",)),
-        (HEADER + lines(cells(stress=-1.0)), ("push a tool on", "alpha_x negated and alpha_z negated")),
+        (HEADER + lines(cells(stress=-1.0)), ("along the motion", "alpha_x negated and alpha_z negated")),
     ],
 )
 def test_a_map_that_cannot_be_used_is_refused_by_file_and_place(write, text, words):
@@ -118,7 +118,7 @@ def test_coefficients_are_read_from_yaml_under_their_names_or_lis(write):
         ({"B11": "0.2"}, ("B11 is '0.2'", "number")),
         ({"C01": float("nan")}, ("C01 is nan", "number")),
         ({"A10": 47000.0}, ("A10 is 47000", "N/cm³")),
-        ({name: -value for name, value in LOOSE.coefficients.items()}, ("push a tool on", "signs")),
+        ({name: -value for name, value in LOOSE.coefficients.items()}, ("along the motion", "signs")),
         ({name: 1e-6 * value for name, value in LOOSE.coefficients.items()}, ("N/cm³",)),
     ],
 )

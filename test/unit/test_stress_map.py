@@ -7,7 +7,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from rft_ros.rft import MEDIA, Medium, StressMap, fit_medium
+from rft_ros.parameters.stress_map import StressMap, fit_medium
+from rft_ros.rft import MEDIA, Medium
 
 BETA, GAMMA = (np.deg2rad(a).ravel() for a in np.meshgrid(np.arange(-75.0, 91.0, 15.0), np.arange(-75.0, 91.0, 15.0)))
 
@@ -86,9 +87,9 @@ def test_a_map_in_another_convention_is_recognised_by_the_shape_of_measured_medi
     assert f"with {change} the map fits Li's media better" in doubts[0]
 
 
-def test_stresses_that_push_a_tool_onwards_are_refused_with_the_convention_that_fits():
+def test_stresses_along_the_motion_are_refused_with_the_convention_that_fits():
     measured = map_of(MEDIA["generic"])
-    with pytest.raises(ValueError, match=r"push a tool on.* with alpha_x negated and alpha_z negated the map fits"):
+    with pytest.raises(ValueError, match=r"along the motion.* alpha_x negated and alpha_z negated"):
         fit_medium(replace(measured, alpha_x=-measured.alpha_x, alpha_z=-measured.alpha_z), name="mine")
     with pytest.raises(ValueError, match="no cell has a stress"):
         fit_medium(replace(measured, alpha_x=0.0 * BETA, alpha_z=0.0 * BETA), name="mine")

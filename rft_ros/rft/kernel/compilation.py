@@ -30,6 +30,8 @@ from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.extending import register_jitable
 
+from rft_ros.whole_file import replacing, with_checksum, without_checksum
+
 __all__ = ["OPTIONS", "STEP", "compiled", "inlined", "machine_code", "machine_code_folders"]
 
 OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "arcp", "nsz"}}
@@ -123,27 +125,22 @@ class _Cache(NullCache):
         rtsys.initialize(target_context)
         for file in self._files(sig, target_context.codegen()):
             with suppress(Exception):  # unpickling another numba's file can raise almost anything
-                content = file.read_bytes()
-                if hashlib.sha256(content[32:]).digest() == content[:32]:
-                    return CompileResult._rebuild(target_context, *pickle.loads(content[32:]))
+                content = without_checksum(file.read_bytes())
+                if content is not None:
+                    return CompileResult._rebuild(target_context, *pickle.loads(content))
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         content = dumps(data._reduce())  # `pickle` alone cannot take numba's environments
         for file in self._files(sig, data.codegen):
-            part = file.with_name(f"{file.name}.{os.getpid()}")
-            try:
-                file.parent.mkdir(parents=True, exist_ok=True)
-                part.write_bytes(hashlib.sha256(content).digest() + content)
-                part.replace(file)  # atomic: no process reads a partial file
+            with suppress(OSError):
+                with replacing(file) as part:
+                    part.write_bytes(with_checksum(content))
                 code = file.name.split(".")[-3]
                 for other in file.parent.glob(f"{self._name}.*.nbc"):
                     if other.name.split(".")[-3] != code:
                         other.unlink(missing_ok=True)
                 return
-            except OSError:
-                with suppress(OSError):
-                    part.unlink(missing_ok=True)
 
 
 def _digest(*parts: str) -> str:

@@ -18,11 +18,11 @@ __all__ = ["LeftOut", "MediumFit", "StressMap", "fit_medium"]
 
 Array = NDArray[np.float64]
 
-_OPEN = 0.04  # root mean square over the cells of a combination of terms; below, they do not determine it
+_OPEN = 0.04  # a combination of terms whose RMS over the cells is below this is not determined by the map
 _PART = 0.15  # share of a coefficient in an open combination from which on it is named
-_BETTER = 0.9  # a change of convention is named if it takes the misfit below this share; of n changes, its nth power
+_BETTER = 0.9  # a change of convention is named if it lowers the misfit below this share; n changes: its nth power
 _ENOUGH = 8  # cells, of which fewer say nothing about conventions
-_FEW = 20  # cells, of which too few are left in each half for a check
+_FEW = 20  # with fewer cells there is no check on left-out cells: each half would be too small
 
 
 class _Angle(NamedTuple):
@@ -89,7 +89,7 @@ class MediumFit:
     remarks: tuple[str, ...]
 
 
-class _Part(NamedTuple):
+class _OneStress(NamedTuple):
     """The fit of the coefficients of one stress."""
 
     coefficients: Array
@@ -100,7 +100,7 @@ class _Part(NamedTuple):
 def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
     """The coefficients that fit the map best in the sense of least squares; cells without a number do not count.
 
-    Raises ValueError where the map has no stress at all, or stresses that push a tool onwards.
+    Raises ValueError where the map has no stress at all, or stresses that point along the motion.
     """
     fitted, parts, zeta = _fitted(measured, name)
     if fitted is None:
@@ -114,11 +114,12 @@ def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
             remarks.append(_open_sentence(group, stress, zeta))
     doubts = _conventions(measured)
     if fitted.strength <= 0.0:
-        reason = "by these stresses the grains push a tool on where they should resist it"
+        reason = "with these stresses the force points along the motion, where it should resist"
         raise ValueError("; ".join([reason, *doubts]))
     if fitted.alpha_x_flat <= 0.0:
         value = f"alpha_x at beta 0, gamma 0 is {fitted.alpha_x_flat:.3g} N/cm³ by the fit"
-        doubts.append(f"{value}, so that alpha_y.model constant would push a plate onwards; use linear or a table")
+        along = "with alpha_y.model constant the force on a plate would point along its motion"
+        doubts.append(f"{value}, so that {along}; use linear or a table")
     medium = replace(fitted, doubts=tuple(doubts))
     return MediumFit(
         medium=medium,
@@ -137,7 +138,7 @@ def _scaled(zeta: float) -> Medium:
     return Medium.of("generic", {name: zeta * value for name, value in MEDIA["generic"].coefficients.items()})
 
 
-def _fitted(measured: StressMap, name: str) -> tuple[Medium | None, list[_Part], float]:
+def _fitted(measured: StressMap, name: str) -> tuple[Medium | None, list[_OneStress], float]:
     """The medium, the parts of its fit and ζ of the generic medium; no medium where there is no stress to fit."""
     zeta = _zeta(MEDIA["generic"], measured)
     start = _scaled(zeta)
@@ -152,14 +153,14 @@ def _fitted(measured: StressMap, name: str) -> tuple[Medium | None, list[_Part],
     return (Medium.of(name, found) if any(found.values()) else None), parts, zeta
 
 
-def _fit(names: tuple[str, ...], terms: Array, stress: Array, start: Medium) -> _Part:
+def _fit(names: tuple[str, ...], terms: Array, stress: Array, start: Medium) -> _OneStress:
     """The coefficients of one stress; in combinations that the cells leave open, those of the medium `start`."""
     there = np.isfinite(stress)
     terms, stress = terms[there], stress[there]
     first = np.array([getattr(start, name) for name in names])
     unknown = np.full(len(names), np.nan)
     if len(stress) == 0:
-        return _Part(first, unknown, tuple((name,) for name in names))
+        return _OneStress(first, unknown, tuple((name,) for name in names))
     mean_squares, combinations = np.linalg.eigh(terms.T @ terms / len(stress))  # combinations: a column each
     known = mean_squares > _OPEN**2
     determined = combinations[:, known]
@@ -168,24 +169,29 @@ def _fit(names: tuple[str, ...], terms: Array, stress: Array, start: Medium) -> 
     groups = _groups(names, combinations[:, ~known])
     freedom = len(stress) - int(known.sum())
     if freedom < 1:
-        return _Part(coefficients, unknown, groups)
+        return _OneStress(coefficients, unknown, groups)
     residual = stress - terms @ coefficients
     errors = np.sqrt(float(residual @ residual) / freedom * np.diag(inverse))
     is_open = [any(name in group for group in groups) for name in names]
-    return _Part(coefficients, np.where(is_open, np.nan, errors), groups)
+    return _OneStress(coefficients, np.where(is_open, np.nan, errors), groups)
 
 
 def _groups(names: tuple[str, ...], combinations: Array) -> tuple[tuple[str, ...], ...]:
-    """The coefficients that open combinations, a column each, tie together; one that stands alone acts on no cell."""
+    """The coefficients that open combinations, a column each, tie together.
+
+    A group of one is a coefficient whose term is 0 at all measured angles.
+    """
     tied = combinations @ combinations.T  # the projector on what is open
     left = [k for k in range(len(names)) if tied[k, k] > _PART**2]
     groups = []
     while left:
-        group = [left.pop(0)]
-        for k in group:  # which grows meanwhile
-            near = [j for j in left if abs(tied[j, k]) > _PART**2]
-            group += near
-            left = [j for j in left if j not in near]
+        group: list[int] = []
+        added = [left.pop(0)]
+        while added:  # those tied to the ones that were added last
+            group += added
+            near = [j for k in added for j in left if abs(tied[j, k]) > _PART**2]
+            added = list(dict.fromkeys(near))
+            left = [j for j in left if j not in added]
         groups.append(tuple(names[k] for k in sorted(group)))
     return tuple(groups)
 
