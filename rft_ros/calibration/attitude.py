@@ -1,10 +1,10 @@
-"""Doubts a fitted ζ: dry grains do not have it, or the tool in another attitude explains the measured force better.
+"""Warns if a fitted ζ is outside the range of dry grains, or if another attitude of the tool explains the force better.
 
-Both point to a mesh that points the wrong way. What speaks for another attitude is how the force grows on the way down,
-and its direction. Real grains do not follow the model's growth with depth: under round plates and wheels the pressure
-grows as depth to the power of 1.3 to 1.6, in simulated beads more slowly than linearly. And the surface that was found
-belongs to the given attitude: under a tip the force is small at first, and the contact is seen late. So attitudes are
-compared after each had the power and the surface that suit it, and one that needs a ζ of no dry grains is not proposed.
+Both point to a mesh that points the wrong way. The evidence is the growth of the force with depth, and its direction.
+Real grains do not follow the model's growth with depth: under round plates and wheels the pressure grows as depth to
+the power of 1.3 to 1.6, in simulated beads more slowly than linearly. And the surface that was found belongs to the
+given attitude: under a tip the force is small at first, and the contact is seen late. So attitudes are compared after
+each had the power and the surface that suit it, and one that needs a ζ of no dry grains is not proposed.
 """
 
 from collections.abc import Sequence

@@ -15,16 +15,16 @@ from rft_ros.calibration.recorded import BedValues
 from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
-from rft_ros.estimator import LoadCell
+from rft_ros.estimator import LoadCell, Settings
 from rft_ros.parameters import Values, model_of, settings_of
-from rft_ros.rft import Law, Treers2021, wrenches
+from rft_ros.rft import FORCE, Law, Treers2021, wrenches
 
 __all__ = ["PARTS", "Calibration", "calibrate"]
 
 PARTS = ("sensor", "surface", "zeta", "mobilization", "alpha_y")
 """What can be fitted: bias, mass and centre of mass; surface height; ζ; λ; α_y."""
 
-_ROUNDS = 5  # the surface and the force of inertia depend on each other
+_ROUNDS = 5  # of contacts and force of inertia, each with the result of the other
 _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m] above the surface
 
 
@@ -45,59 +45,75 @@ def calibrate(
     """
     for track in tracks:
         refuse_implausible(track)
-    settings, result, recorded = settings_of(values), Calibration(), tracks
-    cell = settings.load_cell
-    if settings.sensor_source == "tf":
-        mount = tracks[0].mount
-        if mount is None:
-            link = f"tool_frame '{settings.tool_frame}' and sensor_frame '{settings.sensor_frame}'"
-            raise InputError(f"{tracks[0].name}: no fixed transforms link {link}, as sensor.frame_source tf needs")
-        cell = replace(cell, position=mount.position, quaternion=mount.quaternion)
-    sensor = Sensor(cell)
+    settings, result = settings_of(values), Calibration()
+    sensor = Sensor(_placed_cell(settings, tracks[0]))
     # only the law of this model is used, so any tool will do; fits assume level ground
     at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
     inertial = model_of(at_one, tool=tracks[0].tool).law
     law = replace(inertial, density=0.0, mobilization_length=0.0)
 
-    given = BedValues(settings.surface_height, values["medium.mobilization_length"], LOST_MOTION)
-    contacts: list[Contact] = []
     height = air = settings.surface_height
-    try:  # in any case: what counts as air depends on it
-        for _ in range(_ROUNDS if inertial.has_inertia else 1):
-            contacts = find_contacts(tracks, sensor.cell, law)
-            start = float(np.mean([contact.surface for contact in contacts]))
-            tracks = [_without_inertia(t, sensor.cell, inertial, law, start) for t in recorded]
-        if "surface" in parts:
-            height = start
-        air = max(height, *(contact.surface for contact in contacts))
+    contacts: list[Contact] = []
+    try:  # also if the surface is not fitted, since what counts as air depends on the contacts
+        contacts = _contacts(tracks, sensor.cell, inertial, law)
     except NotIdentifiable as reason:
         if "surface" in parts:
             result.not_identifiable["surface_height"] = str(reason)
-    tracks = [_without_inertia(t, sensor.cell, inertial, law, height) for t in recorded]
+    if contacts:
+        if "surface" in parts:
+            height = _mean_surface(contacts)
+        air = max(height, *(contact.surface for contact in contacts))
+    tracks = [_without_inertia(t, sensor.cell, inertial, law, height) for t in tracks]
 
     if "sensor" in parts:
         with result.or_reason("sensor.bias"):
             sensor, fitted, reasons = fit_tool_weight(tracks, sensor.cell, air=air + _CLEAR)
             result.fitted += fitted
             result.not_identifiable |= reasons
+    given = BedValues(settings.surface_height, values["medium.mobilization_length"], LOST_MOTION)
     grains = fit_grains(tracks, sensor, law, contacts=contacts, given=given, parts=parts)
     result.fitted += grains.fitted
     result.not_identifiable |= grains.not_identifiable
     result.warnings += grains.warnings
-    found = {fit.name: (fit.values[0], fit.errors[0]) for fit in grains.fitted}
-    height, height_error = found.get("surface_height", (height, 0.0))
-    zeta, zeta_error = found.get("medium.zeta", (values["medium.zeta"], 0.0))
     if "alpha_y" in parts:
+        found = {fit.name: (fit.values[0], fit.errors[0]) for fit in grains.fitted}
+        height, height_error = found.get("surface_height", (height, 0.0))
+        zeta, zeta_error = found.get("medium.zeta", (values["medium.zeta"], 0.0))
         with result.or_reason("alpha_y"):
             if not isinstance(law, Treers2021):
                 raise NotIdentifiable(f"law {values['law']} does not use α_y")
             runs = plate_runs(tracks, sensor, replace(law, zeta=zeta), surface=height)
             shared = float(np.hypot(zeta_error / zeta, height_error / np.mean([run.depth for run in runs])))
-            medium = law.medium
-            fit = fit_alpha_y(runs, medium, shared_error=shared, model=alpha_y)
-            result.fitted.append(fit.value)
-            result.alpha_y = fit
+            result.alpha_y = fit_alpha_y(runs, law.medium, shared_error=shared, model=alpha_y)
+            result.fitted.append(result.alpha_y.value)
     return result
+
+
+def _placed_cell(settings: Settings, track: Track) -> LoadCell:
+    """The load cell of the settings, with its place from the transforms of a recording if they are its source."""
+    if settings.sensor_source != "tf":
+        return settings.load_cell
+    if track.mount is None:
+        link = f"tool_frame '{settings.tool_frame}' and sensor_frame '{settings.sensor_frame}'"
+        raise InputError(f"{track.name}: no fixed transforms link {link}, as sensor.frame_source tf needs")
+    return replace(settings.load_cell, position=track.mount.position, quaternion=track.mount.quaternion)
+
+
+def _contacts(recorded: Sequence[Track], cell: LoadCell, inertial: Law, law: Law) -> list[Contact]:
+    """The first contacts; the force of inertia and the surface depend on each other, so they are found in turns.
+
+    Raises NotIdentifiable if there are none.
+    """
+    contacts = find_contacts(recorded, cell, law)
+    for _ in range(_ROUNDS - 1 if inertial.has_inertia else 0):
+        surface = _mean_surface(contacts)
+        tracks = [_without_inertia(track, cell, inertial, law, surface) for track in recorded]
+        contacts = find_contacts(tracks, cell, law)
+    return contacts
+
+
+def _mean_surface(contacts: Sequence[Contact]) -> float:
+    return float(np.mean([contact.surface for contact in contacts]))
 
 
 def _without_inertia(track: Track, cell: LoadCell, inertial: Law, law: Law, height: float) -> Track:
@@ -105,5 +121,5 @@ def _without_inertia(track: Track, cell: LoadCell, inertial: Law, law: Law, heig
     if not inertial.has_inertia:
         return track
     fast, slow = (wrenches(track.tool.plates, x, track.states, surface_height=height) for x in (inertial, law))
-    force = np.einsum("nji,nj->ni", track.sensor_rotations(cell), (fast - slow)[:, :3])
+    force = np.einsum("nji,nj->ni", track.sensor_rotations(cell), (fast - slow)[:, FORCE])
     return replace(track, readings=track.readings - cell.sign * np.pad(force, ((0, 0), (0, 3))))

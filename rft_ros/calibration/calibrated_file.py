@@ -8,7 +8,9 @@ from typing import Any
 
 import numpy as np
 
+from rft_ros.calibration.alpha_y import AlphaYFit
 from rft_ros.calibration.calibrate import Calibration
+from rft_ros.calibration.fitting import FittedValue
 from rft_ros.calibration.penetration import BEDS_DIFFER
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
@@ -48,56 +50,79 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
     parameters: dict[str, Any] = {}
     for section in sections_for(sections):
         parameters = tree[section.key]["ros__parameters"]  # at last those that override the others
-        for name in parameters.keys() & set(FILES):
-            # a path is relative to the source; the new one to the new file
-            found = path_beside(resolved(source).parent, name, path := str(parameters[name]))
-            parameters[name] = path if found == path else os.path.relpath(found, resolved(file).parent)
+        _relocate_paths(parameters, source=source, file=file)
 
-    # if the poses do not separate bias and weight, their sum is known better than each of them
-    finest = {"sensor.bias": 1e-3}
-    numbers = {
-        f.name: [rounded(v, min(e, finest.get(f.name, e))) for v, e in zip(f.values, f.errors, strict=True)]
-        for f in result.fitted
-    }
-    parameters |= {n: v if len(v) > 1 else v[0] for n, v in numbers.items() if n in defaults()}
+    numbers = {f.name: _rounded_values(f) for f in result.fitted}
+    known = defaults()
+    for name, values in numbers.items():
+        if name in known:
+            parameters[name] = values if len(values) > 1 else values[0]
     for f in result.fitted:
         if f.name == "medium.zeta":  # of another bed of the same grains, and of each tool that was recorded
             parameters["medium.zeta_error"] = float(f"{max(f.errors[0] / f.values[0], BEDS_DIFFER, f.spread):.3g}")
     if "sensor.bias" in numbers:
-        # it replaces the tare, which would refuse a bag that begins in the grains
-        of_replay = tree.get("rft_replay", {}).get("ros__parameters", {})
-        of_replay.pop("tare", None)
-        if not of_replay:
-            tree.pop("rft_replay", None)
+        _remove_tare(tree)
     bags = [f"{t.name} ({datetime.fromtimestamp(t.begin // 10**9, timezone.utc):%Y-%m-%dT%H:%M:%SZ})" for t in tracks]
     texts = {}
-    if (alpha_y := result.alpha_y) is not None:
-        parameters["alpha_y.model"] = alpha_y.model
-        if alpha_y.rows:
+    if result.alpha_y is not None:
+        parameters["alpha_y.model"] = result.alpha_y.model
+        if result.alpha_y.rows:
             table = alpha_y_table(file)
             parameters["alpha_y.table"] = table.name
-            head = f"# {alpha_y.value.name} over β from {', '.join(bags)}; constant beyond the first and last row\n"
-            texts[table] = head + "beta,alpha_y\n" + "".join(f"{b:g},{alpha:.6g}\n" for b, alpha in alpha_y.rows)
-    record = {
-        "bags": bags,
-        "fitted": {
-            f.name.partition(" ")[0].replace(".", "_"): {
-                "value": numbers[f.name],
-                "standard_error": [float(f"{e:.3g}") for e in f.errors],
-                "unit": f.unit,
-                "goodness": f.goodness,
-                "source": f.source,
-            }
-            for f in result.fitted
-        },
-        "not_identifiable": [f"{name}: {why}" for name, why in result.not_identifiable.items()],
-        "warnings": result.warnings,
-    }
-    # ROS cannot read empty lists
-    tree[SECTION] = {"ros__parameters": {name: value for name, value in record.items() if value}}
+            texts[table] = _table_text(result.alpha_y, bags)
+    tree[SECTION] = {"ros__parameters": _record(result, numbers, bags)}
     head = f"# {source.name} calibrated by rft calibrate; bags, sources and standard errors: {SECTION} below.\n"
     texts[file] = head + parameter_file_text(tree)
     for place, text in texts.items():  # a table before the file that names it
         with whole(place, "calibrated file") as part:
             part.write_text(text, encoding="utf-8", errors="backslashreplace")  # the source's name may not be UTF-8
     return list(reversed(texts))
+
+
+def _relocate_paths(parameters: dict[str, Any], *, source: Path, file: Path) -> None:
+    """Make the relative paths of a parameter file `source`, which begin at its folder, begin at that of `file`."""
+    for name in parameters.keys() & set(FILES):
+        given = str(parameters[name])
+        found = path_beside(resolved(source).parent, name, given)
+        if found != given:
+            parameters[name] = os.path.relpath(found, resolved(file).parent)
+
+
+def _rounded_values(fitted: FittedValue) -> list[float]:
+    """The values of a fit, rounded by their errors."""
+    errors = fitted.errors
+    if fitted.name == "sensor.bias":
+        # if the poses do not separate bias and weight, their sum is known better than each of them
+        errors = tuple(min(error, 1e-3) for error in errors)
+    return [rounded(value, error) for value, error in zip(fitted.values, errors, strict=True)]
+
+
+def _remove_tare(tree: dict[str, dict[str, dict[str, Any]]]) -> None:
+    """Remove the tare of replays: a fitted bias replaces it, and it would refuse a bag that begins in the grains."""
+    of_replay = tree.get("rft_replay", {}).get("ros__parameters", {})
+    of_replay.pop("tare", None)
+    if not of_replay:
+        tree.pop("rft_replay", None)
+
+
+def _table_text(alpha_y: AlphaYFit, bags: Iterable[str]) -> str:
+    """The text of an α_y table."""
+    head = f"# {alpha_y.value.name} over β from {', '.join(bags)}; constant beyond the first and last row\n"
+    return head + "beta,alpha_y\n" + "".join(f"{beta:g},{alpha:.6g}\n" for beta, alpha in alpha_y.rows)
+
+
+def _record(result: Calibration, numbers: dict[str, list[float]], bags: list[str]) -> dict[str, Any]:
+    """What was fitted to which bags. ROS cannot read empty lists, so these are left out."""
+    fitted = {
+        f.name.partition(" ")[0].replace(".", "_"): {
+            "value": numbers[f.name],
+            "standard_error": [float(f"{e:.3g}") for e in f.errors],
+            "unit": f.unit,
+            "goodness": f.goodness,
+            "source": f.source,
+        }
+        for f in result.fitted
+    }
+    not_identifiable = [f"{name}: {why}" for name, why in result.not_identifiable.items()]
+    record = {"bags": bags, "fitted": fitted, "not_identifiable": not_identifiable, "warnings": result.warnings}
+    return {name: value for name, value in record.items() if value}

@@ -20,7 +20,8 @@ __all__ += ["fit_curve", "fit_each", "fit_linear", "fit_measurements", "fit_seri
 
 Array = NDArray[np.float64]
 
-_MOST_STEPS, _HALVINGS, _CONVERGED = 12, 5, 1e-2  # of Gauss and Newton; the last in steps for derivatives
+_MOST_STEPS, _HALVINGS = 12, 5  # of Gauss-Newton: most steps, and most halvings of a step
+_CONVERGED = 1e-2  # change, in units of `Curve.steps`, at which Gauss-Newton ends
 _WIDEST = 0.1  # greatest step for derivatives, relative to the range of a parameter
 _MOST_ALIKE = 0.999  # greatest correlation of successive samples of noise
 
@@ -205,7 +206,7 @@ def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
         if small.all():
             break
     fit = here.fit(np.append(parameters, linear), residuals, weight)
-    # memory makes a curve uneven: what counts for an error is the slope over the error, not that within a small step
+    # With memory the curve is not smooth. The standard error needs the slope over a step as wide as itself.
     wide = np.minimum(fit.errors[:size], _WIDEST * (curve.high - curve.low))
     if (wide > curve.steps).any():
         wider = linearised(np.maximum(curve.steps, wide)).fit(fit.coefficients, residuals, weight)

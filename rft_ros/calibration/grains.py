@@ -28,7 +28,7 @@ from rft_ros.calibration.fitting import (
     mean_of,
     scatter_of_mean,
 )
-from rft_ros.calibration.memory_length import SHORTEST, AtOnce, TurnFit, fit_turn, length_by_place
+from rft_ros.calibration.memory_length import SHORTEST, TooShortToResolve, TurnFit, fit_turn, length_by_place
 from rft_ros.calibration.penetration import Penetration, deep_enough, difference, fit_penetration, spread_of
 from rft_ros.calibration.recorded import BedValues, Recorded, recorded
 from rft_ros.calibration.tool_weight import Sensor
@@ -42,7 +42,10 @@ Array = NDArray[np.float64]
 _ROUNDS = 8  # of fits with each other's results
 _SETTLED = 1e-6  # change of the surface [m] below which another round changes nothing
 _HEIGHT_STEPS, _LENGTH_STEPS = (5e-5, 1e-3), (0.1, 0.5)
-"""Least and greatest change of the surface height [m], and of log λ, for derivatives: between poses fits may jump."""
+"""Least and greatest change of the surface height [m], and of log λ, for derivatives.
+
+Smaller steps would find no change, since a fit moves from pose to pose.
+"""
 
 _GIVEN_SURFACE_ERROR = 0.002
 """Standard deviation [m] of the file's surface height, where a recording does not show the surface."""
@@ -51,6 +54,8 @@ _UNKNOWN_LENGTH = 0.7  # standard deviation of log λ where the recordings do no
 
 _LEFT_AT_CORNERS = 0.5  # share of the noise of a pose that is left at corners after smoothing
 _SHAKEN = 2  # number of fits to poses with more noise
+
+_NAME_OF_LENGTH = "medium.mobilization_length"
 
 _SURFACE, _LENGTH, _ZETA = range(3)
 """Rows of the three values in the system of errors."""
@@ -98,7 +103,7 @@ class _Fits:
         """ζ of each way down."""
         return [fit_penetration(self.recordings[k], stroke, grains) for k, stroke in self.ways_down]
 
-    def settle(self) -> None:
+    def alternate_until_settled(self) -> None:
         """Fit the surface and λ in turns, each with the result of the other, until they no longer change."""
         for _ in range(_ROUNDS):
             before = self.grains
@@ -252,8 +257,7 @@ def fit_grains(
     `law`: at ζ = 1, without memory and inertia. `contacts`: of these tracks; the surface is fitted to them.
     """
     result, own = FitResults(), np.zeros(3)
-    recordings = [recorded(track, sensor.cell, law) for track in tracks]
-    fits = _Fits(recordings, given)
+    fits = _Fits([recorded(track, sensor.cell, law) for track in tracks], given)
     if "surface" in parts and contacts:
         fits.contacts = list(contacts)
         fits.grains = given._replace(surface=float(np.mean([contact.surface for contact in contacts])))
@@ -262,15 +266,15 @@ def fit_grains(
     if "mobilization" in parts:
         try:
             _fit_turns(fits)
-        except AtOnce as reason:
+        except TooShortToResolve as reason:
             fits.grains = fits.grains._replace(length=SHORTEST)
-            result.not_identifiable["medium.mobilization_length"] = str(reason)
+            result.not_identifiable[_NAME_OF_LENGTH] = str(reason)
         except NotIdentifiable as reason:
             own[_LENGTH] = _UNKNOWN_LENGTH
-            result.not_identifiable["medium.mobilization_length"] = str(reason)
-    fits.settle()
-    heights = fits.found_contacts
-    if heights:
+            result.not_identifiable[_NAME_OF_LENGTH] = str(reason)
+    fits.alternate_until_settled()
+    if fits.found_contacts:
+        heights = fits.found_contacts
         own[_SURFACE] = _error_of_mean([m.value for m in heights], [m.error for m in heights])
     if fits.turns:
         turns = fits.found_turns
@@ -281,37 +285,54 @@ def fit_grains(
             strengths = _fit_ways_down(fits, own, sensor.zero_error)
             found = fits.penetrations(fits.grains)
             own[_ZETA] = _error_of_mean([p.zeta.value for p in found], [p.zeta.error for p in found])
-    surface_error, length_error, zeta_error = fits.errors(own, sensor.zero_error).tolist()
 
-    if heights:
-        goodness = f"RMS up to {100 * max(m.misfit for m in heights):.1f} % of the force's rise"
+    surface_error, length_error, zeta_error = fits.errors(own, sensor.zero_error).tolist()
+    if fits.found_contacts:
         with result.or_reason("surface_height"):
-            result.fitted.append(mean_of("surface_height", heights, "m", goodness, error=surface_error))
+            result.fitted.append(_surface_of(fits, surface_error))
     if strengths:
-        tools = [recordings[k].track.tool for k, _ in fits.ways_down]
-        words = difference(strengths, [float(np.ptp(tool.corners, axis=0).max()) for tool in tools])
-        goodness = f"RMS up to {100 * max(m.misfit for m in strengths):.1f} % of the peak{words}"
-        spread = spread_of(strengths, [str(tool.file) for tool in tools])
         with result.or_reason("medium.zeta"):
-            result.fitted.append(mean_of("medium.zeta", strengths, "", goodness, error=zeta_error, spread=spread))
-        ways_down = [(recordings[k], rows) for k, rows in fits.ways_down]
+            result.fitted.append(_zeta_of(fits, strengths, zeta_error))
         zeta = float(np.mean([strength.value for strength in strengths]))
+        ways_down = [(fits.recordings[k], rows) for k, rows in fits.ways_down]
         result.warnings += doubts_of_zeta(zeta, ways_down, fits.grains.surface)
-        deepest = max(fits.penetrations(fits.grains), key=lambda p: p.depth)
-        source = f"deepest penetration, {deepest.zeta.bag}"
-        name = "medium.calibrated_depth"
-        with result.or_reason(name):
-            result.fitted.append(FittedValue(name, (deepest.depth,), (surface_error,), "m", "", source))
+        with result.or_reason("medium.calibrated_depth"):
+            result.fitted.append(_calibrated_depth(fits, surface_error))
     if fits.turns:
-        goodness = (
-            f"RMS {100.0 * np.mean([t.misfit for t in fits.found_turns]):.1f} % of the greatest force around turns"
-        )
-        length = fits.grains.length
-        each = ", ".join(
-            f"{recordings[k].track.name} {np.exp(t.logarithm):.3g} ± {np.exp(t.logarithm) * t.error:.2g}"
-            for (k, _), t in zip(fits.turns, fits.found_turns, strict=True)
-        )
-        name = "medium.mobilization_length"
-        with result.or_reason(name):
-            result.fitted.append(FittedValue(name, (length,), (length * length_error,), "m", goodness, each))
+        with result.or_reason(_NAME_OF_LENGTH):
+            result.fitted.append(_length_of(fits, length_error))
     return result
+
+
+def _surface_of(fits: _Fits, error: float) -> FittedValue:
+    """The height of the surface, as the mean over the contacts. Raises NotIdentifiable for one beyond the parameter."""
+    heights = fits.found_contacts
+    goodness = f"RMS up to {100 * max(m.misfit for m in heights):.1f} % of the force's rise"
+    return mean_of("surface_height", heights, "m", goodness, error=error)
+
+
+def _zeta_of(fits: _Fits, strengths: Sequence[Measurement], error: float) -> FittedValue:
+    """ζ, as the mean over the ways down."""
+    tools = [fits.recordings[k].track.tool for k, _ in fits.ways_down]
+    words = difference(strengths, [float(np.ptp(tool.corners, axis=0).max()) for tool in tools])
+    goodness = f"RMS up to {100 * max(m.misfit for m in strengths):.1f} % of the peak{words}"
+    spread = spread_of(strengths, [str(tool.file) for tool in tools])
+    return mean_of("medium.zeta", strengths, "", goodness, error=error, spread=spread)
+
+
+def _calibrated_depth(fits: _Fits, surface_error: float) -> FittedValue:
+    """The depth of the deepest way down."""
+    deepest = max(fits.penetrations(fits.grains), key=lambda p: p.depth)
+    source = f"deepest penetration, {deepest.zeta.bag}"
+    return FittedValue("medium.calibrated_depth", (deepest.depth,), (surface_error,), "m", "", source)
+
+
+def _length_of(fits: _Fits, relative_error: float) -> FittedValue:
+    """λ, as the geometric mean over the turns. Raises NotIdentifiable for a λ that the parameter does not take."""
+    length, turns = fits.grains.length, fits.found_turns
+    goodness = f"RMS {100.0 * np.mean([t.misfit for t in turns]):.1f} % of the greatest force around turns"
+    each = ", ".join(
+        f"{fits.recordings[k].track.name} {np.exp(t.logarithm):.3g} ± {np.exp(t.logarithm) * t.error:.2g}"
+        for (k, _), t in zip(fits.turns, turns, strict=True)
+    )
+    return FittedValue(_NAME_OF_LENGTH, (length,), (length * relative_error,), "m", goodness, each)

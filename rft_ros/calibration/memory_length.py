@@ -13,7 +13,8 @@ from rft_ros.calibration.fitting import Curve, NotIdentifiable, best_start, fit_
 from rft_ros.calibration.recorded import BedValues, Recorded
 from rft_ros.calibration.track import Turn
 
-__all__ = ["LOST_MOTION", "LOST_MOTION_ERROR", "SHORTEST", "AtOnce", "TurnFit", "fit_turn", "length_by_place"]
+__all__ = ["LOST_MOTION", "LOST_MOTION_ERROR", "SHORTEST", "TooShortToResolve", "TurnFit", "fit_turn"]
+__all__ += ["length_by_place"]
 
 Array = NDArray[np.float64]
 
@@ -31,7 +32,7 @@ _UNSURE = 0.75  # greatest accepted standard error of λ, relative to λ
 _UNLIKE = 0.15  # greatest accepted RMS residual, relative to the greatest force
 
 
-class AtOnce(NotIdentifiable):
+class TooShortToResolve(NotIdentifiable):
     """The force follows the turn at once: λ is shorter than the recording can resolve."""
 
 
@@ -53,7 +54,7 @@ class TurnFit(NamedTuple):
         """Raise NotIdentifiable if the turn does not determine λ."""
         where, length = _place(recording, turn), float(np.exp(self.logarithm))
         if self.logarithm < np.log(SHORTEST) + 0.02 * np.log(_LONGEST / SHORTEST):
-            raise AtOnce(
+            raise TooShortToResolve(
                 f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
             )
         if self.error > _UNSURE or length > turn.after or self.misfit > _UNLIKE or self.scale <= 0.0:

@@ -42,7 +42,7 @@ class Penetration(NamedTuple):
     alike: float
 
     def check(self, error: float) -> None:
-        """Raise NotIdentifiable if a ζ of that standard error is none."""
+        """Raises NotIdentifiable if ζ does not exceed this standard error, or if the forces do not correlate."""
         if not (self.zeta.value > error and self.alike > _ALIKE):
             raise NotIdentifiable(
                 f"{self.zeta.bag}: the fitted ζ is {self.zeta.value:.3f} ± {error:.3f}, and measured and modelled force"
