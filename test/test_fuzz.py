@@ -13,5 +13,5 @@ def test_damaged_inputs_are_used_or_refused_with_a_sentence():
 
 @pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize("seed", range(12))
-def test_an_estimator_answers_each_pose_with_finite_numbers_or_a_reason_and_again_with_the_same(seed):
+def test_an_estimator_answers_each_pose_with_finite_numbers_or_a_reason_and_repeats_them(seed):
     assert repr(run(seed)) == repr(run(seed))

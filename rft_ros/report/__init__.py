@@ -1,1 +1,1 @@
-"""Figures, films and web pages of replays and of a tool in the grains."""
+"""Figures and web pages of replays and of a tool in the grains."""

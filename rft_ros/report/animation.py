@@ -116,34 +116,14 @@ def animation_figure(drawn: Animation) -> Any:
     """A plotly Figure with a slider over the moments, and play and pause buttons."""
     import plotly.graph_objects as go
 
-    low, high = drawn.placed.min(axis=(0, 1)), drawn.placed.max(axis=(0, 1))
-    low[2], high[2] = min(low[2], drawn.surface_height), max(high[2], drawn.surface_height)
-    margin = (high - low).max() * np.array([0.2, 0.2, 0.06])  # so that a deep scene is no narrow column
-    low, high = low - margin, high + margin
-    height = (high - low)[2] / (high - low).max()
-    zoom = np.interp(height, (_FLAT, 1.0), (_ZOOM_FLAT, _ZOOM_TALL))
+    low, high = _limits(drawn)
     sizes = np.linalg.norm(drawn.forces, axis=1)
     starts = drawn.placed.mean(axis=1)
     ends = starts + 0.4 * (high - low).max() / (sizes.max() or 1.0) * drawn.forces
     captions = [f"{drawn.title}   {s}   |F| = {f:.2f} N" for s, f in zip(drawn.labels, sizes, strict=True)]
-    i, j, k = drawn.faces.T
-
-    def line(points: Any, name: str, colour: str, width: int) -> Any:
-        x, y, z = np.array(points).T
-        return go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"color": colour, "width": width}, name=name)
 
     def moving(n: int) -> list[Any]:
-        with np.errstate(over="ignore"):  # poses may lie anywhere
-            x, y, z = drawn.placed[n].astype(np.float32).T
-        return [
-            go.Mesh3d(
-                x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting={"ambient": 0.75, "diffuse": 0.4},
-                colorscale=[list(c) for c in TRACTION], cmin=0.0, cmax=drawn.traction.max() or 1.0, name="tool",
-                intensity=drawn.traction[n].astype(np.float32), intensitymode="cell",
-                colorbar={"title": {"text": "Traction [kPa]"}, "len": 0.6},
-            ),
-            line([starts[n], ends[n]], "force on the tool", _FORCE, 8),
-        ]  # fmt: skip
+        return [_tool_at(drawn, n), _line([starts[n], ends[n]], "force on the tool", _FORCE, 8)]
 
     x, y, heights = drawn.ground or (*np.array([low, high]).T[:2], np.full((2, 2), drawn.surface_height))
     ground = go.Surface(
@@ -154,30 +134,74 @@ def animation_figure(drawn: Animation) -> Any:
         go.Frame(data=moving(n), traces=[0, 1], name=str(n), layout={"title": {"text": caption}})
         for n, caption in enumerate(captions)
     ]
+    still = _line(starts, "path", _PATH, 3), ground
+    return go.Figure(data=[*moving(drawn.first), *still], frames=frames).update_layout(
+        template="plotly_white",
+        title=captions[drawn.first],
+        font={"family": "system-ui, sans-serif", "size": 13},
+        scene=_scene(low, high, force_points_up=drawn.forces[drawn.first, 2] > 0.0),
+        legend={"orientation": "h", "x": 0.03, "y": 1.0, "yanchor": "top"},
+        margin={"l": 0, "r": 0, "t": 50, "b": 100},
+        height=760,
+        **_controls(drawn),
+    )
+
+
+def _limits(drawn: Animation) -> tuple[Array, Array]:
+    """The lowest and the highest point of the scene, with a margin, so that a deep scene is no narrow column."""
+    low, high = drawn.placed.min(axis=(0, 1)), drawn.placed.max(axis=(0, 1))
+    low[2], high[2] = min(low[2], drawn.surface_height), max(high[2], drawn.surface_height)
+    margin = (high - low).max() * np.array([0.2, 0.2, 0.06])
+    return low - margin, high + margin
+
+
+def _line(points: Any, name: str, colour: str, width: int) -> Any:
+    import plotly.graph_objects as go
+
+    x, y, z = np.array(points).T
+    return go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"color": colour, "width": width}, name=name)
+
+
+def _tool_at(drawn: Animation, moment: int) -> Any:
+    """The tool at one moment, in the colours of the traction."""
+    import plotly.graph_objects as go
+
+    i, j, k = drawn.faces.T
+    with np.errstate(over="ignore"):  # poses may lie anywhere
+        x, y, z = drawn.placed[moment].astype(np.float32).T
+    return go.Mesh3d(
+        x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting={"ambient": 0.75, "diffuse": 0.4},
+        colorscale=[list(c) for c in TRACTION], cmin=0.0, cmax=drawn.traction.max() or 1.0, name="tool",
+        intensity=drawn.traction[moment].astype(np.float32), intensitymode="cell",
+        colorbar={"title": {"text": "Traction [kPa]"}, "len": 0.6},
+    )  # fmt: skip
+
+
+def _scene(low: Array, high: Array, *, force_points_up: bool) -> dict[str, Any]:
+    """The axes, their proportions and the camera of a scene between two points."""
+    size = high - low
+    zoom = np.interp(size[2] / size.max(), (_FLAT, 1.0), (_ZOOM_FLAT, _ZOOM_TALL))
+    axes = {f"{a}axis": {"title": {"text": f"{a} [mm]"}, "range": [low[n], high[n]]} for n, a in enumerate("xyz")}
+    return {
+        **axes,
+        "aspectmode": "manual",  # with "data", a wide scene is larger than the page
+        "aspectratio": dict(zip("xyz", (zoom * size / size.max()).tolist(), strict=True)),
+        # view from the side of the loaded faces: the force points from them into the tool
+        "camera": {"eye": {"x": 1.15, "y": -1.35, "z": -0.75 if force_points_up else 0.5}},
+    }
+
+
+def _controls(drawn: Animation) -> dict[str, Any]:
+    """The slider over the moments, and the buttons."""
     each = {"frame": {"duration": _PERIOD, "redraw": True}, "fromcurrent": True, "mode": "immediate"}
     at_once = {"mode": "immediate"}
 
     def button(label: str, *arguments: object) -> dict[str, object]:
         return {"label": label, "method": "animate", "args": arguments}
 
-    axes = {f"{a}axis": {"title": {"text": f"{a} [mm]"}, "range": [low[n], high[n]]} for n, a in enumerate("xyz")}
-    menu = {"type": "buttons", "direction": "left", "x": 0.0, "y": -0.02, "yanchor": "top"}
     steps = [button(label, [str(n)], at_once) for n, label in enumerate(drawn.labels)]
-    still = line(starts, "path", _PATH, 3), ground
-    return go.Figure(data=[*moving(drawn.first), *still], frames=frames).update_layout(
-        template="plotly_white",
-        title=captions[drawn.first],
-        font={"family": "system-ui, sans-serif", "size": 13},
-        scene={
-            **axes,
-            "aspectmode": "manual",  # with "data", a wide scene is larger than the page
-            "aspectratio": dict(zip("xyz", (zoom * (high - low) / (high - low).max()).tolist(), strict=True)),
-            # view from the side of the loaded faces: the force points from them into the tool
-            "camera": {"eye": {"x": 1.15, "y": -1.35, "z": 0.5 if drawn.forces[drawn.first, 2] <= 0.0 else -0.75}},
-        },
-        legend={"orientation": "h", "x": 0.03, "y": 1.0, "yanchor": "top"},
-        updatemenus=[{**menu, "buttons": [button("Play", None, each), button("Pause", [None], at_once)]}],
-        sliders=[{"x": 0.14, "len": 0.84, "active": drawn.first, "steps": steps}],
-        margin={"l": 0, "r": 0, "t": 50, "b": 100},
-        height=760,
-    )
+    menu = {"type": "buttons", "direction": "left", "x": 0.0, "y": -0.02, "yanchor": "top"}
+    return {
+        "updatemenus": [{**menu, "buttons": [button("Play", None, each), button("Pause", [None], at_once)]}],
+        "sliders": [{"x": 0.14, "len": 0.84, "active": drawn.first, "steps": steps}],
+    }

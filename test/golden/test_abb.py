@@ -28,7 +28,7 @@ def runs(shared_data, tmp_path_factory):
 
 
 @pytest.mark.parametrize("trial", POSES)
-def test_every_pose_is_an_estimate_or_a_reason_and_the_bias_what_the_load_cell_reads_in_the_air(runs, trial):
+def test_every_pose_has_an_estimate_or_a_reason_and_the_bias_is_the_reading_in_the_air(runs, trial):
     summary, *_ = runs[trial]
     assert summary.messages["pose"] == POSES[trial]
     assert summary.estimates + sum(summary.reasons.values()) == POSES[trial]

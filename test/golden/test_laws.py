@@ -27,7 +27,7 @@ def test_inertia_changes_slow_runs_by_little(found):
     assert mean(found.inertia) == pytest.approx(mean(found.plain), abs=0.003)
 
 
-def test_fast_plates_with_inertia_are_right_to_a_fifth_by_treers_with_learning_to_12_percent_by_both(found):
+def test_fast_plates_with_inertia_are_right_to_a_fifth_and_with_learning_to_12_percent(found):
     """The other law has too little drag on an upright plate, slow or fast."""
     limit = {"treers2021": 0.20, "agarwal2023": 0.40}[found.column.law]
     assert max(found.inertia[name] for name in UPRIGHT) <= limit

@@ -50,9 +50,7 @@ def test_a_table_is_held_beyond_its_edges(beta, beyond):
     seed=st.integers(0, 2**32 - 1),
     beta=attack,
 )
-def test_a_table_of_uneven_steps_is_off_by_at_most_a_quarter_of_a_grid_step_times_its_change_of_slope(
-    knots, seed, beta
-):
+def test_the_error_of_a_table_of_uneven_steps_is_bounded_by_its_change_of_slope(knots, seed, beta):
     """The greatest deviation that `Table.sampled` states, and none where the grid has a node at each value given."""
     knots = np.sort(knots)
     values = np.random.default_rng(seed).uniform(0.0, 0.3, len(knots))

@@ -57,7 +57,7 @@ def test_a_tool_that_is_lifted_feels_what_the_grains_remember(by, speed, stiffne
     assert found["limited"] == 0
 
 
-def test_a_lift_by_a_controller_of_the_users_is_told_once_and_is_right_if_the_body_is_said_to_be_held(caplog):
+def test_a_lift_by_a_users_controller_is_logged_once_and_is_right_with_held(caplog):
     lift = {"speed": 0.2, "stiffness": 2e5, "step": 0.002, "by": "force"}
     assert scenes.lifted(**lift)["limited"] > 0
     assert len([r for r in caplog.records if "'tool'" in r.getMessage() and "held=True" in r.getMessage()]) == 1

@@ -38,7 +38,7 @@ assert "fading" in {p.name: p.choices for p in PARAMETERS}["alpha_y.model"]
 """
 
 
-def test_a_model_added_by_the_page_gives_its_force_and_is_taken_by_the_command_and_the_nodes_parameter(tmp_path):
+def test_a_model_added_as_the_page_says_gives_its_force_in_command_and_node(tmp_path):
     shutil.copytree(ROOT / "rft_ros", tmp_path / "rft_ros", ignore=shutil.ignore_patterns("__pycache__"))
     for name in ("package.xml", "meshes", "config"):  # a checkout, so that the shipped files are found
         (tmp_path / name).symlink_to(ROOT / name)

@@ -53,7 +53,7 @@ def test_a_quaternion_that_is_not_a_rotation_is_refused_by_row(qw, norm):
 
 
 @given(q=st.tuples(numbers, numbers, numbers, numbers), error=st.floats(-0.009, 0.009))
-def test_a_quaternion_within_a_hundredth_of_unit_length_is_made_unit_length_and_keeps_its_direction(q, error):
+def test_a_quaternion_within_a_hundredth_of_unit_length_is_normalised(q, error):
     assume(math.hypot(*q) > 0.1)
     unit = [c / math.hypot(*q) for c in q]
     made = unit_quaternion(*[c * (1.0 + error) for c in unit])

@@ -124,7 +124,7 @@ def test_what_is_wrong_only_in_a_running_cell_is_named(start_process, tmp_path):
 
 
 @pytest.mark.parametrize("stop", [0.05, 0.4, 1.2])
-def test_a_message_arrives_when_the_middleware_receives_it_however_late_the_doctor_reads_its_queue(stop):
+def test_a_message_arrives_when_the_middleware_receives_it_not_when_it_is_read(stop):
     """The doctor stands still for so long [s] between two readings, as on a busy machine."""
     topic, ended, sent = f"/doctor{round(1e3 * stop)}/pose", threading.Event(), {}
     arm, listener = rclpy.create_node("arm"), Listener("/rft")

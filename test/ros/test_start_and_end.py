@@ -69,7 +69,7 @@ def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(star
     ("parameter", "value", "part"),
     [("learning.mode", "apply", "learning"), ("twist_source", "pose_difference", "velocity")],
 )
-def test_code_that_is_not_in_the_cache_compiles_beside_the_node_which_answers_as_before_meanwhile(
+def test_code_that_is_not_in_the_cache_compiles_while_the_node_answers_as_before(
     start_process, partly_compiled, parameter, value, part
 ):
     rft = start_process("-p", f"mesh.file:={PLATE}", "-p", "tolerance:=0.0", folder=partly_compiled).wait_ready()

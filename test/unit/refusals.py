@@ -11,3 +11,8 @@ def refusal(call, *arguments, **options) -> str:
         call(*arguments, **options)
     assert "\n" not in str(refused.value)
     return str(refused.value)
+
+
+def assert_says(sentence: str, *words: str) -> None:
+    """Check that a sentence has these words, such as field, value and remedy, in any order."""
+    assert not [word for word in words if word not in sentence], sentence

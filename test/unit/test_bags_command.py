@@ -104,7 +104,7 @@ def test_metrics_within_their_limits_give_status_0_and_a_table_and_one_that_is_n
         assert [line.split()[0] for line in lines if line.startswith(("  ok ", "  FAILED"))] == told
 
 
-def test_reasons_and_flags_that_did_not_occur_count_as_zero_and_what_has_no_value_fails_the_check(bags, tmp_path):
+def test_what_did_not_occur_counts_as_zero_and_a_metric_without_a_value_fails(bags, tmp_path):
     """No value: a depth that was not reached, a mistyped metric, words."""
     summary = replay(bags[0], tmp_path, values())
     for name in ("reasons.twist_stale", "quality_flags.inertial", "quality_flags.deep"):

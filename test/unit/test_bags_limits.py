@@ -93,7 +93,7 @@ def test_a_bag_that_is_compressed_by_file_or_message_is_read(tmp_path, mode):
 
 
 @pytest.mark.parametrize("mode", ["file", "message"])
-def test_a_compressed_file_or_message_that_unpacks_to_gigabytes_is_refused_before_it_is_unpacked(tmp_path, mode):
+def test_what_unpacks_to_gigabytes_is_refused_before_it_is_unpacked(tmp_path, mode):
     assert packed_bag(tmp_path / "bag", mode, mib=900) < 2**18
     said, memory = read(tmp_path / "bag")
     assert re.search("a (compressed file|message) unpacks to", said)

@@ -58,7 +58,7 @@ def test_the_slope_separates_ploughing_from_going_down_or_up(degrees, phase):
     assert segments(run((60, (0.02 * np.cos(angle), -0.02 * np.sin(angle))), depth=0.02)) == [(phase, 60)]
 
 
-def test_out_of_the_grains_it_withdraws_while_it_rises_and_turning_in_place_in_them_is_not_dwell():
+def test_rising_out_of_the_grains_is_withdrawal_and_turning_in_place_is_no_dwell():
     found = segments(run((100, UP), (30, STILL), (50, LEVEL), (50, DOWN), depth=0.005))
     assert found == [("withdrawal", 100), ("approach", 130)]
     every = np.ones(30)

@@ -100,7 +100,7 @@ def test_what_is_not_a_bag_is_refused_with_its_name(tmp_path):
         refused(cut, rf"no messages \({cut.name} is damaged: .+; try '{repair}'\)")
 
 
-def test_a_bag_without_a_needed_topic_or_with_one_of_another_type_names_what_it_has_and_what_to_do(tmp_path):
+def test_a_bag_without_a_needed_topic_or_with_another_type_is_refused_with_a_remedy(tmp_path):
     topics = {"pose": ("/tool_pose", POSE), "wrench": ("/cell", WRENCH)}
     bag = write_ros2(tmp_path / "bag", moments(), topics=topics)
     has = r"/cell \(geometry_msgs/msg/WrenchStamped\)"

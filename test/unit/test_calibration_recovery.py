@@ -147,7 +147,7 @@ def run_at(beta, alpha):
     return PlateRun(beta=beta, depth=0.05, alpha=alpha, error=0.00036)
 
 
-def test_alpha_y_is_constant_unless_its_slope_is_significant_and_a_table_holds_what_a_line_cannot():
+def test_alpha_y_is_constant_unless_its_slope_is_significant_and_a_table_has_any_shape():
     noise = np.random.default_rng(3).normal(size=4) * 0.00036
     for slope, model in ((0.0, "constant"), (-0.0015, "linear")):
         runs = [run_at(beta, 0.2 + slope * beta + n) for beta, n in zip(BETAS, noise, strict=True)]

@@ -113,7 +113,7 @@ def test_steep_ground_and_a_crest_narrower_than_the_tool_are_flagged(height, fla
     assert answer.quality_flags & (QualityFlag.STEEP | QualityFlag.UNEVEN) == flag
 
 
-def test_a_cloud_with_a_stamp_in_the_future_does_not_hold_up_those_after_it_nor_those_of_a_new_run():
+def test_a_cloud_with_a_stamp_in_the_future_does_not_hold_up_later_ones():
     e = on_map()
     assert push(e, cloud(START + 1000 * SECOND, 0.02)) is None
     assert forces(e, [cloud(START + 100 * MS, 0.005)])[-1] == pytest.approx(6.0, rel=0.01)

@@ -162,7 +162,7 @@ def test_the_flag_of_a_disagreement_is_set_while_an_issue_is_named_and_only_then
             assert is_flagged == bool(press.estimator.issues())
 
 
-def test_another_medium_or_prior_resets_the_strength_and_another_tool_ground_setting_or_time_keeps_it():
+def test_another_medium_or_prior_resets_the_strength_and_other_changes_keep_it():
     press = Press().push(300, 1.6)
     learned, e = press.learning.strength(), press.estimator
     press.use(learning_mode="observe", learning_lag=0.005)

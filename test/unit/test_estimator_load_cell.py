@@ -62,7 +62,7 @@ def test_bias_is_taken_off_in_the_drivers_sign_before_the_sign_is_turned(reading
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
-def test_the_push_of_the_grains_is_positive_upwards_and_equals_a_reading_of_the_force_on_the_tool(sign):
+def test_the_push_of_the_grains_is_positive_upwards_as_in_a_reading(sign):
     """1 cm deep, 4 cm², pushed straight down: 4 N up. The residual is what a driver, of either sign, reports beyond."""
     exact, predicted = answer(LoadCell(sign=sign), [0, 0, sign * 4.0, 0, 0, 0], position=(0, 0, -0.01))
     assert predicted[2] == pytest.approx(4.0, rel=1e-6)
@@ -124,7 +124,7 @@ def test_the_reading_is_interpolated_between_the_samples_on_both_sides_of_the_st
     assert e.measurements() == []
 
 
-def test_the_first_sample_at_the_stamp_is_the_reading_whether_it_comes_before_the_pose_or_after():
+def test_the_first_sample_at_the_stamp_is_the_reading_before_the_pose_or_after():
     exact, again = wrench(START, (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)), wrench(START)
     early, late = waiting(ramp(START - MS), exact, again), waiting(ramp(START - MS))
     push(late, exact, again)

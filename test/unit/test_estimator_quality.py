@@ -147,7 +147,7 @@ def test_the_calibrations_own_depth_give_or_take_its_rounding_is_not_beyond_it(r
         assert found == flag
 
 
-def test_without_learning_sigma_is_a_share_of_the_force_and_the_same_in_every_direction_of_the_plane():
+def test_without_learning_sigma_is_a_share_of_the_force_in_any_horizontal_direction():
     sigmas = []
     for x, y in ((5.0, 0.0), (3.0, 4.0)):
         answer = np.empty(12)

@@ -94,12 +94,13 @@ def test_tare_is_refused_in_the_grains_at_rest_or_not_and_while_the_velocity_is_
     for linear in (STILL, MOVING):
         e = estimator()
         run(e, 1.0, position=GRAINS, linear=linear)
-        assert refused(e) == "the tool was in the grains"
+        assert "in the grains" in refused(e)
     e = estimator()
     after = run(e, 1.0)
     for stamp in range(after, after + 200 * MS, 10 * MS):
         push(e, wrench(stamp, READING), pose(stamp, AIR))
-    assert refused(e) == "the tool's velocity was unknown (twist_stale)"
+    assert "velocity" in refused(e)
+    assert "twist_stale" in refused(e)
 
 
 def test_tare_is_refused_with_fewer_than_ten_samples():

@@ -116,7 +116,7 @@ def test_only_one_module_compiles_so_that_all_machine_code_has_its_cache(imports
     assert {*files, *by_attribute} == {"compilation.py"}
 
 
-def test_the_package_and_the_command_work_where_there_is_no_ros_and_no_mesh_library_loads_with_them(tmp_path):
+def test_package_and_command_work_without_ros_and_load_no_mesh_library(tmp_path):
     for name in ("rclpy", "geometry_msgs", "rcl_interfaces"):
         (tmp_path / f"{name}.py").write_text(f"raise ImportError('no {name}', name='{name}')\n")
     code = (
@@ -132,7 +132,9 @@ def test_the_package_and_the_command_work_where_there_is_no_ros_and_no_mesh_libr
     )
     done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, cwd=tmp_path)
     assert done.returncode == 2
-    assert "rft demo: the demo needs ROS 2" in done.stderr
-    assert "source a ROS 2 setup file, or run pip install ros-jazzy-" in done.stderr
-    assert "rft_node: the node needs ROS 2 (no rclpy); source a ROS 2 setup file" in done.stderr
+    for program in ("rft demo: ", "rft_node: "):
+        (line,) = (line for line in done.stderr.splitlines() if line.startswith(program))
+        assert "ROS 2" in line
+        assert "source a ROS 2 setup file" in line
+    assert "pip install" in done.stderr
     assert "Traceback" not in done.stderr

@@ -143,7 +143,7 @@ def test_the_rate_of_sampling_does_not_matter(rate, strength):
 
 @given(moment=st.integers(50, 900), delay=st.integers(0, 30))
 @few
-def test_a_prediction_uses_no_sample_of_the_lag_before_it_and_those_late_within_it_change_no_byte(moment, delay):
+def test_a_prediction_uses_no_sample_of_the_lag_before_it_late_or_not(moment, delay):
     """40 poses lie in a lag of 2 mm."""
     series = plunge(seed=2)
     forces = series.forces.copy()

@@ -52,7 +52,7 @@ def test_the_errors_cover_the_truth_on_random_angles_with_cells_missing(seed, ce
     ],
     ids=["straight down only", "level and upright plates only", "level plates only", "all"],
 )
-def test_coefficients_that_the_angles_leave_open_are_named_and_the_scaled_generic_medium_fills_in(kept, groups):
+def test_coefficients_that_the_angles_leave_open_are_named_and_filled_in(kept, groups):
     kept = kept if kept.any() else np.ones(len(BETA), dtype=bool)
     half = Medium.of("half", {name: 0.5 * value for name, value in MEDIA["generic"].coefficients.items()})
     fit = fit_medium(map_of(half, BETA[kept], GAMMA[kept]), name="mine")
@@ -115,7 +115,8 @@ def test_missing_cells_of_a_grid_are_counted():
     alpha_x = measured.alpha_x.copy()
     alpha_x[:5] = np.nan
     (remark,) = fit_medium(replace(measured, alpha_x=alpha_x), name="mine").remarks
-    assert remark == "5 of 144 cells of the grid of 12 beta x 12 gamma have no alpha_x"
+    for word in ("5 of 144 cells", "12 beta x 12 gamma", "alpha_x"):
+        assert word in remark
 
 
 def test_cells_left_out_tell_whether_own_coefficients_are_worth_it():

@@ -102,21 +102,19 @@ def test_scale_and_origin_place_the_vertices(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("placed", "message"),
+    ("placed", "words"),
     [
-        *(({"scale": v}, f"mesh.scale is {v}; it must be a positive number") for v in (0.0, -0.001, np.nan, np.inf)),
-        ({"scale": "1"}, "mesh.scale is '1'; it must be a positive number"),
-        ({"origin": "abc"}, "mesh.origin has values of type <U3; they must be real numbers"),
-        *(({"origin": v}, f"mesh.origin has shape [{len(v)}]; it must be [3]") for v in ((), (0.0, 0.0))),
-        *(
-            ({"origin": (0.0, 0.0, v)}, f"mesh.origin is [0.0, 0.0, {v}]; it must be near mesh file")
-            for v in (1e30, np.nan, np.inf)
-        ),
+        *(({"scale": v}, ("mesh.scale", str(v), "positive number")) for v in (0.0, -0.001, np.nan, np.inf)),
+        ({"scale": "1"}, ("mesh.scale", "'1'", "positive number")),
+        ({"origin": "abc"}, ("mesh.origin", "real numbers")),
+        *(({"origin": v}, ("mesh.origin", f"[{len(v)}]", "[3]")) for v in ((), (0.0, 0.0))),
+        *(({"origin": (0.0, 0.0, v)}, ("mesh.origin", str(v), "near mesh file")) for v in (1e30, np.nan, np.inf)),
     ],
 )
-def test_a_wrong_scale_or_origin_is_refused(tmp_path, placed, message):
-    with pytest.raises(ValueError, match=f"^{re.escape(message)}"):
+def test_a_wrong_scale_or_origin_is_refused(tmp_path, placed, words):
+    with pytest.raises(ValueError, match=r"mesh\.") as error:
         load_tool(written(tmp_path), **placed)
+    assert all(word in str(error.value) for word in words), error.value
 
 
 PLY = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"
@@ -166,9 +164,11 @@ def test_vertices_that_are_not_numbers_are_counted(tmp_path, suffix, value):
     triangles = TRIANGLES.copy()
     triangles[3, 1, 2] = triangles[5, 0, 0] = value
     path = written(tmp_path, triangles, suffix)
-    assert refused(path) == f"mesh file '{path}' has 2 of {triangles.size // 3} vertices that are NaN or infinite"
+    said = refused(path)
+    assert str(path) in said
+    assert f"2 of {triangles.size // 3} vertices" in said
     nowhere = written(tmp_path, np.full_like(triangles, value), suffix)
-    assert refused(nowhere, origin=(0.0, 0.0, 1.0)).endswith("vertices that are NaN or infinite")
+    assert "NaN or infinite" in refused(nowhere, origin=(0.0, 0.0, 1.0))
 
 
 def test_vertices_whose_areas_overflow_are_refused(tmp_path):
