@@ -15,7 +15,7 @@ from typing import Any
 
 import yaml
 
-from rft_ros.errors import InputError, reason_of
+from rft_ros.errors import InputError, reason_of, shown
 from rft_ros.files import MAX_YAML, read_text
 
 __all__ = ["Given", "Section", "flat", "parameter_file_text", "read_sections", "read_value"]
@@ -129,17 +129,32 @@ class _Events:
     def __init__(self, text: str) -> None:
         self._events: Iterator[Any] = yaml.parse(text, Loader=_LOADER)
         self._fault = ""
+        self._flow = 0
         self._next()
 
     def _next(self) -> Any:
         """Take the next event and read the one after it."""
         taken = getattr(self, "_event", None)
         self._event = next(self._events, None)
+        self._refuse_colon_in_flow()
         if isinstance(self._event, yaml.AliasEvent):
             raise _UnreadableError(
                 f"is not YAML: line {self._line} has an alias (*), which ROS does not read; write its values out"
             )
         return taken
+
+    def _refuse_colon_in_flow(self) -> None:
+        """Refuse text without quotes between braces or brackets at which older versions of libyaml stop."""
+        event = self._event
+        if isinstance(event, yaml.CollectionStartEvent):
+            self._flow += bool(event.flow_style) or self._flow > 0
+        elif isinstance(event, yaml.CollectionEndEvent):
+            self._flow = max(self._flow - 1, 0)
+        elif self._flow and isinstance(event, yaml.ScalarEvent) and not event.style and {":", "?"} & {*event.value}:
+            raise _UnreadableError(
+                f"has {shown(str(event.value))} without quotes between braces or brackets in line {self._line}; not"
+                " every ROS reads a colon or a question mark there, so put quotes around it"
+            )
 
     @property
     def _line(self) -> int:

@@ -81,6 +81,8 @@ REFUSED = [
     (SECTION + "    mesh.file: 010\n", ("mesh.file is 8", "string")),
     (SECTION + "    medium.zetta: 1.0\n", ("medium.zetta", "did you mean 'medium.zeta'?")),
     (SECTION + "    mesh.origin: [0, 0.0, 0]\n", ("mesh.origin is [0, 0.0, 0]", "one type only")),
+    ("/**: {ros__parameters: {mesh.file: package://rft_ros/meshes/plate.stl}}\n", ("package://rft_ros", "quotes")),
+    (SECTION + "    mesh: {file: /tmp/what?.stl}\n", ("'/tmp/what?.stl'", "quotes")),
     ("a/b:\n  c/d:\n    ros__parameters: {}\n", ("'c/d'", "write both in one")),
     (SECTION + "    mesh.file: plate\n---\n" + SECTION + "    mesh.file: sphere\n", ("documents", "file for each")),
 ]

@@ -65,6 +65,8 @@ SCALARS = (
         '"\\u03b1"',
         '"a\\0b"',
         "12:30",
+        "package://rft_ros/meshes/plate.stl",
+        "what?",
         "2001-01-01",
     ),
     *(
@@ -216,7 +218,7 @@ def _section(random: np.random.Generator, strange: float) -> list[str]:
         if random.random() < 0.3:
             body += ["second:", "  ros__parameters: {max_rate: 5.0}"]
     if random.random() < 0.05:
-        return [f"{node}: {{ros__parameters: {{{random.choice(NAMES)}: {random.choice(SCALARS[:60])}}}}}"]
+        return [f"{node}: {{ros__parameters: {{{random.choice(NAMES)}: {random.choice(SCALARS)}}}}}"]
     return [f"{node}:", *(f"  {line}" for line in body)]
 
 
