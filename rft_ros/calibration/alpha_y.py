@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_each, fit_measurements, fit_series
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import FEWEST, Track, level_runs
-from rft_ros.rft import POSITION, STATE, VELOCITY, Constant, Medium, Plates, Treers2021, alpha_y_model, wrenches
+from rft_ros.rft import FORCE, POSITION, STATE, VELOCITY, Constant, Medium, Plates, Treers2021, alpha_y_model, wrenches
 from rft_ros.rft.traction import FLAT
 from rft_ros.tool.refine import refined_plates
 
@@ -105,7 +105,7 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treer
 
     def force(which: NDArray[np.bool_], law: Treers2021) -> NDArray[np.float64]:
         some = Plates(plates.rows[:, which])
-        return np.asarray(wrenches(some, law, states, surface_height=surface, threads=1)[:, :3] @ e1)
+        return np.asarray(wrenches(some, law, states, surface_height=surface, threads=1)[:, FORCE] @ e1)
 
     measured = track.grain_forces(sensor.cell)[steady] @ e1 - (force(edges, law) if edges.any() else 0.0)
     fit = fit_series(force(faces, replace(law, alpha_y=Constant(1.0)))[:, None], measured)

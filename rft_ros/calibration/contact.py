@@ -10,7 +10,7 @@ from rft_ros.calibration.fitting import Curve, Measurement, NotIdentifiable, bes
 from rft_ros.calibration.recorded import BedValues, Recorded
 from rft_ros.calibration.track import FEWEST, Indices, Track, down_strokes
 from rft_ros.estimator import LoadCell
-from rft_ros.rft import STATE, TWIST, Law, wrenches
+from rft_ros.rft import FORCE, STATE, TWIST, Law, wrenches
 
 __all__ = ["Contact", "find_contacts", "fit_contact"]
 
@@ -41,7 +41,7 @@ class Contact(NamedTuple):
 def _find(number: int, track: Track, stroke: Indices, cell: LoadCell, law: Law) -> Contact:
     """Find the contact of one stroke: fit the vertical force with a free scale and bias, without memory."""
     up = track.sensor_rotations(cell)[stroke][:, 2]
-    force = cell.sign * np.einsum("nj,nj->n", up, track.readings[stroke, :3])
+    force = cell.sign * np.einsum("nj,nj->n", up, track.readings[stroke, FORCE])
     height = track.heights()[stroke]
     low, high = float(height.min()), float(height.max())
     # the force over the depth of the lowest point, in the orientation at the bottom

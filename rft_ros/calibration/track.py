@@ -15,7 +15,8 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.parameters import Values, model_of, settings_of
-from rft_ros.rft.frames import POSE, POSITION, QUATERNION, TWIST
+from rft_ros.rft import FORCE
+from rft_ros.rft.frames import ANGULAR_VELOCITY, POSE, POSITION, QUATERNION, TWIST, VELOCITY
 from rft_ros.rft.placement import Placement
 from rft_ros.tool import Tool
 
@@ -85,9 +86,9 @@ class Track:
 
     def motion(self) -> tuple[Array, Array, Array]:
         """Smooth velocity of the tool frame's origin [m/s], shape [n, 3]; its speed; greatest speed by rotation."""
-        twists = self.smooth_states()[:, TWIST]
-        speed, spin = np.linalg.norm(twists.reshape(-1, 2, 3), axis=2).T
-        return twists[:, :3], speed, spin * self.tool.plates.reach
+        states = self.smooth_states()
+        speed, spin = (np.linalg.norm(states[:, part], axis=1) for part in (VELOCITY, ANGULAR_VELOCITY))
+        return states[:, VELOCITY], speed, spin * self.tool.plates.reach
 
     def moving(self) -> NDArray[np.bool_]:
         """Whether the speed of a plate may reach `rest_speed`, shape [n], no unit."""
@@ -104,7 +105,7 @@ class Track:
 
     def grain_forces(self, cell: LoadCell) -> Array:
         """Measured force of the grains on the tool, minus bias and weight, world axes [N], shape [n, 3]."""
-        measured = cell.sign * (self.readings[:, :3] - np.array(cell.bias[:3]))
+        measured = cell.sign * (self.readings[:, FORCE] - np.array(cell.bias[FORCE]))
         in_sensor = measured - cell.mass * self.gravity_in_sensor(cell)
         return np.asarray(np.einsum("nij,nj->ni", self.sensor_rotations(cell), in_sensor))
 

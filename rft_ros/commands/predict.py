@@ -7,7 +7,7 @@ from pathlib import Path
 from rft_ros.bags.playback import Played, states_of
 from rft_ros.commands import options
 from rft_ros.errors import InputError
-from rft_ros.parameters import MESH, model_of, named_files
+from rft_ros.parameters import MESH, defaults, model_of, named_files
 from rft_ros.progress import busy
 from rft_ros.report.animation import animate, animation_figure, what_is_shown
 from rft_ros.report.page import Figure, write_page
@@ -53,7 +53,8 @@ def predict(arguments: argparse.Namespace) -> int:
     print(f"{len(states)} states, {wet} in the grains, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")
     grains = described(model.law)
     if not model.law.has_memory:
-        grains += " (each state alone; node and replay have it: --mobilization-length 0.003 for states of one motion)"
+        usual = f"--mobilization-length {defaults()['medium.mobilization_length']:g}"
+        grains += f" (each state alone; node and replay have it: {usual} for states of one motion)"
     print(grains)
     return 0
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.playback import states_of
 from rft_ros.commands import options
 from rft_ros.errors import InputError
-from rft_ros.parameters import MESH, model_of, named_files, tool_of
+from rft_ros.parameters import MESH, defaults, model_of, named_files, tool_of
 from rft_ros.progress import busy
 from rft_ros.rft import STATE
 from rft_ros.states_file import read_states
@@ -36,8 +36,9 @@ def check_mesh(arguments: argparse.Namespace) -> int:
 def reduce_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("mesh", metavar="MESH", help=MESH)
     options.share(command, *options.PLACED, "--integration")
-    allowed = "error allowed, as a share of force, at the 95th percentile of motions (default 0.025)"
-    command.add_argument("--tolerance", dest="share", type=options.number, default=0.025, metavar="SHARE", help=allowed)
+    usual = defaults()["tolerance"]
+    allowed = f"error allowed, as a share of force, at the 95th percentile of motions (default {usual:g})"
+    command.add_argument("--tolerance", dest="share", type=options.number, default=usual, metavar="SHARE", help=allowed)
     scene = "choose plates for these motions only: a states file or a recorded bag (default: any motion)"
     command.add_argument("--scene", type=Path, metavar="STATES.csv|BAG", help=scene)
     options.share(command, "--params")

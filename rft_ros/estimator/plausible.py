@@ -1,6 +1,7 @@
 """Bounds of plausible sizes, depths and forces. An input beyond them is in another unit, such as millimetres."""
 
 from rft_ros.tool import Tool
+from rft_ros.tool.plausible_size import LARGEST, SMALLEST
 
 __all__ = ["HIGHEST", "LARGEST_FORCE", "deepest", "is_plausible_tool", "sentence_on"]
 
@@ -10,7 +11,6 @@ LARGEST_FORCE = 5e5
 HIGHEST = 50.0
 """Greatest plausible height of a tool frame above the surface [m]."""
 
-_LARGEST, _SMALLEST = 10.0, 1e-3  # m, of a tool's largest extent; a bulldozer's blade has 7 m
 _DEEPEST, _DEEPEST_OF_SIZE = 0.3, 10.0  # m, plus so many of the tool's largest extents: small probes go deep
 
 
@@ -21,7 +21,7 @@ def deepest(tool: Tool) -> float:
 
 def is_plausible_tool(tool: Tool) -> bool:
     """Whether a tool of this size can move through grains on an arm."""
-    return _SMALLEST <= tool.size <= _LARGEST
+    return SMALLEST <= tool.size <= LARGEST
 
 
 def sentence_on(tool: Tool, *, depth: float, force: float) -> str:

@@ -310,7 +310,8 @@ def _scalar(text: str) -> bool | int | float | str:
     """The value of a text without quotes, as C's strtoll with base 0 and strtod read it."""
     if text in _TRUE or text in _FALSE:
         return text in _TRUE
-    if match := _WHOLE.fullmatch(text):
+    match = _WHOLE.fullmatch(text)
+    if match:
         digits = match[1]
         octal = digits[0] == "0" and digits[1:2] not in ("x", "X")
         whole = int(digits, 8 if octal else 0)
@@ -325,7 +326,7 @@ def _scalar(text: str) -> bool | int | float | str:
             return float.fromhex(text.strip())
         except OverflowError:
             return text
-    if (match := _NOT_FINITE.fullmatch(text)) or _YAML_NOT_FINITE.fullmatch(text):
+    if _NOT_FINITE.fullmatch(text) or _YAML_NOT_FINITE.fullmatch(text):
         number = math.nan if text.lstrip(" \t\n\v\f\r+-.")[:1].lower() == "n" else math.inf
         return -number if text.lstrip().startswith("-") else number
     return text

@@ -19,7 +19,9 @@ def number(name: str, value: float, *, positive: bool = False, least: float = -i
     except (TypeError, ValueError, OverflowError):
         x = float("nan")
     if not isfinite(x) or x < least or (positive and x <= 0.0):
-        wanted = "a positive number" if positive else "a finite number" if least == -inf else f"at least {least:g}"
+        wanted = "a finite number" if least == -inf else f"at least {least:g}"
+        if positive:
+            wanted = "a positive number"
         raise ValueError(f"{name} is {value!r}; it must be {wanted}")
     return x
 

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.rft import STATE
+from rft_ros.rft import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
 
 __all__ = ["FAMILIES", "Trajectory", "circumnutation", "oscillating_insertion", "plate_drag", "sample", "straight"]
 
@@ -43,13 +43,13 @@ class Trajectory:
         pitching = self.amplitude * self.omega * np.cos(self.omega * t)
         sin_y, cos_y, sin_t, cos_t = np.sin(yaw / 2.0), np.cos(yaw / 2.0), np.sin(tilt / 2.0), np.cos(tilt / 2.0)
         states = np.zeros((len(t), len(STATE)))
-        position, quaternion, velocity, angular_velocity = np.split(states, [3, 7, 10], axis=1)  # views
-        position[:] = np.array([0.0, 0.0, self.start_height]) + np.outer(t, self.velocity)
-        quaternion[:] = np.column_stack([-sin_y * sin_t, cos_y * sin_t, sin_y * cos_t, cos_y * cos_t])
-        velocity[:] = self.velocity
-        angular_velocity[:, 0] -= pitching * np.sin(yaw)
-        angular_velocity[:, 1] += pitching * np.cos(yaw)
-        angular_velocity[:, 2] = self.turning
+        states[:, POSITION] = np.array([0.0, 0.0, self.start_height]) + np.outer(t, self.velocity)
+        states[:, QUATERNION] = np.column_stack([-sin_y * sin_t, cos_y * sin_t, sin_y * cos_t, cos_y * cos_t])
+        states[:, VELOCITY] = self.velocity
+        spin = states[:, ANGULAR_VELOCITY]  # a view
+        spin[:, 0] -= pitching * np.sin(yaw)
+        spin[:, 1] += pitching * np.cos(yaw)
+        spin[:, 2] = self.turning
         return states
 
 

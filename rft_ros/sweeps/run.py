@@ -27,7 +27,7 @@ from rft_ros.files import opened, whole
 from rft_ros.parameters import medium_of, model_of, parts_of, tool_of
 from rft_ros.parameters.short_names import parameters_of
 from rft_ros.progress import bar
-from rft_ros.rft import AXES, FORCE, WRENCH, Medium
+from rft_ros.rft import AXES, FORCE, POSITION, TWIST, WRENCH, Medium
 from rft_ros.states_file import read_states, wrenches_along
 from rft_ros.sweeps.design import Design, Variant, motion_of
 from rft_ros.sweeps.motions import sample
@@ -63,10 +63,9 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
         raise InputError(f"states file '{variant.motion['states_file']}': t goes back; work needs it in order")
     height = values["surface_height"]
     wrench = wrenches_along(model, times, states, surface_height=height, where="motion", threads=1)[:, WRENCH]
-    peak = wrench[np.abs(wrench).argmax(axis=0), np.arange(6)]
-    position, _, twist = np.split(states, [3, 7], axis=1)
-    work = trapezoid(-wrench * twist, times, axis=0)  # positive where the grains resist
-    path = np.linalg.norm(np.diff(position, axis=0), axis=1).sum()
+    peak = wrench[np.abs(wrench).argmax(axis=0), np.arange(len(AXES))]
+    work = trapezoid(-wrench * states[:, TWIST], times, axis=0)  # positive where the grains resist
+    path = np.linalg.norm(np.diff(states[:, POSITION], axis=0), axis=1).sum()
     force = np.linalg.norm(wrench[:, FORCE], axis=1).max()
     results = {f"peak_{axis}": float(number) for axis, number in zip(AXES, peak, strict=True)}
     results |= {f"mean_{axis}": float(number) for axis, number in zip(AXES, wrench.mean(axis=0), strict=True)}

@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.tool.plausible_size import LARGEST_USUAL, SMALLEST
 from rft_ros.tool.refine import welded
 
 if TYPE_CHECKING:
@@ -12,9 +13,8 @@ if TYPE_CHECKING:
 
 __all__ = ["MeshIssue", "check_mesh", "degenerate_facets"]
 
-_SMALLEST, _LARGEST = 1e-3, 5.0  # m: an extent outside this range suggests a wrong unit
 _COLLINEAR = 1e-12  # of the longest edge squared: rounding error of the cross product of parallel edges
-_CLOSED = 0.01  # of the area: most that the area vectors may sum to; zero without holes, little with small ones
+_CLOSED = 0.01  # greatest sum of the area vectors, over the area, of a surface that counts as closed; 0 without holes
 _HOLLOW = 0.02  # of the largest extent: how far other parts may reach beyond a facet's plane
 _CONCAVE_SHARE = 0.05  # of the area: a tool with a larger share in hollows is concave
 _SAMPLED = 2000  # facets, and points, in the check for hollows
@@ -60,8 +60,8 @@ def check_mesh(mesh: "trimesh.Trimesh") -> dict[MeshIssue, str]:
         hollow = f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores"
         issues["concave"] = f"{hollow}; if grains fill them, use the convex hull (rft check-mesh says how)"
     extent = float(mesh.extents.max())
-    step, factor = (1e-3 if extent > _LARGEST else 1e3), 1.0
-    while not _SMALLEST <= extent * factor <= _LARGEST:
+    step, factor = (1e-3 if extent > LARGEST_USUAL else 1e3), 1.0
+    while not SMALLEST <= extent * factor <= LARGEST_USUAL:
         factor *= step
     if factor != 1.0:
         meant = f"if {extent * factor:.3g} m is meant, multiply mesh.scale (--scale) by {factor:g}"
