@@ -95,9 +95,11 @@ def main() -> None:
                 sent = driver.stream(round(RATE * seconds), RATE, disturb)
                 trips = np.array([driver.arrived.get(s, np.inf) - t for s, t in sent.items()]) / 1e3
                 good = trips[np.isfinite(trips)]
-                refused = [f for f in answers if not (f.done() and f.result().results[0].successful)]
+                for answer in answers:  # a busy machine answers after the stream has ended
+                    rclpy.spin_until_future_complete(driver.node, answer, timeout_sec=LONGEST)
+                refused = [f.result() for f in answers if not (f.done() and f.result().results[0].successful)]
                 if refused:
-                    raise RuntimeError(f"{len(refused)} swaps were not accepted")
+                    raise RuntimeError(f"{len(refused)} swaps were not accepted: {refused[0]}")
                 limit = limit or (float(np.percentile(good, 99)) + 2000.0 if phase == "undisturbed" else 0.0)
                 slow = int((good > limit).sum()) if limit else 0
                 row = (np.median(good), np.percentile(good, 99), good.max())

@@ -5,7 +5,7 @@ from math import inf, isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["number", "numbers"]
+__all__ = ["number", "numbers", "whole_number"]
 
 _FLOAT = np.dtype(np.float64)  # of all numbers in the compiled loops, in native byte order
 
@@ -24,6 +24,14 @@ def number(name: str, value: float, *, positive: bool = False, least: float = -i
             wanted = "a positive number"
         raise ValueError(f"{name} is {value!r}; it must be {wanted}")
     return x
+
+
+def whole_number(name: str, value: float, *, most: int) -> int:
+    """A whole number from 1 to `most`. Raises ValueError that names it."""
+    x = number(name, value)
+    if not 1.0 <= x <= most or x % 1.0:
+        raise ValueError(f"{name} is {value!r}; it must be a whole number from 1 to {most:,}")
+    return int(x)
 
 
 def numbers(name: str, values: ArrayLike, row: tuple[int, ...] = (), *, rows: int | None = None) -> NDArray[np.float64]:

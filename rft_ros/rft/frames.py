@@ -82,7 +82,8 @@ def checked_states(states: ArrayLike) -> NDArray[np.float64]:
     if not finite.all():
         row, column = np.argwhere(~finite)[0]
         raise ValueError(f"row {row}: {STATE[column]} is {s[row, column]}; it must be a finite number")
-    norm = np.sqrt(np.square(s[:, QUATERNION]).sum(axis=1))  # half the time of numpy's norm
+    with np.errstate(over="ignore"):
+        norm = np.sqrt(np.square(s[:, QUATERNION]).sum(axis=1))  # half the time of numpy's norm
     if not abs(norm - 1.0).max(initial=0.0) <= UNIT_TOLERANCE:
         row = np.argmax(abs(norm - 1.0) > UNIT_TOLERANCE)
         raise ValueError(f"row {row}: the quaternion qx, qy, qz, qw has norm {norm[row]:g}; it must be 1")

@@ -45,13 +45,14 @@ from numba import types
 from numba.extending import intrinsic
 from numpy.typing import NDArray
 
+from rft_ros.rft.arguments import number, whole_number
 from rft_ros.rft.frames import from_frame, into_frame
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.plates import BLOCK, Plates
 
-__all__ = ["DEPTH", "GAPS", "LOADED", "MOTION", "SLACK", "TRACTIONS", "TRAILING", "Memory"]
+__all__ = ["DEPTH", "GAPS", "LOADED", "MOST_BODIES", "MOTION", "SLACK", "TRACTIONS", "TRAILING", "Memory"]
 __all__ += ["GRAZING", "IN_MEMORY", "OF_BLOCK", "WEAKEST", "InMemory"]
 __all__ += ["add_memory", "clear", "displacement", "follow_gap", "is_empty"]
 
@@ -86,6 +87,9 @@ WIDEST = 5e-3
 
 SLACK = 10e-6
 """`Memory.slack` [m] for measured poses: five standard deviations of encoders of 2 µm."""
+
+MOST_BODIES = 1_000_000
+"""The greatest number of bodies in one memory."""
 
 GAPS, LOADED = 1.0, 2.0
 """States of a block: its plates have no more than gaps behind them; they have tractions."""
@@ -137,7 +141,7 @@ class Memory:
     `numbers`: shape [bodies, m], one after the other: `stiffness`; from `MOTION` on the last twist that was not zero,
     scaled to order one, 1 after the first state, the dead band [m], and the pose that the plates have followed to,
     position [m] and rotation matrix; from `TRACTIONS` on by block 0, `GAPS` or `LOADED`; and then block by block the
-    rows of `InMemory`.
+    rows of `InMemory`. Raises ValueError for a slack or a number of bodies that cannot be used.
     """
 
     plates: Plates
@@ -148,7 +152,9 @@ class Memory:
 
     def __post_init__(self) -> None:
         blocks = self.plates.bounds.shape[1]
-        object.__setattr__(self, "numbers", np.zeros((self.bodies, TRACTIONS + blocks * (1 + OF_BLOCK))))
+        bodies = whole_number("bodies", self.bodies, most=MOST_BODIES)
+        number("slack", self.slack, least=0.0)
+        object.__setattr__(self, "numbers", np.zeros((bodies, TRACTIONS + blocks * (1 + OF_BLOCK))))
         self.slacks[:] = self.slack
 
     @property

@@ -13,9 +13,10 @@ from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.ground import LAST_SURFACE, HeightMap, Support
 from rft_ros.rft import Law, checked_states
-from rft_ros.rft.arguments import number, numbers
+from rft_ros.rft.arguments import number, numbers, whole_number
 from rft_ros.rft.frames import rotation_matrix
 from rft_ros.rft.kernel.compilation import machine_code
+from rft_ros.rft.memory import MOST_BODIES
 from rft_ros.rft.plates import BLOCK
 from rft_ros.simulation.beds import make_beds, stiffness_matrix, use_law
 from rft_ros.simulation.coupling import COUPLED, advance, forces_on_plates, hold_each
@@ -25,7 +26,6 @@ __all__ = ["Grains", "GrainsBatch", "GrainsState", "free_body"]
 
 Array = NDArray[np.float64]
 
-_MOST_BODIES = 1_000_000
 _LONGEST = 0.02  # m; a body that slides or falls further in one step stops too soon
 _FARTHEST = 1e6  # m or rad; the wrenches of a longer step would overflow
 
@@ -56,7 +56,8 @@ class GrainsBatch:
         ground: HeightMap | None = None,
         threads: int = 1,
     ) -> None:
-        n, self._threads = _whole("bodies", bodies), _whole("threads", threads)
+        n = whole_number("bodies", bodies, most=MOST_BODIES)
+        self._threads = whole_number("threads", threads, most=MOST_BODIES)
         self.tools = [tool] * n if isinstance(tool, Tool) else list(tool)
         for one in self.tools:
             if not isinstance(one, Tool):
@@ -264,7 +265,7 @@ class GrainsBatch:
         given = np.atleast_1d(np.asarray(bodies))
         if given.dtype == np.bool_ and given.shape == (n,):
             return np.flatnonzero(given)
-        whole = given.astype(np.int64) if given.dtype.kind in "iuf" else np.zeros(0, np.int64)
+        whole = given.astype(np.int64) if given.dtype.kind in "iu" or not given.size else np.zeros(0, np.int64)
         if given.ndim != 1 or (given.size and (given.dtype.kind not in "iu" or whole.min() < -n or whole.max() >= n)):
             raise ValueError(f"bodies is {bodies!r}; give indices of the {n} bodies, 0 to {n - 1}")
         return np.asarray(whole % n)
@@ -290,13 +291,6 @@ class GrainsBatch:
 
 def _forms(state: GrainsState) -> dict[str, object]:
     return {name: (np.shape(array), np.asarray(array).dtype) for name, array in state.items()}
-
-
-def _whole(name: str, value: float, most: float = _MOST_BODIES) -> int:
-    x = number(name, value)
-    if not 1.0 <= x <= most or x % 1.0:
-        raise ValueError(f"{name} is {value!r}; it must be a whole number from 1 to {most:,}")
-    return int(x)
 
 
 def _each(name: str, values: ArrayLike, form: tuple[int, ...], *, positive: bool = False) -> Array:

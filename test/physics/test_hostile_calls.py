@@ -149,6 +149,8 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
     in_time = refused(lambda: wrenches_in_time(use["plates"], grains(), *scene, **keywords))
     refused(lambda: plate_forces(use["plates"], use["law"], use["states"], surface_height=use["height"]))
     refused(lambda: rft.edge_share(use["plates"], use["states"], surface_height=use["height"]))
+    refused(lambda: Memory(plates, slack=junk))
+    refused(lambda: Memory(plates, bodies=junk))
     refused(lambda: rft.treers2021(GENERIC, junk))
     refused(lambda: rft.treers2021(GENERIC, Constant(junk)))
     refused(lambda: rft.treers2021(GENERIC, Constant(0.1), density=junk, inertia=junk))
@@ -195,3 +197,20 @@ def test_states_that_were_not_checked_stay_within_the_arrays(values, model):
         wrenches_in_time(plates, law, [values] * 2, [0.0, 0.1], memory, sensitivities=True)
         assert plate_forces(plates, law, values).shape == (len(plates), 3)
         rft.edge_share(plates, values)
+
+
+@pytest.mark.parametrize("given", [{"bodies": b} for b in (1e9, 10**9, 0, -1, 1.5, "a", None, math.nan)], ids=str)
+def test_a_memory_of_no_number_of_bodies_is_refused_by_name(given):
+    with pytest.raises(ValueError, match=r"bodies is .*; it must be "):
+        Memory(POINT, **given)
+
+
+@pytest.mark.parametrize("slack", [-1.0, math.nan, math.inf, "a", None])
+def test_a_memory_with_no_slack_is_refused_by_name(slack):
+    with pytest.raises(ValueError, match="slack is "):
+        Memory(POINT, slack=slack)
+
+
+def test_a_quaternion_beyond_all_numbers_is_refused_without_a_warning():
+    with pytest.raises(ValueError, match="norm inf"):
+        rft.checked_states(np.full((1, 13), 1e300))

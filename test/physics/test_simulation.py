@@ -274,6 +274,7 @@ def test_tractions_are_the_wrench_plate_by_plate(plate):
         (lambda batch: batch.reset([7]), r"bodies is \[7\]; give indices of the 2 bodies"),
         (lambda batch: batch.reset("a"), "bodies is 'a'; give indices"),
         (lambda batch: batch.reset([0.5]), "give indices"),
+        (lambda batch: batch.reset([np.nan]), "give indices"),
         (
             lambda batch: batch.restore({**batch.state(), "memory": np.nan * batch.state()["memory"]}),
             "'memory'.*finite",
