@@ -163,7 +163,7 @@ def learned(series: Series, *, lag: float, forces: Array | None = None) -> Learn
         row, step, passing = series.rows[k], float(steps[k]), bool(series.passing[k])
         out[k] = learning.predict(stamp, row, step=step, passing=passing)
         learning.learn(stamp, measured[k])
-        surprise[k] = learning.surprise
+        surprise[k] = learning.change
     return Learned(out=out, surprise=surprise, learning=learning)
 
 

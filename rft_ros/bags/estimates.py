@@ -61,7 +61,7 @@ class Run:
     def __init__(self, estimator: Estimator, folder: Path | None = None) -> None:
         self.estimator = estimator
         self.issues: Counter[str] = Counter()
-        """For each issue of learning, the number of answers at which it was present."""
+        """For each issue of the estimator, the number of answers at which it was present."""
         self._answers, self._measured = (TemporaryFile(dir=folder) for _ in range(2))  # noqa: SIM115
 
     def add(self, answer: Estimate | NoEstimate) -> None:
@@ -70,7 +70,7 @@ class Run:
         if e.learning:
             belief = e.learning.belief()
             learned = tuple(getattr(belief, name) for name in LEARNED_COLUMNS)
-            self.issues.update(e.learning.issues())
+        self.issues.update(e.issues())
         if isinstance(answer, Estimate):
             reason, flags, speed = _ESTIMATE, answer.quality_flags, answer.speed_bound
             predicted, sigma = answer.predicted, answer.sigma

@@ -8,11 +8,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator import samples
+from rft_ros.estimator.air_reading import AirReading
 from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, PastPose, Prediction, mean_in_air
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
-from rft_ros.estimator.quality import QualityMonitor, ReadingInAir
+from rft_ros.estimator.quality import QualityMonitor
 from rft_ros.estimator.samples import NEW_RUN, Estimate, PoseSample, Reason, RefusedError, TransformSample, Wrench
 from rft_ros.estimator.sigma import Withdrawal, predict_without_learning
 from rft_ros.ground import GroundMapper, HeightMap, LocalSurface
@@ -52,7 +53,7 @@ class Estimator:
         self.settings, self.model = settings, model
         self.learning: Learning | None = None
         self._memory: Memory | None = None
-        self._comparison, self._air = Comparison(self.counts), ReadingInAir()
+        self._comparison, self._air = Comparison(self.counts), AirReading()
         self._intake = Intake(settings, self.counts, self._comparison)
         self.transforms = self._intake.transforms
         self._kinematics = Kinematics(settings, self._intake.twists, model.tool.plates.reach)
@@ -158,15 +159,14 @@ class Estimator:
         s = self.settings
         learns = s.learning_mode != "off"
         if learns != (self.learning is not None) or s.zeta_error != before.zeta_error:
-            self.learning = Learning(lag=s.learning_lag, strength_error=s.strength_error) if learns else None
-        new_cell = s.load_cell != before.load_cell
-        if new_cell:
+            self.learning = None
+            if learns:
+                self.learning = Learning(lag=s.learning_lag, strength_error=s.strength_error, air=self._air)
+        if s.load_cell != before.load_cell:
             self._air.forget()
         if self.learning is None:
             return
-        self.learning.lag, self.learning.reach = s.learning_lag, self.model.tool.plates.reach
-        if new_cell:
-            self.learning.forget_air()
+        self.learning.use(lag=s.learning_lag, reach=self.model.tool.plates.reach)
         if new_law:
             self.learning.forget()
         elif new_place:
@@ -186,6 +186,7 @@ class Estimator:
     def _start_tool(self) -> None:
         """Start with a tool that has not moved yet: no path, no memory, no flags."""
         self._sliver = _SLIVER * self.model.tool.plates.area
+        self._air.start_run()
         self._start_memory()
         self._withdrawal = Withdrawal()
         self._quality = QualityMonitor(self.model.tool)
@@ -288,12 +289,12 @@ class Estimator:
             raise RefusedError(Reason.AT_REST)
         wrench, offset, sigma = cell.into_sensor(state[QUATERNION], with_sigma)
         self._comparison.add(Prediction(pose, wrench, offset, cell, in_air=not in_grains))
-        self._learn_readings()  # the reading at this pose may have come already; it decides the flag SURPRISE
-        if in_grains:
-            self._air.add_in_grains(force)
+        self._learn_readings()  # the reading at this pose may have come already; it decides flags
+        learning = self.learning
         flags = self._quality.flags(
             motion, self.surface, self.settings, self._limits, force=force, in_grains=in_grains, depth=self.depth,
-            withdrawn=self._withdrawal.active, learning=self.learning,
+            withdrawn=self._withdrawal.active, surprises=learning is not None and learning.change != "",
+            disagrees=self._air.is_offset if learning is None else learning.disagrees,
         )  # fmt: skip
         return Estimate(
             stamp=pose.stamp,
@@ -353,9 +354,11 @@ class Estimator:
         return self.learning.predict(motion.pose.stamp, row, step=motion.path, passing=passing, apply=apply)
 
     def _learn_readings(self) -> None:
-        """Update the filter, or without learning the mean in the air, with the readings since the last call."""
+        """Update what is learned of the load cell in the air, and the filter, with the readings since the last call."""
         for reading in self._comparison.readings():
-            if self.learning is not None:
-                self.learning.learn(reading.stamp, reading.force, repeated=reading.repeated, in_air=reading.in_air)
-            elif reading.in_air:
+            if reading.in_air:
                 self._air.add_in_air(reading.force)
+            else:
+                self._air.add_in_grains(reading.predicted)
+            if self.learning is not None:
+                self.learning.learn(reading.stamp, reading.force, repeated=reading.repeated)

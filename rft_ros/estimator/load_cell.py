@@ -121,12 +121,13 @@ class Prediction(NamedTuple):
 class Reading(NamedTuple):
     """The load cell's reading at the stamp [ns] of a prediction.
 
-    `force`: compensated [N], world axes. `repeated`: the raw reading equals the one before, bit by bit. `in_air`: the
-    tool touched nothing.
+    `force`: compensated [N], world axes. `predicted`: magnitude of the predicted force [N]. `repeated`: the raw reading
+    equals the one before, bit by bit. `in_air`: the tool touched nothing.
     """
 
     stamp: int
     force: Vector
+    predicted: float
     repeated: bool
     in_air: bool
 
@@ -191,7 +192,8 @@ class Comparison:
         signed = raw if cell.sign > 0.0 else _negative(raw)
         compensated = _difference(signed, prediction.offset)
         force = cell.into_world(prediction.pose, compensated[:3])
-        self._readings.append(Reading(stamp, force, repeated, prediction.in_air))
+        fx, fy, fz, *_ = prediction.wrench
+        self._readings.append(Reading(stamp, force, math.hypot(fx, fy, fz), repeated, prediction.in_air))
         return Measurement(stamp, compensated, _difference(compensated, prediction.wrench), None)
 
 

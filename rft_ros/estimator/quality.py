@@ -7,19 +7,18 @@ from enum import Enum, IntFlag, unique
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.learning.surprise import AIR_SAMPLES, ISSUES, OFFSET, OFFSET_LEAST, OFFSET_SHARE
 from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.plausible import HIGHEST, LARGEST_FORCE, deepest, is_plausible_tool
 from rft_ros.estimator.samples import Vector
+from rft_ros.estimator.wake import Wake
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
-from rft_ros.rft import POSITION, QUATERNION, SpeedLimits, edge_share, rotation_matrix
+from rft_ros.rft import SpeedLimits, edge_share
 from rft_ros.tool import Tool
 
 Array = NDArray[np.float64]
 
-__all__ = ["QualityFlag", "QualityMonitor", "ReadingInAir", "Trust", "flag_names", "sentences", "trust"]
+__all__ = ["QualityFlag", "QualityMonitor", "Trust", "flag_names", "sentences", "trust"]
 
 
 @unique
@@ -104,35 +103,6 @@ _UNEVEN_SHARE = 0.25  # of the depth
 _EVERY = 8  # estimates between two evaluations of the slow flags
 
 
-class ReadingInAir:
-    """The mean compensated force in the air, where a tared cell reads nothing; for an estimator that does not learn."""
-
-    def __init__(self) -> None:
-        self._greatest = 0.0  # of the model's forces so far [N]
-        self.forget()
-
-    def forget(self) -> None:
-        """Drop the readings so far: the load cell was tared, or has other settings."""
-        self._mean, self._count = (0.0, 0.0, 0.0), 0
-
-    def add_in_grains(self, predicted: Vector) -> None:
-        """Add the model's force in the grains [N]."""
-        self._greatest = max(self._greatest, math.hypot(*predicted))
-
-    def add_in_air(self, measured: Vector) -> None:
-        """Add a compensated force in the air [N], world axes."""
-        self._count = n = min(self._count + 1, AIR_SAMPLES)
-        (x, y, z), (a, b, c) = self._mean, measured
-        self._mean = x + (a - x) / n, y + (b - y) / n, z + (c - z) / n
-
-    def issues(self) -> list[str]:
-        """The issue `OFFSET` if the load cell reads a force in the air; otherwise none."""
-        if 2 * self._count < AIR_SAMPLES:
-            return []
-        has_offset = math.hypot(*self._mean) > max(OFFSET_LEAST, OFFSET_SHARE * self._greatest)
-        return [ISSUES[OFFSET]] if has_offset else []
-
-
 class QualityMonitor:
     """Sets the quality flags of one tool's successive estimates.
 
@@ -140,7 +110,7 @@ class QualityMonitor:
     """
 
     def __init__(self, tool: Tool) -> None:
-        self._plates, self._path, self._deepest = tool.plates, _Path(tool), deepest(tool)
+        self._plates, self._wake, self._deepest = tool.plates, Wake(tool), deepest(tool)
         self._of_tool = 0
         if "concave" in tool.issues:
             self._of_tool |= QualityFlag.CONCAVE.value
@@ -161,20 +131,25 @@ class QualityMonitor:
         in_grains: bool,
         depth: Callable[[], float],
         withdrawn: bool,
-        learning: Learning | None,
+        surprises: bool,
+        disagrees: bool,
     ) -> int:
         """Flags of the next estimate: bitwise or of `QualityFlag`.
 
         `force`: of the model [N]. `depth`: returns the depth of the lowest point [m]; called only if needed.
-        `withdrawn`: `Withdrawal.active`.
+        `withdrawn`: the tool is pulled out. `surprises`: the force is not the expected one. `disagrees`: there are
+        issues of the load cell or the model.
         """
-        f = QualityFlag
-        flags = 0 if learning is None else _flags_of_learning(learning)
+        f, flags = QualityFlag, 0
+        if surprises:
+            flags |= f.SURPRISE.value
+        if disagrees:
+            flags |= f.DISAGREEMENT.value
         x, y, z = motion.pose.position
         height = surface.height + surface.slope[0] * x + surface.slope[1] * y
         origin_depth = height - z  # of the tool frame's origin
         if not in_grains:
-            self._path.clear()
+            self._wake.clear()
             self._countdown = 0
             if origin_depth < -HIGHEST:
                 flags |= f.IMPOSSIBLE.value
@@ -197,23 +172,14 @@ class QualityMonitor:
     ) -> int:
         """The flags that take long to find, and change slowly. `height` of the surface at the tool frame [m]."""
         f, flags = QualityFlag, self._of_tool
-        self._path.extend(state)
-        if self._path.crosses_itself:
+        self._wake.extend(state)
+        if self._wake.is_crossed:
             flags |= f.WAKE.value
         if calibrated_depth is not None and depth() > _DEEPER * calibrated_depth:
             flags |= f.DEEP.value
         if edge_share(self._plates, state, surface_height=float(height)) > _EDGE_SHARE:
             flags |= f.KNIFE_EDGE.value
         return flags
-
-
-def _flags_of_learning(learning: Learning) -> int:
-    flags = 0
-    if learning.surprise:
-        flags |= QualityFlag.SURPRISE.value
-    if learning.disagrees:
-        flags |= QualityFlag.DISAGREEMENT.value
-    return flags
 
 
 def _flags_of_speed(speed: float, limits: SpeedLimits, rest_speed: float) -> int:
@@ -233,45 +199,3 @@ def _flags_of_ground(surface: LocalSurface) -> int:
     if surface.roughness > _UNEVEN_SHARE * surface.depth:
         flags |= QualityFlag.UNEVEN.value
     return flags
-
-
-class _Path:
-    """The path of the tool's centre since it entered the grains, and whether the tool returns to it.
-
-    On a straight path the distance from an earlier place equals the path length since. The tool passes the same grains
-    again where, two or more widths of path later, the distance is below `_BENT` times that length and below two widths
-    of the tool. This flags a root tip's helix of 20 mm pitch, where the measured forces deviate, but not one of 40 mm
-    (Treers et al. 2021, V-B).
-    """
-
-    _KEPT = 512
-    _BENT = 0.85
-
-    def __init__(self, tool: Tool) -> None:
-        columns = tool.corners.T  # one by one: numpy takes 6 ms for 170,000 rows of three
-        low, high = np.array([c.min() for c in columns]), np.array([c.max() for c in columns])
-        self._centre, self._width = 0.5 * (low + high), float(np.median(high - low))
-        self._places, self._lengths = np.zeros((self._KEPT, 3)), np.zeros(self._KEPT)  # of the path until there
-        self.clear()
-
-    def clear(self) -> None:
-        """Clear the path. The tool has left the grains, which fill its traces."""
-        self._count, self._length = 0, 0.0
-        self.crosses_itself = False
-        """Whether the tool crosses its earlier path."""
-
-    def extend(self, state: Array) -> None:
-        """Add the next state, shape [13]."""
-        place = state[POSITION] + rotation_matrix(state[QUATERNION]) @ self._centre
-        if self._count:
-            step = math.dist(place, self._places[(self._count - 1) % self._KEPT])
-            if step < self._width / 8.0:
-                return
-            self._length += step
-        self._places[self._count % self._KEPT] = place
-        self._lengths[self._count % self._KEPT] = self._length
-        self._count += 1
-        since = self._length - self._lengths[: self._count]
-        apart = np.linalg.norm(self._places[: self._count] - place, axis=1)
-        near = (since >= 2.0 * self._width) & (apart < 2.0 * self._width) & (apart < self._BENT * since)
-        self.crosses_itself = bool(near.any())

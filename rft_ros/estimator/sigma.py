@@ -14,7 +14,14 @@ from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.samples import Vector
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
-__all__ = ["Withdrawal", "compile_withdrawal", "is_withdrawn", "parts_of_prediction", "predict_without_learning"]
+__all__ = [
+    "LEVER",
+    "Withdrawal",
+    "compile_withdrawal",
+    "is_withdrawn",
+    "parts_of_prediction",
+    "predict_without_learning",
+]
 
 Array = NDArray[np.float64]
 
@@ -23,12 +30,18 @@ _HORIZONTAL_ERROR, _VERTICAL_ERROR = 0.4, 0.1  # of these parts of the force, be
 _HORIZONTAL_SHARE, _VERTICAL_SHARE = 0.03, 0.15  # of the whole force: an upright plate lifts more than the model says
 _NOISE_FLOOR = 0.05  # of any component of the force [N]
 _TORQUE_ERROR = 0.5  # of the torque, beside ζ's
-_LEVER = 0.07  # of the point where the force acts, over the tool's reach
+
+LEVER = 0.07
+"""Standard deviation of the point where the force acts, over the tool's reach."""
 
 # of a withdrawal
 _UPWARDS = 0.5  # upward velocity over the speed of the fastest point
 _RELEASE = 0.001  # path [m] over which the last push decays to 1/e while the tool is withdrawn
 _LEAST_PATH = 1e-9  # path [m] that each pose adds at least
+
+
+SIGMA = slice(6, 12)
+"""The standard deviations of a prediction, shape [12]; before them lies the wrench, `rft_ros.rft.WRENCH`."""
 
 
 @inlined
@@ -52,7 +65,7 @@ def predict_without_learning(row: Array, strength_error: float, reach: float, wi
     horizontally, vertically = strength_error**2 + _HORIZONTAL_ERROR**2, strength_error**2 + _VERTICAL_ERROR**2
     force_sigma[0] = force_sigma[1] = math.sqrt(horizontally * flat + _HORIZONTAL_SHARE**2 * whole + _NOISE_FLOOR**2)
     force_sigma[2] = math.sqrt(vertically * vertical + _VERTICAL_SHARE**2 * whole + _NOISE_FLOOR**2)
-    of_point = (_LEVER * reach) ** 2 * whole
+    of_point = (LEVER * reach) ** 2 * whole
     for i in range(3):
         torque_sigma[i] = math.sqrt((strength_error**2 + _TORQUE_ERROR**2) * torque[i] ** 2 + of_point)
 

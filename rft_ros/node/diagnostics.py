@@ -78,8 +78,8 @@ class Diagnostics:
         array.status = [self._inputs(now.nanoseconds, of_inputs), self._estimates(new_estimates), self._model()]
         bad += issues
         if learning is not None:
-            if learning.surprise:
-                bad.append(f"grains {learning.surprise} than learned")
+            if learning.change:
+                bad.append(f"grains {learning.change} than learned")
             array.status.append(self._medium(learning))
         self._publisher.publish(array)
         self._log_changes(bad)

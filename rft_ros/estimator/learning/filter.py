@@ -16,10 +16,16 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft import COLUMNS
+from rft_ros.estimator.sigma import LEVER, SIGMA
 from rft_ros.rft.kernel.compilation import inlined
+from rft_ros.rft.result import BY_HEIGHT, FORCE, MOMENTS, TORQUE, WRENCH
 
-__all__ = ["FILTER", "absorb", "begin", "copy", "correct", "dot", "grow", "resume"]
+__all__ = ["FILTER_FIELDS", "copy", "copy_place", "correct", "dot", "grow", "reset", "update"]
+
+VERTICAL, HORIZONTAL, TURN, SURFACE = range(4)  # places in θ: s_v, s_h, ρ, δ
+X, Y, Z = range(3)
+
+_X_MOMENTS, _Y_MOMENTS, _Z_MOMENTS = (slice(MOMENTS.start + 3 * r, MOMENTS.start + 3 * r + 3) for r in (X, Y, Z))
 
 _PRIOR_EACH = 0.3  # deviation of s_v, s_h and ρ, beside what s_v and s_h share
 _PRIOR_SURFACE = 0.003  # deviation of δ [m]
@@ -27,11 +33,10 @@ _NOISE = 0.093  # deviation over the predicted force
 _NOISE_FLOOR = 0.025  # deviation [N]
 _NOISE_LENGTH = 0.003  # errors of samples closer than this are correlated
 _GATE = 2.2  # a larger innovation, over the root of the trace of its covariance, is reduced to this
-_LEVER = 0.07  # deviation of the point where the force acts, over the tool's reach
-_BY_HEIGHT, _MOMENTS = len(COLUMNS), len(COLUMNS) + 3  # where dF/dh and Σ r_j f_l begin in a row of the model
 _STRENGTH_LEAST, _STRENGTH_MOST = 0.1, 10.0
 _SCALE_RISE = 0.0025  # path of the mean of the squared errors while it grows
-_SCALE_FALL, _SCALE_FALL_VERTICAL = 0.0026, 0.004  # the same while it falls, for x and y, and for z
+_HORIZONTAL_SCALE_FALL, _VERTICAL_SCALE_FALL = 0.0026, 0.004  # the same while it falls
+_SCALE_LEAST = 1e-6  # keeps σ over 0
 _BIAS_LENGTH = 0.0025  # path of the mean of the vertical errors
 _BIAS_GROWTH, _BIAS_LAG_MOST = 150.0, 0.01  # weight of its square over the lag [1/m], up to this lag [m]
 _ERROR_MOST = 3.0  # a larger error, in standard deviations, counts as this
@@ -48,14 +53,15 @@ _GROWTH = _covariance(0.153, 0.23, 0.00126) / 0.01  # of P over a metre of path:
 
 _GAUSSIAN = np.dtype([("theta", float, 4), ("p", float, (4, 4))], align=True)
 
-FILTER = [
+FILTER_FIELDS = [
     ("latest", _GAUSSIAN),  # mean and covariance of θ after the last record taken
-    ("push", _GAUSSIAN),  # the same, without the updates in withdrawals and in fast motion
+    ("of_push", _GAUSSIAN),  # the same, without the updates in withdrawals and in fast motion
     ("prior", _GAUSSIAN),
     ("now", _GAUSSIAN),  # at the pose that is predicted
-    ("learned", float),  # path of the last record that updated the filter
-    ("scale", float, 3),  # mean of the squared errors of (L5) by component; x and y are equal
-    ("bias", float),  # mean of the vertical errors of (L5)
+    ("path_learned", float),  # path of the last record that updated the filter
+    ("horizontal_scale", float),  # m of (L5): means of the squared errors, of both horizontal components together
+    ("vertical_scale", float),
+    ("bias", float),  # b of (L5): mean of the vertical errors
     ("fitted", float, 3),  # work space
     ("gain", float, 4),
     ("a", float, (4, 4)),
@@ -63,12 +69,13 @@ FILTER = [
 """Fields of a state that the functions below use."""
 
 
-def begin(state: Any, strength_error: float) -> None:
+def reset(state: Any, strength_error: float) -> None:
     """Set a state to the calibration, whose ζ has this relative standard error."""
     state["prior"]["theta"] = 1.0, 1.0, 0.0, 0.0
     state["prior"]["p"] = _covariance(strength_error, _PRIOR_EACH, _PRIOR_SURFACE)
-    state["latest"] = state["push"] = state["prior"]
-    state["scale"], state["bias"] = 1.0, 0.0
+    state["latest"] = state["of_push"] = state["prior"]
+    state["horizontal_scale"] = state["vertical_scale"] = 1.0
+    state["bias"] = 0.0
 
 
 @inlined
@@ -99,22 +106,21 @@ def copy(target, source):
 
 
 @inlined
-def resume(belief, push, prior, elsewhere):
-    """Set mean and covariance to those of the last push; `elsewhere`: surface and turn to those of the prior."""
-    copy(belief, push)
-    for i in range(2 if elsewhere else 4, 4):
-        belief.theta[i] = prior.theta[i]
+def copy_place(target, source):
+    """Copy mean and covariance of turn and surface, which belong to a place, and those with the strengths."""
+    for i in (TURN, SURFACE):
+        target.theta[i] = source.theta[i]
         for j in range(4):
-            belief.p[i, j] = belief.p[j, i] = prior.p[i, j]
+            target.p[i, j] = target.p[j, i] = source.p[i, j]
 
 
 @inlined
 def _bound(belief):
     """Bound θ to values that the model can have, and make P symmetric."""
     theta, p = belief.theta, belief.p
-    for i in range(2):
+    for i in (VERTICAL, HORIZONTAL):
         theta[i] = min(max(theta[i], _STRENGTH_LEAST), _STRENGTH_MOST)
-    theta[2] = min(max(theta[2], -theta[1]), theta[1])
+    theta[TURN] = min(max(theta[TURN], -theta[HORIZONTAL]), theta[HORIZONTAL])
     for i in range(4):
         for j in range(i):
             p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
@@ -130,73 +136,87 @@ def grow(belief, path):
 
 
 @inlined
-def _design(h, row):
-    """H of (L1): three rows for the force, three for the torque Σ r × f. The force of δ acts where the model's does."""
-    force, by_height = row[0:3], row[_BY_HEIGHT : _BY_HEIGHT + 3]
-    fx, fy, fz = force[0], force[1], force[2]
-    sums = row[_MOMENTS:]  # Σ r_j f_l, row by row; z_fz makes no torque
-    x_fx, x_fy, x_fz, y_fx, y_fy, y_fz = sums[0], sums[1], sums[2], sums[3], sums[4], sums[5]
-    z_fx, z_fy = sums[6], sums[7]
-    square = dot(force, force)
-    per_force = dot(force, by_height) / square if square > 1e-200 else 0.0  # smaller squares lose digits
-    h[0, 0], h[0, 1], h[0, 2] = 0.0, fx, -fy
-    h[1, 0], h[1, 1], h[1, 2] = 0.0, fy, fx
-    h[2, 0], h[2, 1], h[2, 2] = fz, 0.0, 0.0
-    h[3, 0], h[3, 1], h[3, 2] = y_fz, -z_fy, -z_fx
-    h[4, 0], h[4, 1], h[4, 2] = -x_fz, z_fx, -z_fy
-    h[5, 0], h[5, 1], h[5, 2] = 0.0, x_fy - y_fx, x_fx + y_fy
-    for i in range(3):
-        h[i, 3] = by_height[i]
-        h[3 + i, 3] = per_force * (h[3 + i, 0] + h[3 + i, 1])
+def _set_row(row, of_vertical, of_horizontal, of_turn):
+    """Set a row of H, but for the surface."""
+    row[VERTICAL], row[HORIZONTAL], row[TURN] = of_vertical, of_horizontal, of_turn
 
 
 @inlined
-def correct(now, state, record, row, out, reach, lag, apply):
-    """Correct a prediction by (L1), (L3) and (L4): write F, H, F', S and r to the record, the answer to `out`.
+def _design(h, row):
+    """H of (L1): three rows for the force, three for the torque Σ r × f. The force of δ acts where the model's does."""
+    force, by_height = row[FORCE], row[BY_HEIGHT]
+    x_f, y_f, z_f = row[_X_MOMENTS], row[_Y_MOMENTS], row[_Z_MOMENTS]  # Σ x f, Σ y f, Σ z f
+    fx, fy, fz = force[X], force[Y], force[Z]
+    square = dot(force, force)
+    per_force = dot(force, by_height) / square if square > 1e-200 else 0.0  # smaller squares lose digits
+    of_force, of_torque = h[FORCE], h[TORQUE]
+    _set_row(of_force[X], 0.0, fx, -fy)
+    _set_row(of_force[Y], 0.0, fy, fx)
+    _set_row(of_force[Z], fz, 0.0, 0.0)
+    _set_row(of_torque[X], y_f[Z], -z_f[Y], -z_f[X])
+    _set_row(of_torque[Y], -x_f[Z], z_f[X], -z_f[Y])
+    _set_row(of_torque[Z], 0.0, x_f[Y] - y_f[X], x_f[X] + y_f[Y])
+    for i in range(3):
+        of_force[i, SURFACE] = by_height[i]
+        of_torque[i, SURFACE] = per_force * (of_torque[i, VERTICAL] + of_torque[i, HORIZONTAL])
 
-    The answer: wrench and standard deviations.
+
+@inlined
+def correct(state, record, row, out, apply):
+    """Correct a row of the model by (L1), (L3) and (L4), with `state.now`.
+
+    Writes F, H, F', S and r to the record, and wrench and standard deviations to `out`, shape [12].
     """
-    h = record.h
+    h, now, force = record.h, state.now, row[FORCE]
+    wrench, sigma = out[WRENCH], out[SIGMA]
     _design(h, row)
     for i in range(3):
-        record.force[i] = row[i]
+        record.force[i] = force[i]
         record.predicted[i] = dot(h[i], now.theta)
     square = dot(record.predicted, record.predicted)
     record.r = _NOISE**2 * square + _NOISE_FLOOR**2
     for i in range(3):
         for j in range(3):
             record.s[i, j] = _form(h[i], now.p, h[j]) + (record.r if i == j else 0.0)
-    growth = _BIAS_GROWTH * min(lag, _BIAS_LAG_MOST)
-    horizontal, vertical = state.scale[0], state.scale[2] + growth * state.bias**2
+    growth = _BIAS_GROWTH * min(state.lag, _BIAS_LAG_MOST)
+    horizontal, vertical = state.horizontal_scale, state.vertical_scale + growth * state.bias**2
     for i in range(6):
-        model, learned = h[i, 0] + h[i, 1], dot(h[i], now.theta)
+        model, learned = h[i, VERTICAL] + h[i, HORIZONTAL], dot(h[i], now.theta)
         if i < 3:
-            variance = (vertical if i == 2 else horizontal) * record.s[i, i]
+            variance = (vertical if i == Z else horizontal) * record.s[i, i]
         else:
             variance = max(horizontal, vertical) * (_form(h[i], now.p, h[i]) + (_NOISE * learned) ** 2)
-            variance += (_LEVER * reach) ** 2 * square
-        out[i] = learned if apply else model
-        out[6 + i] = math.sqrt(variance + (learned - out[i]) ** 2)  # a correction that is not applied is an error, too
+            variance += (LEVER * state.reach) ** 2 * square
+        wrench[i] = learned if apply else model
+        sigma[i] = math.sqrt(variance + (learned - wrench[i]) ** 2)  # a correction not applied is an error, too
+
+
+@inlined
+def _followed_scale(scale, square, fall, step):
+    """m of (L5) after a squared error. `fall`: path of the mean while it falls."""
+    square = min(square, _SQUARE_MOST)
+    length = _SCALE_RISE if square > scale else fall
+    return max(scale + (1.0 - math.exp(-step / length)) * (square - scale), _SCALE_LEAST)
 
 
 @inlined
 def _adapt(state, record, step):
     """Update m and b of (L5) with the error of the prediction that was made at the record's pose."""
-    y, predicted, s, scale = record.y, record.predicted, record.s, state.scale
-    flat = ((y[0] - predicted[0]) ** 2 + (y[1] - predicted[1]) ** 2) / (s[0, 0] + s[1, 1])
-    vertical = (y[2] - predicted[2]) / math.sqrt(s[2, 2])
-    for i in range(3):
-        square = min(vertical**2 if i == 2 else flat, _SQUARE_MOST)
-        fall = _SCALE_FALL_VERTICAL if i == 2 else _SCALE_FALL
-        length = _SCALE_RISE if square > scale[i] else fall
-        scale[i] = max(scale[i] + (1.0 - math.exp(-step / length)) * (square - scale[i]), 1e-6)  # keeps σ over 0
+    y, predicted, s = record.y, record.predicted, record.s
+    flat = ((y[X] - predicted[X]) ** 2 + (y[Y] - predicted[Y]) ** 2) / (s[X, X] + s[Y, Y])
+    vertical = (y[Z] - predicted[Z]) / math.sqrt(s[Z, Z])
+    state.horizontal_scale = _followed_scale(state.horizontal_scale, flat, _HORIZONTAL_SCALE_FALL, step)
+    state.vertical_scale = _followed_scale(state.vertical_scale, vertical**2, _VERTICAL_SCALE_FALL, step)
     error = min(max(vertical, -_ERROR_MOST), _ERROR_MOST)
     state.bias += (1.0 - math.exp(-step / _BIAS_LENGTH)) * (error - state.bias)
 
 
 @inlined
-def _update(state, belief, h, y, variance):
-    """Update with one component of the force, in Joseph's form: P = (I - K H) P (I - K H)ᵀ + K R Kᵀ."""
+def _update_with_component(state, belief, h, y, variance):
+    """Update with a component y of the force, whose row of H is h.
+
+    In Joseph's form: P = (I - K H) P (I - K H)ᵀ + K R Kᵀ.
+    """
     gain, a = state.gain, state.a
     for i in range(4):
         gain[i] = dot(belief.p[i], h)
@@ -215,10 +235,10 @@ def _update(state, belief, h, y, variance):
 
 
 @inlined
-def absorb(state, record):
-    """Update with a measured force: first c, then the growth (L2), then the gated innovation with the noise of (L3)."""
-    belief, h, step = state.latest, record.h, record.path - state.learned
-    state.learned = record.path
+def update(state, record):
+    """Update with a measured force: adapt the scale (L5), grow P (L2), gate the innovation, use the noise of (L3)."""
+    belief, h, step = state.latest, record.h, record.path - state.path_learned
+    state.path_learned = record.path
     _adapt(state, record, step)
     grow(belief, step)
     square = trace = 0.0
@@ -229,7 +249,8 @@ def absorb(state, record):
     share = min(1.0, _GATE * math.sqrt(trace / max(square, 1e-300)))
     variance = record.r * max(1.0, _NOISE_LENGTH / step)
     for i in range(3):
-        _update(state, belief, h[i], state.fitted[i] + share * (record.y[i] - state.fitted[i]), variance)
+        gated = state.fitted[i] + share * (record.y[i] - state.fitted[i])
+        _update_with_component(state, belief, h[i], gated, variance)
     _bound(belief)
     if not record.passing:
-        copy(state.push, belief)
+        copy(state.of_push, belief)
