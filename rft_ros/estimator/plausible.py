@@ -3,7 +3,7 @@
 from rft_ros.tool import Tool
 from rft_ros.tool.plausible_size import LARGEST, SMALLEST
 
-__all__ = ["HIGHEST", "LARGEST_FORCE", "deepest", "is_plausible_tool", "sentence_on"]
+__all__ = ["DEEPEST", "DEEPEST_OF_SIZE", "HIGHEST", "LARGEST_FORCE", "deepest", "is_plausible_tool", "sentence_on"]
 
 LARGEST_FORCE = 5e5
 """Greatest plausible force [N], more than that of any arm and than the breakout force of an excavator of 50 t."""
@@ -11,12 +11,13 @@ LARGEST_FORCE = 5e5
 HIGHEST = 50.0
 """Greatest plausible height of a tool frame above the surface [m]."""
 
-_DEEPEST, _DEEPEST_OF_SIZE = 0.3, 10.0  # m, plus so many of the tool's largest extents: small probes go deep
+DEEPEST, DEEPEST_OF_SIZE = 0.3, 10.0
+"""Greatest plausible depth [m], plus so many of the tool's largest extents: small probes go deep."""
 
 
 def deepest(tool: Tool) -> float:
     """The greatest plausible depth of the tool's lowest point [m]."""
-    return _DEEPEST + _DEEPEST_OF_SIZE * tool.size
+    return DEEPEST + DEEPEST_OF_SIZE * tool.size
 
 
 def is_plausible_tool(tool: Tool) -> bool:

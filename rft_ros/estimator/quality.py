@@ -8,17 +8,28 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.motion import Motion
-from rft_ros.estimator.plausible import HIGHEST, LARGEST_FORCE, deepest, is_plausible_tool
+from rft_ros.estimator.plausible import DEEPEST, DEEPEST_OF_SIZE, HIGHEST, LARGEST_FORCE, deepest, is_plausible_tool
 from rft_ros.estimator.samples import Vector
 from rft_ros.estimator.wake import Wake
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
 from rft_ros.rft import SpeedLimits, edge_share
+from rft_ros.rft.grains import WITH_INERTIA, WITHOUT_INERTIA
 from rft_ros.tool import Tool
+from rft_ros.tool.plausible_size import LARGEST, SMALLEST
 
 Array = NDArray[np.float64]
 
 __all__ = ["QualityFlag", "QualityMonitor", "Trust", "flag_names", "sentences", "trust"]
+
+_NEAR_REST_FACTOR = 5.0  # times rest_speed
+_HARMLESS = {"concave", "size", "degenerate_facets"}  # kinds of issues that are no fault of the mesh
+_EDGE_SHARE = 0.4  # of the submerged area; the narrow sides of a plate that moves straight down have less
+_DEEPER = 1.02  # times the calibrated depth, so that the bag of the calibration is not flagged
+_STEEP = 15.0  # degrees
+_STEEP_SLOPE = math.tan(math.radians(_STEEP))
+_UNEVEN_SHARE = 0.25  # of the depth
+_EVERY = 8  # estimates between two evaluations of the slow flags
 
 
 @unique
@@ -39,11 +50,15 @@ class QualityFlag(IntFlag):
         return str(self.name).lower()
 
     NONE = 0
-    FAST = 1, "faster than the speed up to which the model was checked (0.025 m/s, or 1 m/s with medium.density)"
+    FAST = (
+        1,
+        f"faster than the speed up to which the model was checked ({WITHOUT_INERTIA.checked:g} m/s, or"
+        f" {WITH_INERTIA.checked:g} m/s with medium.density)",
+    )
     INERTIAL = (
         2,
-        "so fast that the grains' inertia matters (over 0.2 m/s), or with medium.density over 1 m/s, where the modelled"
-        " inertia was not checked",
+        f"so fast that the grains' inertia matters (over {WITHOUT_INERTIA.inertial:g} m/s), or with medium.density over"
+        f" {WITH_INERTIA.inertial:g} m/s, where the modelled inertia was not checked",
     )
     NEAR_REST = 4, "so slow that noise decides the direction of the motion"
     WAKE = 8, "in the wake of its own motion, where the grains are looser"
@@ -52,8 +67,11 @@ class QualityFlag(IntFlag):
     KNIFE_EDGE = 64, "faces move nearly along themselves: an error of one degree changes the force by a tenth or more"
     DEEP = 128, "deeper than medium.calibrated_depth"
     SURPRISE = 256, "the grains are harder or softer than the filter has estimated"
-    STEEP = 512, "the ground is tilted by over 15 degrees"
-    UNEVEN = 1024, "the ground departs from the plane under the tool by over a quarter of the depth (RMS)"
+    STEEP = 512, f"the ground is tilted by over {_STEEP:g} degrees"
+    UNEVEN = (
+        1024,
+        f"the ground departs from the plane under the tool by over {100.0 * _UNEVEN_SHARE:g} % of the depth (RMS)",
+    )
     DISAGREEMENT = (
         2048,
         "the load cell's readings are not plausible, or the model is wrong; /diagnostics or the report names the fault",
@@ -61,8 +79,9 @@ class QualityFlag(IntFlag):
     MESH = 4096, "the mesh has faults, such as repeated or inverted facets, that make the force wrong"
     IMPOSSIBLE = (
         8192,
-        "not plausible: deeper than 0.3 m + 10 times the tool's size, over 50 m above the grains, a tool over 10 m or"
-        " under 1 mm, or a force over 500 kN, as with poses in millimetres or a wrong mesh.scale",
+        f"not plausible: deeper than {DEEPEST:g} m + {DEEPEST_OF_SIZE:g} times the tool's size, over {HIGHEST:g} m"
+        f" above the grains, a tool over {LARGEST:g} m or under {1e3 * SMALLEST:g} mm, or a force over"
+        f" {1e-3 * LARGEST_FORCE:g} kN, as with poses in millimetres or a wrong mesh.scale",
     )
 
 
@@ -92,15 +111,6 @@ def flag_names(quality_flags: int) -> list[str]:
 def sentences(quality_flags: int) -> str:
     """A description of each flag, joined by semicolons."""
     return "; ".join(flag.sentence for flag in QualityFlag if quality_flags & flag)
-
-
-_NEAR_REST_FACTOR = 5.0  # times rest_speed
-_HARMLESS = {"concave", "size", "degenerate_facets"}  # kinds of issues that are no fault of the mesh
-_EDGE_SHARE = 0.4  # of the submerged area; the narrow sides of a plate that moves straight down have less
-_DEEPER = 1.02  # times the calibrated depth, so that the bag of the calibration is not flagged
-_STEEP_SLOPE = math.tan(math.radians(15.0))
-_UNEVEN_SHARE = 0.25  # of the depth
-_EVERY = 8  # estimates between two evaluations of the slow flags
 
 
 class QualityMonitor:

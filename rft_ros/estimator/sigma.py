@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.samples import Vector
 from rft_ros.rft.kernel.compilation import compiled, inlined
+from rft_ros.rft.result import WRENCH
 
 __all__ = [
     "LEVER",
@@ -57,8 +58,9 @@ def predict_without_learning(row: Array, strength_error: float, reach: float, wi
     `row`: the model, begins with force and torque; world axes. `strength_error`: relative standard error of
     ζ. `reach` of the tool [m].
     """
+    wrench = with_sigma[WRENCH]
     for i in range(6):
-        with_sigma[i] = row[i]
+        wrench[i] = row[i]
     force, torque, force_sigma, torque_sigma = parts_of_prediction(with_sigma)
     flat, vertical = force[0] ** 2 + force[1] ** 2, force[2] ** 2
     whole = flat + vertical
@@ -86,7 +88,7 @@ class Withdrawal:
         """Whether the tool was being withdrawn at the last motion."""
         self._path = 0.0  # since the last push [m]
         self._pushed = np.zeros(12)  # the last prediction before the withdrawal
-        self._rests_in_grains = False  # the last push, or the withdrawal, goes on
+        self._rests_in_grains = False  # then `active` and the stored push keep their values
 
     def follow(self, motion: Motion, force: Vector, *, in_grains: bool) -> None:
         """Update with the motion at the next pose. `force`: of the model there [N]."""
@@ -109,10 +111,11 @@ class Withdrawal:
 @compiled
 def _widen(with_sigma, pushed, left):
     """Add the share `left` of the last push, and the whole of the prediction, to the deviations."""
+    wrench, sigma = with_sigma[WRENCH], with_sigma[SIGMA]
+    last_wrench, last_sigma = pushed[WRENCH], pushed[SIGMA]
     for i in range(6):
-        held = left * (abs(pushed[i] - with_sigma[i]) + pushed[6 + i])
-        itself = with_sigma[i]
-        with_sigma[6 + i] = math.sqrt(with_sigma[6 + i] ** 2 + held * held + itself * itself)
+        held = left * (abs(last_wrench[i] - wrench[i]) + last_sigma[i])
+        sigma[i] = math.sqrt(sigma[i] ** 2 + held * held + wrench[i] * wrench[i])
 
 
 def compile_withdrawal() -> None:

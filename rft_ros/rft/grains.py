@@ -6,7 +6,7 @@ from typing import NamedTuple
 from rft_ros.rft.arguments import number
 from rft_ros.rft.inertia import INERTIA
 
-__all__ = ["IN_LAW", "NUMBERS_OF_LAW", "GranularLaw", "InLaw", "SpeedLimits"]
+__all__ = ["IN_LAW", "NUMBERS_OF_LAW", "WITHOUT_INERTIA", "WITH_INERTIA", "GranularLaw", "InLaw", "SpeedLimits"]
 
 
 class InLaw(NamedTuple):
@@ -35,8 +35,11 @@ class SpeedLimits(NamedTuple):
     inertial: float
 
 
-_WITHOUT_INERTIA = SpeedLimits(checked=0.025, inertial=0.2)  # 0.025: the highest speed tested in the paper
-_WITH_INERTIA = SpeedLimits(checked=1.0, inertial=1.0)  # the speed of the fastest simulated run
+WITHOUT_INERTIA = SpeedLimits(checked=0.025, inertial=0.2)
+"""Limits of a law without inertia. `checked` is the highest speed tested in the paper."""
+
+WITH_INERTIA = SpeedLimits(checked=1.0, inertial=1.0)
+"""Limits of a law with inertia: the speed of the fastest simulated run."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -85,4 +88,4 @@ class GranularLaw:
     @property
     def speed_limits(self) -> SpeedLimits:
         """The limits of the law, which are higher if it has the grains' inertia."""
-        return _WITH_INERTIA if self.has_inertia else _WITHOUT_INERTIA
+        return WITH_INERTIA if self.has_inertia else WITHOUT_INERTIA

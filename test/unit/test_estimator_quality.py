@@ -2,17 +2,19 @@
 
 import math
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from one_plate import SECOND, estimator, plate_model, pose, push, twist
+from one_plate import SECOND, estimator, plate_model, pose, push, twist, wrench
 
 from rft_ros.estimator import Estimate
 from rft_ros.estimator.quality import QualityFlag, Trust, trust
 from rft_ros.estimator.sigma import predict_without_learning
-from rft_ros.tool import load_tool
+from rft_ros.ground import HeightMap
+from rft_ros.tool import load_tool, tool_of_mesh
 
 
 def last_flags(tool, positions, *, velocity=None, step=0.01, density=0.0, **settings):
@@ -105,7 +107,10 @@ def test_faces_that_move_along_themselves_are_flagged(rule):
 def test_a_tool_that_rises_is_flagged_and_sigma_covers_what_the_grains_held_also_after_pauses(root, pauses):
     e, answers, stamp = estimator(model=plate_model(tool=root)), [], SECOND
     for k, height in enumerate([*np.linspace(0.0, -0.05, 400), *np.linspace(-0.0501, -0.01, 300)]):
-        for speed in [0.0] * 50 * (k in pauses) + [-0.01 if k < 400 else 0.01]:
+        speeds = [-0.01 if k < 400 else 0.01]
+        if k in pauses:
+            speeds = [*[0.0] * 50, *speeds]
+        for speed in speeds:
             stamp += 10_000_000
             answer = push(e, twist(stamp, (0.0, 0.0, speed)), pose(stamp, (0.0, 0.0, height)))
         answers.append(answer)
@@ -118,6 +123,70 @@ def test_a_tool_that_rises_is_flagged_and_sigma_covers_what_the_grains_held_also
     assert abs(held - first.predicted[2]) < first.sigma[2] < 1.5 * abs(held - first.predicted[2])
     for later in up[50:]:  # then nothing holds the tool
         assert abs(later.predicted[2]) < later.sigma[2] < 2.0 * abs(later.predicted[2]) + 0.2
+
+
+def pressed(factors, *, offset=0.0, surface=0.0):
+    """The flags after one plate was pressed 0.1 mm a pose into grains of these strengths; `offset` of the cell [N]."""
+    e = estimator(learning_mode="observe", surface_height=surface)
+    for k, factor in enumerate(factors):
+        stamp, depth = SECOND + 10_000_000 * k, 1e-4 * k
+        force = offset + factor * 400.0 * max(depth + surface, 0.0)
+        answer = push(e, wrench(stamp, (0, 0, force, 0, 0, 0)), twist(stamp), pose(stamp, (0.0, 0.0, -depth)))
+    return QualityFlag(answer.quality_flags)
+
+
+def on_ground(height_of_x):
+    """The flags of the plate 1 cm deep in ground of this height over x."""
+    axis = 0.004 * (np.arange(-30, 30) + 0.5)
+    x, y = (v.ravel() for v in np.meshgrid(axis, axis, indexing="ij"))
+    ground = HeightMap.unknown(0.004).with_points(x, y, height_of_x(x))
+    e = estimator(model=replace(plate_model(), ground=ground))
+    return QualityFlag(push(e, twist(), pose()).quality_flags)
+
+
+def mesh(made):
+    return tool_of_mesh(made, name="made")
+
+
+def open_box():
+    box = trimesh.creation.box((0.02, 0.02, 0.02))
+    box.update_faces(np.arange(len(box.faces)) > 1)
+    return mesh(box)
+
+
+def moving(tool, velocity, **settings):
+    """The flags of a tool 5 cm deep that moves at this velocity [m/s]."""
+    return last_flags(tool, np.tile([0.0, 0.0, -0.05], (10, 1)), velocity=velocity, **settings)
+
+
+ASLANT = np.array([0.3, 0.1, -0.94])
+DOWN = straight(0.08, direction=(0, 0, -1))
+SCENES = {
+    QualityFlag.FAST: lambda root: moving(root, 0.05 * ASLANT),
+    QualityFlag.INERTIAL: lambda root: moving(root, 0.3 * ASLANT),
+    QualityFlag.NEAR_REST: lambda root: moving(root, 4e-6 * ASLANT),
+    QualityFlag.WAKE: lambda root: last_flags(root, np.concatenate([DOWN, DOWN[::-1]])[:-20]),
+    QualityFlag.CONCAVE: lambda _: last_flags(mesh(trimesh.creation.annulus(0.01, 0.02, 0.03)), straight(0.05)),
+    QualityFlag.WITHDRAWAL: lambda root: moving(root, (0.0, 0.0, 0.01)),
+    QualityFlag.KNIFE_EDGE: lambda _: moving(load_tool("plate"), (0.01, 0.0, 0.0)),
+    QualityFlag.DEEP: lambda root: moving(root, 0.01 * ASLANT, calibrated_depth=0.01),
+    QualityFlag.SURPRISE: lambda _: pressed([1.0] * 300 + [3.0] * 30),
+    QualityFlag.STEEP: lambda _: on_ground(lambda x: 0.3 * x),
+    QualityFlag.UNEVEN: lambda _: on_ground(lambda x: np.where(np.abs(x) < 0.006, 0.01, -0.01)),
+    QualityFlag.DISAGREEMENT: lambda _: pressed([1.0] * 100, offset=3.0, surface=-0.02),
+    QualityFlag.MESH: lambda _: last_flags(open_box(), straight(0.01)),
+    QualityFlag.IMPOSSIBLE: lambda root: last_flags(root, [[0.0, 0.0, -30.0]] * 2, velocity=(0.0, 0.0, -0.01)),
+}
+"""For each flag a scene, given the root tip, after which it is set."""
+
+
+def test_every_flag_has_a_scene():
+    assert SCENES.keys() == {flag for flag in QualityFlag if flag}
+
+
+@pytest.mark.parametrize("flag", SCENES, ids=lambda flag: flag.label)
+def test_the_scene_of_a_flag_sets_it(root, flag):
+    assert flag in SCENES[flag](root)
 
 
 def test_the_page_of_failures_names_the_flag_of_every_place_and_every_flag():

@@ -27,6 +27,8 @@ _SUM_LENGTH = 0.005  # path [m] of the means that compare measurement and model
 _OPPOSING = 0.05  # [N]; the direction of a smaller force is random
 _WEAK, _STRONG = 0.2, 5.0  # a measured force below or above this many times the model's is an issue
 _UNEXPLAINED = 0.1  # a measured force below this many times the model's is explained by no θ
+_TURN_MOST = 45.0  # degrees; a measured horizontal force that is turned by more is an issue
+_TANGENT_MOST = math.tan(math.radians(_TURN_MOST))
 _SIDEWAYS = 0.05  # least share of the horizontal part in the square of the force; the direction of a smaller is random
 _RATIO_MOST = 10.0  # a larger ratio of measured to model force counts as this
 _STUCK_LENGTH = 0.005  # path [m]; a cell that repeats one reading over more is stuck
@@ -55,9 +57,14 @@ STUCK, OPPOSED, WEAK, STRONG, TURNED, OFFSET = 1, 2, 4, 8, 16, 32
 ISSUES = {
     STUCK: "the load cell repeats the same reading while the tool moves: check its driver",
     OPPOSED: "the measured force points against the model's: check sensor.sign, sensor.quaternion and the mesh",
-    WEAK: "the measured force is below a fifth of the model's: check medium.zeta, surface_height and the mesh",
-    STRONG: "the measured force is over five times the model's: check medium.zeta, mesh.scale and surface_height",
-    TURNED: "the measured force is turned by over 45 degrees from the model's: check sensor.quaternion and the frames",
+    WEAK: f"the measured force is below {_WEAK:g} times the model's: check medium.zeta, surface_height and the mesh",
+    STRONG: (
+        f"the measured force is over {_STRONG:g} times the model's: check medium.zeta, mesh.scale and surface_height"
+    ),
+    TURNED: (
+        f"the measured force is turned by over {_TURN_MOST:g} degrees from the model's: check sensor.quaternion and the"
+        " frames"
+    ),
     OFFSET: OFFSET_SENTENCE,
 }
 """Issues that no grains can explain: the load cell or the model is wrong. A sentence for each."""
@@ -113,7 +120,7 @@ def _find_issues(state):
         elif state.along > _STRONG * state.square:
             issues |= STRONG
         is_sideways = state.flat_square > _SIDEWAYS * state.square
-        if state.along >= 0.0 and is_sideways and abs(state.flat_cross) > state.flat_along:
+        if state.along >= 0.0 and is_sideways and abs(state.flat_cross) > _TANGENT_MOST * state.flat_along:
             issues |= TURNED
     state.issues = issues
     state.doubts |= issues
