@@ -88,7 +88,7 @@ class Estimator:
         """Reset the map to the ground at the start. Returns False if the ground is a level plane, which has no map."""
         if self._mapper is None:
             return False
-        self._mapper.level()
+        self._mapper.reset()
         if self.learning is not None:
             self.learning.forget_place()
         return True
