@@ -23,8 +23,8 @@ __all__ = ["main", "parser"]
 
 _COMMANDS = {
     "predict": ("predict", "Predict the wrench at each state of a CSV file."),
-    "check-mesh": ("tools", "Report what a mesh file holds and what is wrong with it."),
-    "reduce": ("tools", "Write a tool with the fewest plates that its motions need."),
+    "check-mesh": ("tools", "Report the extent of a mesh and its defects."),
+    "reduce": ("tools", "Write a reduced tool: the fewest plates that reproduce its wrench within a tolerance."),
     "replay": ("replay", "Run recorded bags through the estimator."),
     "calibrate": ("calibrate", "Fit load cell, surface, ζ, memory and α_y to recorded bags."),
     "fit-medium": ("medium", "Fit a medium of your own to a measured map of stresses."),
@@ -32,7 +32,7 @@ _COMMANDS = {
     "view": ("predict", "Draw a tool moving through the grains: an animated page."),
     "doctor": ("doctor", "Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node."),
     "demo": ("demo", "Run a virtual arm, a real node and a live table (needs ROS)."),
-    "warm-up": ("warm_up", "Compile the machine code of node and replay now, so that neither waits for it later."),
+    "warm-up": ("warm_up", "Compile the code of node and replay now, so that their first start is quick."),
 }
 """For each command the module of `rft_ros.commands` that has it, and its help text."""
 

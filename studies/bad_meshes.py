@@ -38,10 +38,10 @@ def faulty_balls() -> Iterator[tuple[str, trimesh.Trimesh]]:
     cuts = vertices[j] + 1e-3 * (vertices[k] - vertices[j])
     halves = np.vstack([np.column_stack([i, j, new]), np.column_stack([i, new, k])])
     yield "each facet cut into a sliver and the rest", mesh(np.vstack([vertices, cuts]), halves)
-    yield "10 % twice", mesh(vertices, np.concatenate([faces, faces[some]]))
+    yield "10 % of the facets repeated", mesh(vertices, np.concatenate([faces, faces[some]]))
     turned = faces.copy()
     turned[some] = turned[some][:, ::-1]
-    yield "10 % inside out", mesh(vertices, turned)
+    yield "10 % inverted", mesh(vertices, turned)
     yield "10 % missing", mesh(vertices, np.delete(faces, some, axis=0))
     yield (
         "vertices off by 1 % of the radius",

@@ -38,7 +38,7 @@ SHOWN = (0.040, 0.167)
 """The pitches of Fig. 8B [m]."""
 
 RE_INTERACTION = 0.040
-"""Pitch [m] below which the root meets its own wake (paper). The model has no wake."""
+"""Pitch [m] below which the paper doubts its model, because the root meets its own wake. The model has no wake."""
 
 _COUNT = 401  # states of a stroke
 _LENGTH = 0.0345  # of the root below its base [m]
@@ -76,7 +76,7 @@ def study() -> StudyResult:
         _draw_forces(axes, tool, pitch)
     _draw_work(panels[1, 0], works, limits)
     _draw_steps(panels[1, 1], converging)
-    figure.suptitle("Root tip, 15 °/s, 35 mm down, its base at the surface first, ζ = 0.33, α_y constant unless said")
+    figure.suptitle("Root tip, 15 °/s, 35 mm down, from the base at the surface, ζ = 0.33, α_y constant unless said")
     return StudyResult(
         name="circumnutation",
         title="Circumnutating root tip: forces, and work against the pitch (Fig. 8)",
@@ -95,8 +95,8 @@ def study() -> StudyResult:
             },
         },
         table=published_against_ours(
-            ("pitch at which the root meets its own wake", "below 40 mm", "not in the model; shaded"),
-            ("work of inserting, as P falls", "falls", _falls(works, limits)),
+            ("pitch below which the paper doubts its model because of the wake", "40 mm", "not in the model; shaded"),
+            ("work of the insertion, as the pitch P is reduced", "decreases", _as_pitch_is_reduced(works, limits)),
             *rows,
             (
                 f"observed order of the work in Δt: {', '.join(converging)}",
@@ -107,14 +107,16 @@ def study() -> StudyResult:
     )
 
 
-def _falls(works: dict[float, list[Work]], limits: dict[float, Work]) -> str:
+def _as_pitch_is_reduced(works: dict[float, list[Work]], limits: dict[float, Work]) -> str:
     series = [[w.vertical for w in (*works[tilt], limits[tilt])] for tilt in TILTS]
     totals = [[w.total for w in (*works[tilt], limits[tilt])] for tilt in TILTS]
-    vertical = "vertical work falls" if all((np.diff(s) > 0.0).all() for s in series) else "vertical work does not"
+    decreases = all((np.diff(s) > 0.0).all() for s in series)
     # beyond 100 mm the total comes down to the straight insertion's, at 10 degrees to 0.3 % below it
     below = [np.array(t)[:-1][PITCHES <= 0.1] for t in totals]
-    rises = all((np.diff(t) < 0.0).all() for t in below)
-    return f"{vertical}; total {'rises' if rises else 'does not rise'} (below 100 mm)"
+    increases = all((np.diff(t) < 0.0).all() for t in below)
+    vertical = "decreases" if decreases else "does not decrease"
+    total = "increases" if increases else "does not increase"
+    return f"vertical work {vertical}; total work {total} (below 100 mm)"
 
 
 def _rows_of_tilt(tilt: float, works: list[Work], limit: Work) -> list[tuple[str, str, str]]:
@@ -146,7 +148,7 @@ def _draw_forces(axes: Axes, tool: Tool, pitch: float) -> None:
 
 
 def _draw_work(axes: Axes, works: dict[float, list[Work]], limits: dict[float, Work]) -> None:
-    axes.axvspan(0.0, 1e3 * RE_INTERACTION, color="0.9", label="meets its own wake (P < 40 mm)")
+    axes.axvspan(0.0, 1e3 * RE_INTERACTION, color="0.9", label="the paper doubts its model (P < 40 mm)")
     for tilt, colour, marker in zip(TILTS, (BLUE, VERMILION), ("o", "s"), strict=True):
         for name, style, values in (
             ("total", "-", [w.total for w in works[tilt]]),

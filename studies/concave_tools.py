@@ -136,9 +136,11 @@ def study() -> StudyResult:
                 f"{100.0 * row[2]:.0f} %", (size, 100.0 * row[3]), (0, 6), textcoords="offset points", fontsize=7
             )
         axes.set_ylim(0.0, 240.0)
-        label_axes(axes, x=x, y="Force, of the convex hull's [%]", title=title)
+        axes.margins(x=0.13)  # the last number needs room
+        label_axes(axes, x=x, y="Force / force on the convex hull [%]", title=title)
     figure.axes[0].legend(fontsize=8)
-    figure.suptitle("Small numbers: concavity, the share of the facets' view that is the tool itself", fontsize=9)
+    text = "Numbers at the points: share of a facet's field of view that other parts of the tool block"
+    figure.suptitle(text, fontsize=9)
     return result_of_rows(
         "fails_hollow",
         "Concave tools",
@@ -147,6 +149,6 @@ def study() -> StudyResult:
         ("tool", "tool", "{}"),
         ("hollow or gap", "hollow_or_gap_m", "{:.1f} mm", 1e3),
         ("concavity", "concavity", "{:.0f} %", 100.0),
-        ("force, of the convex hull's", "force_over_hull", "{:.0f} %", 100.0),
+        ("force / force on the convex hull", "force_over_hull", "{:.0f} %", 100.0),
         ("without shadowed facets", "force_over_hull_without_shadowed", "{:.0f} %", 100.0),
     )

@@ -143,7 +143,9 @@ def _draw(found: dict[Integration, Convergence]) -> Figure:
     errors.loglog(finest.fineness, slope, ":", color=GREY, label="order 2")
     errors.axhline(1.0, color=BLACK, lw=0.8, ls="--", label="1 %")
     errors.xaxis.set_minor_formatter(NullFormatter())
-    label_axes(times, x="Facets", y="Time of one wrench, one core [µs]", title="9A", legend={"loc": "upper left"})
-    label_axes(errors, x="1 / (κ Lc)", y="RMS error over the maximum force [%]", title="9B", legend={})
+    label_axes(
+        times, x="Facets", y="Time of one wrench, one core [µs]", title="Time (Fig. 9A)", legend={"loc": "upper left"}
+    )
+    label_axes(errors, x="Radius / Lc", y="RMS error over the maximum force [%]", title="Error (Fig. 9B)", legend={})
     figure.suptitle("Sphere plunging at 60° from touching to submerged, against the refined rule on 327,680 facets")
     return figure

@@ -43,7 +43,7 @@ RUNS = {
     "plate_b60_psi30_phi30": "plate β 60° ψ 30° φ 30°",
     "plate_b90_psi0_phi0": "plate β 90° ψ 0° φ 0°",
     "plate_b90_psi30_phi0": "plate β 90° ψ 30° φ 0°",
-    "plate_b90_psi90_phi0": "plate β 90° ψ 90° φ 0° (moves along itself: neither face leads)",
+    "plate_b90_psi90_phi0": "plate β 90° ψ 90° φ 0° (moves in its own plane: neither face leads)",
     "ellipsoid_straight": "ellipsoid, straight down",
     "ellipsoid_osc9deg_5Hz": "ellipsoid, ±9° of pitch at 5 Hz",
     "root_insert_tilt10": "root tip, pushed in at 10°",
@@ -253,27 +253,27 @@ def _table(found: Accuracy) -> TextTable:
     for name, errors in found.errors.items():
         text = f"{RUNS[name]} (calibration: ζ = {found.zeta:.2f})" if name == CALIBRATION else RUNS[name]
         rows.append(row(text, [errors[column] for column in _COLUMNS]))
-    rows.append(row("mean, without the plate that moves along itself", [found.mean(column) for column in _COLUMNS]))
+    rows.append(row("mean, without the plate that moves in its own plane", [found.mean(column) for column in _COLUMNS]))
     for name, errors in found.cycles.items():
         rows.append(row(f"{CYCLE_RUNS[name]}: error of cycles", [errors[column] for column in _COLUMNS]))
     return TextTable(header=("run", *(f"{label} [%]" for label in _COLUMNS.values())), rows=tuple(rows))
 
 
 def _draw(found: Accuracy) -> Figure:
-    figure = new_figure(13.0, 9.0)
-    panels = figure.subplots(3, 4).ravel()
-    for axes, run in zip(panels, found.runs, strict=False):
-        _draw_run(axes, run, found)
-    panels[0].legend(fontsize=7)
+    figure = new_figure(10.5, 11.5)
+    panels = figure.subplots(4, 3).ravel()
+    for number, (axes, run) in enumerate(zip(panels, found.runs, strict=False), start=1):
+        _draw_run(axes, number, run, found)
+    panels[0].legend(fontsize=8)
     _draw_errors(panels[len(found.runs)], found)
     figure.suptitle(
-        f"Force on the tool: simulated grains against 3D RFT with ζ = {found.zeta:.2f} from the first panel alone;"
-        " median error of the force vector, without → with memory"
+        f"Force on the tool: simulated grains against 3D RFT with ζ = {found.zeta:.2f}, fitted to run 1 alone.\n"
+        "In the titles: median error of the force vector, without → with memory"
     )
     return figure
 
 
-def _draw_run(axes: Axes, run: DemRun, found: Accuracy) -> None:
+def _draw_run(axes: Axes, number: int, run: DemRun, found: Accuracy) -> None:
     model, remembered = run.predicted(law("constant", zeta=found.zeta)), _remembered(run, found.zeta)
     measured = smoothed(run.forces)[4:-4]
     for column, name, colour in ((2, "up", BLUE), (0, "along x", VERMILION)):
@@ -283,7 +283,8 @@ def _draw_run(axes: Axes, run: DemRun, found: Accuracy) -> None:
     axes.axhline(0.0, color=GREY, lw=0.6)
     plain, with_memory = (100.0 * found.errors[run.name][column] for column in ("constant", _MEMORY))
     label_axes(axes, x="Time [s]", y="Force [N]")
-    axes.set_title(f"{RUNS[run.name].partition(' (')[0]}: {plain:.0f} → {with_memory:.0f} %", fontsize=8)
+    what = RUNS[run.name].partition(" (")[0]
+    axes.set_title(f"{number}. {what}: {plain:.0f} → {with_memory:.0f} %", fontsize=9)
 
 
 def _draw_errors(axes: Axes, found: Accuracy) -> None:
@@ -294,5 +295,5 @@ def _draw_errors(axes: Axes, found: Accuracy) -> None:
         errors = [100.0 * e[column] for e in found.errors.values()]
         axes.bar(place + shift, errors, width=0.27, color=colour, label=label)
     axes.set_xticks(place, [str(k + 1) for k in place])
-    label_axes(axes, x="Panel", y="Median error [%]", legend={"loc": "upper left"})
+    label_axes(axes, x="Run", y="Median error [%]", legend={"loc": "upper left"})
     axes.set_ylim(0.0, 120.0)

@@ -1,7 +1,7 @@
 """Where the force of the published rule jumps or rises steeply: sweeps through each place, with a figure each.
 
-Nearly level plates, plates that move along themselves, facets parallel to the motion, withdrawal, turning, the surface,
-and reversal. `docs/where-it-fails.md` explains them.
+Nearly level plates, plates that move in their own plane, facets parallel to the motion, withdrawal, turning, the
+surface, and reversal. `docs/where-it-fails.md` explains them.
 """
 
 import numpy as np
@@ -93,7 +93,7 @@ def _by_the_papers_text() -> float:
 
 
 def along_itself() -> StudyResult:
-    """An upright plate yawed through motion along itself, where neither face leads."""
+    """An upright plate yawed through motion in its own plane, where neither face leads."""
 
     def states(psi: Array) -> Array:
         about = Rotation.from_euler("z", psi[:, None]) * Rotation.from_euler("y", -90.0, degrees=True)
@@ -118,15 +118,15 @@ def along_itself() -> StudyResult:
         )
         for rule, plates in sweep.tool.items():
             force = wrenches(plates, law("linear", zeta=_DEM_ZETA), exactly)[:, :3]
-            style = {"color": RULE_COLOUR[rule], "label": f"{rule}, linear, exactly along itself"}
+            style = {"color": RULE_COLOUR[rule], "label": f"{rule}, linear, level motion"}
             axes.plot(90.0, np.linalg.norm(force), "x" if rule == "centroid" else "+", ms=9, mew=2, ls="", **style)
     wide.axvspan(70.0, 110.0, color="0.93")
     near.set_xlim(85.0, 95.0)
     near.set_ylim(0.0, 3.2)
     label_axes(wide, x="ψ, yaw from motion along the normal [°]", y="Force on the plate [N]")
-    label_axes(near, x="ψ [°]", y="Force on the plate [N]", title="Near motion along itself", legend={})
-    wide.set_title("An upright plate; shaded: ψ > 70°", fontsize=10)
-    return jump_result("fails_along_itself", "A plate that moves along itself", figure, lines, DEGREES)
+    label_axes(near, x="ψ [°]", y="Force on the plate [N]", title="Near motion in its own plane", legend={})
+    wide.set_title("Upright plate, motion 0.6° downwards", fontsize=10)
+    return jump_result("fails_along_itself", "A plate that moves in its own plane", figure, lines, DEGREES)
 
 
 def wheel_sweep() -> Sweep:
@@ -274,8 +274,10 @@ def withdrawal() -> StudyResult:
     by_angle.axhline(0.0, color=BLACK, lw=0.6)
     by_angle.axvline(0.2035 / 0.0015, color=GREY, lw=0.8, ls=":")
     by_angle.set_ylim(-0.15, 0.1)
-    label_axes(by_angle, x="Attack angle β [°]", y="Greatest F·v [N/cm³]", legend={"loc": "lower left"})
-    by_angle.set_title("Above 0 the grains push the plate on", fontsize=10)
+    label_axes(
+        by_angle, x="Attack angle β [°]", y="Greatest stress along the motion [N/cm³]", legend={"loc": "lower left"}
+    )
+    by_angle.set_title("Above 0 the grains drive the plate forward", fontsize=10)
     return jump_result("fails_withdrawal", "Withdrawal, and faces that look up and lead", figure, lines, DEGREES)
 
 
@@ -376,7 +378,7 @@ _STEP = 1e-5  # [m/s]
 
 _RATE = 200.0  # [Hz] of the stroke in time
 
-_MOBILIZATION_LENGTH = 0.002  # [m], an example of what calibration finds
+_MOBILIZATION_LENGTH = 0.003  # [m], the default of node and replay
 
 
 def reversal_sweep() -> Sweep:

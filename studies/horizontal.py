@@ -104,8 +104,8 @@ def _draw(faces: dict[str, tuple[Array, Array, Array]], whole: dict[str, tuple[A
     fine = np.linspace(0.0, 90.0, 181)
     fit1, fit23 = fitted_forces(fine)
     along.plot(fine, fit1, color=BLACK, label="published fit to the measurements")
-    along.plot([90.0], [PUBLISHED["F1"]], "*", color=BLACK, ms=11, label="published maximum, less edges")
-    along.plot([90.0], [PUBLISHED["F1 raw"]], "*", color=GREY, ms=11, label="published maximum, raw")
+    along.plot([90.0], [PUBLISHED["F1"]], "*", color=BLACK, ms=11, label="published maximum, without the thin edges")
+    along.plot([90.0], [PUBLISHED["F1 raw"]], "*", color=GREY, ms=11, label="published maximum, with the thin edges")
     for model, colour, marker in (("constant", BLUE, "o"), ("linear", ORANGE, "s")):
         along.plot(PSI, faces[model][0], marker, color=colour, ms=4, label=f"ours, face, α_y {model}")
         along.plot(PSI, whole[model][0], ":", color=colour, lw=1.2, label=f"ours with edges, α_y {model}")

@@ -47,7 +47,7 @@ Array = NDArray[np.float64]
 
 GROUPS: dict[str, Callable[[str], bool]] = {
     "plates (5 runs)": lambda name: name.startswith("plate") and name != ALONG_ITSELF,
-    "plate along itself": lambda name: name == ALONG_ITSELF,
+    "plate in its own plane": lambda name: name == ALONG_ITSELF,
     "ellipsoid (straight, pitching)": lambda name: name.startswith("ellipsoid"),
     "root tip (straight, helix)": lambda name: name.startswith("root"),
     "fast plates (0.5 and 1 m/s)": lambda name: name in FAST_RUNS and "0p1" not in name,

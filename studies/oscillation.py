@@ -116,7 +116,7 @@ def _draw(straight: Stroke, pitching: dict[str, Stroke], swept: list[Work]) -> F
         level.plot(1e3 * one.depths, one.forces[:, 0], style, color=colour, lw=1.2, label=label)
         cost.axvline(FREQUENCIES[name], color=colour, ls=style, lw=1.0, label=name)
     label_axes(vertical, x="Depth of the tip [mm]", y="Vertical force [N]", legend={"loc": "upper left"})
-    label_axes(level, x="Depth of the tip [mm]", y="Level force, in the plane of pitch [N]")
+    label_axes(level, x="Depth of the tip [mm]", y="Horizontal force, in the plane of pitch [N]")
     cost.plot(_SWEPT, [1e3 * w.total for w in swept], "-", color=BLACK, label="total work")
     cost.plot(_SWEPT, [1e3 * w.vertical for w in swept], "-.", color=BLACK, label="work of the vertical force")
     cost.axhline(1e3 * straight.work.total, color=GREY, ls=":", label="straight, both")

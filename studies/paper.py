@@ -29,7 +29,7 @@ NOT_STATED = "–"
 """Shown in place of a published number that this project does not have."""
 
 BELOW_90 = 90.0 - 1e-6
-"""ψ [deg] in place of 90, where a vertical plate moves along itself and rounding decides whether its face leads."""
+"""ψ [deg] in place of 90, where a vertical plate moves in its own plane and rounding decides whether its face leads."""
 
 
 def law(alpha_y: str, *, zeta: float = ZETA, name: str = "treers2021", **grains: float) -> Law:

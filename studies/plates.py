@@ -148,7 +148,9 @@ def _row_of_beta(beta: float, found: dict[tuple[float, float, str], Array]) -> t
 
 def _range_of_errors(points: tuple[Point, ...]) -> str:
     errors = [100.0 * p.error for p in points if p.psi < 90.0]
-    return f"{min(errors):.1f}–{max(errors):.1f} % against simulated plates, without the one that moves along itself"
+    return (
+        f"{min(errors):.1f}–{max(errors):.1f} % against simulated plates, without the one that moves in its own plane"
+    )
 
 
 def _draw(found: dict[tuple[float, float, str], Array], points: tuple[Point, ...]) -> Figure:

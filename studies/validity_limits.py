@@ -39,7 +39,7 @@ def speed() -> StudyResult:
         axes.axvline(1e3 * limit, color=GREY, lw=1.0)
         axes.text(1e3 * limit * 0.97, 100.0, text, rotation=90, fontsize=8, va="top", ha="right")
     axes.set_ylim(1e-3, 200.0)
-    label_axes(axes, x="Speed [mm/s]", y="Inertia, of the model's force [%]", legend={})
+    label_axes(axes, x="Speed [mm/s]", y="Inertia / model's force [%]", legend={})
     axes.set_title("A level plate moving down: ρ v² over the model's pressure", fontsize=10)
     rows = [(v, d, float(inertia_over_weight(np.array([v]), d)[0])) for v in (_TESTED, _INERTIAL, 1.0) for d in _DEPTHS]
     return result_of_rows(
@@ -49,7 +49,7 @@ def speed() -> StudyResult:
         rows,
         ("speed", "speed_m_s", "{:.0f} mm/s", 1e3),
         ("depth", "depth_m", "{:.0f} mm", 1e3),
-        ("inertia, of the model's force", "inertia_over_force", "{:.2g} %", 100.0),
+        ("inertia / model's force", "inertia_over_force", "{:.2g} %", 100.0),
     )
 
 
@@ -87,7 +87,10 @@ def wake() -> StudyResult:
     axes = figure.subplots()
     axes.plot([1e3 * p for p in PITCHES], [100.0 * s for s in shares], "o-", color=BLUE)
     axes.axvspan(0.0, 40.0, color="0.93")
-    for at, height, text in ((20.0, 0.97, "the paper sees forces deviate"), (40.0, 0.85, "the paper's model holds")):
+    for at, height, text in (
+        (20.0, 0.97, "20 mm: forces deviate in the paper"),
+        (40.0, 0.85, "40 mm: the paper's model holds"),
+    ):
         axes.axvline(at, color=BLACK if at == 20.0 else GREY, lw=1.0, ls="--")
         axes.text(at + 1.0, height * 100.0 * max(shares), text, fontsize=8, va="top")
     axes.set_xlim(0.0, None)

@@ -31,7 +31,10 @@ _TOUCHES = 1e-6  # m: least depth of a first state in the grains, beyond roundin
 
 _BY_NAME = ", ".join(name for name in ALPHA_Y_MODELS if name != "table")
 _ALPHA_Y = f"{_BY_NAME} or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default linear)"
-_TOLERANCE = "use the fewest plates whose force deviates by at most this share, such as 0.01 (default 0: full tool)"
+_TOLERANCE = (
+    "reduce the tool to the fewest plates whose force and torque deviate by at most this share, such as 0.01, in 95 of"
+    " 100 random motions (default 0: full tool)"
+)
 _PARAMS = "the node's own parameter file (default: the node's defaults)"
 _REMAP = "topic of the recording, such as ~/pose:=/tool_pose; may be repeated"
 

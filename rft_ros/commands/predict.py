@@ -23,7 +23,10 @@ def predict_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--mesh", required=True, metavar="FILE", help=MESH)
     options.share(command, *options.PLACED, *options.OF_LAW)
     options.share(command, *_OF_EVALUATION)
-    alone = "take the states as one motion in time, in grains with this memory [m] (default 0: each state alone)"
+    alone = (
+        "mobilization length of the memory [m]; the states are then evaluated in order, as one motion"
+        " (default 0: no memory, each state on its own)"
+    )
     command.add_argument("--mobilization-length", type=options.number, metavar="X", help=alone)
     header = "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin"
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv", help=header)

@@ -37,7 +37,7 @@ def reduce_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("mesh", metavar="MESH", help=MESH)
     options.share(command, *options.PLACED, "--integration")
     usual = defaults()["tolerance"]
-    allowed = f"error allowed, as a share of force, at the 95th percentile of motions (default {usual:g})"
+    allowed = f"greatest error of force and torque, as a share, in 95 of 100 motions (default {usual:g})"
     command.add_argument("--tolerance", dest="share", type=options.number, default=usual, metavar="SHARE", help=allowed)
     scene = "choose plates for these motions only: a states file or a recorded bag (default: any motion)"
     command.add_argument("--scene", type=Path, metavar="STATES.csv|BAG", help=scene)

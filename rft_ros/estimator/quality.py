@@ -52,19 +52,22 @@ class QualityFlag(IntFlag):
     NONE = 0
     FAST = (
         1,
-        f"faster than the speed up to which the model was checked ({WITHOUT_INERTIA.checked:g} m/s, or"
-        f" {WITH_INERTIA.checked:g} m/s with medium.density)",
+        f"faster than the model was checked: over {WITHOUT_INERTIA.checked:g} m/s without medium.density, or over"
+        f" {WITH_INERTIA.checked:g} m/s with it",
     )
     INERTIAL = (
         2,
-        f"so fast that the grains' inertia matters (over {WITHOUT_INERTIA.inertial:g} m/s), or with medium.density over"
-        f" {WITH_INERTIA.inertial:g} m/s, where the modelled inertia was not checked",
+        f"over {WITHOUT_INERTIA.inertial:g} m/s without medium.density: the grains' inertia matters; or over"
+        f" {WITH_INERTIA.inertial:g} m/s with it: the modelled inertia was not checked",
     )
     NEAR_REST = 4, "so slow that noise decides the direction of the motion"
     WAKE = 8, "in the wake of its own motion, where the grains are looser"
     CONCAVE = 16, "a hollow tool: the model computes each facet as if no other facet were near"
     WITHDRAWAL = 32, "the tool moves up: the force of real grains vanishes sooner than the predicted one"
-    KNIFE_EDGE = 64, "faces move nearly along themselves: an error of one degree changes the force by a tenth or more"
+    KNIFE_EDGE = (
+        64,
+        "faces move nearly parallel to their own plane: an error of one degree changes the force by a tenth or more",
+    )
     DEEP = 128, "deeper than medium.calibrated_depth"
     SURPRISE = 256, "the grains are harder or softer than the filter has estimated"
     STEEP = 512, f"the ground is tilted by over {_STEEP:g} degrees"

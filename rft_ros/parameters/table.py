@@ -107,7 +107,7 @@ PARAMETERS = (
     Parameter(
         "medium.calibrated_depth",
         _SETTINGS.calibrated_depth or 0.0,
-        "Greatest depth of the calibration. Deeper estimates are flagged. 0.0: not known.",
+        "Greatest depth reached in the calibration. Estimates at greater depth get the flag deep. 0.0: not known.",
         "m",
         (0.0, 1e3),
     ),
@@ -130,25 +130,27 @@ PARAMETERS = (
     Parameter(
         "alpha_y.model",
         "linear",
-        "Model of the stress along a plate's horizontal direction e1.",
+        "Model of the sideways stress: that along the horizontal direction e1 in a plate.",
         choices=ALPHA_Y_MODELS,
     ),
     Parameter(
         "alpha_y.table",
         "",
-        "CSV file for alpha_y.model table. Columns: beta, alpha_y or beta, gamma, alpha_y.",
+        "CSV file for alpha_y.model table. Columns: either beta and alpha_y, or beta, gamma and alpha_y.",
         "deg, N/cm3",
     ),
     Parameter(
         "integration",
         "refined",
-        "Integration rule. refined: exact at surface and edges. centroid: as published.",
+        "Integration rule. refined: cuts facets at the surface, and lets a facet begin to lead gradually. centroid: as "
+        "published, by each facet's centroid.",
         choices=INTEGRATIONS,
     ),
     Parameter(
         "tolerance",
         0.025,
-        "Reduce the tool to the fewest plates whose force deviates by at most this share. 0.0: use all plates.",
+        "Reduce the tool to the fewest plates whose force and torque deviate by at most this share in 95 % of random "
+        "motions. 0.0: use all plates.",
         "",
         (0.0, 1.0),
     ),
@@ -295,8 +297,8 @@ PARAMETERS = (
     Parameter(
         "rest_speed",
         _SETTINGS.rest_speed,
-        "A tool that is slower than this is at rest: the filter is not updated and, in the grains without memory, "
-        "there is no estimate.",
+        "A tool that is slower than this is at rest. The filter is then not updated. If the model has no memory and "
+        "the tool is in the grains, there is no estimate either.",
         "m/s",
         (0.0, 1e3),
     ),

@@ -84,6 +84,6 @@ def test_the_chart_of_models_separates_the_choices(tmp_path, monkeypatch):
         for c in CHOICES
         for group, member in GROUPS.items()
     }
-    along, ellipsoid = "plate along itself", "ellipsoid (straight, pitching)"
+    along, ellipsoid = "plate in its own plane", "ellipsoid (straight, pitching)"
     assert mean["refined", along] < 0.8 * mean["published", along]
     assert mean["refined, memory 3 mm", ellipsoid] < 0.75 * mean["refined", ellipsoid]
