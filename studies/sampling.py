@@ -9,7 +9,7 @@ from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import PoseSample
-from rft_ros.estimator.motion import PoseDifference
+from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.parameters import Settings
 from rft_ros.rft import ANGULAR_VELOCITY, INTEGRATIONS, QUATERNION, TWIST, VELOCITY, Integration, Plates, wrenches
 from rft_ros.sweeps.motions import Trajectory, circumnutation, oscillating_insertion, sample, straight

@@ -10,7 +10,7 @@ from numba.core import event
 from rft_ros.child_process import lower_priority, start_child
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import LoadCellFrame
-from rft_ros.estimator.motion import PoseDifference
+from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.estimator.sigma import compile_withdrawal, predict_without_learning
 from rft_ros.ground import HeightMap, Support

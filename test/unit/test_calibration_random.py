@@ -27,7 +27,7 @@ from synthetic_track import (
 
 from rft_ros.calibration.calibrate import calibrate
 from rft_ros.estimator import PoseSample
-from rft_ros.estimator.motion import PoseDifference
+from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.rft import Memory, wrenches_in_time
 from rft_ros.tool import load_tool
 

@@ -26,7 +26,7 @@ from rft_ros.calibration.fitting import Measurement, NotIdentifiable
 from rft_ros.calibration.penetration import difference, spread_of
 from rft_ros.calibration.track import turns_in_grains
 from rft_ros.estimator import PoseSample
-from rft_ros.estimator.motion import PoseDifference
+from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.rft import agarwal2023, treers2021
 from rft_ros.tool import load_tool
 

@@ -10,7 +10,7 @@ from one_plate import LEVEL, MS, SECOND, START, estimator, pose, push, twist
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, Reason
-from rft_ros.estimator.motion import PoseDifference
+from rft_ros.estimator.pose_difference import PoseDifference
 
 speeds = st.floats(-0.5, 0.5)
 rates = st.floats(-3.0, 3.0)

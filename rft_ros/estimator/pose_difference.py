@@ -1,0 +1,213 @@
+"""The velocity of the tool from its poses alone.
+
+It is the slope, at the newest pose, of a parabola fitted to the last poses on SE(3). This end derivative of Savitzky
+and Golay (Analytical Chemistry 36, 1964) has no lag under constant acceleration. The window is the longest one whose
+misfit stays within the noise of the poses. Across a reversal a longer one would overshoot.
+"""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+
+from rft_ros.estimator.samples import PoseSample
+from rft_ros.rft import POSITION, QUATERNION
+from rft_ros.rft.kernel.compilation import compiled, inlined
+
+__all__ = ["PoseDifference", "PoseNoise"]
+
+_CAPACITY = 2048  # poses: the longest window, 1 s, at 2 kHz
+_FEWEST, _FEWEST_OF_PARABOLA = 3, 5
+_MISFITS = 256  # misfits that are kept
+_REFRESH = 16  # new misfits between two estimates of the noise, and before the first one
+_QUANTILE, _CHI2_OF_QUANTILE = 0.95, 7.815
+"""The noise is estimated from this quantile of the misfits, which have a chi-squared distribution of 3 degrees.
+
+A high quantile, since poses with jittering stamps are noise, too; the few misfits at reversals change it little.
+"""
+_UNLIKELY = 8.0  # standard deviations of chi-squared; beyond, the window is shortened, and the slope is noisier
+_MOVES = 40.0  # chi-squared with probability 1e-8: false motion at rest would release the held force
+_ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
+_THIN = 1.0 / 64.0  # of the window: in its older part, poses closer than this to the one before are skipped
+_POSITIONS, _ROTATIONS = 0, 1  # the two kinds of coordinates of a pose, which have noise of their own
+
+
+class PoseNoise(NamedTuple):
+    """Variance of one coordinate of a pose: of positions [m²] and of rotations [rad²]; 0 while unknown."""
+
+    position: float
+    rotation: float
+
+
+class PoseDifference:
+    """Keeps the last poses, and computes the `twist` at the newest: vx, vy, vz, wx, wy, wz [m/s], [rad/s], world axes.
+
+    A twist within the noise of the poses is set to zero.
+    """
+
+    def __init__(self) -> None:
+        self.twist = np.zeros(6)
+        self._stamps, self._ring = np.zeros(_CAPACITY, dtype=np.int64), np.zeros((_CAPACITY, 7))
+        self._misfits, self._noise = np.zeros((_MISFITS, 2)), np.full(2, np.inf)
+        times, coordinates = np.zeros(_CAPACITY), np.zeros((2, 3, _CAPACITY))
+        self._arrays = self._stamps, self._ring, self._noise, times, coordinates, self.twist.reshape(2, 3)
+        self._count = 0
+        self.noise = PoseNoise(0.0, 0.0)
+        """The noise of the poses so far."""
+        self.span(window=0.0, max_age=0.0)
+
+    def span(self, *, window: float, max_age: float) -> None:
+        """Set the window of the fit [s]; it has at least three poses, and ends at a gap longer than `max_age` [s]."""
+        self._window, self._gap = round(1e9 * window), round(1e9 * max_age)
+
+    def push(self, pose: PoseSample) -> bool:
+        """Add a pose. Returns whether there are enough poses for `twist`."""
+        newest = self._count % _CAPACITY
+        self._stamps[newest] = pose.stamp
+        self._ring[newest] = (*pose.position, *pose.quaternion)
+        misfit = self._misfits[self._count % _MISFITS]
+        n: int = _fit(*self._arrays, misfit, newest, self._window, self._gap)
+        self._count += 1
+        if self._count % _REFRESH == 0:
+            self._estimate_noise()
+        return n >= _FEWEST
+
+    def _estimate_noise(self) -> None:
+        """Estimate the noise of the poses.
+
+        The variances are quantiles of the last misfits. Misfits of zero, as from encoders with coarse steps, are left
+        out.
+        """
+        for kind, misfits in enumerate(np.sort(self._misfits, axis=0).T):
+            found = misfits[misfits > 0.0]
+            if len(found) >= _REFRESH:
+                quantile = found[int(_QUANTILE * (len(found) - 1))]
+                self._noise[kind] = max(quantile / _CHI2_OF_QUANTILE, _ROUNDING)
+        self.noise = PoseNoise(*np.where(self._noise < np.inf, self._noise, 0.0).tolist())
+
+
+@inlined
+def _rotation_vector(attitude, ax, ay, az, aw):
+    """Rotation vector to an attitude from another one, of which ax, ay, az and aw are the conjugate."""
+    bx, by, bz, bw = attitude[0], attitude[1], attitude[2], attitude[3]
+    rx = bw * ax + bx * aw + by * az - bz * ay
+    ry = bw * ay - bx * az + by * aw + bz * ax
+    rz = bw * az + bx * ay - by * ax + bz * aw
+    rw = bw * aw - bx * ax - by * ay - bz * az
+    sine = math.sqrt(rx * rx + ry * ry + rz * rz)
+    scale = math.copysign(2.0 * math.atan2(sine, abs(rw)) / sine if sine > 0.0 else 2.0, rw)
+    return rx * scale, ry * scale, rz * scale
+
+
+@inlined
+def _recent(stamps, ring, newest, window, gap, t, x):
+    """Write the poses of the window to `t` and `x`, newest first and relative to the newest; return their number.
+
+    At least 3 poses are written if there are as many. `t`: times [s]. `x`: positions and rotation vectors in world
+    axes, shape [2, 3, n]. `ring`: rows position, quaternion xyzw. `stamps`, `window`, `gap` [ns]; a stamp is 0 where
+    the ring has no pose yet.
+    """
+    positions, attitudes = ring[:, POSITION], ring[:, QUATERNION]
+    attitude = attitudes[newest]
+    ax, ay, az, aw = -attitude[0], -attitude[1], -attitude[2], attitude[3]
+    younger, n = stamps[newest], 0
+    for back in range(len(stamps)):
+        at = (newest - back) % len(stamps)
+        age = stamps[newest] - stamps[at]  # a difference of integers has no rounding error
+        if stamps[at] == 0 or younger - stamps[at] > gap or (age > window and n >= _FEWEST):
+            break
+        younger = stamps[at]
+        if n > _FEWEST_OF_PARABOLA and t[n - 1] + 1e-9 * age < _THIN * 1e-9 * window:
+            continue
+        t[n] = -1e-9 * age
+        turns = _rotation_vector(attitudes[at], ax, ay, az, aw)
+        for axis in range(3):
+            x[_POSITIONS, axis, n] = positions[at, axis] - positions[newest, axis]
+            x[_ROTATIONS, axis, n] = turns[axis]
+        n += 1
+    return n
+
+
+@inlined
+def _end_slopes(t, x, n, slopes, squares):
+    """Fit a parabola to the newest n poses by least squares; write its slopes at the newest to `slopes`, shape [2, 3].
+
+    Writes the sums of squared misfits of positions and rotations to `squares`. Returns the variance of a slope over the
+    variance of one pose. The fit uses polynomials in time that are orthogonal over the poses: 1, u, and
+    q = u² - skew u - mean.
+    """
+    middle = uu = uuu = qq = 0.0
+    for i in range(n):
+        middle += t[i] / n
+    for i in range(n):
+        u = t[i] - middle
+        uu, uuu = uu + u * u, uuu + u * u * u
+    skew, mean = uuu / uu, uu / n
+    for i in range(n):
+        u = t[i] - middle
+        qq += (u * u - skew * u - mean) ** 2
+    bend = 2.0 * (t[0] - middle) - skew  # dq/dt at the newest pose
+    squares[:] = 0.0
+    for kind in range(2):
+        for axis in range(3):
+            a = b = c = square = 0.0
+            y = x[kind, axis]
+            for i in range(n):
+                u = t[i] - middle
+                a, b, c = a + y[i] / n, b + y[i] * u / uu, c + y[i] * (u * u - skew * u - mean) / qq
+            for i in range(n):
+                u = t[i] - middle
+                square += (y[i] - a - b * u - c * (u * u - skew * u - mean)) ** 2
+            slopes[kind, axis] = b + c * bend
+            squares[kind] += square
+    return 1.0 / uu + bend * bend / qq
+
+
+@compiled
+def _fit(stamps, ring, noise, t, x, twist, misfit, newest, window, gap):
+    """Fit the longest parabola whose misfit is within the `noise`, and write its slopes to `twist`, shape [2, 3].
+
+    Returns the number of poses in the window. With fewer than five the slopes are those of the line through the newest
+    two. A twist within the noise is set to zero. Writes the misfits of the newest pose to `misfit`, of position [m²]
+    and rotation [rad²].
+    """
+    count = n = _recent(stamps, ring, newest, window, gap, t, x)
+    for kind in range(2):
+        misfit[kind] = _misfit(t, x[kind]) if n > 3 else 0.0
+    if n < 2:
+        return n
+    squares, unlike = np.empty(2), True
+    while unlike and n >= _FEWEST_OF_PARABOLA:
+        factor = _end_slopes(t, x, n, twist, squares)
+        free = 3.0 * (n - 3)
+        excess = max(squares[_POSITIONS] / noise[_POSITIONS], squares[_ROTATIONS] / noise[_ROTATIONS])
+        unlike = excess > free + _UNLIKELY * math.sqrt(2.0 * free)
+        n = 4 * n // 5
+    if unlike:
+        factor = 2.0 / (t[1] * t[1])
+        for kind in range(2):
+            for axis in range(3):
+                twist[kind, axis] = x[kind, axis, 1] / t[1]
+    still = True
+    for kind in range(2):
+        square = twist[kind, 0] ** 2 + twist[kind, 1] ** 2 + twist[kind, 2] ** 2
+        bound = _MOVES * noise[kind] * factor
+        still = still and (square == 0.0 or square <= bound < np.inf)  # the noise is infinite until it is estimated
+    if still:
+        twist[:] = 0.0
+    return count
+
+
+@inlined
+def _misfit(t, x):
+    """Squared distance of pose 0, the origin, from the parabola through poses 1 to 3; scaled to one pose's variance.
+
+    `x`: coordinates of one kind, shape [3, n].
+    """
+    p, q, r = t[1], t[2], t[3]
+    a, b, c = q * r / ((p - q) * (p - r)), p * r / ((q - p) * (q - r)), p * q / ((r - p) * (r - q))
+    square = 0.0
+    for axis in range(3):
+        y = x[axis]
+        square += (a * y[1] + b * y[2] + c * y[3]) ** 2
+    return square / (1.0 + a * a + b * b + c * c)
