@@ -15,7 +15,6 @@ from typing import Any
 
 import numpy as np
 
-from rft_ros.bags.playback import push_all
 from rft_ros.errors import InputError
 from rft_ros.estimator import (
     Estimate,
@@ -192,10 +191,9 @@ def run(seed: int, *, count: int = 150) -> tuple[list[object], Law | None]:
     answers: list[object] = []
     hostile = float(random.choice([0.0, 0.03, 0.3]))
     for sample in random_samples(random, values, count, hostile=hostile):
-        for one, answer in push_all(estimator, sample):
-            if isinstance(one, PoseSample):
-                _check(answer, one)
-                answers.append(answer)
+        for pose, answer in estimator.answers(sample):
+            _check(answer, pose)
+            answers.append(answer)
         if random.random() < 0.01:
             _change(random, estimator, values)
     estimator.finish()

@@ -10,17 +10,17 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.reading import NAMES, Recording, bag_name
 from rft_ros.errors import InputError, shown
-from rft_ros.estimator import Estimate, Estimator, Model, NoEstimate, Reason, Sample
+from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, Sample
+from rft_ros.estimator.samples import Answer
 from rft_ros.ground import HeightMap
 from rft_ros.messages import Role
 from rft_ros.parameters import NODE, LoadCell, Values, section_parameters, settings_of
 from rft_ros.progress import bar
 from rft_ros.rft import FORCE, QUATERNION
 
-__all__ = ["Played", "ReplayOptions", "play", "push_all", "read_replay_options", "reasons", "states_of", "topics_of"]
+__all__ = ["Played", "ReplayOptions", "play", "read_replay_options", "reasons", "states_of", "topics_of"]
 __all__ += ["world_forces"]
 
-_Answer = Estimate | NoEstimate | None
 _SECTION = "rft_replay"
 _BAR_PERIOD = 512  # samples between updates of the progress bar
 
@@ -93,25 +93,21 @@ def _resolved(name: str, node: str) -> str:
     return name if name.startswith("/") else f"{node.rpartition('/')[0]}/{name}"
 
 
-def push_all(estimator: Estimator, sample: Sample) -> Iterator[tuple[Sample, _Answer]]:
-    """Push a sample, and with `pose_source` tf the poses that it completes. Yields each, with the answer to a pose."""
-    yield sample, estimator.push(sample)
-    for pose in estimator.poses_after(sample):
-        yield pose, estimator.push_pose(pose)
-
-
-def play(recording: Recording, estimator: Estimator) -> Iterator[tuple[Sample, _Answer]]:
-    """Push every sample of an open recording as `push_all`. Yields each, with the answer to a pose.
+def play(recording: Recording, estimator: Estimator) -> Iterator[tuple[Sample, Answer | None]]:
+    """Push every sample of an open recording. Yields each sample, and each pose with its answer (`Estimator.answers`).
 
     At the end all measurements are final, and messages that cannot be decoded are counted.
     """
     label, from_transforms = bag_name(recording.bag), estimator.settings.pose_source == "tf"
     with bar(label, recording.last - recording.first) as update:
         for number, sample in enumerate(recording):
-            for pushed, answer in push_all(estimator, sample):
-                if from_transforms and answer is not None:
+            answers = estimator.answers(sample)
+            if not isinstance(sample, PoseSample):
+                yield sample, None
+            for pose, answer in answers:
+                if from_transforms:
                     recording.counts["pose"] += 1
-                yield pushed, answer
+                yield pose, answer
             if number % _BAR_PERIOD == 0:
                 update(recording.time - recording.first, label)
     estimator.finish()
@@ -148,7 +144,7 @@ def states_of(bag: Path, values: Values, model: Model, options: ReplayOptions) -
                 wrenches.append(answer.predicted)
     if not states:
         raise InputError(f"bag '{bag}' has no pose with an estimate ({reasons(recording, estimator)})")
-    forces = world_forces(np.array(wrenches), np.array(states), estimator.settings.load_cell)
+    forces = world_forces(np.array(wrenches), np.array(states), estimator.load_cell)
     return Played((np.array(stamps) - stamps[0]) * 1e-9, np.array(states), forces, estimator.ground)
 
 

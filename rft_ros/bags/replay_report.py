@@ -233,7 +233,7 @@ def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
         return
     title, settings = "Tool and traction", estimator.settings
     times, states, ground = 1e-9 * (rows["stamp"] - begin), np.array(rows["state"]), estimator.ground
-    forces, height = world_forces(rows["predicted"], states, settings.load_cell), settings.surface_height
+    forces, height = world_forces(rows["predicted"], states, estimator.load_cell), settings.surface_height
     drawn = animate(title, model.tool, model.law, times, states, forces, surface_height=height, ground=ground)
     shown = what_is_shown(model.law, learned=settings.learning_mode == "apply")
     where = "World axes; the surface is the one at the end. The slider selects a moment in the grains."

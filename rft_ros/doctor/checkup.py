@@ -9,7 +9,6 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.estimates import Rows, Run
-from rft_ros.bags.playback import push_all
 from rft_ros.doctor.finding import Finding
 from rft_ros.estimator import Estimator, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
 from rft_ros.estimator.air_reading import is_offset
@@ -89,11 +88,10 @@ class Checkup:
             if role in self._heard:
                 self._heard[role].append(_Heard(time, stamp, frame))
         e = self._estimator
-        for _, answer in push_all(e, sample):
-            if answer is not None:
-                self._run.add(answer)
-                if e.estimates == 1 and time - self._began <= _START:
-                    self._at_start = self._at_start or Counter(e.counts)
+        for _, answer in e.answers(sample):
+            self._run.add(answer)
+            if e.estimates == 1 and time - self._began <= _START:
+                self._at_start = self._at_start or Counter(e.counts)
 
     def findings(self, *, complete: bool = True) -> list[Finding]:
         """The findings, after the last sample. A cause comes before its effects.
@@ -261,7 +259,7 @@ class Checkup:
             found: _Array = ((predicted * force).sum(axis=0) / np.maximum(scale, 1e-12))[axes]
             return found
 
-        found, cell = alike(measured), self._estimator.settings.load_cell
+        found, cell = alike(measured), self._estimator.load_cell
         to_set, to_check = self._of_place()
         shown = ", ".join(f"{name} {r:.2f}" for name, r in zip(np.array([*"xyz"])[axes], found, strict=True))
         if (found >= _ALIKE).all():

@@ -2,7 +2,9 @@
 
 import math
 from collections import Counter, deque
+from collections.abc import Iterator
 from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +16,16 @@ from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, PastPose, Prediction, mean_in_air
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
 from rft_ros.estimator.quality import QualityMonitor
-from rft_ros.estimator.samples import NEW_RUN, Estimate, PoseSample, Reason, RefusedError, TransformSample, Wrench
+from rft_ros.estimator.samples import (
+    NEW_RUN,
+    Answer,
+    Estimate,
+    PoseSample,
+    Reason,
+    RefusedError,
+    TransformSample,
+    Wrench,
+)
 from rft_ros.estimator.sigma import Withdrawal, predict_without_learning
 from rft_ros.ground import GroundMapper, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
@@ -28,10 +39,37 @@ __all__ = ["Estimator"]
 
 Array = NDArray[np.float64]
 
-_AXES = ("world_frame", "tool_frame")
 _SLIVER = 0.01  # of a tool's area: merged plates reach beyond the tool, and may be submerged when it is 6 mm above
 _SLACK_OVER_NOISE = 5.0  # dead band of the memory over the poses' noise at the tool's tip, so that noise is no motion
 _SLACK_MOST = 5e-4  # m
+
+
+class _Changes(NamedTuple):
+    """What changes between two settings and models."""
+
+    axes: bool
+    surface_height: bool
+    tool: bool
+    ground: bool
+    law: bool
+    memory: bool
+    learning: bool
+
+
+def _changes(old: Settings, old_model: Model, new: Settings, new_model: Model) -> _Changes:
+    """`axes`: another world or tool frame. `memory`: the law has memory, or has none any more.
+
+    `learning`: it begins, ends, or has another prior.
+    """
+    return _Changes(
+        axes=(new.world_frame, new.tool_frame) != (old.world_frame, old.tool_frame),
+        surface_height=new.surface_height != old.surface_height,
+        tool=new_model.tool is not old_model.tool,
+        ground=new_model.ground is not old_model.ground,
+        law=new_model.law != old_model.law,
+        memory=new_model.law.has_memory != old_model.law.has_memory,
+        learning=(new.learning_mode == "off") != (old.learning_mode == "off") or new.zeta_error != old.zeta_error,
+    )
 
 
 class Estimator:
@@ -44,13 +82,16 @@ class Estimator:
     transforms that were pushed.
 
     `estimates`: how many poses had an estimate. `counts`: for each `Reason`, how many samples were refused, or how many
-    poses had no estimate or no residual. `learning`: the filter of the medium's strength; None
-    while `learning_mode` is off. `transforms`: the tree of frames.
+    poses had no estimate or no residual. `settings` and `model`: those in use. `learning`: the filter of the medium's
+    strength; None while `learning_mode` is off. `transforms`: the tree of frames.
     """
 
     def __init__(self, settings: Settings, model: Model) -> None:
         self.counts, self.estimates = Counter[Reason](), 0
         self.settings, self.model = settings, model
+        self._load_cell_frame: LoadCellFrame | None = None
+        self.load_cell = settings.load_cell
+        """The load cell of the settings. With `sensor_source` tf, at the place that the transforms give."""
         self.learning: Learning | None = None
         self._memory: Memory | None = None
         self._comparison, self._air = Comparison(self.counts), AirReading()
@@ -66,6 +107,7 @@ class Estimator:
         self.state: Array = np.zeros(len(STATE))
         """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
         self._start_tool()
+        self._start_learning()
         self.use(settings=settings)
 
     # --- queries
@@ -118,70 +160,66 @@ class Estimator:
         another `world_frame` or `tool_frame` drops all other samples, the path and the changes of the ground. Another
         tool keeps the learned strength of the bed; another medium or law resets it.
         """
-        old, old_model = self.settings, self.model
-        s, m = settings or old, model or old_model
+        s, m = settings or self.settings, model or self.model
         if settings is not None:
             number("surface_height", s.surface_height)
-        self._law, self._limits = packed_law(m.law), m.law.speed_limits
+        changes, load_cell_before = _changes(self.settings, self.model, s, m), self.load_cell
         self.settings, self.model = s, m
+        self._law, self._limits = packed_law(m.law), m.law.speed_limits
         self.surface = LocalSurface(s.surface_height)
-        new_tool, new_ground = m.tool is not old_model.tool, m.ground is not old_model.ground
-        new_axes = settings is not None and any(getattr(s, name) != getattr(old, name) for name in _AXES)
         if settings is not None:
             self._intake.use_settings(s)
             self._kinematics.use_settings(s)
             self._comparison.max_age = round(s.max_input_age * 1e9)
             self._place_sensor()
-            s = self.settings
-        if self.learning is not None:
-            self._learn_readings()  # with the filter so far, before the changes below
-        if new_ground:
+        self._learn_readings()  # those of the load cell so far, before it and the filter change below
+        if changes.ground:
             self._use_ground(m)
-        elif new_tool and self._mapper is not None:
+        elif changes.tool and self._mapper is not None:
             self._mapper.use_tool(m.tool.corners)
         self._kinematics.reach = m.tool.plates.reach
-        if new_axes:
+        if changes.axes:
             self._start_run()
-        elif new_tool:
+        elif changes.tool:
             self._start_tool()
-        elif m.law.has_memory != (self._memory is not None):
+        elif changes.memory:
             self._start_memory()
-
-        new_place = new_tool or new_axes or new_ground or s.surface_height != old.surface_height
-        self._use_in_learning(before=old, new_law=m.law != old_model.law, new_place=new_place)
+        if changes.learning:
+            self._start_learning()
+        self._use_in_learning(changes, new_load_cell=self.load_cell != load_cell_before)
 
     def _use_ground(self, model: Model) -> None:
         """Start with the model's map of the ground. A level plane needs no mapper."""
         self._mapper = None if model.ground is None else GroundMapper(model.ground, model.tool.corners)
 
-    def _use_in_learning(self, *, before: Settings, new_law: bool, new_place: bool) -> None:
-        """Apply the current settings and model to what is learned from the load cell. `before`: the last settings."""
-        s = self.settings
-        learns = s.learning_mode != "off"
-        if learns != (self.learning is not None) or s.zeta_error != before.zeta_error:
-            self.learning = None
-            if learns:
-                self.learning = Learning(lag=s.learning_lag, strength_error=s.strength_error, air=self._air)
-        if s.load_cell != before.load_cell:
+    def _start_learning(self) -> None:
+        """Start to learn from the load cell with the prior, or do not learn any more."""
+        s, self.learning = self.settings, None
+        if s.learning_mode != "off":
+            self.learning = Learning(lag=s.learning_lag, strength_error=s.strength_error, air=self._air)
+
+    def _use_in_learning(self, changes: _Changes, *, new_load_cell: bool) -> None:
+        """Apply the current settings and model to what was learned, and forget what they change."""
+        if new_load_cell:
             self._air.forget()
         if self.learning is None:
             return
-        self.learning.use(lag=s.learning_lag, reach=self.model.tool.plates.reach)
-        if new_law:
+        self.learning.use(lag=self.settings.learning_lag, reach=self.model.tool.plates.reach)
+        if changes.law:
             self.learning.forget()
-        elif new_place:
+        elif changes.tool or changes.axes or changes.ground or changes.surface_height:
             self.learning.forget_place()
 
     def _place_sensor(self) -> None:
         """Prepare the load cell's frame. With `sensor_source` tf its place comes from fixed transforms, once known."""
         s = self.settings
-        self._cell: LoadCellFrame | None = None
+        self.load_cell, self._load_cell_frame = s.load_cell, None
         if s.sensor_source == "tf":
             found = self.transforms.fixed(s.tool_frame, s.sensor_frame)
             if found is None:
                 return
-            self.settings = s = replace(s, load_cell=replace(s.load_cell, **found._asdict()))
-        self._cell = LoadCellFrame(s.load_cell)
+            self.load_cell = replace(s.load_cell, **found._asdict())
+        self._load_cell_frame = LoadCellFrame(self.load_cell)
 
     def _start_tool(self) -> None:
         """Start with a tool that has not moved yet: no path, no memory, no flags."""
@@ -213,8 +251,11 @@ class Estimator:
 
     # --- samples
 
-    def push(self, sample: samples.Sample) -> Estimate | samples.NoEstimate | None:
-        """Push a sample of any kind; returns the answer to a pose. An unusable sample is counted by its reason."""
+    def push(self, sample: samples.Sample) -> Answer | None:
+        """Push a sample of any kind; returns the answer to a pose. An unusable sample is counted by its reason.
+
+        Poses from transforms are left out; see `answers`.
+        """
         if isinstance(sample, PoseSample):
             return self.push_pose(sample)
         parts = (sample,) if isinstance(sample, samples.Stamped) else sample
@@ -228,9 +269,18 @@ class Estimator:
         self._learn_readings()
         return None
 
-    def poses_after(self, sample: samples.Sample) -> list[PoseSample]:
-        """With `pose_source` tf, call this after `push`: the poses that the sample completed, which are pushed next."""
-        return self._intake.poses_after(sample)
+    def answers(self, sample: samples.Sample) -> Iterator[tuple[PoseSample, Answer]]:
+        """Push a sample of any kind, and answer the poses that it completes. Yields each pose with its answer.
+
+        A pose completes itself. With `pose_source` tf a sample may complete poses from transforms. Each pose is
+        answered when the iterator comes to it, so `state`, `surface` and `learning` belong to that answer.
+        """
+        if isinstance(sample, PoseSample):
+            poses = [sample]
+        else:
+            self.push(sample)
+            poses = self._intake.poses_after(sample)
+        return ((pose, self.push_pose(pose)) for pose in poses)
 
     def measurements(self) -> list[samples.Measurement]:
         """The measurements that became final since the last call; each estimate gets one, in the order of estimates."""
@@ -249,29 +299,34 @@ class Estimator:
         """
         rest, reach = self.settings.rest_speed, self.model.tool.plates.reach
         mean = mean_in_air(self._comparison.samples, self._poses, window, rest_speed=rest, reach=reach)
-        cell = self._cell or LoadCellFrame(self.settings.load_cell)
-        _, offset, _ = cell.into_sensor(self.state[QUATERNION], np.zeros(12))
-        fx, fy, fz, tx, ty, tz = (mean - cell.sign * np.array(offset) + self.settings.load_cell.bias).tolist()
+        frame = self._load_cell_frame or LoadCellFrame(self.load_cell)
+        _, offset, _ = frame.into_sensor(self.state[QUATERNION], np.zeros(12))
+        fx, fy, fz, tx, ty, tz = (mean - frame.sign * np.array(offset) + self.load_cell.bias).tolist()
         return fx, fy, fz, tx, ty, tz
 
     # --- poses
 
-    def push_pose(self, sample: PoseSample) -> Estimate | samples.NoEstimate:
+    def push_pose(self, sample: PoseSample) -> Answer:
         """The prediction at a pose, or the reason why there is none."""
         try:
-            answer = self._tick(sample)
+            estimate = self._estimate(sample)
         except RefusedError as refused:
             self.counts[refused.reason] += 1
             if refused.reason in UNKNOWN_VELOCITY:
                 self._poses.append(PastPose(sample, f"the tool's velocity was unknown ({refused.reason})"))
             return samples.NoEstimate(sample.stamp, refused.reason)
         self.estimates += 1
-        return answer
+        return estimate
 
-    def _tick(self, sample: PoseSample) -> Estimate:
+    def _estimate(self, sample: PoseSample) -> Estimate:
+        """The estimate at a pose, in the steps of docs/architecture.md.
+
+        Raises `RefusedError` with the reason if a step has no result.
+        """
         pose = self._accepted(sample)
         self._learn_readings()
-        if (cell := self._cell) is None:
+        frame = self._load_cell_frame
+        if frame is None:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
         motion = self._kinematics.at(pose)
         state = motion.state[0]
@@ -279,7 +334,7 @@ class Estimator:
             self.surface = self._mapper.surface_at(state, self.settings.surface_height)
         row, force, area = self._model_wrench(motion)
         in_grains = area > 0.0
-        self._poses.append(PastPose(pose, "the tool was in the grains" if in_grains else ""))
+        self._poses.append(PastPose(pose, "the tool was in the grains" if in_grains else None))
         self._withdrawal.follow(motion, force, in_grains=in_grains)
         with_sigma = self._corrected(motion, row)
         self._withdrawal.widen(with_sigma)
@@ -287,8 +342,8 @@ class Estimator:
         if in_grains and motion.rests and self._memory is None:
             # only now: a tare and the phases need the state of a tool at rest, and late readings update the filter
             raise RefusedError(Reason.AT_REST)
-        wrench, offset, sigma = cell.into_sensor(state[QUATERNION], with_sigma)
-        self._comparison.add(Prediction(pose, wrench, offset, cell, in_air=not in_grains))
+        wrench, offset, sigma = frame.into_sensor(state[QUATERNION], with_sigma)
+        self._comparison.add(Prediction(pose, wrench, offset, frame, in_air=not in_grains))
         self._learn_readings()  # the reading at this pose may have come already; it decides flags
         learning = self.learning
         flags = self._quality.flags(

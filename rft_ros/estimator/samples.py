@@ -8,9 +8,19 @@ from rft_ros.ground import Cloud
 from rft_ros.rft.placement import Quaternion, Vector, Wrench
 
 __all__ = ["ABSURD", "FRAME_UNKNOWN", "LATE", "NEW_RUN", "NEXT", "OF_TRANSFORMS", "PATIENCE", "REPEATED", "STAMP_ZERO"]
-__all__ += ["TIME_JUMP", "Estimate", "Measurement", "NoEstimate", "PoseSample", "Reason", "RefusedError", "Sample"]
-__all__ += ["Stamped", "Succession", "TransformSample", "TwistSample", "Vector", "Wrench", "WrenchSample", "around"]
-__all__ += ["succession"]
+__all__ += [
+    "TIME_JUMP",
+    "Answer",
+    "Estimate",
+    "Measurement",
+    "NoEstimate",
+    "PoseSample",
+    "Reason",
+    "RefusedError",
+    "Sample",
+]
+__all__ += ["Stamped", "Succession", "TransformSample", "TwistSample", "Vector", "Wrench", "WrenchSample"]
+__all__ += ["around", "succession"]
 
 ABSURD = 1e100
 """Larger numbers [m, N, N m] count as not finite: their squares would overflow."""
@@ -259,6 +269,10 @@ class NoEstimate(NamedTuple):
 
     stamp: int
     reason: Reason
+
+
+Answer = Estimate | NoEstimate
+"""The answer to a pose."""
 
 
 class Measurement(NamedTuple):

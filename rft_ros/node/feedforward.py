@@ -98,7 +98,7 @@ class FeedForward:
 
     def _target(self, wrench: Wrench) -> Wrench:
         if self._frame != "sensor_frame":
-            cell = self._estimator.settings.load_cell
+            cell = self._estimator.load_cell
             wrench = Placement(cell.position, cell.quaternion).wrench(wrench)
         if self._frame == "world_frame":
             _, _, _, qx, qy, qz, qw, *_ = self._estimator.state.tolist()

@@ -59,7 +59,8 @@ class Markers:
         e = self._estimator
         self._answer = answer
         self._state[:] = e.state
-        self._model, self._settings, self._surface, self._ground = e.model, e.settings, e.surface, e.ground
+        self._model, self._settings, self._load_cell = e.model, e.settings, e.load_cell
+        self._surface, self._ground = e.surface, e.ground
 
     def publish(self) -> None:
         """Draw the last estimate and measurement, if there is a subscriber and the estimate is new."""
@@ -69,7 +70,7 @@ class Markers:
         self._answer = None
         self._publish_tool(answer.stamp)
         position, quaternion, _ = np.split(self._state, [3, 7])
-        to_world = rotation_matrix(quaternion) @ rotation_matrix(self._settings.load_cell.quaternion)
+        to_world = rotation_matrix(quaternion) @ rotation_matrix(self._load_cell.quaternion)
         markers = [self._surface_around(answer.stamp)]
         for number, wrench, colour in ((1, answer.predicted, _PREDICTED), (2, self.measured, _MEASURED)):
             if wrench is not None:

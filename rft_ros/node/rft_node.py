@@ -15,6 +15,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import JointState
 
 from rft_ros.estimator import Estimate, Estimator, PoseSample, Reason, Sample, Stamped
+from rft_ros.estimator.samples import Answer
 from rft_ros.messages import UNREADABLE, Role, decoder, wrench_cdr
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
@@ -122,26 +123,32 @@ class RftNode(Node):
             self.estimator.push(sample)
 
     def _on_input(self, role: Role, data: bytes) -> None:
-        """Push a sample that is neither pose nor twist; answer the poses and measurements that it completes."""
+        """Push a sample that is neither pose nor twist; publish the answers and measurements that it completes."""
+        start = perf_counter()
         if (sample := self._received(role, data)) is None:
             return
-        self.estimator.push(sample)
-        for pose in self.estimator.poses_after(sample):
+        if self.estimator.settings.pose_source == "tf":
+            self._take_twists()
+        for pose, answer in self.estimator.answers(sample):
             self._diagnostics.received("pose", pose.stamp)
-            self._answer(pose, perf_counter())
+            self._publish(answer, start)
+            start = perf_counter()
         self._publish_measurements()
 
     def _on_pose(self, data: bytes) -> None:
         start = perf_counter()
         if isinstance(sample := self._received("pose", data), PoseSample):
-            self._answer(sample, start)
+            self._take_twists()
+            self._publish(self.estimator.push_pose(sample), start)
 
-    def _answer(self, sample: PoseSample, start: float) -> None:
-        # First the twists that arrived before this pose, since rclpy may call back in another order (4 us if none).
+    def _take_twists(self) -> None:
+        """Push the twists that arrived before a pose, since rclpy may call back in another order (4 us if none)."""
         with self._twists.handle:
             while (taken := self._twists.handle.take_message(TwistStamped, True)) is not None:
                 self._on_twist(taken[0])
-        answer = self.estimator.push_pose(sample)
+
+    def _publish(self, answer: Answer, start: float) -> None:
+        """Publish the answer to a pose. `start`: when its callback began, a time of `perf_counter` [s]."""
         if isinstance(answer, Estimate):
             self._predicted.publish(self._serialise(answer.stamp, answer.predicted))
             self.feedforward.estimated(answer)
