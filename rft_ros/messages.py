@@ -15,7 +15,7 @@ import numpy as np
 from rft_ros.estimator.samples import PoseSample, Sample, TransformSample, TwistSample, Wrench, WrenchSample
 from rft_ros.ground import Cloud
 
-__all__ = ["TYPES", "UNREADABLE", "Role", "decoder", "wrench_cdr"]
+__all__ = ["TOPICS", "TYPES", "UNREADABLE", "Role", "decoder", "wrench_cdr"]
 
 Role = Literal["pose", "twist", "wrench", "surface", "tf", "tf_static"]
 """The inputs of an estimator."""
@@ -29,6 +29,16 @@ TYPES: dict[Role, str] = {
     "tf_static": "tf2_msgs/msg/TFMessage",
 }
 """Message type of each role's topic."""
+
+TOPICS: dict[Role, str] = {
+    "pose": "~/pose",
+    "twist": "~/twist",
+    "wrench": "~/wrench_measured",
+    "surface": "~/surface_points",
+    "tf": "/tf",
+    "tf_static": "/tf_static",
+}
+"""The node's own name for the topic of each role, before remaps."""
 
 UNREADABLE = (ValueError, struct.error)
 """What a decoder raises for bytes that are not a message of its type."""

@@ -2,8 +2,10 @@
 
 import io
 from bz2 import BZ2Decompressor
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from pathlib import Path
+from threading import Lock
 from types import SimpleNamespace
 from typing import Any, BinaryIO
 
@@ -13,7 +15,7 @@ from rosbags.rosbag1 import reader as rosbag1
 from rosbags.rosbag2 import reader as rosbag2
 from rosbags.rosbag2 import storage_mcap
 
-__all__ = ["MOST_BYTES", "LimitError", "LimitedPath", "unpacked"]
+__all__ = ["MOST_BYTES", "LimitError", "LimitedPath", "limited_rosbags", "unpacked"]
 
 MOST_BYTES = 256 * 2**20
 """Greatest size of a record or a chunk. Recorders write chunks of up to some MiB."""
@@ -113,9 +115,44 @@ def _limited(compression: str) -> Callable[..., bytes]:
     return lambda data, size=None: unpacked(data, compression, size)
 
 
-# rosbags has no option for a limit, but it takes the decompressor of every chunk from these two tables, and that of a
-# bag with compression_mode file or message, and the path of the unpacked file, from the reader's module.
-storage_mcap.DECOMPRESSORS.update({name: _limited(name) for name in ("lz4", "zstd")})
-rosbag1.decompressors.update({name: _limited(name) for name in ("lz4", "bz2")})
-_zstd = SimpleNamespace(open=_UnpackedFile, decompress=lambda data: unpacked(data, "zstd", what="a message"))
-vars(rosbag2).update(zstd=_zstd, Path=LimitedPath)
+# rosbags has no option for a limit, but it takes the decompressor of every chunk from two tables, and that of a bag
+# with compression_mode file or message, and the path of the unpacked file, from the reader's module.
+_ZSTD = SimpleNamespace(open=_UnpackedFile, decompress=lambda data: unpacked(data, "zstd", what="a message"))
+_REPLACED: tuple[tuple[dict[str, Any], dict[str, Any]], ...] = (
+    (storage_mcap.DECOMPRESSORS, {name: _limited(name) for name in ("lz4", "zstd")}),
+    (rosbag1.decompressors, {name: _limited(name) for name in ("lz4", "bz2")}),
+    (vars(rosbag2), {"zstd": _ZSTD, "Path": LimitedPath}),
+)
+_lock = Lock()
+_users = 0  # blocks that read with limits now
+_originals: list[dict[str, Any]] = []
+
+
+@contextmanager
+def limited_rosbags() -> Iterator[None]:
+    """Let the readers of rosbags unpack no more than the limits, in this block; afterwards they are as before.
+
+    Blocks may overlap, also in several threads. Raises RuntimeError if rosbags does not have what is replaced: a later
+    version of it would read without limits.
+    """
+    global _users
+    with _lock:
+        for names, limited in _REPLACED:
+            missing = limited.keys() - names.keys()
+            if missing:
+                raise RuntimeError(
+                    f"rosbags has no {', '.join(sorted(missing))} any more, by which its memory is limited"
+                )
+        if _users == 0:
+            _originals[:] = [{name: names[name] for name in limited} for names, limited in _REPLACED]
+            for names, limited in _REPLACED:
+                names.update(limited)
+        _users += 1
+    try:
+        yield
+    finally:
+        with _lock:
+            _users -= 1
+            if _users == 0:
+                for (names, _), originals in zip(_REPLACED, _originals, strict=True):
+                    names.update(originals)

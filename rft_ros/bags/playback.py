@@ -8,12 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.reading import NAMES, Recording, bag_name
+from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.errors import InputError, shown
 from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, Sample
 from rft_ros.estimator.samples import Answer
 from rft_ros.ground import HeightMap
-from rft_ros.messages import Role
+from rft_ros.messages import TOPICS, Role
 from rft_ros.parameters import NODE, LoadCell, Values, section_parameters, settings_of
 from rft_ros.progress import bar
 from rft_ros.rft import FORCE, QUATERNION
@@ -68,7 +68,7 @@ def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> di
     A later rule overrides an earlier one. With `pose_source` tf, /tf takes the place of the topic of poses. Raises
     InputError for a rule that cannot be used.
     """
-    topics = {role: _resolved(name, node) for role, name in NAMES.items()}
+    topics = {role: _resolved(name, node) for role, name in TOPICS.items() if role != "tf_static"}
     roles = {topic: role for role, topic in topics.items()}
     for rule in remap:
         left, separator, right = (part.strip() for part in rule.partition(":="))
@@ -76,7 +76,7 @@ def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> di
             raise InputError(f"remap '{rule}' is not of the form FROM:=TO, such as ~/pose:=/tool_pose")
         role = roles.get(_resolved(left, node) if left.startswith(("/", "~")) else "")
         if role is None:
-            raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(NAMES.values())}")
+            raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(TOPICS[role] for role in topics)}")
         topics[role] = _resolved(right, node)
     unused: set[Role] = {"pose"} if values["pose_source"] == "tf" else {"tf"}
     if values["twist_source"] != "topic":

@@ -7,6 +7,7 @@ from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from dataclasses import replace
 from pathlib import Path
+from struct import Struct
 from tempfile import TemporaryDirectory
 from typing import BinaryIO
 
@@ -18,32 +19,26 @@ from mcap.writer import CompressionType, Writer
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
-from rft_ros.bags.limits import MOST_BYTES, LimitedPath, LimitError, unpacked
+from rft_ros.bags.limits import MOST_BYTES, LimitedPath, LimitError, limited_rosbags, unpacked
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.estimator import Sample, TransformSample
 from rft_ros.files import checked_file, resolved
-from rft_ros.messages import TYPES, UNREADABLE, Role, decoder
+from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder
 
-__all__ = ["NAMES", "Recording", "bag_name"]
+__all__ = ["Recording", "bag_name"]
 
 _Reader = Reader1 | Reader2
 
 _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
 
-NAMES: dict[Role, str] = {
-    "pose": "~/pose",
-    "twist": "~/twist",
-    "wrench": "~/wrench_measured",
-    "surface": "~/surface_points",
-    "tf": "/tf",
-}
-"""The node's own name for the topic of each role, before remaps."""
-
 _INSTEAD: dict[Role, str] = {"pose": "pose_source: tf, or ", "twist": "twist_source: pose_difference, or "}
 _REPAIRS = {".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
 _LATEST = 100_000_000  # greatest delay of a message in its file that is still sorted [ns], as in split bags
 _TOGETHER = 256  # messages sorted at a time
-_CHUNK_HEAD = 49  # bytes before the records of an uncompressed chunk (https://mcap.dev/spec)
+_CHUNK_HEAD = Struct("<BQQQQII8x")
+"""The bytes before the records of an uncompressed chunk (https://mcap.dev/spec): opcode, length, start and end time,
+uncompressed size, CRC, length of the name of the compression, which is 0, and length of the records.
+"""
 _SUFFIXES = (".mcap", ".db3", ".bag")
 _MOST_METADATA = 2**24  # bytes
 
@@ -117,9 +112,11 @@ def _records(stream: BinaryIO) -> Iterator[McapRecord]:
             at = stream.tell()
     except EndOfFile:
         stream.seek(at)
-        head = stream.read(_CHUNK_HEAD)
-        is_chunk, length_of_compression = head[:1] == bytes([Opcode.CHUNK]), head[37:41]
-        if is_chunk and not any(length_of_compression):
+        head = stream.read(_CHUNK_HEAD.size)
+        if len(head) < _CHUNK_HEAD.size:
+            return
+        opcode, _, _, _, _, _, length_of_compression = _CHUNK_HEAD.unpack(head)
+        if opcode == Opcode.CHUNK and length_of_compression == 0:
             yield from StreamReader(stream, skip_magic=True, record_size_limit=MOST_BYTES).records
 
 
@@ -159,6 +156,7 @@ class Recording:
 
     def __enter__(self) -> "Recording":
         with file_errors(f"bag '{self.bag}'", "read"), ExitStack() as opened:
+            opened.enter_context(limited_rosbags())
             self._readers = sorted(self._open(opened), key=lambda reader: reader.start_time)
             if not sum(reader.message_count for reader in self._readers):
                 raise InputError(f"bag '{self.bag}' has no messages" + (f" ({self._why})" if self._why else ""))
@@ -302,6 +300,6 @@ class Recording:
                     continue
                 fault = f": {role} topic '{topic}' {is_not}"
             fits = next((t for t, types in found.items() if types == [wanted]), "TOPIC")
-            advice = f"{_INSTEAD.get(role, '')}--remap {NAMES[role]}:={fits}"
+            advice = f"{_INSTEAD.get(role, '')}--remap {TOPICS[role]}:={fits}"
             there = ", ".join(f"{topic} ({' and '.join(types)})" for topic, types in found.items())
             raise InputError(f"bag '{self.bag}'{fault} (use {advice}); it has {there}")

@@ -18,6 +18,7 @@ from rft_ros.bags.phases import PHASES
 from rft_ros.errors import InputError, shown
 from rft_ros.estimator import Reason
 from rft_ros.estimator.air_reading import OFFSET_SENTENCE, is_offset
+from rft_ros.estimator.plausible import begins_in_grains
 from rft_ros.estimator.quality import QualityFlag, Trust, trust
 from rft_ros.files import read_yaml
 from rft_ros.messages import Role
@@ -226,8 +227,7 @@ def _warnings_of_poses(rows: Rows) -> list[str]:
         return [f"{QualityFlag.IMPOSSIBLE.sentence} (at {impossible:,} poses)"]
     first_depth = float(answered["depth"][0]) if len(answered) else 0.0
     if first_depth > _TOUCHES:
-        advice = "if it was in the air, check mesh.origin, mesh.quaternion and surface_height"
-        return [f"the first estimate is {1e3 * first_depth:.1f} mm deep in the grains: {advice}"]
+        return [begins_in_grains(first_depth)]
     return []
 
 

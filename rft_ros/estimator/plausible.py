@@ -3,7 +3,8 @@
 from rft_ros.tool import Tool
 from rft_ros.tool.plausible_size import LARGEST, SMALLEST
 
-__all__ = ["DEEPEST", "DEEPEST_OF_SIZE", "HIGHEST", "LARGEST_FORCE", "deepest", "is_plausible_tool", "sentence_on"]
+__all__ = ["DEEPEST", "DEEPEST_OF_SIZE", "HIGHEST", "LARGEST_FORCE", "begins_in_grains", "deepest", "is_plausible_tool"]
+__all__ += ["sentence_on"]
 
 LARGEST_FORCE = 5e5
 """Greatest plausible force [N], more than that of any arm and than the breakout force of an excavator of 50 t."""
@@ -23,6 +24,12 @@ def deepest(tool: Tool) -> float:
 def is_plausible_tool(tool: Tool) -> bool:
     """Whether a tool of this size can move through grains on an arm."""
     return SMALLEST <= tool.size <= LARGEST
+
+
+def begins_in_grains(depth: float) -> str:
+    """A sentence on a first estimate that is at this depth in the grains [m]."""
+    advice = "if the tool was in the air there, check mesh.origin, mesh.quaternion and surface_height"
+    return f"the first estimate is {1e3 * depth:.1f} mm deep in the grains: {advice}"
 
 
 def sentence_on(tool: Tool, *, depth: float, force: float) -> str:

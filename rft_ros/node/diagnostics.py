@@ -9,6 +9,7 @@ from rclpy.node import Node
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Reason
 from rft_ros.estimator.learning import Learning
+from rft_ros.estimator.plausible import begins_in_grains
 from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
 from rft_ros.messages import Role
 from rft_ros.node.swap import Swap
@@ -29,7 +30,7 @@ class Diagnostics:
         self._ongoing: dict[str, int] = {}  # for each problem, the number of reports since it was last present
         self._idle = True  # no pose came in the second before the last report
         self._answered = False  # whether an estimate has come
-        self._first_depth = 0.0  # of a first estimate that is in the grains [m], until it is logged
+        self._first_depth: float | None = None  # of a first estimate that is in the grains [m], until it is logged
         self._start_period()
 
     def _start_period(self) -> None:
@@ -48,7 +49,8 @@ class Diagnostics:
         self._quality_flags |= estimate.quality_flags
         self._fastest = max(self._fastest, estimate.speed_bound)
         if not self._answered and estimate.submerged_area > 0.0:
-            self._first_depth = self._estimator.depth()
+            depth = self._estimator.depth()
+            self._first_depth = depth if depth > 0.0 else None
         self._answered = True
 
     def summary(self) -> str:
@@ -83,11 +85,9 @@ class Diagnostics:
             array.status.append(self._medium(learning))
         self._publisher.publish(array)
         self._log_changes(bad)
-        if self._first_depth > 0.0:
-            depth, check = 1e3 * self._first_depth, "mesh.origin, mesh.quaternion and surface_height"
-            where = f"the first estimate is {depth:.1f} mm deep in the grains: if the tool is in the air, check {check}"
-            self._node.get_logger().warning(where)
-            self._first_depth = 0.0
+        if self._first_depth is not None:
+            self._node.get_logger().warning(begins_in_grains(self._first_depth))
+            self._first_depth = None
         self._idle = not self._received["pose"]
         self._start_period()
 

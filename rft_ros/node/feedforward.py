@@ -15,6 +15,7 @@ from rft_ros.estimator.quality import Trust, trust
 from rft_ros.messages import wrench_cdr
 from rft_ros.node.topics import OUTPUTS
 from rft_ros.parameters import Values
+from rft_ros.rft import FORCE, TORQUE
 from rft_ros.rft.placement import Placement
 
 FEEDFORWARD_PERIOD = 0.01  # s, between two outputs while there are no estimates
@@ -30,13 +31,18 @@ class Ramp:
     def __init__(self) -> None:
         self.limit, self.rise_time = (0.0, 0.0), 1.0
         self.wrench: Wrench = _ZERO
-        self._largest = [0.0, 0.0]  # force, torque since the last zero: a lowered limit does not slow the ramp to zero
+        self._largest = [0.0, 0.0]
+        """Greatest force and torque since the wrench was zero. The ramp to zero is timed by these, so that a lowered
+        limit does not slow it.
+        """
 
     def follow(self, target: Wrench, duration: float) -> Wrench:
         """Move towards `target` ([N], [N m], finite) for `duration` [s]; returns the wrench."""
         made: list[float] = []
-        for k, limit in enumerate(self.limit):
-            now, goal = self.wrench[3 * k : 3 * k + 3], _scaled(target[3 * k : 3 * k + 3], limit)
+        before: tuple[float, ...] = self.wrench
+        wanted: tuple[float, ...] = target
+        for k, (part, limit) in enumerate(zip((FORCE, TORQUE), self.limit, strict=True)):
+            now, goal = before[part], _scaled(wanted[part], limit)
             most = max(limit, self._largest[k], _LEAST) * duration / self.rise_time
             if math.dist(now, goal) > most:
                 step = _scaled(tuple(b - a for a, b in zip(now, goal, strict=True)), most)

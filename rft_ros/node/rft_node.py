@@ -16,13 +16,13 @@ from sensor_msgs.msg import JointState
 
 from rft_ros.estimator import Estimate, Estimator, PoseSample, Reason, Sample, Stamped
 from rft_ros.estimator.samples import Answer
-from rft_ros.messages import UNREADABLE, Role, decoder, wrench_cdr
+from rft_ros.messages import TOPICS, UNREADABLE, Role, decoder, wrench_cdr
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.services import Services
-from rft_ros.node.swap import Prepared, Swap
+from rft_ros.node.swap import Failed, Prepared, Swap
 from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.node.topics import INPUTS, OUTPUTS, message_class, transforms_come
 from rft_ros.parameters import Values
@@ -42,7 +42,7 @@ class RftNode(Node):
         super().__init__("rft", cli_args=arguments)
         self.table = NodeParameters(self, prepare=self._prepare, apply=self._apply)
         values = self.table.values
-        compiling = "compiling, ten seconds or more, first start only; services answer after it"
+        compiling = "compiling: this takes ten seconds or more, at the first start only; services answer afterwards"
         self._swap = Swap(worker, values, on_cold_cache=partial(self.get_logger().info, compiling))
         self.estimator = Estimator(self._swap.prepared.settings, self._swap.prepared.model)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
@@ -58,14 +58,14 @@ class RftNode(Node):
         self._markers = Markers(self, self.estimator)
         self._serialise = wrench_cdr(values["sensor_frame"])
 
-        self._subscribe("wrench", "~/wrench_measured", partial(self._on_input, "wrench"))
-        self._twists = self._subscribe("twist", "~/twist", self._on_twist)
+        self._subscribe("wrench", partial(self._on_input, "wrench"))
+        self._twists = self._subscribe("twist", self._on_twist)
         if transforms_come() or "tf" in (values["pose_source"], values["sensor.frame_source"]):
-            self._subscribe("tf_static", "/tf_static", partial(self._on_input, "tf_static"))
+            self._subscribe("tf_static", partial(self._on_input, "tf_static"))
         if values["pose_source"] == "tf":
-            self._subscribe("tf", "/tf", partial(self._on_input, "tf"))
+            self._subscribe("tf", partial(self._on_input, "tf"))
         else:
-            self._subscribe("pose", "~/pose", self._on_pose)
+            self._subscribe("pose", self._on_pose)
         self._clouds: Subscription | None = None
         self._subscribe_to_clouds()
         Services(self, self.estimator, self.table, status=self._diagnostics.summary)
@@ -76,13 +76,13 @@ class RftNode(Node):
         self.create_timer(_MARKER_PERIOD, self._markers.publish, clock=steady)
         self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
 
-    def _subscribe(self, role: Role, topic: str, callback: Callable[[bytes], None]) -> Subscription:
+    def _subscribe(self, role: Role, callback: Callable[[bytes], None]) -> Subscription:
         self._decode[role] = decoder(role, ros1=False)
         # Raw bytes: the estimator needs no message object, which rclpy takes 16 us to make.
         # rclpy writes what the node's parameters override into the profile it is given.
         qos, options = copy(INPUTS[role]), QoSOverridingOptions.with_default_policies()
         return self.create_subscription(
-            message_class(role), topic, callback, qos, raw=True, qos_overriding_options=options
+            message_class(role), TOPICS[role], callback, qos, raw=True, qos_overriding_options=options
         )
 
     def _subscribe_to_clouds(self) -> None:
@@ -92,7 +92,7 @@ class RftNode(Node):
                 self.destroy_subscription(self._clouds)
             self._clouds = None
         elif self._clouds is None:
-            self._clouds = self._subscribe("surface", "~/surface_points", partial(self._on_input, "surface"))
+            self._clouds = self._subscribe("surface", partial(self._on_input, "surface"))
 
     def announce(self, event: str) -> None:
         """Log the current model and the issues of its mesh. `event`: the beginning of the sentence."""
@@ -188,9 +188,8 @@ class RftNode(Node):
         return self._swap.prepare(values)
 
     def _apply(self, prepared: Prepared) -> None:
-        only_grains = prepared.settings is self._swap.prepared.settings
         self._swap.want(prepared)
-        if only_grains:
+        if prepared.only_grains:
             self.estimator.use(model=prepared.model)
             return
         self.feedforward.use_parameters(prepared.values)
@@ -209,12 +208,12 @@ class RftNode(Node):
         swapped = self._swap.poll()
         if swapped is None:
             return
-        if not swapped.undo:
+        if isinstance(swapped, Failed):
+            self.get_logger().error(f"not swapped, the tool in force stays: {swapped.reason}")
+            self.table.set_all(swapped.undo, why="the swap failed")
+        else:
             self._use(self._swap.prepared)
             self.announce("in force")
-        else:
-            self.get_logger().error(f"not swapped, the tool in force stays: {self._swap.last_failure}")
-            self.table.set_all(swapped.undo, why="the swap failed")
 
 
 def executor_of(node: RftNode) -> Executor:

@@ -10,7 +10,7 @@ from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 from rft_ros.errors import InputError
 from rft_ros.estimator import Model, Settings
@@ -31,7 +31,7 @@ from rft_ros.parameters import (
 from rft_ros.rft import Medium, Table
 from rft_ros.tool import locate_mesh
 
-__all__ = ["Prepared", "Swap", "Swapped"]
+__all__ = ["Failed", "Loaded", "Prepared", "Swap"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -40,8 +40,8 @@ class Prepared:
 
     `settings` and `model` can be used at once: they have the tool, the ground and the machine code that are loaded.
     `files` (as `parts_of`) and `code` (parts of the machine code) are used once they are loaded. `read`: the content of
-    `law_files_of`, by parameter and file. If only parameters in `GRAINS` change, all fields but `values` and `model`
-    are the same objects as before.
+    `law_files_of`, by parameter and file. `only_grains`: only parameters in `GRAINS` have changed, so that all but
+    `values` and `model` are as before.
     """
 
     values: Values
@@ -50,13 +50,18 @@ class Prepared:
     files: dict[str, Values]
     code: frozenset[str]
     read: dict[tuple[str, str], Medium | Table]
+    only_grains: bool = False
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Swapped:
-    """A load that has ended. `undo`: empty after success; otherwise the parameters to set back to their old values."""
+class Loaded(NamedTuple):
+    """A load that has succeeded: `Swap.prepared` has what was loaded."""
+
+
+class Failed(NamedTuple):
+    """A load that has failed for a `reason`. `undo`: the parameters to set back to their old values."""
 
     undo: Values
+    reason: str
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -107,7 +112,7 @@ class Swap:
         before = self.prepared
         changes = {name: value for name, value in values.items() if value != before.values[name]}
         if changes.keys() <= GRAINS:
-            return replace(before, values=values, model=with_grains(before.model, changes))
+            return replace(before, values=values, model=with_grains(before.model, changes), only_grains=True)
         made = self._made(values, generation=self.prepared.model.generation + 1)
         if made.files["tool"] != self._files["tool"]:
             checked_file(locate_mesh(values["mesh.file"]), "mesh.file")
@@ -176,7 +181,7 @@ class Swap:
             future = self._code_thread.submit(_load_code, missing)
             self._code_load = _CodeLoad(parts=missing, future=future, since=time.monotonic())
 
-    def poll(self) -> Swapped | None:
+    def poll(self) -> Loaded | Failed | None:
         """The next load that has ended; None if none has. After success `prepared` has the loaded part."""
         if self._code_load is not None and self._code_load.future.done():
             self._code |= self._code_load.parts
@@ -191,14 +196,14 @@ class Swap:
             self.parts = {**self.parts, **load.future.result()}
         except InputError as error:
             self.last_failure = str(error)
-            return Swapped(undo=self._files[part])
+            return Failed(undo=self._files[part], reason=self.last_failure)
         self._files = {**self._files, part: load.wanted}
         self.last_failure = ""
         return self._succeeded()
 
-    def _succeeded(self) -> Swapped:
+    def _succeeded(self) -> Loaded:
         self.prepared = self._made(self.prepared.values, generation=self.prepared.model.generation + 1)
-        return Swapped(undo={})
+        return Loaded()
 
 
 def _load_code(parts: frozenset[str]) -> None:

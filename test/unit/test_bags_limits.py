@@ -127,13 +127,36 @@ def test_a_chunk_unpacks_to_its_content_or_is_refused(compression):
             unpacked(packed(b"abc" * 1000), compression, size)
 
 
-def test_the_readers_of_rosbags_unpack_within_the_limit():
+def decompressors():
     from rosbags.rosbag1 import reader as rosbag1
+    from rosbags.rosbag2 import reader as rosbag2
     from rosbags.rosbag2 import storage_mcap
 
-    for table in (storage_mcap.DECOMPRESSORS, rosbag1.decompressors):
-        for name, function in table.items():
-            assert name in ("", "none") or function.__module__ == "rft_ros.bags.limits"
+    chunks = [storage_mcap.DECOMPRESSORS[name] for name in ("lz4", "zstd")]
+    return [*chunks, *(rosbag1.decompressors[name] for name in ("lz4", "bz2")), rosbag2.zstd.open, rosbag2.Path]
+
+
+def test_the_readers_of_rosbags_are_limited_while_a_recording_is_open_and_not_afterwards(tmp_path):
+    """Other code in this process may read larger bags by rosbags."""
+    write_ros2(tmp_path / "bag", moments(4))
+    before = decompressors()
+    with Recording(tmp_path / "bag", TOPICS):
+        with Recording(tmp_path / "bag", TOPICS):
+            pass
+        assert {function.__module__ for function in decompressors()} == {"rft_ros.bags.limits"}
+    assert decompressors() == before
+    with pytest.raises(ValueError, match="has no pose"), Recording(tmp_path / "bag", {"pose": "/none"}):
+        pass
+    assert decompressors() == before
+
+
+def test_a_rosbags_without_what_is_limited_is_refused_and_does_not_read_without_limits(tmp_path, monkeypatch):
+    from rosbags.rosbag2 import storage_mcap
+
+    write_ros2(tmp_path / "bag", moments(4))
+    monkeypatch.delitem(storage_mcap.DECOMPRESSORS, "zstd")
+    with pytest.raises(RuntimeError, match="rosbags has no zstd"), Recording(tmp_path / "bag", TOPICS):
+        pass
 
 
 def test_a_limited_file_reads_as_any_other_up_to_the_limit(tmp_path):

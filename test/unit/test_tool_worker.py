@@ -11,7 +11,7 @@ import pytest
 
 from rft_ros.errors import InputError
 from rft_ros.node import swap, tool_worker
-from rft_ros.node.swap import Swap
+from rft_ros.node.swap import Failed, Loaded, Swap
 from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.parameters import defaults, parts_of
 from rft_ros.tool import load_tool
@@ -141,7 +141,7 @@ def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
     for name in ("ellipsoid", "sphere"):
         pending.want(pending.prepare({**values, "mesh.file": name}))
         assert pending.preparing.startswith(f"mesh.file '{name}' for 0 s")
-    assert not swapped(pending).undo
+    assert swapped(pending) == Loaded()
     assert pending.parts["tool"].name == "sphere"
 
 
@@ -162,7 +162,7 @@ def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker, big, o
         assert f"mesh.file '{big}' for " in pending.preparing
     os.kill(process, signal.SIGCONT)
     while pending.preparing:
-        assert not swapped(pending).undo
+        assert swapped(pending) == Loaded()
     assert worker.process.pid == process
     assert pending.parts["tool"].name == "big"
     assert (pending.parts["ground"] is None) == ("ground.cell" not in others)
@@ -175,10 +175,11 @@ def test_a_tool_that_cannot_be_used_undoes_its_own_parameters_and_no_others(work
     values = {**defaults(), "tolerance": 0.0}
     pending = Swap(worker, values, on_cold_cache=lambda: None)
     pending.want(pending.prepare({**values, "mesh.file": str(bad), "ground.cell": 0.01}))
-    undone = []
+    ended = []
     while pending.preparing:
-        undone.append(swapped(pending).undo)
-    (parameters,) = filter(None, undone)
+        ended.append(swapped(pending))
+    (failed,) = (end for end in ended if isinstance(end, Failed))
+    parameters = failed.undo
     assert parameters["mesh.file"] == "plate"
     assert "ground.cell" not in parameters
     assert pending.parts["ground"] is not None
