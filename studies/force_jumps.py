@@ -85,7 +85,7 @@ def level() -> StudyResult:
 
 def _by_the_papers_text() -> float:
     """Force [N] of the shipped plate's lower face with e1 along the horizontal velocity, α_y constant."""
-    plates = shipped("plate")["centroid"].packed
+    plates = shipped("plate")["centroid"].centroid_rows
     below = plates[5] < -0.5
     load = float((plates[6] * (0.05 - plates[2]))[below].sum())
     traction = traction_per_depth(law("constant", zeta=1.0), 0.0, 1e-9, -1.0, 1.0, 0.0, -0.3, NEVER_FLAT)

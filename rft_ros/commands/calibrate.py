@@ -9,7 +9,7 @@ from rft_ros.calibration.calibrate import PARTS
 from rft_ros.calibration.calibrate import calibrate as fitted_to
 from rft_ros.calibration.calibrated_file import alpha_y_table, rounded, write_calibrated
 from rft_ros.calibration.track import read_track
-from rft_ros.commands import options
+from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
 from rft_ros.parameters import named_files
 from rft_ros.progress import busy
@@ -53,7 +53,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
         if track.damage:
             print(f"warning: {track.name}: {track.damage}", file=sys.stderr, flush=True)
     for tool in {track.tool.file: track.tool for track in tracks}.values():
-        options.warn_of(tool)
+        warnings.warn_of(tool)
     with busy("fitting"):
         result = fitted_to(tracks, values, parts=parts, alpha_y=arguments.alpha_y)
     if chosen.tare and "sensor.bias" in result.not_identifiable:

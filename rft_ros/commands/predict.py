@@ -5,7 +5,7 @@ import sys
 from pathlib import Path
 
 from rft_ros.bags.playback import Played, states_of
-from rft_ros.commands import options
+from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
 from rft_ros.parameters import MESH, defaults, model_of, named_files
 from rft_ros.progress import busy
@@ -43,12 +43,12 @@ def predict(arguments: argparse.Namespace) -> int:
     tool = model.tool
     if tool.reduction:
         print(f"{tool.name}: {tool.reduction}")
-    options.warn_of(tool)
-    options.warn_of_law(model.law)
+    warnings.warn_of(tool)
+    warnings.warn_of_law(model.law)
     with busy("computing"):  # the first call compiles
         where = f"states file '{arguments.states}'"
         result = wrenches_along(model, times, states, surface_height=height, where=where)
-    options.warn_of_motion(tool, times, states, result[:, FORCE], surface_height=height)
+    warnings.warn_of_motion(tool, times, states, result[:, FORCE], surface_height=height)
     if "concave" in tool.issues:  # only here, where wrenches are written: other commands need not repeat it
         print(f"note: {tool.name}: {tool.issues['concave']}", file=sys.stderr, flush=True)
     write_wrenches(arguments.output, times, result)
@@ -104,7 +104,7 @@ def view(arguments: argparse.Namespace) -> int:
     else:
         played = states_of(source, values, model, chosen)
     *moving, ground = played
-    options.warn_of_motion(tool, *moving, surface_height=height)
+    warnings.warn_of_motion(tool, *moving, surface_height=height)
     learned = not of_states and values["learning.mode"] == "apply"
     with busy("drawing"):
         drawn = animate(tool.name, tool, model.law, *moving, surface_height=height, ground=ground)

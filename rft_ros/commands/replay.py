@@ -8,7 +8,7 @@ from rft_ros.bags.reading import bag_name
 from rft_ros.bags.replay import replay as run
 from rft_ros.bags.replay import replay_model, results
 from rft_ros.bags.summary import Summary, check, read_limits
-from rft_ros.commands import options
+from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
 from rft_ros.estimator.samples import FRAME_UNKNOWN
 from rft_ros.parameters import named_files
@@ -38,8 +38,8 @@ def replay(arguments: argparse.Namespace) -> int:
     with busy("preparing the tool"):  # the first call compiles
         model = replay_model(values)
     print(f"model: {model.in_words}", flush=True)
-    options.warn_of(model.tool)
-    options.warn_of_law(model.law)
+    warnings.warn_of(model.tool)
+    warnings.warn_of_law(model.law)
 
     status = 0
     for bag, folder in zip(bags, folders, strict=True):

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.bags.playback import states_of
-from rft_ros.commands import options
+from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
 from rft_ros.parameters import MESH, defaults, model_of, named_files, tool_of
 from rft_ros.progress import busy
@@ -62,7 +62,7 @@ def reduce(arguments: argparse.Namespace) -> int:
     tool = tool_of(values)
     if tool.reduction:
         raise InputError(f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from")
-    options.warn_of(tool)
+    warnings.warn_of(tool)
     states = None if arguments.scene is None else _scene(arguments, tool)
     with busy("choosing plates"):
         if states is None:
@@ -73,8 +73,8 @@ def reduce(arguments: argparse.Namespace) -> int:
     save_reduced(output, frame, vertices=tool.vertices, faces=tool.faces, plates=plates, reduction=reduction)
     print(f"{tool.name}, {plates.integration}: {reduction} -> {output}")
     origin, rotation = (" ".join(f"{v:g}" for v in values[name]) for name in ("mesh.origin", "mesh.quaternion"))
-    same = f"scale, {values['mesh.scale']:g}, origin, {origin}, and rotation, {rotation}"
-    print(f"its lengths and axes are those of the mesh: use it with the same {same}")
+    same = f"--scale {values['mesh.scale']:g} --origin {origin} --rotate {rotation}"
+    print(f"use it with the options of the mesh: {same}")
     return 0
 
 

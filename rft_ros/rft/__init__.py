@@ -29,7 +29,8 @@ Stress per depth in the plane of e2 and E3 [N/cm³], nine coefficients for each 
     α_z = A00 + A10 cos 2β + B11 sin(2β+γ) + B01 sin γ + B-11 sin(-2β+γ)
     α_x = C11 cos(2β+γ) + C01 cos γ + C-11 cos(-2β+γ) + D10 sin 2β                               Eq. (4)
 
-Weights of the velocity components; N1 and N23 make them 1 at 1 (`velocity_weights.exact_f1`, `exact_f23`):
+Weights of the velocity components; N1 and N23 are such that f1(1) = f23(1) = 1 (`velocity_weights.exact_f1`,
+`exact_f23`):
 
     f1(u) = A1 [tanh(A2 u - A3) + tanh A3] / N1,        u = |v1| / |v|                           Eq. (5)
     f23(w) = B1 [atanh(B2 w - B3) + atanh B3] / N23,    w = |v23| / |v|                          Eq. (6)
@@ -47,7 +48,8 @@ Wrench (`wrenches`; by plate, `plate_forces`), a superposition of independent pl
 
     F = Σ t d dA  [N],   T = Σ r × t d dA  [N m]                                                 Eq. (9)
 
-Horizontal plates have no e2 from their normal and use the velocity's horizontal direction, where 2D RFT holds.
+The normal of a horizontal plate defines no e2. Its e2 is the horizontal direction of the velocity, for which 3D RFT
+reduces to 2D RFT.
 `edge_share` returns how much of a tool is near v·n = 0.
 
 Beyond the paper. `Plates.integration` "refined" integrates d over the wet part of each triangle and makes both switches

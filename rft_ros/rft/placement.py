@@ -33,7 +33,7 @@ class Placement(NamedTuple):
         return a, b, c, d + y * c - z * b, e + z * a - x * c, f + x * b - y * a
 
     def of(self, inner: "Placement") -> "Placement":
-        """The placement in the outer frame of what has the placement `inner` in this frame."""
+        """Composes two placements: `inner` is given in this frame; returns it in the outer frame."""
         a, b, c = self.rotate(inner.position)
         px, py, pz = self.position
         x, y, z, w = self.quaternion

@@ -121,7 +121,7 @@ class Plates:
         return _restored, tuple(getattr(self, f.name) for f in fields(self))
 
     @property
-    def packed(self) -> Array:
+    def centroid_rows(self) -> Array:
         """Centroids, normals and areas: the first seven of `rows`."""
         return self.rows[:ROWS_OF_CENTROID]
 
@@ -188,7 +188,7 @@ class Plates:
         return cls(np.column_stack([center, doubled, areas, edges, 0.5 / np.sin(theta)]).T)
 
     def __len__(self) -> int:
-        return self.packed.shape[1]
+        return self.rows.shape[1]
 
     @property
     def area(self) -> float:

@@ -224,7 +224,7 @@ class GrainsBatch:
         forces_on_plates(self.beds, k, self._states[k : k + 1], forces)
         ordered = np.empty((len(plates), 3))
         ordered[plates.order] = forces[: len(plates)]
-        area = plates.packed[6][:, None]
+        area = plates.areas[:, None]
         tractions: Array = np.divide(ordered, area, out=np.zeros_like(ordered), where=area > 0.0)
         return tractions
 

@@ -18,7 +18,7 @@ FLAT_HALF_ANGLE = np.deg2rad(1.0)
 _CREASE = np.deg2rad(50.0)  # facets at a larger angle meet at an edge of the tool, not within a curved surface
 _SPAN = 0.85  # half angle of a curved facet over the mean angle between its normal and those at its corners
 _TIP, _POINTED = 0.7, np.sin(np.deg2rad(10.0))
-"""How a tip is told from a curved surface: by the tilt of the normal at a point against the facets around it.
+"""Limits that distinguish a tip from a curved surface, by the tilt of the normal at a point against the facets there.
 
 On a curved surface the normals at a facet's other corners tilt the opposite way and balance it. A point is a tip if
 more than `_TIP` of the squared tilt is left over, and if the sine of the tilt exceeds `_POINTED`.

@@ -97,7 +97,7 @@ def mirrored(plates: Plates) -> Plates:
 
 def listed(plates: Plates) -> list[tuple[list[float], list[float], float]]:
     """Plates as plain Python numbers, for the slow reference."""
-    return [(c[:3], c[3:6], c[6]) for c in plates.packed.T.tolist()]
+    return [(c[:3], c[3:6], c[6]) for c in plates.centroid_rows.T.tolist()]
 
 
 @st.composite

@@ -165,7 +165,7 @@ def dragged(betas, alpha_y, *, zeta):
     pushing = states.copy()  # grains hold their force while the plate waits
     pushing[:, 7:13] = (0.01, 0.0, 0.0, 0.0, 0.0, 0.0)
     normal, faces = faces_of(TOOL.plates, TOOL.name)
-    front = ~faces & (TOOL.plates.packed[3] > 0.5)
+    front = ~faces & (TOOL.plates.centroid_rows[3] > 0.5)
     of_front, of_faces = (Plates(TOOL.plates.rows[:, which]) for which in (front, faces))
     beta = np.degrees(np.arccos(np.abs(Rotation.from_quat(states[:, 3:7]).as_matrix()[:, 2] @ normal)))
     unit = wrenches(of_faces, law(zeta, Constant(1.0)), pushing)
