@@ -7,7 +7,7 @@ from pathlib import Path
 from rft_ros.bags.playback import Played, states_of
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
-from rft_ros.parameters import MESH, defaults, model_of, named_files
+from rft_ros.parameters import MESH, Values, defaults, model_of, named_files
 from rft_ros.progress import busy
 from rft_ros.report.animation import animate, animation_figure, what_is_shown
 from rft_ros.report.page import Figure, write_page
@@ -23,20 +23,30 @@ def predict_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("--mesh", required=True, metavar="FILE", help=MESH)
     options.share(command, *options.PLACED, *options.OF_LAW)
     options.share(command, *_OF_EVALUATION)
+    _add_memory(command)
+    header = "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin"
+    command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv", help=header)
+
+
+def _add_memory(command: argparse._ActionsContainer) -> None:
     alone = (
         "mobilization length of the memory [m]; the states are then evaluated in order, as one motion"
         " (default 0: no memory, each state on its own)"
     )
     command.add_argument("--mobilization-length", type=options.number, metavar="X", help=alone)
-    header = "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin"
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv", help=header)
+
+
+def _values_for_states(arguments: argparse.Namespace) -> Values:
+    """The parameters; without the option for it no memory: states may be in any order, unlike a recording's poses."""
+    values = options.values_of(arguments)
+    if arguments.mobilization_length is None:
+        values = {**values, "medium.mobilization_length": 0.0}
+    return values
 
 
 def predict(arguments: argparse.Namespace) -> int:
     """rft predict states.csv --mesh my_tool.stl --zeta 0.33 --alpha-y linear -o wrenches.csv"""
-    values = options.values_of(arguments)
-    if arguments.mobilization_length is None:  # states may be in any order, unlike the poses of a recording
-        values = {**values, "medium.mobilization_length": 0.0}
+    values = _values_for_states(arguments)
     options.refuse_inputs(arguments, arguments.output, also=named_files(values))
     times, states = read_states(arguments.states)
     model, height = model_of(values), values["surface_height"]
@@ -62,8 +72,8 @@ def predict(arguments: argparse.Namespace) -> int:
     return 0
 
 
-_SHARED_FOR_STATES = (*options.PLACED, *options.OF_LAW, "--mobilization-length", *_OF_EVALUATION)
-_FOR_STATES = ("--mesh", *_SHARED_FOR_STATES)
+_SHARED_FOR_STATES = (*options.PLACED, *options.OF_LAW, *_OF_EVALUATION)
+_FOR_STATES = ("--mesh", "--mobilization-length", *_SHARED_FOR_STATES)
 
 
 def view_options(command: argparse.ArgumentParser) -> None:
@@ -72,6 +82,7 @@ def view_options(command: argparse.ArgumentParser) -> None:
     states = command.add_argument_group("for states")
     states.add_argument("--mesh", metavar="FILE", help=MESH)
     options.share(states, *_SHARED_FOR_STATES)
+    _add_memory(states)
     options.share(command.add_argument_group("for a bag"), *options.OF_RECORDING)
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.html", help="page to write")
 
@@ -91,7 +102,7 @@ def view(arguments: argparse.Namespace) -> int:
         raise InputError(f"states file '{source}' needs --mesh, the tool that moves")
     values, chosen = options.recording(arguments)
     if of_states:
-        values = options.values_of(arguments)
+        values = _values_for_states(arguments)
     options.refuse_inputs(arguments, output, also=named_files(values))
     model, height = model_of(values), values["surface_height"]
     tool = model.tool

@@ -111,7 +111,7 @@ def tools(draw):
 
 
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(tools(), st.floats(-1.0, 1.0), st.sampled_from([0.0, 0.003]), st.sampled_from([0.0, 0.05]))
+@given(tools(), st.floats(-1.0, 1.0), st.sampled_from([None, 0.0, 0.003]), st.sampled_from([None, 0.05]))
 def test_a_page_says_the_forces_of_the_table(tmp_path, mesh, sideways, length, tolerance):
     mesh.export(tmp_path / "tool.stl")
     rows = np.zeros((80, 14))
@@ -119,7 +119,9 @@ def test_a_page_says_the_forces_of_the_table(tmp_path, mesh, sideways, length, t
     rows[:, 1], rows[:, 3], rows[:, 7] = 0.01 * sideways * rows[:, 0], -0.01 * rows[:, 0], 1.0
     rows[:, 8], rows[:, 10] = 0.01 * sideways, -0.01
     np.savetxt(tmp_path / "states.csv", rows, delimiter=",", header=HEADER, comments="", fmt="%.17g")
-    same = ["--mesh", str(tmp_path / "tool.stl"), "--mobilization-length", str(length), "--tolerance", str(tolerance)]
+    same = ["--mesh", str(tmp_path / "tool.stl")]
+    same += [] if length is None else ["--mobilization-length", str(length)]
+    same += [] if tolerance is None else ["--tolerance", str(tolerance)]
     for command, output in (("predict", "out.csv"), ("view", "out.html")):
         assert main([command, str(tmp_path / "states.csv"), *same, "-o", str(tmp_path / output)]) == 0
     table = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)
