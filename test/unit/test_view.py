@@ -122,14 +122,30 @@ def test_a_page_says_the_forces_of_the_table(tmp_path, mesh, sideways, length, t
     same = ["--mesh", str(tmp_path / "tool.stl")]
     same += [] if length is None else ["--mobilization-length", str(length)]
     same += [] if tolerance is None else ["--tolerance", str(tolerance)]
+    _page_says_the_table(tmp_path, same)
+
+
+def _page_says_the_table(folder, same):
+    """With these options ``rft view`` says of states.csv the forces that ``rft predict`` writes."""
     for command, output in (("predict", "out.csv"), ("view", "out.html")):
-        assert main([command, str(tmp_path / "states.csv"), *same, "-o", str(tmp_path / output)]) == 0
-    table = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)
+        assert main([command, str(folder / "states.csv"), *same, "-o", str(folder / output)]) == 0
+    table = np.loadtxt(folder / "out.csv", delimiter=",", skiprows=1)
     sizes = {f"{t:.2f}": f"{np.linalg.norm(f):.2f}" for t, *f in table[:, :4]}
-    said = dict(re.findall(r"t = ([0-9.]+) s   \|F\| = ([0-9.]+) N", (tmp_path / "out.html").read_text()))
+    said = dict(re.findall(r"t = ([0-9.]+) s   \|F\| = ([0-9.]+) N", (folder / "out.html").read_text()))
     assert len(said) >= 3
     assert said == {time: sizes[time] for time in said}
     assert max(map(float, said.values())) == max(map(float, sizes.values()))
+
+
+@pytest.mark.parametrize("memory", [[], ["--mobilization-length", "0.003"]], ids=["default", "memory"])
+def test_a_page_has_memory_only_where_the_table_has(tmp_path, memory):
+    """A plate pressed 20 mm deep and raised by 1 mm: with memory the force falls, without it turns round."""
+    height = np.append(np.linspace(0.0, -0.02, 41), np.linspace(-0.0195, -0.019, 2))
+    rows = np.zeros((len(height), 14))
+    rows[:, 0], rows[:, 3], rows[:, 7] = 0.1 * np.arange(len(height)), height, 1.0
+    rows[:, 10] = np.gradient(height, 0.1)
+    np.savetxt(tmp_path / "states.csv", rows, delimiter=",", header=HEADER, comments="", fmt="%.17g")
+    _page_says_the_table(tmp_path, ["--mesh", "plate", *memory])
 
 
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
