@@ -146,6 +146,6 @@ def _draw(found: dict[Integration, Convergence]) -> Figure:
     label_axes(
         times, x="Facets", y="Time of one wrench, one core [µs]", title="Time (Fig. 9A)", legend={"loc": "upper left"}
     )
-    label_axes(errors, x="Radius / Lc", y="RMS error over the maximum force [%]", title="Error (Fig. 9B)", legend={})
+    label_axes(errors, x="1 / (κ Lc)", y="RMS error over the maximum force [%]", title="Error (Fig. 9B)", legend={})
     figure.suptitle("Sphere plunging at 60° from touching to submerged, against the refined rule on 327,680 facets")
     return figure

@@ -13,13 +13,14 @@ _X, _Z = "#D55E00", "#0072B2"
 _METAL, _CELL, _TOOL, _SAND, _TEXT = "#c9ced6", "#8f99a8", "#e3e6ea", "#C2A878", "#222222"
 _SCOOP = ((-9, 0), (9, 0), (9, -46), (26, -46), (26, -78), (-26, -78), (-26, -46), (-9, -46))  # mm, file coordinates
 
-_OF_TOOL = """the pose's frame, such as UR's tool0:
+_OF_TOOL = """the pose's frame, such as UR's tool0_controller:
 z points out of the flange, here down;
 the pose's qx, qy, qz, qw are 1, 0, 0, 0"""
-_OF_MESH = """Its z points up, that of tool_frame down. Half a turn about x:
+_OF_MESH = """In the file z points up; in tool_frame it points down.
+So turn the mesh by 180° about x:
 mesh.quaternion: [1.0, 0.0, 0.0, 0.0]  (--rotate 1 0 0 0).
 With it rft check-mesh says: z: 26 to 104 mm.
-Where both point alike: [0.0, 0.0, 0.0, 1.0]."""
+If both z axes point the same way: [0.0, 0.0, 0.0, 1.0]."""
 
 
 def draw_frames(file: Path) -> None:
@@ -75,8 +76,8 @@ def _cell(panel: Any) -> None:
     _note(panel, -172, 92, "sensor_frame", "sensor.position, sensor.quaternion:\nits place in tool_frame")
     _axes_of(panel, -150.0, -128.0, down=False)
     _note(panel, -108, -108, "world_frame", "such as the arm's base: z up")
-    panel.annotate("", (-150.0, surface), (-150.0, -128.0), arrowprops={"arrowstyle": "<->", "color": "#7a6640"})
-    panel.text(-144, surface + 4, "surface_height", color="#7a6640", weight="bold", fontsize=10)
+    panel.annotate("", (-165.0, surface), (-165.0, -128.0), arrowprops={"arrowstyle": "<->", "color": "#7a6640"})
+    panel.text(-168, surface + 4, "surface_height", color="#7a6640", weight="bold", fontsize=10)
     panel.set(xlim=(-178, 248), ylim=(-142, 152))
 
 
