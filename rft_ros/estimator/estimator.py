@@ -172,7 +172,9 @@ class Estimator:
             self._kinematics.use_settings(s)
             self._comparison.max_age = round(s.max_input_age * 1e9)
             self._place_sensor()
-        self._learn_readings()  # those of the load cell so far, before it and the filter change below
+            self._strength_error = s.strength_error
+        if settings is not None or self.learning is not None:
+            self._learn_readings()  # those of the load cell so far, before it and the filter change below
         if changes.ground:
             self._use_ground(m)
         elif changes.tool and self._mapper is not None:
@@ -402,7 +404,7 @@ class Estimator:
         """The wrench, corrected in mode apply, and one standard deviation of each component, shape [12]; world axes."""
         if self.learning is None:
             with_sigma = np.empty(12)
-            predict_without_learning(row, self.settings.strength_error, self._kinematics.reach, with_sigma)
+            predict_without_learning(row, self._strength_error, self._kinematics.reach, with_sigma)
             return with_sigma
         fast = math.hypot(*motion.velocity) > self._limits.inertial
         passing, apply = self._withdrawal.active or fast, self.settings.learning_mode == "apply"
