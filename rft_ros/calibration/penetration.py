@@ -96,12 +96,14 @@ def difference(found: Sequence[Measurement], sizes: Sequence[float] = ()) -> str
     low = min(found, key=lambda measurement: measurement.value)
     high = max(found, key=lambda measurement: measurement.value)
     apart = high.value - low.value
-    if apart <= max(_NOTEWORTHY * low.value, 3.0 * float(np.hypot(low.error, high.error))):
-        return ""
-    percent = f"{100 * apart / low.value:.0f} %"
-    words = f"; ζ differs by {percent}: tools of different size, and grains that differ, need a ζ of their own"
+    grows = ""
     if len(sizes) == len(found) and np.ptp(sizes) > 0.1 * max(sizes):
         values = np.array([measurement.value for measurement in found])
         if np.corrcoef(sizes, values)[0, 1] > _GROWS:
-            words += f"; ζ grows with the tool's size, {1e3 * min(sizes):.0f} to {1e3 * max(sizes):.0f} mm wide"
-    return words
+            grows = f"; ζ grows with the tool's size, {1e3 * min(sizes):.0f} to {1e3 * max(sizes):.0f} mm wide"
+    # That ζ follows the size is evidence of its own, so that fewer standard errors are enough.
+    certain = (2.0 if grows else 3.0) * float(np.hypot(low.error, high.error))
+    if apart <= max(_NOTEWORTHY * low.value, certain):
+        return ""
+    percent = f"{100 * apart / low.value:.0f} %"
+    return f"; ζ differs by {percent}: tools of different size, and grains that differ, need a ζ of their own{grows}"

@@ -29,6 +29,7 @@ _LEAST, _MOST = 1e-3, 50.0
 """Plausible range of a medium's greatest stress per depth [N/cm³]; loose poppy seeds have 0.25, generic 1."""
 
 _RADIANS = 3.2  # a map whose angles are all smaller is in radians, since a map in degrees reaches further
+_STEPS = 4  # different values of one angle; so many within _RADIANS are in radians, whatever the other angle's unit is
 _MOST_DEGREES = 720.0
 
 
@@ -235,6 +236,11 @@ def _check_units(angles: Array, stresses: Array, columns: list[_Column], what: s
     if widest <= _RADIANS and not in_radians:
         advice = "these seem to be radians: name the columns beta_rad and gamma_rad, or give more angles"
         raise InputError(f"{what} has no angle beyond {widest:.3g} degrees; {advice}")
+    for column, values in zip(columns[:2], angles, strict=True):
+        widest, different = float(np.abs(values).max()), len(np.unique(values))
+        if widest <= _RADIANS and different >= _STEPS and column.factor == 1.0:
+            found = f"{different} different {column.quantity}, none beyond {widest:.3g} degrees"
+            raise InputError(f"{what} has {found}; these seem to be radians: name the column {column.quantity}_rad")
     if not np.isfinite(stresses).any():
         raise InputError(f"{what} has no stress in any row; give alpha_x and alpha_z at some angles")
     greatest = float(np.nanmax(np.abs(stresses)))

@@ -23,6 +23,7 @@ _PART = 0.15  # share of a coefficient in an open combination from which on it i
 _BETTER = 0.9  # a change of convention is named if it lowers the misfit below this share; n changes: its nth power
 _ENOUGH = 8  # cells, of which fewer say nothing about conventions
 _FEW = 20  # with fewer cells there is no check on left-out cells: each half would be too small
+_WEAKEST, _STRONGEST = 0.05, 5.0  # ζ of the generic medium; beyond, the stresses are probably in another unit
 
 
 class _Angle(NamedTuple):
@@ -110,9 +111,14 @@ def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
     remarks = _missing(measured)
     for names, part, stress in zip((OF_ALPHA_Z, OF_ALPHA_X), parts, ("alpha_z", "alpha_x"), strict=True):
         errors |= dict(zip(names, part.errors.tolist(), strict=True))
+        if not np.isfinite(getattr(measured, stress)).any():
+            remarks.append(
+                f"no {stress} was measured: {_listed(names)} are those of the generic medium times {zeta:.3g}"
+            )
+            continue
         for group in part.open:
             remarks.append(_open_sentence(group, stress, zeta))
-    doubts = _conventions(measured)
+    doubts = _conventions(measured) or _units(zeta)
     if fitted.strength <= 0.0:
         reason = "with these stresses the force points along the motion, where it should resist"
         raise ValueError("; ".join([reason, *doubts]))
@@ -200,8 +206,12 @@ def _open_sentence(group: tuple[str, ...], stress: str, zeta: float) -> str:
     filled = f"the generic medium times {zeta:.3g} fills in"
     if len(group) == 1:
         return f"{group[0]} of {stress} is not identifiable, since its term is 0 at the measured angles; {filled}"
-    together = f"{', '.join(group[:-1])} and {group[-1]} of {stress}"
+    together = f"{_listed(group)} of {stress}"
     return f"{together} are not identifiable one by one from the measured angles, only in combination; {filled}"
+
+
+def _listed(names: tuple[str, ...]) -> str:
+    return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
 def _zeta(medium: Medium, measured: StressMap) -> float:
@@ -303,6 +313,14 @@ def _conventions(measured: StressMap) -> list[str]:
     better = f"RMS {misfit:.3g} N/cm³ in place of {as_given:.3g}"
     named = " and ".join(changes)
     return [f"with {named} the map fits Li's media better ({better}); check its conventions against docs/method.md"]
+
+
+def _units(zeta: float) -> list[str]:
+    """A sentence on stresses that are weaker or stronger than those of any grains measured so far."""
+    if _WEAKEST <= zeta <= _STRONGEST:
+        return []
+    stresses = f"the stresses are {zeta:.3g} times those of the generic medium"
+    return [f"{stresses}, outside of {_WEAKEST:g} to {_STRONGEST:g}; they must be in N/cm³, a pressure over its depth"]
 
 
 def _rms_scaled(medium: Medium, measured: StressMap) -> float:

@@ -202,6 +202,13 @@ def test_the_spread_of_zeta_covers_the_tools_and_its_growth_with_their_size_is_s
     assert "grows" not in difference(both, [0.08, 0.08, 0.08])
 
 
+def test_fewer_standard_errors_are_enough_where_zeta_follows_the_size_of_the_tools():
+    """The round plates with the published rule: 2.98 standard errors apart."""
+    plates = [Measurement("a", 1.3, 0.14, 0.08), Measurement("b", 1.58, 0.14, 0.08), Measurement("c", 1.85, 0.12, 0.08)]
+    assert "ζ grows with the tool's size" in difference(plates, [0.06, 0.08, 0.1])
+    assert difference(plates, [0.08, 0.08, 0.08]) == ""
+
+
 @pytest.mark.parametrize("second", [False, True], ids=["treers2021", "agarwal2023"])
 def test_the_grains_inertia_is_not_taken_for_strength_or_depth(second):
     """At 0.5 m/s it is a fifth of the force; without it the surface rises by 2.7 mm. The second law has no α_y."""

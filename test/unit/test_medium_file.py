@@ -90,6 +90,8 @@ HEADER = "beta_deg,gamma_deg,alpha_x,alpha_z\n"
         (HEADER + lines(cells(stress=1e6)), ("N/cm³", "Pa/m")),
         (HEADER + lines(cells(stress=1e-5)), ("N/cm³", "Pa/m")),
         (HEADER + lines(cells(np.pi / 180, np.pi / 180)), ("radians", "beta_rad")),
+        (HEADER + lines(cells(np.pi / 180)), ("different beta, none beyond 1.57", "radians", "beta_rad")),
+        (HEADER + lines(cells(gamma=np.pi / 180)), ("different gamma", "radians", "gamma_rad")),
         (HEADER.replace("deg", "rad") + lines(cells()), ("degrees", "beta_deg")),
         (HEADER + "0,90,,\n", ("no stress",)),
         (HEADER + lines(cells(stress=-1.0)), ("along the motion", "alpha_x negated and alpha_z negated")),

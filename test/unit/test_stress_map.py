@@ -67,6 +67,30 @@ def test_coefficients_that_the_angles_leave_open_are_named_and_filled_in(kept, g
     assert all(fit.errors[name] < 1e-12 for name in fit.errors.keys() - named)
 
 
+@pytest.mark.parametrize(
+    ("stress", "names"), [("alpha_x", ("C11", "C01", "Cm11", "D10")), ("alpha_z", ("A00", "A10", "B11", "B01", "Bm11"))]
+)
+def test_a_stress_that_was_not_measured_is_said_once_and_its_angles_are_not_blamed(stress, names):
+    half = Medium.of("half", {name: 0.5 * value for name, value in MEDIA["generic"].coefficients.items()})
+    fit = fit_medium(replace(map_of(half), **{stress: np.full_like(BETA, np.nan)}), name="mine")
+    assert fit.medium.coefficients == pytest.approx(half.coefficients, abs=1e-9)
+    assert all(np.isnan(fit.errors[name]) for name in names)
+    (remark,) = (remark for remark in fit.remarks if names[0] in remark)
+    assert f"no {stress} was measured" in remark
+    assert all(name in remark for name in names)
+    assert not any("angles" in remark for remark in fit.remarks)
+
+
+@pytest.mark.parametrize(
+    ("factor", "doubtful"), [(20.0, True), (0.01, True), (1.0, False), (0.25, False), (3.0, False)]
+)
+def test_stresses_far_from_those_of_any_grains_are_doubted_for_their_unit(factor, doubtful):
+    """20: a pressure in kPa at a depth of 2 cm."""
+    medium = Medium.of("scaled", {name: factor * value for name, value in MEDIA["generic"].coefficients.items()})
+    doubts = fit_medium(map_of(medium), name="mine").medium.doubts
+    assert any("N/cm³" in doubt and f"{factor:g} times" in doubt for doubt in doubts) == doubtful
+
+
 OTHER_CONVENTIONS = {
     "beta negated": {"beta": lambda m: -m.beta},
     "gamma negated": {"gamma": lambda m: -m.gamma},
