@@ -190,9 +190,9 @@ _RELEASED = 485e-9
 _NAMES = {
     "published": "paper's model",
     "refined": "refined rule",
-    "refined, agarwal2023": "Agarwal et al. 2023",
+    "refined, agarwal2023": "Agarwal 2023",
     "default": "default",
-    "published, learned": "paper's model, learning",
+    "published, learned": "paper, learning",
     "default, learned": "default, learning",
 }
 """Choices in the figure, by what they are called there."""
@@ -213,7 +213,7 @@ def _mark(choice: Choice, seconds: float, error: float) -> Mark:
         seconds=seconds,
         error=error,
         colour=_COLOURS[choice.name],
-        default=choice.name == "default",
+        advised=choice.name in ("default", "default, learned"),
         side="right" if choice.lag else "left",
     )
 
@@ -244,6 +244,7 @@ def _simulated_marks(judged: Sequence[Judged]) -> list[Mark]:
         error=mean(PACKINGS),
         colour=BLACK,
         peer=True,
+        side="above",
     )
     return [*marks, elements]
 
