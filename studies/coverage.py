@@ -65,10 +65,10 @@ def study() -> StudyResult:
                 for mode, error in zip(_MODES, errors_of_run, strict=True):
                     pooled[mode].append(error)
     models = ("fixed model", *(f"learning, lag {1e3 * lag:g} mm" for lag in LAGS))
-    header = ("data; model", "recordings", *(f"{model}: horizontal / vertical" for model in models))
-    figure = new_figure(9.0, 4.0)
-    panels = figure.subplots(1, 2, sharey=True)
-    for axes, part, title in zip(panels, (slice(0, 2), slice(2, 3)), ("horizontal", "vertical"), strict=True):
+    header = ("data; model", "recordings", *(f"{model}: x / y / z" for model in models))
+    figure = new_figure(12.0, 4.0)
+    panels = figure.subplots(1, 3, sharey=True)
+    for part, (axes, title) in enumerate(zip(panels, "xyz", strict=True)):
         for mode, colour in zip(_MODES, (BLUE, VERMILION, ORANGE), strict=True):
             shares = [np.mean([(e[:, part] < k).mean() for e in pooled[mode]]) for k in _FACTORS]
             label = "fixed model" if mode is None else f"learning, lag {1e3 * mode:g} mm"
@@ -76,7 +76,7 @@ def study() -> StudyResult:
         axes.fill_between([0.97, 1.03], 60.0, 80.0, color=BLACK, alpha=0.2, lw=0)
         axes.fill_between([1.97, 2.03], 93.0, 100.0, color=BLACK, alpha=0.2, lw=0)
         label_axes(axes, x="Standard deviations", y="Components within [%]", title=title)
-    panels[1].legend(fontsize=8)
+    panels[-1].legend(fontsize=8)
     return StudyResult(
         name="coverage",
         title="Force components within one and two standard deviations",
@@ -87,11 +87,11 @@ def study() -> StudyResult:
 
 
 def _cells(errors: Sequence[Sequence[Array]]) -> list[str]:
-    """Such as "78, 95 / 74, 95" for each mode: horizontal and vertical within one and two; recordings count alike."""
+    """Such as "78, 95 / 71, 94 / 74, 95" for each mode: x, y and z within one and two; recordings count alike."""
     cells = []
     for mode in range(len(_MODES)):
         parts = []
-        for part in (slice(0, 2), slice(2, 3)):
+        for part in range(3):
             shares = [100.0 * np.mean([(run[mode][:, part] < k).mean() for run in errors]) for k in (1.0, 2.0)]
             parts.append(", ".join(f"{share:.0f}" for share in shares))
         cells.append(" / ".join(parts))

@@ -318,3 +318,12 @@ def test_sigma_covers_a_vertical_force_that_outgrows_the_model(lag):
 
     assert within_sigma(lambda path: (path / 0.05) ** 1.5) > 0.9
     assert 0.4 < within_sigma(lambda path: 1.0 + 0.1 * np.sin(path / 0.0004)) < 0.7
+
+
+def test_sigma_of_each_horizontal_component_follows_the_errors_of_that_component():
+    """A tool dragged along x: errors of a tenth across the motion say nothing about the force along it."""
+    series = plunge()
+    wrong = np.where(np.arange(len(series.stamps)) // 12 % 2, 0.1, -0.1) * np.linalg.norm(series.rows[:, :3], axis=1)
+    forces = series.forces + np.outer(wrong, [0.0, 1.0, 0.0])
+    sigma = run(replace(series, forces=forces), learner())[-200:, 6:8]
+    assert (sigma[:, 0] < 0.5 * sigma[:, 1]).all()

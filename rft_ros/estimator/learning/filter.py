@@ -34,7 +34,7 @@ _NOISE_FLOOR = 0.025  # deviation [N]
 _NOISE_LENGTH = 0.003  # errors of samples closer than this are correlated
 _GATE = 2.2  # a larger innovation, over the root of the trace of its covariance, is reduced to this
 _STRENGTH_LEAST, _STRENGTH_MOST = 0.1, 10.0
-_SCALE_RISE = 0.0025  # path of the mean of the squared errors while it grows
+_HORIZONTAL_SCALE_RISE, _VERTICAL_SCALE_RISE = 0.0015, 0.0025  # path of the mean of the squared errors while it grows
 _HORIZONTAL_SCALE_FALL, _VERTICAL_SCALE_FALL = 0.0026, 0.004  # the same while it falls
 _SCALE_LEAST = 1e-6  # keeps σ over 0
 _BIAS_LENGTH = 0.0025  # path of the mean of the vertical errors
@@ -59,8 +59,7 @@ FILTER_FIELDS = [
     ("prior", _GAUSSIAN),
     ("now", _GAUSSIAN),  # at the pose that is predicted
     ("path_learned", float),  # path of the last record that updated the filter
-    ("horizontal_scale", float),  # m of (L5): means of the squared errors, of both horizontal components together
-    ("vertical_scale", float),
+    ("scale", float, 3),  # m of (L5): mean of the squared errors of each component
     ("bias", float),  # b of (L5): mean of the vertical errors
     ("fitted", float, 3),  # work space
     ("gain", float, 4),
@@ -74,7 +73,7 @@ def reset(state: Any, strength_error: float) -> None:
     state["prior"]["theta"] = 1.0, 1.0, 0.0, 0.0
     state["prior"]["p"] = _covariance(strength_error, _PRIOR_EACH, _PRIOR_SURFACE)
     state["latest"] = state["of_push"] = state["prior"]
-    state["horizontal_scale"] = state["vertical_scale"] = 1.0
+    state["scale"] = 1.0
     state["bias"] = 0.0
 
 
@@ -179,34 +178,36 @@ def correct(state, record, row, out, apply):
         for j in range(3):
             record.s[i, j] = _form(h[i], now.p, h[j]) + (record.r if i == j else 0.0)
     growth = _BIAS_GROWTH * min(state.lag, _BIAS_LAG_MOST)
-    horizontal, vertical = state.horizontal_scale, state.vertical_scale + growth * state.bias**2
+    vertical = state.scale[Z] + growth * state.bias**2
+    greatest = max(state.scale[X], state.scale[Y], vertical)
     for i in range(6):
         model, learned = h[i, VERTICAL] + h[i, HORIZONTAL], dot(h[i], now.theta)
         if i < 3:
-            variance = (vertical if i == Z else horizontal) * record.s[i, i]
+            variance = (vertical if i == Z else state.scale[i]) * record.s[i, i]
         else:
-            variance = max(horizontal, vertical) * (_form(h[i], now.p, h[i]) + (_NOISE * learned) ** 2)
+            variance = greatest * (_form(h[i], now.p, h[i]) + (_NOISE * learned) ** 2)
             variance += (LEVER * state.reach) ** 2 * square
         wrench[i] = learned if apply else model
         sigma[i] = math.sqrt(variance + (learned - wrench[i]) ** 2)  # a correction not applied is an error, too
 
 
 @inlined
-def _followed_scale(scale, square, fall, step):
-    """m of (L5) after a squared error. `fall`: path of the mean while it falls."""
+def _followed_scale(scale, square, rise, fall, step):
+    """m of (L5) after a squared error. `rise`, `fall`: path of the mean while it grows, and while it falls."""
     square = min(square, _SQUARE_MOST)
-    length = _SCALE_RISE if square > scale else fall
+    length = rise if square > scale else fall
     return max(scale + (1.0 - math.exp(-step / length)) * (square - scale), _SCALE_LEAST)
 
 
 @inlined
 def _adapt(state, record, step):
     """Update m and b of (L5) with the error of the prediction that was made at the record's pose."""
-    y, predicted, s = record.y, record.predicted, record.s
-    flat = ((y[X] - predicted[X]) ** 2 + (y[Y] - predicted[Y]) ** 2) / (s[X, X] + s[Y, Y])
+    y, predicted, s, scale = record.y, record.predicted, record.s, state.scale
+    for i in (X, Y):
+        square = (y[i] - predicted[i]) ** 2 / s[i, i]
+        scale[i] = _followed_scale(scale[i], square, _HORIZONTAL_SCALE_RISE, _HORIZONTAL_SCALE_FALL, step)
     vertical = (y[Z] - predicted[Z]) / math.sqrt(s[Z, Z])
-    state.horizontal_scale = _followed_scale(state.horizontal_scale, flat, _HORIZONTAL_SCALE_FALL, step)
-    state.vertical_scale = _followed_scale(state.vertical_scale, vertical**2, _VERTICAL_SCALE_FALL, step)
+    scale[Z] = _followed_scale(scale[Z], vertical**2, _VERTICAL_SCALE_RISE, _VERTICAL_SCALE_FALL, step)
     error = min(max(vertical, -_ERROR_MOST), _ERROR_MOST)
     state.bias += (1.0 - math.exp(-step / _BIAS_LENGTH)) * (error - state.bias)
 

@@ -151,7 +151,7 @@ def _measure_surprise(state, record, y, step):
         variance = 0.0
         for i in range(3):
             variance += predicted[i] * dot(record.s[i], predicted)
-        variance *= max(1.0, state.horizontal_scale, state.vertical_scale)
+        variance *= max(1.0, state.scale[0], state.scale[1], state.scale[2])
         normalised = min(max(error * size / math.sqrt(variance), -_NORMALISED_MOST), _NORMALISED_MOST)
         share = min(1.0 - math.exp(-step / _SURPRISE_LENGTH), _SHARE_MOST)
         state.surprise += share * (normalised - state.surprise)
