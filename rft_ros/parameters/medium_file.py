@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 _YAML = (".yaml", ".yml")
 _MAX_MAP = 2 * 2**20  # bytes; a node reads it between two ticks
-_MAX_CELLS = 20_000
+_MAX_CELLS = 5_000
 _LEAST, _MOST = 1e-3, 50.0
 """Plausible range of a medium's greatest stress per depth [N/cm³]; loose poppy seeds have 0.25, generic 1."""
 

@@ -217,6 +217,11 @@ def _listed(names: tuple[str, ...]) -> str:
 def _zeta(medium: Medium, measured: StressMap) -> float:
     """ζ, 0 or more, with which a medium fits a map best."""
     model, stress = _both(medium, measured)
+    return _best_factor(model, stress)
+
+
+def _best_factor(model: Array, stress: Array) -> float:
+    """The factor, 0 or more, with which a model fits best."""
     over = float(model @ model)
     return max(float(model @ stress) / over, 0.0) if over > 0.0 else 0.0
 
@@ -294,19 +299,18 @@ def _conventions(measured: StressMap) -> list[str]:
     if min(np.isfinite(measured.alpha_x).sum(), np.isfinite(measured.alpha_z).sum()) < _ENOUGH:
         return []
     as_given, tried = np.inf, list[tuple[float, float, list[str]]]()
-    for of_beta, of_gamma, x_sign, z_sign in itertools.product(_BETAS, _GAMMAS, (1.0, -1.0), (1.0, -1.0)):
-        turned = StressMap(
-            beta=of_beta.first + of_beta.sign * measured.beta,
-            gamma=of_gamma.first + of_gamma.sign * measured.gamma,
-            alpha_x=x_sign * measured.alpha_x,
-            alpha_z=z_sign * measured.alpha_z,
-        )
-        misfit = min(_rms_scaled(medium, turned) for medium in MEDIA.values())
-        changes = [change for change in (of_beta.change, of_gamma.change) if change]
-        changes += [f"{name} negated" for name, sign in (("alpha_x", x_sign), ("alpha_z", z_sign)) if sign < 0.0]
-        tried.append((misfit / _BETTER ** len(changes), misfit, changes))
-        if not changes:
-            as_given = misfit
+    for of_beta, of_gamma in itertools.product(_BETAS, _GAMMAS):
+        beta = of_beta.first + of_beta.sign * measured.beta
+        gamma = of_gamma.first + of_gamma.sign * measured.gamma
+        models = [np.concatenate(medium.stresses(beta, gamma)) for medium in MEDIA.values()]
+        for x_sign, z_sign in itertools.product((1.0, -1.0), repeat=2):
+            stress = np.concatenate([x_sign * measured.alpha_x, z_sign * measured.alpha_z])
+            misfit = min(_rms_scaled(model, stress) for model in models)
+            changes = [change for change in (of_beta.change, of_gamma.change) if change]
+            changes += [f"{name} negated" for name, sign in (("alpha_x", x_sign), ("alpha_z", z_sign)) if sign < 0.0]
+            tried.append((misfit / _BETTER ** len(changes), misfit, changes))
+            if not changes:
+                as_given = misfit
     _, misfit, changes = min(tried)
     if not changes:
         return []
@@ -323,7 +327,8 @@ def _units(zeta: float) -> list[str]:
     return [f"{stresses}, outside of {_WEAKEST:g} to {_STRONGEST:g}; they must be in N/cm³, a pressure over its depth"]
 
 
-def _rms_scaled(medium: Medium, measured: StressMap) -> float:
-    """RMS of what remains after the best ζ."""
-    model, stress = _both(medium, measured)
-    return _root_mean_square(stress - _zeta(medium, measured) * model)
+def _rms_scaled(model: Array, stress: Array) -> float:
+    """RMS of what remains of a stress after the best ζ of a model; α_x, then α_z, of each."""
+    there = np.isfinite(stress)
+    model, stress = model[there], stress[there]
+    return _root_mean_square(stress - _best_factor(model, stress) * model)

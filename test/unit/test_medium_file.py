@@ -5,6 +5,7 @@ import pytest
 import yaml
 from refusals import refusal
 
+import rft_ros
 from rft_ros.cli import main
 from rft_ros.parameters import defaults, model_of, read_medium, read_parameter_file, read_stress_map
 from rft_ros.parameters.short_names import parameters_of
@@ -208,3 +209,8 @@ def test_predict_and_sweep_take_a_file_where_they_take_the_name_of_a_medium(writ
     own.write_text(yaml.safe_dump(MEDIA["generic"].coefficients))
     assert design.fingerprint() != before
     assert evaluate(design.variants[1], design.fingerprint())["peak_fz"] > 2.0 * named["peak_fz"]
+
+
+def test_a_medium_is_read_from_python_by_the_name_of_the_package(write):
+    file = write(HEADER + lines(cells()))
+    assert rft_ros.read_medium(str(file)) == read_medium(str(file))
