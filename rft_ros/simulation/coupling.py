@@ -16,6 +16,7 @@ from math import sqrt
 import numpy as np
 
 from rft_ros.rft.kernel.compilation import compiled, inlined
+from rft_ros.simulation.algebra import dot, multiply, solve
 from rft_ros.simulation.beds import evaluate, stiffness_matrix
 
 __all__ = ["COUPLED", "advance", "forces_on_plates", "hold", "hold_each"]
@@ -29,20 +30,16 @@ _CHANGE, _TURN = 0.02, 0.002
 pushed back. Grains that yielded are more than ten times as stiff when the motion reverses."""
 
 _MOST, _WHOLE, _CLOSE = 32, 12, 0.02
-"""Most evaluations of Newton's method, those with whole steps, and the relative change of the wrench at which it ends.
-The steps after them are halved: where plates turn, whole steps may go round in a circle."""
+"""Most evaluations of Newton's method, those after which its steps are halved each time, and the relative change of the
+wrench at which it ends. Where plates turn or the grains stiffen on the way, whole steps may go round in a circle."""
 
 _ROUNDED = 1e-9
 """Wrench of a body, as a share of the greatest of all bodies, below which it is rounding: of a foot in the air, beside
 one on the ground."""
 
 _SLIGHT = 0.1
-"""Change of a body's motion by its wrench in the step, as a share of the motion. Below it the wrench at the beginning
-is a good first guess for grains that yield, which resist about the same all along."""
-
-_OVERSHOT, _LEVEL = 0.5, 0.1
-"""Residual along a step of Newton's method at its end, over that at its beginning. The step is too long if the sign has
-changed and the ratio is over the first number. It is short enough if the ratio is below the second."""
+"""Change of a body's motion by its wrench in the step, as a share of the motion. Below it the body ploughs on as it
+did: the wrench at the end is first guessed to change as in the last step, whose wrench is the mean over it."""
 
 _SLOW, _SUDDEN, _QUICK = 0.002, 0.01, 0.1
 """Greatest speeds [m/s] to which the grains push back a body that nothing holds: under a constant load, and what the
@@ -80,39 +77,6 @@ _TURNS, _SETTLED = 50, 1e-3
 _TINY = 1e-290  # avoids 0 / 0
 
 
-@inlined
-def _dot(a, b):
-    s = 0.0
-    for k in range(len(a)):
-        s += a[k] * b[k]
-    return s
-
-
-@inlined
-def _solve(a, x):
-    """Solve a x = x in place by elimination with pivots; the zeros of bodies that do not meet cost nothing."""
-    size = len(x)
-    for i in range(size):
-        p = i
-        for j in range(i + 1, size):
-            if abs(a[j, i]) > abs(a[p, i]):
-                p = j
-        if p != i:
-            for k in range(i, size):
-                a[i, k], a[p, k] = a[p, k], a[i, k]
-            x[i], x[p] = x[p], x[i]
-        for j in range(i + 1, size):
-            if a[j, i] != 0.0:
-                f = a[j, i] / a[i, i]
-                for k in range(i, size):
-                    a[j, k] -= f * a[i, k]
-                x[j] -= f * x[i]
-    for i in range(size - 1, -1, -1):
-        for k in range(i + 1, size):
-            x[i] -= a[i, k] * x[k]
-        x[i] /= a[i, i]
-
-
 @compiled
 def advance(beds, first, coupled, before, given, states, rows):
     """Bring the memory of bodies from `first` on to `given` states, shape [n, 13]; write their rows, shape [n, 19].
@@ -121,7 +85,7 @@ def advance(beds, first, coupled, before, given, states, rows):
     """
     for b in range(len(given)):
         states[b] = given[b]
-        coupled[b].energy -= before * _dot(coupled[b].wrench, given[b, 7:])
+        coupled[b].energy -= before * dot(coupled[b].wrench, given[b, 7:])
         coupled[b].last_free[:], coupled[b].last_release_speed = coupled[b].free, coupled[b].release_speed
         evaluate(beds, first + b, beds.memory[first + b : first + b + 1], states[b : b + 1], rows[b : b + 1])
 
@@ -144,46 +108,38 @@ def _move(state, twist, h):
     state[4] += b * w + c * x - a * z
     state[5] += c * w + a * y - b * x
     state[6] -= a * x + b * y + c * z
-    state[3:7] /= sqrt(_dot(state[3:7], state[3:7]))
+    state[3:7] /= sqrt(dot(state[3:7], state[3:7]))
 
 
 @inlined
 def _settle(residual, springs, inverse, h, change):
     """Write the change of the wrenches that takes away their residual to first order: (1 + h² B A)^-1 of it."""
-    size = len(residual)
-    matrix = np.zeros((size, size))
-    for b in range(size // 6):
-        for c in range(size // 6):
-            if not np.any(inverse[_part(b), _part(c)]):  # these two do not meet
-                continue
-            for i in range(6):
-                for j in range(6):
-                    s = 0.0
-                    for k in range(6):
-                        s += springs[b, i, k] * inverse[6 * b + k, 6 * c + j]
-                    matrix[6 * b + i, 6 * c + j] = h * h * s
-    for i in range(size):
+    matrix = np.empty((len(residual), len(residual)))
+    for b in range(len(springs)):
+        multiply(springs[b], inverse[_part(b)], matrix[_part(b)])
+    matrix *= h * h
+    for i in range(len(residual)):
         matrix[i, i] += 1.0
-        change[i] = residual[i]
-    _solve(matrix, change)
+    change[:] = residual
+    solve(matrix, change.reshape(-1, 1))
 
 
 @inlined
 def _follow(ahead, inverse, h, wrench, after):
     """Write the twists at the end of the step under the wrenches."""
     for i in range(len(ahead)):
-        after[i] = ahead[i] + h * _dot(inverse[i], wrench)
+        after[i] = ahead[i] + h * dot(inverse[i], wrench)
 
 
 @inlined
 def _path(twist, reach):
     """Path per second of the fastest point within `reach` [m/s], at most."""
-    return sqrt(_dot(twist[:3], twist[:3])) + reach * sqrt(_dot(twist[3:], twist[3:]))
+    return sqrt(dot(twist[:3], twist[:3])) + reach * sqrt(dot(twist[3:], twist[3:]))
 
 
 @inlined
 def _size(wrench, reach):
-    return sqrt(_dot(wrench[:3], wrench[:3])) + sqrt(_dot(wrench[3:], wrench[3:])) / reach
+    return sqrt(dot(wrench[:3], wrench[:3])) + sqrt(dot(wrench[3:], wrench[3:])) / reach
 
 
 @inlined
@@ -199,7 +155,7 @@ def _small(beds, first, change, most, most_back, begin, wrench, after):
     for b in range(len(change) // 6):
         part, reach = _part(b), beds.bodies[first + b].reach
         largest = max(_size(wrench[part], reach), _size(begin[part], reach), _ROUNDED * greatest)
-        share = most_back if _dot(begin[part], after[part]) > 0.0 else most
+        share = most_back if dot(begin[part], after[part]) > 0.0 else most
         small &= _size(change[part], reach) <= share * largest
     return small
 
@@ -220,11 +176,11 @@ def _allowed_push_back(coupled, wrench, twist, ahead, inverse, spring, reach, h)
     square = stiff = fall = free = 0.0
     way = np.empty(6)
     for i in range(6):
-        way[i] = _dot(inverse[i], wrench)
+        way[i] = dot(inverse[i], wrench)
         coupled.free[i] = (ahead[i] - twist[i]) / h
     for i in range(6):
         square += wrench[i] * way[i]
-        stiff += way[i] * _dot(spring[i], way)
+        stiff += way[i] * dot(spring[i], way)
         fall += wrench[i] * (coupled.free[i] - coupled.last_free[i])
         free += wrench[i] * ahead[i]
     speed = _path(way, reach)  # of the fastest point, per N s of impulse along the wrench
@@ -251,7 +207,7 @@ def _limit_push_back(coupled, allowed, inverse, h, wrench, after):
             part = _part(b)
             back = own = 0.0
             for i in range(6 * n):
-                push[i] = h * _dot(inverse[i, part], wrench[part])
+                push[i] = h * dot(inverse[i, part], wrench[part])
             for i in range(6 * b, 6 * b + 6):
                 back += wrench[i] * after[i]
                 own += wrench[i] * push[i]
@@ -303,7 +259,7 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
         begin[_part(b)] = rows[b, :6]
     _follow(ahead, inverse, h, begin, under_begin)
     for i in range(6 * n):
-        residual[i] = -h * _dot(springs[i // 6, i % 6], under_begin[_part(i // 6)])
+        residual[i] = -h * dot(springs[i // 6, i % 6], under_begin[_part(i // 6)])
     _settle(residual, springs, inverse, h, change)
     wrench[:] = begin + change
     _follow(ahead, inverse, h, wrench, after)
@@ -318,8 +274,8 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
         for b in range(n):
             part, reach = _part(b), beds.bodies[first + b].reach
             twist, turn = states[b, 7:], under_begin[part] - ahead[part]
-            if _dot(begin[part], twist) < 0.0 and _path(turn, reach) < _SLIGHT * _path(twist, reach):
-                wrench[part] = begin[part]
+            if dot(begin[part], twist) < 0.0 and _path(turn, reach) < _SLIGHT * _path(twist, reach):
+                wrench[part] = 3.0 * begin[part] - 2.0 * coupled[b].wrench
         _follow(ahead, inverse, h, wrench, after)
         found = _newton(beds, first, states, begin, springs, inverse, ahead, h, wrench, after)
     allowed = np.empty(n)
@@ -332,7 +288,7 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
     changed = False
     for b in range(n):
         part = _part(b)
-        if not linear and _dot(begin[part], states[b, 7:]) < 0.0 and _dot(wrench[part], after[part]) < 0.0:
+        if not linear and dot(begin[part], states[b, 7:]) < 0.0 and dot(wrench[part], after[part]) < 0.0:
             changed |= _average(begin[part], inverse[part, part], h, wrench[part], after[part])
     if changed:
         _follow(ahead, inverse, h, wrench, after)
@@ -341,15 +297,10 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
 
 @inlined
 def _newton(beds, first, states, begin, springs, inverse, ahead, h, wrench, after):
-    """Find the wrenches that are the grains' own where the step ends, from a guess; returns whether it was found.
-
-    A step of Newton's method goes too far where the grains stiffen on the way. Its length is then found by the rule of
-    false position (Illinois) for the residual along it.
-    """
+    """Find the wrenches that are the grains' own where the step ends, from a guess; returns whether it was found."""
     n = len(states)
     trial, row = np.empty((1, 13)), np.empty((1, 19))
-    residual, change, start = np.empty(6 * n), np.zeros(6 * n), wrench.copy()
-    share, slope, within, low, high, at_low, at_high = 1.0, 0.0, False, 0.0, 1.0, 0.0, 0.0
+    residual, change = np.empty(6 * n), np.empty(6 * n)
     for turn in range(_MOST):
         for b in range(n):
             trial[0] = states[b]
@@ -358,31 +309,12 @@ def _newton(beds, first, states, begin, springs, inverse, ahead, h, wrench, afte
             evaluate(beds, first + b, memory, trial, row)
             stiffness_matrix(memory[0], springs[b])
             residual[_part(b)] = row[0, :6] - wrench[_part(b)]
-        along = 0.0
-        for i in range(6 * n):
-            along += residual[i] * _dot(inverse[i], change)
-        length = 1.0 if turn < _WHOLE else 0.5
-        if turn < _WHOLE and not within and along < -_OVERSHOT * slope < 0.0:
-            within, low, high, at_low, at_high = True, 0.0, 1.0, slope, along
-        elif within and along > 0.0:
-            low, at_low, at_high = share, along, 0.5 * at_high
-        elif within:
-            high, at_high, at_low = share, along, 0.5 * at_low
-        within = within and abs(along) > _LEVEL * slope
-        if within:
-            share = (low * at_high - high * at_low) / (at_high - at_low)
-            wrench[:] = start + share * change
-        else:
-            start[:], share = wrench, 1.0
-            _settle(residual, springs, inverse, h, change)
-            slope = 0.0
-            for i in range(6 * n):
-                slope += residual[i] * _dot(inverse[i], change)
-            wrench[:] = start + length * change
-            if _small(beds, first, change, _CLOSE, _CLOSE, begin, wrench, after):
-                _follow(ahead, inverse, h, wrench, after)
-                return True
+        _settle(residual, springs, inverse, h, change)
+        wrench += 0.5 ** (turn // _WHOLE) * change
+        close = _small(beds, first, change, _CLOSE, _CLOSE, begin, wrench, after)
         _follow(ahead, inverse, h, wrench, after)
+        if close:
+            return True
     return False
 
 

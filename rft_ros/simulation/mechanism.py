@@ -6,22 +6,64 @@ Mi = M + h (damping that they take implicitly). So wrenches w on bodies with the
 over a step of h by h A w, with A = J Mi^-1 M H^-1 J^T.
 """
 
-from typing import Any
+from math import pi, sqrt
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.rft.kernel.compilation import compiled, inlined, machine_code
+from rft_ros.simulation.algebra import dot, multiply, solve
 
 __all__ = ["Mechanism", "import_mujoco"]
 
 Array = NDArray[np.float64]
 
 _QUADRATIC, _CONE = 1, 4  # of mjtConstraintState
-_NO_ROWS = np.zeros(0), np.zeros(0, np.int32), np.zeros(0), np.zeros((3, 0), np.int32)
-_NO_CONES = np.zeros((2, 0), np.int32), np.zeros((0, 36))
 _FASTEST = 1e9  # m/s and rad/s: beyond it squares of squares overflow
+_TINY = 1e-290  # avoids 0 / 0
+
+_IN_HESSIAN, _STIFFNESS, _DAMPING = range(3)
+"""What is summed over forces or constraints. The last two are also the places in a bias or gain of MuJoCo's actuators
+of what multiplies the length and the velocity."""
+
+
+class _Constraints(NamedTuple):
+    """The rows of constraints: Jacobian, state, stiffness D, and MuJoCo's `efc_KBIP`; and contacts with elliptic cones.
+
+    `cones`: their first rows and dimensions, shape [2, n]; `cone_hessians`: shape [n, 36].
+    """
+
+    jacobian: Array
+    state: NDArray[np.int32]
+    stiffness: Array
+    reference: Array
+    cones: NDArray[np.int32]
+    cone_hessians: Array
+
+
+class _Forces(NamedTuple):
+    """What the stiffness and the damping of joints, tendons and actuators follow from: views, and sparse Jacobians."""
+
+    joint_stiffness: Array
+    joint_of_dof: NDArray[np.int32]
+    dof_damping: Array
+    tendon_stiffness: Array
+    tendon_damping: Array
+    tendons: tuple[Any, ...]
+    affine: NDArray[np.int64]
+    bias_kinds: NDArray[np.int32]
+    gain_kinds: NDArray[np.int32]
+    biases: Array
+    gains: Array
+    limited: NDArray[np.bool_]
+    ranges: Array
+    activation: NDArray[np.int32]
+    controls: Array
+    activations: Array
+    acting: Array
+    moments: tuple[Any, ...]
 
 
 def import_mujoco() -> Any:
@@ -37,42 +79,48 @@ class Mechanism:
     """The bodies with these ids in one model; arrays of n bodies are stacked as in `rft_ros.simulation.coupling`.
 
     `states`: shape [n, 13], columns and units of `rft_ros.rft.STATE`. `inverse`: A, shape [6 n, 6 n]; `ahead`: the
-    twists at the end of the step without the wrenches, shape [6 n]. `jacobian`: J, shape [6 n, nv]; `moves`: row i is
-    Mi^-1 M H^-1 of J's row i, by which a wrench changes the joints' velocities. `mass`, `damping`: M, and what h
-    multiplies in Mi, shape [nv, nv]. World axes.
+    twists at the end of the step without the wrenches, shape [6 n]. `jacobian`: J, shape [6 n, nv]; `moves`: Mi^-1 M
+    H^-1 J^T, by which wrenches change the joints' velocities, shape [nv, 6 n]. World axes.
     """
 
     def __init__(self, model: Any, bodies: list[int]) -> None:
         self._mujoco, self.model, self._bodies = import_mujoco(), model, bodies
         n, nv = len(bodies), int(model.nv)
         self.states, self.inverse, self.ahead = np.zeros((n, 13)), np.zeros((6 * n, 6 * n)), np.zeros(6 * n)
-        self.jacobian, self.moves = np.zeros((2, 6 * n, nv))
-        self.mass, self.damping = np.zeros((2, nv, nv))
+        self.jacobian, self.moves, self._mass = np.zeros((6 * n, nv)), np.zeros((nv, 6 * n)), np.zeros((nv, nv))
         self._parts = [
             (self.jacobian[6 * k : 6 * k + 3], self.jacobian[6 * k + 3 : 6 * k + 6], body)
             for k, body in enumerate(bodies)
         ]
-        self._dofs = np.array([_dofs_of(model, body) for body in bodies])
+        self._none = _Constraints(
+            np.zeros((0, nv)), np.zeros(0, np.int32), np.zeros(0), np.zeros((0, 4)), np.zeros((2, 0), np.int32),
+            np.zeros((0, 36)),
+        )  # fmt: skip
+        self._constraints = self._none
         kinds, flags = self._mujoco.mjtIntegrator, self._mujoco.mjtDisableBit
         self._euler, self._rk4 = int(kinds.mjINT_EULER), int(kinds.mjINT_RK4)
         self._no_dampers = int(getattr(flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0)))
         self._no_implicit_dampers = self._no_dampers | int(flags.mjDSBL_EULERDAMP)
         self.data: Any = None
         self.bind(self._mujoco.MjData(model))
-        self._respond: Any = machine_code(_respond, self._arguments(_NO_ROWS, _NO_CONES, 0.1, np.zeros(6 * n)))
+        self._respond: Any = machine_code(_respond, self._arguments(np.zeros(6 * n), 0.1))
+        self._resistance: Any = machine_code(_resistance, (self._inertia, self._forces, self._none, 0, np.zeros(6)))
 
     def bind(self, data: Any) -> None:
         """Take the arrays of `data`, which stay where they are. Raises ValueError if it is not of this model."""
-        if not isinstance(data, self._mujoco.MjData) or data.model.signature != self.model.signature:
+        if not isinstance(data, self._mujoco.MjData) or _sizes(data.model) != _sizes(self.model):
             raise ValueError("data is not of the model of these grains; make it with mujoco.MjData(model)")
-        self.data = data
-        self._dampers = self._actuators_and_tendons(data)
-        self._moving = np.array(self._bodies), self._dofs, data.xpos, data.xquat, data.qvel, data.qacc
+        self.data, self._forces = data, _forces(self._mujoco, self.model, data)
+        self._moving = np.array(self._bodies), data.xpos, data.xquat, data.qvel, data.qacc
+        self._inertia = self._mass, self.jacobian, self.moves
 
     def move(self) -> None:
         """Compute what depends on positions and velocities, without sensors."""
         self._mujoco.mj_fwdPosition(self.model, self.data)
         self._mujoco.mj_fwdVelocity(self.model, self.data)
+        for linear, angular, body in self._parts:
+            self._mujoco.mj_jacBody(self.model, self.data, linear, angular, body)
+        _full_inertia(self._mujoco, self.model, self.data, self._mass)
 
     def accelerate(self) -> None:
         """Compute the accelerations under the forces that act now."""
@@ -83,50 +131,29 @@ class Mechanism:
 
         Returns whether all of it is finite, and not too fast to be squared.
         """
-        mujoco, model, data = self._mujoco, self.model, self.data
-        for linear, angular, body in self._parts:
-            mujoco.mj_jacBody(model, data, linear, angular, body)
-        _full_inertia(mujoco, model, data, self.mass)
-        rows, cones = self._constraints() if data.nefc else (_NO_ROWS, _NO_CONES)
-        fine: bool = self._respond(*self._arguments(rows, cones, h, held))
+        self._constraints = self._active() if self.data.nefc else self._none
+        fine: bool = self._respond(*self._arguments(held, h))
         return fine
 
-    def _arguments(self, rows: Any, cones: Any, h: float, held: Array) -> tuple[Any, ...]:
-        inertia = self.mass, self.damping, self.jacobian, self.moves
-        return (
-            self._moving,
-            inertia,
-            self._damps(),
-            self._dampers,
-            rows,
-            cones,
-            h,
-            held,
-            self.states,
-            self.inverse,
-            self.ahead,
-        )
+    def _arguments(self, held: Array, h: float) -> tuple[Any, ...]:
+        given = self._moving, self._inertia, self._forces, self._damps(), self._constraints
+        return *given, held, h, self.states, self.inverse, self.ahead
 
-    def _constraints(self) -> tuple[Any, Any]:
-        """The rows of constraints: Jacobian, state, stiffness, and begin, length and columns of a row if it is sparse.
-
-        And the contacts with elliptic cones: their first rows and dimensions, and their Hessians.
-        """
+    def _active(self) -> _Constraints:
+        """The constraints at the accelerations of now."""
         mujoco, model, data = self._mujoco, self.model, self.data
-        sparse = _NO_ROWS[3]
+        rows = data.efc_J.reshape(-1, model.nv) if not mujoco.mj_isSparse(model) else np.zeros((data.nefc, model.nv))
         if mujoco.mj_isSparse(model):
-            sparse = np.zeros((3, max(data.nefc, data.nJ)), np.int32)
-            sparse[0, : data.nefc], sparse[1, : data.nefc] = data.efc_J_rowadr, data.efc_J_rownnz
-            sparse[2, : data.nJ] = data.efc_J_colind
-        rows = data.efc_J.ravel(), data.efc_state, data.efc_D, sparse
-        if model.opt.cone == mujoco.mjtCone.mjCONE_PYRAMIDAL or not data.ncon:
-            return rows, _NO_CONES
-        jar = np.zeros(data.nefc)
-        mujoco.mj_mulJacVec(model, data, jar, data.qacc)
-        mujoco.mj_constraintUpdate(model, data, jar - data.efc_aref, None, 1)  # computes the cones' Hessians
-        places = np.vstack([data.contact.efc_address, data.contact.dim]).astype(np.int32)
-        # MuJoCo's array has other data of the contact between its rows
-        return rows, (places, np.ascontiguousarray(data.contact.H))
+            mujoco.mju_sparse2dense(rows, data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
+        cones, hessians = self._none.cones, self._none.cone_hessians
+        if model.opt.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL and data.ncon:
+            jar = np.zeros(data.nefc)
+            mujoco.mj_mulJacVec(model, data, jar, data.qacc)
+            mujoco.mj_constraintUpdate(model, data, jar - data.efc_aref, None, 1)  # computes the cones' Hessians
+            cones = np.vstack([data.contact.efc_address, data.contact.dim]).astype(np.int32)
+            # MuJoCo's array has other data of the contact between its rows
+            hessians = np.ascontiguousarray(data.contact.H)
+        return _Constraints(rows, data.efc_state, data.efc_D, data.efc_KBIP, cones, hessians)
 
     def _damps(self) -> int:
         """Whose damping the integrator takes implicitly: 0 none, 1 that of joints, 2 of actuators, 3 of tendons too."""
@@ -136,26 +163,36 @@ class Mechanism:
             return int(not off & self._no_implicit_dampers)
         return 0 if integrator == self._rk4 else 2 + (not off & self._no_dampers)
 
-    def _actuators_and_tendons(self, data: Any) -> tuple[Any, ...]:
-        """What their damping follows from, in arrays that stay where they are."""
-        model, mujoco = self.model, self._mujoco
-        layout = data if hasattr(data, "ten_J_rownnz") else model
-        tendons = data.ten_J.ravel(), layout.ten_J_rownnz, layout.ten_J_rowadr, layout.ten_J_colind.ravel()
-        moments = data.actuator_moment.ravel(), data.moment_rownnz, data.moment_rowadr, data.moment_colind.ravel()
-        affine = np.array([mujoco.mjtBias.mjBIAS_AFFINE, mujoco.mjtGain.mjGAIN_AFFINE], dtype=np.int64)
-        kinds = affine, model.actuator_biastype, model.actuator_gaintype, model.actuator_forcelimited.astype(np.bool_)
-        numbers = model.actuator_biasprm, model.actuator_gainprm, model.actuator_forcerange
-        moving = model.actuator_actadr, data.ctrl, data.act, data.actuator_force
-        return model.dof_damping, (model.tendon_damping, *tendons), (kinds, numbers, moving, moments)
+    def share_held(self, b: int, push: Array, stiffness: Array) -> float:
+        """The share of the grains' elastic energy that other forces take up as they push body b back, shape [6].
+
+        A spring takes up K / k of it, and a damper (pi / 2) C / sqrt(k m), where k is the `stiffness` of the grains,
+        shape [6, 6], m the mass that they push, and K and C are those of all other forces against this motion.
+        """
+        own = slice(6 * b, 6 * b + 6)
+        way = self.jacobian[own] @ self.moves[:, own] @ push
+        mobility, elastic = float(push @ way), float(way @ stiffness @ way)
+        if min(mobility, elastic) <= _TINY:
+            return 0.0
+        of_springs, of_dampers = self._resistance(self._inertia, self._forces, self._constraints, b, push)
+        return float(of_springs / elastic + 0.5 * pi * of_dampers / sqrt(mobility * elastic))
+
+    def loaded(self, b: int, push: Array, acting: Array, change: Array) -> tuple[float, float]:
+        """The actuators' and the user's forces along the push on body b, and the decrease of its load, as shares of it.
+
+        `acting`: the wrenches of the grains that act now, shape [6 n]. `change`: of the body's acceleration without
+        the grains since the last step, shape [6].
+        """
+        data, own = self.data, slice(6 * b, 6 * b + 6)
+        along = self.moves[:, own] @ push
+        others = data.qfrc_smooth - data.qfrc_passive + data.qfrc_bias - self.jacobian.T @ acting
+        square = max(float(push @ self.jacobian[own] @ along), _TINY)
+        return abs(float(others @ along)) / square, float(push @ change) / square
 
 
-def _dofs_of(model: Any, body: int) -> tuple[int, int]:
-    """The degrees of freedom from the first to the last that moves the body: begin and end, as of a slice."""
-    moved = model.body_weldid[body]
-    first = last = int(model.body_dofadr[moved] + model.body_dofnum[moved]) - 1
-    while model.dof_parentid[first] >= 0:
-        first = int(model.dof_parentid[first])
-    return first, last + 1
+def _sizes(model: Any) -> tuple[int, ...]:
+    # a model that was pickled has no signature
+    return model.signature, model.nq, model.nv, model.nu, model.nbody, model.ntendon
 
 
 def _full_inertia(mujoco: Any, model: Any, data: Any, mass: Array) -> None:
@@ -165,175 +202,147 @@ def _full_inertia(mujoco: Any, model: Any, data: Any, mass: Array) -> None:
         mujoco.mj_fullM(model, mass, data.qM)
 
 
-@inlined
-def _dot(a, b):
-    s = 0.0
-    for k in range(len(a)):
-        s += a[k] * b[k]
-    return s
+def _forces(mujoco: Any, model: Any, data: Any) -> _Forces:
+    layout = data if hasattr(data, "ten_J_rownnz") else model
+    return _Forces(
+        joint_stiffness=model.jnt_stiffness,
+        joint_of_dof=model.dof_jntid,
+        dof_damping=model.dof_damping,
+        tendon_stiffness=model.tendon_stiffness,
+        tendon_damping=model.tendon_damping,
+        tendons=(data.ten_J.ravel(), layout.ten_J_rownnz, layout.ten_J_rowadr, layout.ten_J_colind.ravel()),
+        affine=np.array([mujoco.mjtBias.mjBIAS_AFFINE, mujoco.mjtGain.mjGAIN_AFFINE], dtype=np.int64),
+        bias_kinds=model.actuator_biastype,
+        gain_kinds=model.actuator_gaintype,
+        biases=model.actuator_biasprm,
+        gains=model.actuator_gainprm,
+        limited=model.actuator_forcelimited.astype(np.bool_),
+        ranges=model.actuator_forcerange,
+        activation=model.actuator_actadr,
+        controls=data.ctrl,
+        activations=data.act,
+        acting=data.actuator_force,
+        moments=(data.actuator_moment.ravel(), data.moment_rownnz, data.moment_rowadr, data.moment_colind.ravel()),
+    )
 
 
 @inlined
-def _factor(a, begins):
-    """LU in place, without pivots, of a matrix that is symmetric and positive.
+def _add_constraints(matrix, what, constraints):
+    """Add Jc^T D Jc of the constraints that act, and of contacts that slide within elliptic cones; or their stiffness.
 
-    `begins`: takes the column where each row begins. Those before it are zero, as between trees, and stay so.
+    `what`: of `_IN_HESSIAN`, `_STIFFNESS` and `_DAMPING`.
     """
-    for j in range(len(a)):
-        begins[j] = j
-        for k in range(j - 1, -1, -1):
-            if a[j, k] != 0.0:
-                begins[j] = k
-    for j in range(len(a)):
-        for i in range(begins[j], j):
-            f = a[j, i] / a[i, i]
-            a[j, i] = f
-            for k in range(i + 1, len(a)):
-                a[j, k] -= f * a[i, k]
-
-
-@inlined
-def _solve(lu, begins, x):
-    """Solve in place for x, with the factors and the begins of `_factor`."""
-    for i in range(len(lu)):
-        for k in range(begins[i], i):
-            x[i] -= lu[i, k] * x[k]
-    for i in range(len(lu) - 1, -1, -1):
-        x[i] /= lu[i, i]
-        for k in range(begins[i], i):
-            x[k] -= lu[k, i] * x[i]
-
-
-@inlined
-def _multiply(a, begins, x, out):
-    """Write a x for a symmetric matrix, with the begins of its rows or of those of a matrix with fewer zeros."""
-    for i in range(len(a)):
-        out[i] = a[i, i] * x[i]
-        for k in range(begins[i], i):
-            out[i] += a[i, k] * x[k]
-            out[k] += a[i, k] * x[i]
-
-
-@inlined
-def _add_constraints(hessian, rows, cones):
-    """Add Jc^T D Jc of the constraints that act, and of contacts that slide within elliptic cones."""
-    jacobian, state, stiffness, sparse = rows
-    places, cone_hessians = cones
-    nv = len(hessian)
-    dense = np.zeros((6, nv))
+    jacobian, state, stiffness, reference, cones, cone_hessians = constraints
     for i in range(len(state)):
         if state[i] == _QUADRATIC:
-            _row(jacobian, sparse, i, dense[0])
-            for j in range(nv):
-                if dense[0, j] != 0.0:
-                    for k in range(nv):
-                        hessian[j, k] += stiffness[i] * dense[0, j] * dense[0, k]
-    for c in range(places.shape[1]):
-        first, size = places[0, c], places[1, c]
+            weight = stiffness[i] * (1.0 if what == _IN_HESSIAN else reference[i, what - 1])
+            _add_product(matrix, weight, jacobian[i], jacobian[i])
+    for c in range(cones.shape[1]):
+        first, size = cones[0, c], cones[1, c]
         if first >= 0 and state[first] == _CONE:
             for a in range(size):
-                _row(jacobian, sparse, first + a, dense[a])
-            for a in range(size):
+                weight = 1.0 if what == _IN_HESSIAN else reference[first + a, what - 1]
                 for b in range(size):
-                    weight = cone_hessians[c, a * size + b]
-                    for j in range(nv):
-                        if dense[a, j] != 0.0:
-                            for k in range(nv):
-                                hessian[j, k] += weight * dense[a, j] * dense[b, k]
+                    of_both = weight * cone_hessians[c, a * size + b]
+                    _add_product(matrix, of_both, jacobian[first + a], jacobian[first + b])
 
 
 @inlined
-def _row(jacobian, sparse, i, dense):
-    nv = len(dense)
-    if sparse.shape[1] == 0:
-        dense[:] = jacobian[i * nv : (i + 1) * nv]
-    else:
-        dense[:] = 0.0
-        for k in range(sparse[0, i], sparse[0, i] + sparse[1, i]):
-            dense[sparse[2, k]] = jacobian[k]
+def _add_product(matrix, weight, a, b):
+    for j in range(len(a)):
+        if a[j] != 0.0:
+            for k in range(len(b)):
+                matrix[j, k] += weight * a[j] * b[k]
 
 
 @inlined
-def _add_row(damping, weight, sparse, i):
-    """Add the damping of a tendon or actuator whose Jacobian is row i."""
+def _add_row(matrix, weight, sparse, i):
+    """Add what a tendon or actuator adds whose Jacobian is row i; returns whether that is anything."""
     values, counts, begins, columns = sparse
-    for a in range(begins[i], begins[i] + counts[i]):
-        for b in range(begins[i], begins[i] + counts[i]):
-            damping[columns[a], columns[b]] += weight * values[a] * values[b]
+    if weight != 0.0:
+        for a in range(begins[i], begins[i] + counts[i]):
+            for b in range(begins[i], begins[i] + counts[i]):
+                matrix[columns[a], columns[b]] += weight * values[a] * values[b]
+    return weight != 0.0
 
 
 @inlined
-def _set_damping(damping, which, dampers):
-    """Write the damping that the integrator takes implicitly; returns whether there is any. `which`: of `_damps`."""
-    of_joints, tendons, (kinds, numbers, moving, moments) = dampers
-    of_tendons, jacobians = tendons[0], tendons[1:]
-    affine, bias_kinds, gain_kinds, limited = kinds
-    biases, gains, ranges = numbers
-    states, controls, activations, forces = moving
-    damping[:] = 0.0
+def _add_forces(matrix, what, forces, which):
+    """Add the stiffness or the damping of joints, tendons and actuators; returns whether there is any.
+
+    `what`: `_STIFFNESS` or `_DAMPING`. `which`: of `Mechanism._damps`.
+    """
     found = False
     if which % 2 == 1:
-        for i in range(len(of_joints)):
-            damping[i, i] = of_joints[i]
-            found |= of_joints[i] != 0.0
+        for i in range(len(matrix)):
+            of_joint = forces.dof_damping[i] if what == _DAMPING else forces.joint_stiffness[forces.joint_of_dof[i]]
+            matrix[i, i] += of_joint
+            found |= of_joint != 0.0
     if which == 3:
-        for i in range(len(of_tendons)):
-            if of_tendons[i] != 0.0:
-                _add_row(damping, of_tendons[i], jacobians, i)
-                found = True
+        for i in range(len(forces.tendon_damping)):
+            of_tendon = forces.tendon_damping[i] if what == _DAMPING else forces.tendon_stiffness[i]
+            found |= _add_row(matrix, of_tendon, forces.tendons, i)
     if which >= 2:
-        for i in range(len(bias_kinds)):
-            fall = -biases[i, 2] if bias_kinds[i] == affine[0] else 0.0
-            if gain_kinds[i] == affine[1] and gains[i, 2] != 0.0:
-                fall -= gains[i, 2] * (controls[i] if states[i] < 0 else activations[states[i]])
-            at_limit = limited[i] and (forces[i] <= ranges[i, 0] or forces[i] >= ranges[i, 1])
-            if fall != 0.0 and not at_limit:
-                _add_row(damping, fall, moments, i)
-                found = True
+        for i in range(len(forces.bias_kinds)):
+            fall = -forces.biases[i, what] if forces.bias_kinds[i] == forces.affine[0] else 0.0
+            if forces.gain_kinds[i] == forces.affine[1] and forces.gains[i, what] != 0.0:
+                place = forces.activation[i]
+                fall -= forces.gains[i, what] * (forces.controls[i] if place < 0 else forces.activations[place])
+            low, high = forces.ranges[i]
+            if not (forces.limited[i] and (forces.acting[i] <= low or forces.acting[i] >= high)):
+                found |= _add_row(matrix, fall, forces.moments, i)
     return found
 
 
 @compiled
-def _respond(moving, inertia, which, dampers, rows, cones, h, held, states, inverse, ahead):
-    """Write `Mechanism.states`, `inverse` and `ahead`; returns whether all of it is finite and not too fast."""
-    ids, dofs, positions, quaternions, velocity, acceleration = moving
-    mass, damping, jacobian, moves = inertia
-    nv, size = len(mass), len(jacobian)
-    fine = True
+def _respond(moving, inertia, forces, which, constraints, held, h, states, inverse, ahead):
+    """Write `Mechanism.states`, `inverse` and `ahead`; returns whether all of it is finite and not too fast.
+
+    `which`: of `Mechanism._damps`.
+    """
+    ids, positions, quaternions, velocity, acceleration = moving
+    mass, jacobian, moves = inertia
     for b in range(len(ids)):
-        first, end = dofs[b]
         states[b, :3] = positions[ids[b]]
         w, x, y, z = quaternions[ids[b]]
         states[b, 3], states[b, 4], states[b, 5], states[b, 6] = x, y, z, w
         for i in range(6):
-            states[b, 7 + i] = _dot(jacobian[6 * b + i, first:end], velocity[first:end])
-    hessian, begins, damped_begins = mass.copy(), np.empty(nv, np.int64), np.empty(nv, np.int64)
-    _add_constraints(hessian, rows, cones)
-    _factor(hessian, begins)
-    damped = _set_damping(damping, which, dampers)
-    taken = acceleration.copy()
-    implicit = mass
-    if damped:
-        implicit = mass + h * damping
-        _factor(implicit, damped_begins)
-        _multiply(mass, begins, acceleration, taken)
-        _solve(implicit, damped_begins, taken)
-    x = np.empty(nv)
-    for j in range(size):
-        moves[j] = jacobian[j]
-        _solve(hessian, begins, moves[j])
-        if damped:
-            _multiply(mass, begins, moves[j], x)
-            _solve(implicit, damped_begins, x)
-            moves[j] = x
-        for i in range(size):
-            first, end = dofs[i // 6]
-            inverse[i, j] = _dot(jacobian[i, first:end], moves[j, first:end])
-            fine &= np.isfinite(inverse[i, j])
-    for i in range(size):
-        first, end = dofs[i // 6]
+            states[b, 7 + i] = dot(jacobian[6 * b + i], velocity)
+    matrix, taken = mass.copy(), acceleration.copy().reshape(len(mass), 1)
+    moves[:] = jacobian.T
+    _add_constraints(matrix, _IN_HESSIAN, constraints)
+    solve(matrix, moves)
+    matrix[:] = 0.0
+    if _add_forces(matrix, _DAMPING, forces, which):
+        for i in range(len(mass)):
+            for k in range(len(mass)):
+                matrix[i, k] = mass[i, k] + h * matrix[i, k]
+        both, rates = np.empty((2, len(mass), len(jacobian) + 1))
+        both[:, :-1], both[:, -1:] = moves, taken
+        multiply(mass, both, rates)
+        solve(matrix, rates)
+        moves[:], taken[:] = rates[:, :-1], rates[:, -1:]
+    multiply(jacobian, moves, inverse)
+    total = states.sum() + inverse.sum()
+    for i in range(len(ahead)):
         twist = states[i // 6, 7 + i % 6]
-        way = _dot(jacobian[i, first:end], taken[first:end])
-        ahead[i] = twist + h * (way - _dot(inverse[i], held))
-        fine &= abs(twist) + abs(ahead[i]) < _FASTEST
-    return fine and np.isfinite(states.sum())
+        ahead[i] = twist + h * (dot(jacobian[i], taken[:, 0]) - dot(inverse[i], held))
+        if not abs(twist) + abs(ahead[i]) < _FASTEST:
+            return False
+    return np.isfinite(total)
+
+
+@compiled
+def _resistance(inertia, forces, constraints, b, push):
+    """Stiffness and damping of all other forces against the joints' accelerations by a push on body b, shape [6]."""
+    _, _, moves = inertia
+    along, found = np.empty(len(moves)), np.zeros(3)
+    for j in range(len(moves)):
+        along[j] = dot(moves[j, 6 * b : 6 * b + 6], push)
+    for what in (_STIFFNESS, _DAMPING):
+        matrix = np.zeros((len(moves), len(moves)))
+        _add_constraints(matrix, what, constraints)
+        _add_forces(matrix, what, forces, 3)
+        for j in range(len(moves)):
+            found[what] += along[j] * dot(matrix[j], along)
+    return found[_STIFFNESS], found[_DAMPING]

@@ -18,7 +18,6 @@ from rft_ros.rft.arguments import number
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.simulation.coupling import hold
 from rft_ros.simulation.grains import GrainsBatch, GrainsState, each_flag
-from rft_ros.simulation.holding import Holding
 from rft_ros.simulation.mechanism import Mechanism, import_mujoco
 from rft_ros.simulation.shapes import check_size, tool_of_body
 from rft_ros.tool import load_tool
@@ -113,7 +112,7 @@ class MujocoGrains:
         self._grains = GrainsBatch(tools, law, bodies=len(tools), surface_height=surface_height, ground=ground)
         self._option, self._single, self._time = model.opt, bodies is None, -math.inf
         self._model, self._mechanism = model, Mechanism(model, self._ids)
-        self._held, self._holding = each_flag("held", held, len(tools)), Holding(self._mechanism)
+        self._held = each_flag("held", held, len(tools))
         n = len(tools)
         self._wrench, self._before, self._after = np.zeros((3, 6 * n))
         self._own, self._written = np.zeros((2, n, 6))  # forces of the user's, and those with the grains'
@@ -171,15 +170,17 @@ class MujocoGrains:
         for _ in range(_ROUNDS):
             self._before[:] = wrench
             found, path, limited = self._hold(*self._arguments(h))
-            if limited and self._find_held(h):
+            if limited and self._find_held():
                 found, path, limited = self._hold(*self._arguments(h))
-            change = wrench - self._before
-            settled = not data.nefc or _size(change) <= _SETTLED * _size(wrench)
-            if last is not None and not settled:  # Aitken's relaxation, for constraints that act by turns
-                turn = change - last
-                share = min(max(-share * float(last @ turn) / max(float(turn @ turn), _TINY), _LEAST), 1.0)
-                wrench[:] = self._before + share * change
-            last = change
+            settled = not data.nefc
+            if not settled:
+                change = wrench - self._before
+                settled = _size(change) <= _SETTLED * _size(wrench)
+                if last is not None and not settled:  # Aitken's relaxation, for constraints that act by turns
+                    turn = change - last
+                    share = min(max(-share * float(last @ turn) / max(float(turn @ turn), _TINY), _LEAST), 1.0)
+                    wrench[:] = self._before + share * change
+                last = change
             self._add(*self._forces)
             if settled:
                 break
@@ -197,19 +198,19 @@ class MujocoGrains:
         for b in np.flatnonzero(self._grains.coupled["limited"]).tolist():
             yield b, self._grains.rows[b, :6]
 
-    def _find_held(self, h: float) -> bool:
+    def _find_held(self) -> bool:
         """Mark the bodies with a limit that something holds; returns whether there are any."""
         stiffness, found = self._grains.stiffness, False
         for b, push in self._limited_pushes():
-            reach = float(self._grains.beds.bodies[b]["reach"])
-            if self._holding.share(b, push, stiffness[b], reach=reach, h=h) > _HELD:
+            if self._mechanism.share_held(b, push, stiffness[b]) > _HELD:
                 self._grains.coupled["held"][b] = found = True
         return found
 
     def _tell_limits(self) -> None:
         """Count the bodies whose push-back is limited while forces that may hold them decrease. Logs the first."""
         for b, push in self._limited_pushes():
-            load, decrease = self._holding.load(b, push, self._before, self._grains.coupled[b])
+            body = self._grains.coupled[b]
+            load, decrease = self._mechanism.loaded(b, push, self._before, body["free"] - body["last_free"])
             if load > _LOADED and decrease > _RELEASED:
                 if not self.limited:
                     _log.warning(

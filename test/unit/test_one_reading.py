@@ -30,7 +30,6 @@ ELSEWHERE = {
     "installation.py Path(__file__).resolve": "the package's own place",
     "node/swap.py worker.load": "asks the worker, which reads as `rft_ros.files` does",
     "parameters/from_values.py _LOADED[name].load": "functions of the package, which read as `rft_ros.files` does",
-    "simulation/mujoco_grains.py self._holding.load": "a force",
     "parameters/sections.py yaml.parse": "text that `read_text` gave",
     "simulation/six_axis_arm.py (share_directory('rft_ros') / 'config' / 'six_axis_arm.xml').read_text": "shipped",
     "tool/reduction_cache.py file.read_bytes": "the package's own sources",
