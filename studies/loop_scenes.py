@@ -43,6 +43,7 @@ LIFTS = "servo", "weld", "force"
 _NO_CONTACT = 'contype="0" conaffinity="0"'
 _PRESS = 99.0  # N
 _PUSH = 30.0  # N
+_HIPS = (0.2, 0.1), (0.2, -0.1), (-0.2, 0.1), (-0.2, -0.1)  # m
 
 
 def law(zeta: float = 0.33, length: float = 0.003) -> Law:
@@ -330,9 +331,13 @@ def presses(step: float, times: int = 200) -> Numbers:
 
 
 def gait(step: float, integrator: str = "Euler", *, trots: float = 0.0, stands: float = 3.0) -> Numbers:
-    """A quadruped of 8 kg stands and trots [s] on stiff knees: height, creep when it stands [mm], energy back [%]."""
+    """A quadruped of 8 kg stands and trots [s] on stiff knees: height, creep when it stands [mm], tilt [degrees].
+
+    ``back``: the work that the grains return to the feet, over what they take [%]. ``net back``: the energy that they
+    give over stances, each from a foot's first touch to when it leaves the grains.
+    """
     mujoco, legs, servos = import_mujoco(), "", ""
-    for k, (x, y) in enumerate([(0.2, 0.1), (0.2, -0.1), (-0.2, 0.1), (-0.2, -0.1)]):
+    for k, (x, y) in enumerate(_HIPS):
         foot = f'<geom type="sphere" size="0.035" mass="0.08" {_NO_CONTACT}/>'
         rod = f'<geom type="capsule" fromto="0 0 0 {{}} 0 -0.15" size="0.01" mass="{{}}" {_NO_CONTACT}/>'
         shank = f'<joint name="knee{k}" axis="0 1 0"/>{rod.format(0.1, 0.2)}'
@@ -349,24 +354,35 @@ def gait(step: float, integrator: str = "Euler", *, trots: float = 0.0, stands: 
     data: Any = mujoco.MjData(model)
     grains = MujocoGrains(model, bodies=[f"foot{k}" for k in range(4)], law=law(1.0))
     ids, took, gave, poses = [int(model.body(f"foot{k}").id) for k in range(4)], 1e-12, 0.0, []
+    trunk, tilt = int(model.body("trunk").id), 0.0
     linear, angular = np.zeros((2, 3, model.nv))
+    net, given = np.zeros(4), np.zeros(4)  # energy that each foot gave in its stance [J], and got by stances
     for _ in range(round((stands + trots) / step)):
         walks = max(data.time - stands, 0.0)
         for k in range(4):
-            swing = max(np.sin(2.0 * np.pi * (walks / 0.4 + 0.5 * (k in (0, 3)))), 0.0) if walks else 0.0
-            data.ctrl[2 * k : 2 * k + 2] = -0.1 * swing, 0.2 * swing
+            longer = 0.0
+            if walks:  # two legs stretch in turn, and those over which the trunk is low: else the robot falls over
+                high = float(data.xmat[trunk, 6:8] @ _HIPS[k])
+                longer = max(np.sin(2.0 * np.pi * (walks / 0.4 + 0.5 * (k in (0, 3)))), 0.0) - 15.0 * high
+            data.ctrl[2 * k : 2 * k + 2] = -0.1 * longer, 0.2 * longer
         wrenches = grains.apply(data)
         mujoco.mj_step(model, data)
-        for wrench, body in zip(wrenches, ids, strict=True):
+        for k, (wrench, body) in enumerate(zip(wrenches, ids, strict=True)):
             mujoco.mj_jacBody(model, data, linear, angular, body)
             work = step * float(wrench[:3] @ linear @ data.qvel + wrench[3:] @ angular @ data.qvel)
             took, gave = took + max(-work, 0.0), gave + max(work, 0.0)
+            if not wrench.any():  # in the air: a stance ends
+                given[k], net[k] = given[k] + max(-net[k], 0.0), 0.0
+            net[k] -= work
+        tilt = max(tilt, float(np.degrees(np.arccos(min(data.xmat[trunk, 8], 1.0)))))
         poses.append(1e3 * data.qpos[:3])
     still = poses[round((stands - 1.0) / step) : round(stands / step)]
     return {
         "height": float(poses[-1][2]),
         "creep": float(np.linalg.norm(np.ptp(still, axis=0))),
         "back": 100.0 * gave / took,
-        "taken": took,
+        "net back": 100.0 * float((given + np.maximum(-net, 0.0)).sum()) / took,
+        "tilt": tilt,
         "failures": grains.failures,
+        "limited": grains.limited,
     }

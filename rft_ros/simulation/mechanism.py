@@ -64,6 +64,9 @@ class _Forces(NamedTuple):
     activations: Array
     acting: Array
     moments: tuple[Any, ...]
+    joint_limited: NDArray[np.bool_]
+    joint_ranges: Array
+    on_dofs: Array
 
 
 def import_mujoco() -> Any:
@@ -155,6 +158,11 @@ class Mechanism:
             hessians = np.ascontiguousarray(data.contact.H)
         return _Constraints(rows, data.efc_state, data.efc_D, data.efc_KBIP, cones, hessians)
 
+    @property
+    def holds_over_stages(self) -> bool:
+        """Whether the integrator is RK4, which holds the wrenches over four stages."""
+        return bool(self.model.opt.integrator == self._rk4)
+
     def _damps(self) -> int:
         """Whose damping the integrator takes implicitly: 0 none, 1 that of joints, 2 of actuators, 3 of tendons too."""
         option = self.model.opt
@@ -178,14 +186,16 @@ class Mechanism:
         return float(of_springs / elastic + 0.5 * pi * of_dampers / sqrt(mobility * elastic))
 
     def loaded(self, b: int, push: Array, acting: Array, change: Array) -> tuple[float, float]:
-        """The actuators' and the user's forces along the push on body b, and the decrease of its load, as shares of it.
+        """The user's and the motors' forces along the push on body b, and the decrease of its load, as shares of it.
 
-        `acting`: the wrenches of the grains that act now, shape [6 n]. `change`: of the body's acceleration without
-        the grains since the last step, shape [6].
+        Servos count as motors if there is a motor among the actuators. `acting`: the wrenches of the grains that act
+        now, shape [6 n]. `change`: of the body's acceleration without the grains since the last step, shape [6].
         """
         data, own = self.data, slice(6 * b, 6 * b + 6)
         along = self.moves[:, own] @ push
         others = data.qfrc_smooth - data.qfrc_passive + data.qfrc_bias - self.jacobian.T @ acting
+        if self.model.actuator_biasprm[:, _STIFFNESS].all():
+            others = others - data.qfrc_actuator  # of servos, whose stiffness `share_held` knows
         square = max(float(push @ self.jacobian[own] @ along), _TINY)
         return abs(float(others @ along)) / square, float(push @ change) / square
 
@@ -223,6 +233,9 @@ def _forces(mujoco: Any, model: Any, data: Any) -> _Forces:
         activations=data.act,
         acting=data.actuator_force,
         moments=(data.actuator_moment.ravel(), data.moment_rownnz, data.moment_rowadr, data.moment_colind.ravel()),
+        joint_limited=model.jnt_actfrclimited.astype(np.bool_),
+        joint_ranges=model.jnt_actfrcrange,
+        on_dofs=data.qfrc_actuator,
     )
 
 
@@ -268,11 +281,24 @@ def _add_row(matrix, weight, sparse, i):
 
 @inlined
 def _add_forces(matrix, what, forces, which):
-    """Add the stiffness or the damping of joints, tendons and actuators; returns whether there is any.
+    """Add the stiffness or the damping of joints, tendons and actuators to zeros; returns whether there is any.
 
-    `what`: `_STIFFNESS` or `_DAMPING`. `which`: of `Mechanism._damps`.
+    Actuators at their limit have none, nor those on a joint whose sum of them is at its limit. `what`: `_STIFFNESS` or
+    `_DAMPING`. `which`: of `Mechanism._damps`.
     """
     found = False
+    if which >= 2:
+        for i in range(len(forces.bias_kinds)):
+            fall = -forces.biases[i, what] if forces.bias_kinds[i] == forces.affine[0] else 0.0
+            if forces.gain_kinds[i] == forces.affine[1] and forces.gains[i, what] != 0.0:
+                place = forces.activation[i]
+                fall -= forces.gains[i, what] * (forces.controls[i] if place < 0 else forces.activations[place])
+            if not (forces.limited[i] and _at_limit(forces.acting[i], forces.ranges[i])):
+                found |= _add_row(matrix, fall, forces.moments, i)
+        for i in range(len(matrix)):
+            joint = forces.joint_of_dof[i]
+            if found and forces.joint_limited[joint] and _at_limit(forces.on_dofs[i], forces.joint_ranges[joint]):
+                matrix[i] = 0.0
     if which % 2 == 1:
         for i in range(len(matrix)):
             of_joint = forces.dof_damping[i] if what == _DAMPING else forces.joint_stiffness[forces.joint_of_dof[i]]
@@ -282,16 +308,12 @@ def _add_forces(matrix, what, forces, which):
         for i in range(len(forces.tendon_damping)):
             of_tendon = forces.tendon_damping[i] if what == _DAMPING else forces.tendon_stiffness[i]
             found |= _add_row(matrix, of_tendon, forces.tendons, i)
-    if which >= 2:
-        for i in range(len(forces.bias_kinds)):
-            fall = -forces.biases[i, what] if forces.bias_kinds[i] == forces.affine[0] else 0.0
-            if forces.gain_kinds[i] == forces.affine[1] and forces.gains[i, what] != 0.0:
-                place = forces.activation[i]
-                fall -= forces.gains[i, what] * (forces.controls[i] if place < 0 else forces.activations[place])
-            low, high = forces.ranges[i]
-            if not (forces.limited[i] and (forces.acting[i] <= low or forces.acting[i] >= high)):
-                found |= _add_row(matrix, fall, forces.moments, i)
     return found
+
+
+@inlined
+def _at_limit(force, limits):
+    return force <= limits[0] or force >= limits[1]
 
 
 @compiled
@@ -341,8 +363,8 @@ def _resistance(inertia, forces, constraints, b, push):
         along[j] = dot(moves[j, 6 * b : 6 * b + 6], push)
     for what in (_STIFFNESS, _DAMPING):
         matrix = np.zeros((len(moves), len(moves)))
-        _add_constraints(matrix, what, constraints)
         _add_forces(matrix, what, forces, 3)
+        _add_constraints(matrix, what, constraints)
         for j in range(len(moves)):
             found[what] += along[j] * dot(matrix[j], along)
     return found[_STIFFNESS], found[_DAMPING]

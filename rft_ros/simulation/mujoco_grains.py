@@ -40,6 +40,8 @@ _LOADED, _RELEASED = 0.05, 0.02
 """Force of actuators and of the user's on a body that may hold it, and its decrease in a step, over the grains' push.
 """
 
+_LONGEST_RK4 = 0.002  # s; in longer steps of RK4 bodies may not come to rest
+
 _LEAST, _TINY = 0.05, 1e-290  # share of the change that a round takes; avoids 0 / 0
 
 _log = logging.getLogger("rft_ros.simulation")
@@ -117,6 +119,7 @@ class MujocoGrains:
         self._wrench, self._before, self._after = np.zeros((3, 6 * n))
         self._own, self._written = np.zeros((2, n, 6))  # forces of the user's, and those with the grains'
         self._earlier: tuple[Array, Array] | None = None
+        self._told = False  # that the steps are long for RK4
         self._bind(mujoco.MjData(model))
         self._hold: Any = machine_code(hold, self._arguments(0.1))
         self._add: Any = machine_code(_add, self._forces)
@@ -152,6 +155,9 @@ class MujocoGrains:
         if data is not mechanism.data:
             self._bind(data)
         h = number("model.opt.timestep", self._option.timestep, positive=True)
+        if h > _LONGEST_RK4 and mechanism.holds_over_stages and not self._told:
+            self._told = True
+            _log.warning("RK4 in steps of %g s: bodies in grains may not lie still; take 0.002 s or Euler", h)
         if data.time < self._time:
             self.reset()
         self._time = data.time

@@ -1,5 +1,7 @@
 """Bodies in grains beside contacts, welds, limits, servos, other bodies: they feel what the grains remember."""
 
+import pickle
+
 import numpy as np
 import pytest
 
@@ -100,7 +102,30 @@ def test_a_quadruped_with_stiff_knees_stands_still_and_takes_nothing_from_the_gr
 def test_steps_of_a_trotting_quadruped_converge_also_with_feet_in_the_air():
     found = scenes.gait(0.002, "implicitfast", trots=2.0, stands=1.0)
     assert found["failures"] < 0.005 * 3.0 / 0.002
-    assert found["back"] < 0.5
+    assert found["tilt"] < 5.0
+    assert found["back"] < 0.1
+    assert found["net back"] == pytest.approx(0.0, abs=1e-6)
+
+
+def test_servos_whose_stiffness_is_known_are_not_taken_for_a_controller_of_the_users():
+    assert scenes.gait(0.005, "implicitfast", stands=0.5)["limited"] == 0
+
+
+def test_long_steps_of_rk4_are_told_once(caplog):
+    for step, told in ((0.001, 0), (0.005, 1)):
+        scene = scenes.Scene(scenes.free_tool("plate", 0.3), step, "RK4")
+        for _ in range(3):
+            scene.advance()
+        assert len([r for r in caplog.records if "RK4" in r.getMessage()]) == told
+
+
+def test_data_of_another_model_is_refused_also_where_both_were_pickled():
+    ball = '<body><joint type="ball"/><geom size="0.01"/></body>'
+    text = '<mujoco><worldbody>{}<body name="b"><freejoint/><geom size="0.02"/></body></worldbody></mujoco>'
+    one, two = (pickle.loads(pickle.dumps(mujoco.MjModel.from_xml_string(text.format(more)))) for more in ("", ball))
+    grains = MujocoGrains(one, body="b", law=scenes.law())
+    with pytest.raises(ValueError, match="not of the model"):
+        grains.apply(mujoco.MjData(two))
 
 
 def test_many_presses_at_one_place_do_not_drift():
@@ -174,6 +199,23 @@ def test_the_inverse_inertia_is_what_a_small_force_changes_in_a_step_of_mujoco(
     tolerance = 0.05 if integrator == "implicit" else 0.01  # which takes Coriolis forces in
     assert found == pytest.approx(inverse, abs=tolerance * np.abs(inverse).max())
     assert end(np.zeros(12)) == pytest.approx(ahead, abs=0.02)
+
+
+@pytest.mark.parametrize("limit", ["", 'actuatorfrcrange="-3 3"'])
+def test_a_servo_at_the_limit_of_its_joint_damps_nothing(limit):
+    body = f'<body name="a"><joint name="z" type="slide" axis="0 0 1" {limit}/><geom size="0.02" mass="0.3"/></body>'
+    servo = '<actuator><position joint="z" kp="30000" kv="300"/></actuator>'
+    model = mujoco.MjModel.from_xml_string(
+        f'<mujoco><option integrator="implicitfast"/><worldbody>{body}</worldbody>{servo}</mujoco>'
+    )
+    data, mechanism = mujoco.MjData(model), Mechanism(model, [1])
+    mechanism.bind(data)
+    data.qpos[0], data.qvel[0] = 0.01, 0.5
+    mechanism.move()
+    mechanism.accelerate()
+    assert mechanism.measure(np.zeros(6), model.opt.timestep)
+    mujoco.mj_step(model, data)
+    assert data.qvel[0] == pytest.approx(mechanism.ahead[2], rel=1e-6)
 
 
 BOX = """
