@@ -30,8 +30,8 @@ _CHANGE, _TURN = 0.02, 0.002
 pushed back. Grains that yielded are more than ten times as stiff when the motion reverses."""
 
 _MOST, _WHOLE, _CLOSE = 32, 12, 0.02
-"""Most evaluations of Newton's method, those after which its steps are halved each time, and the relative change of the
-wrench at which it ends. Where plates turn or the grains stiffen on the way, whole steps may go round in a circle."""
+"""Most evaluations of Newton's method, those with whole steps, and the relative change of the wrench at which it ends.
+The steps after them are halved: where plates turn, whole steps may go round in a circle."""
 
 _ROUNDED = 1e-9
 """Wrench of a body, as a share of the greatest of all bodies, below which it is rounding: of a foot in the air, beside
@@ -40,6 +40,10 @@ one on the ground."""
 _SLIGHT = 0.1
 """Change of a body's motion by its wrench in the step, as a share of the motion. Below it the body ploughs on as it
 did: the wrench at the end is first guessed to change as in the last step, whose wrench is the mean over it."""
+
+_OVERSHOT, _LEVEL = 0.5, 0.1
+"""Residual along a step of Newton's method at its end, over that at its beginning. The step is too long if the sign has
+changed and the ratio is over the first number. It is short enough if the ratio is below the second."""
 
 _SLOW, _SUDDEN, _QUICK = 0.002, 0.01, 0.1
 """Greatest speeds [m/s] to which the grains push back a body that nothing holds: under a constant load, and what the
@@ -297,10 +301,15 @@ def hold(beds, first, coupled, states, rows, inverse, ahead, h, wrench, after):
 
 @inlined
 def _newton(beds, first, states, begin, springs, inverse, ahead, h, wrench, after):
-    """Find the wrenches that are the grains' own where the step ends, from a guess; returns whether it was found."""
+    """Find the wrenches that are the grains' own where the step ends, from a guess; returns whether it was found.
+
+    A step of Newton's method goes too far where the grains stiffen on the way. Its length is then found by the rule of
+    false position (Illinois) for the residual along it.
+    """
     n = len(states)
     trial, row = np.empty((1, 13)), np.empty((1, 19))
-    residual, change = np.empty(6 * n), np.empty(6 * n)
+    residual, change, start = np.empty(6 * n), np.zeros(6 * n), wrench.copy()
+    share, slope, within, low, high, at_low, at_high = 1.0, 0.0, False, 0.0, 1.0, 0.0, 0.0
     for turn in range(_MOST):
         for b in range(n):
             trial[0] = states[b]
@@ -309,12 +318,31 @@ def _newton(beds, first, states, begin, springs, inverse, ahead, h, wrench, afte
             evaluate(beds, first + b, memory, trial, row)
             stiffness_matrix(memory[0], springs[b])
             residual[_part(b)] = row[0, :6] - wrench[_part(b)]
-        _settle(residual, springs, inverse, h, change)
-        wrench += 0.5 ** (turn // _WHOLE) * change
-        close = _small(beds, first, change, _CLOSE, _CLOSE, begin, wrench, after)
+        along = 0.0
+        for i in range(6 * n):
+            along += residual[i] * dot(inverse[i], change)
+        length = 1.0 if turn < _WHOLE else 0.5
+        if turn < _WHOLE and not within and along < -_OVERSHOT * slope < 0.0:
+            within, low, high, at_low, at_high = True, 0.0, 1.0, slope, along
+        elif within and along > 0.0:
+            low, at_low, at_high = share, along, 0.5 * at_high
+        elif within:
+            high, at_high, at_low = share, along, 0.5 * at_low
+        within = within and abs(along) > _LEVEL * slope
+        if within:
+            share = (low * at_high - high * at_low) / (at_high - at_low)
+            wrench[:] = start + share * change
+        else:
+            start[:], share = wrench, 1.0
+            _settle(residual, springs, inverse, h, change)
+            slope = 0.0
+            for i in range(6 * n):
+                slope += residual[i] * dot(inverse[i], change)
+            wrench[:] = start + length * change
+            if _small(beds, first, change, _CLOSE, _CLOSE, begin, wrench, after):
+                _follow(ahead, inverse, h, wrench, after)
+                return True
         _follow(ahead, inverse, h, wrench, after)
-        if close:
-            return True
     return False
 
 
