@@ -238,6 +238,8 @@ def study() -> StudyResult:
                 numbers[column].append(value)
     axes.axhspan(0.95, 1.05, color="0.93", zorder=0)
     axes.set_ylim(0.8, 1.1)
+    axes.set_xticks(steps, [f"{h:g}" for h in steps], minor=False)
+    axes.minorticks_off()
     label_axes(axes, x="Step [ms]", y="Rest depth over that of explicit steps of 0.1 ms", title="")
     axes.legend(fontsize=8)
     return StudyResult(
@@ -257,7 +259,7 @@ def draw_fall(path: Path) -> None:
 
     scene = scenes.Scene(scenes.free_tool("ellipsoid", 0.05), 0.001, "Euler")
     scene.data.qpos[3:7] = np.array([0.95, 0.25, 0.1, 0.0]) / np.linalg.norm([0.95, 0.25, 0.1])
-    scene.lay(0.02)
+    scene.lay(0.01)
     tool, pictures = scene.grains.tool, []
     size = 1.1 * float(np.linalg.norm(tool.corners, axis=1).max())
     centers, normals = tool.plates.centroids.T, tool.plates.normals.T
@@ -280,7 +282,7 @@ def draw_fall(path: Path) -> None:
         axes.add_collection3d(Poly3DCollection([bed], facecolors="#C2A878", alpha=0.35))
         axes.set(xlim=(-edge, edge), ylim=(-edge, edge), zlim=(-edge, edge))
         axes.view_init(elev=8.0, azim=-60.0)
-        axes.set_box_aspect((1.0, 1.0, 1.0), zoom=1.25)
+        axes.set_box_aspect((1.0, 1.0, 1.0), zoom=1.1)
         axes.set_axis_off()
         axes.set_title(f"{k:3d} ms   {scene.grains.wrench[2]:5.2f} N up", fontsize=9)
         pictures.append(Image.open(io.BytesIO(picture(figure))).convert("RGB"))
