@@ -54,7 +54,7 @@ from rft_ros.rft.plates import BLOCK, Plates
 
 __all__ = ["DEPTH", "GAPS", "LOADED", "MOST_BODIES", "MOTION", "SLACK", "TRACTIONS", "TRAILING", "Memory"]
 __all__ += ["GRAZING", "IN_MEMORY", "OF_BLOCK", "WEAKEST", "InMemory"]
-__all__ += ["add_memory", "clear", "displacement", "follow_gap", "is_empty"]
+__all__ += ["add_memory", "clear", "displacement", "follow_gap", "forget_asked"]
 
 DEPTH = 0.03
 """Depth [m] at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
@@ -208,7 +208,7 @@ def _times(s, v):
 
 @inlined
 def displacement(last, state, axes, reach, counts):
-    """What the tool moved since the pose in `last`, which follows: origin [m] and matrix, in world and in tool axes.
+    """What the tool moved since the pose in `last`, which follows: whether, origin [m], matrix, in world and tool axes.
 
     `last`: `Memory.numbers` from `MOTION` on. A point at x from the tool frame's origin moved by origin + matrix x; the
     first matrix takes x in world axes, the second in tool axes, and gives world and tool axes.
@@ -236,7 +236,7 @@ def displacement(last, state, axes, reach, counts):
     p, q, r = into_frame(axes, x[0], y[0], z[0]), into_frame(axes, x[1], y[1], z[1]), into_frame(axes, x[2], y[2], z[2])
     turn = (*from_frame(axes, *x), *from_frame(axes, *y), *from_frame(axes, *z))
     inner = p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2]
-    return (shift, turn), (into_frame(axes, *shift), inner)
+    return size * part > 0.0, (shift, turn), (into_frame(axes, *shift), inner)
 
 
 @inlined
@@ -248,20 +248,20 @@ def _moved(motion, place):
 
 
 @inlined
-def advance(past, normal, moved, law, share, leading, closes, depth, length, weakest):
+def advance(past, normal, moved, law, share, leading, closes, depth, length, weakest, all_lead):
     """A plate's traction after one step, its memory then, and the modulus of its elastic change [N/m⁴].
 
     `past`: τ (m), what the law asked at the last state (b), y² (yield2) and the law's strength s, as in
     `Memory.numbers`; `moved`: its displacement D [m]; `law`: the law's t now, of which the plate is asked for its
     leading `share` (a); `leading`: the weight of the rule for a plate that leads, 0 to 1; the rule for one that trails
-    has the rest. `closes`: at least this share of its path closes a gap. `weakest`: the least s [N/m³].
+    has the rest. `closes`: at least this share of its path closes a gap. `weakest`: the least s [N/m³]. `all_lead`, a
+    constant: `leading` is 1 for all plates of the loop, which then has no code of the other rule.
     """
     nx, ny, nz = normal
     dx, dy, dz = moved
     lx, ly, lz = law
     ax, ay, az = share * lx, share * ly, share * lz
     (mx, my, mz), (bx, by, bz), yield2, strength = past
-    trailing = 1.0 - leading
     opened = yield2 < 0.0
     gap = _select(opened, mx, 0.0)
     mx = _select(opened, 0.0, mx)
@@ -272,109 +272,97 @@ def advance(past, normal, moved, law, share, leading, closes, depth, length, wea
     asked2 = share * share * full2
     before2 = bx * bx + by * by + bz * bz
     pull = mx * nx + my * ny + mz * nz
-    dn = dx * nx + dy * ny + dz * nz
     way = sqrt(dx * dx + dy * dy + dz * dz)
-    onward, retreat = max(dn, 0.0), max(-dn, 0.0)
+    per_way = 1.0 / max(way, _SHORT)
+    # the parts of the outward normal and of τ along the direction of D: roots of them need not wait for k
+    forward, along = (dx * nx + dy * ny + dz * nz) * per_way, (dx * mx + dy * my + dz * mz) * per_way
 
     # the part of the displacement that counts, after the gap has closed; k, the modulus of the elastic zone
-    closing = max(dn, closes * way)
+    closing = way * max(forward, closes)
+    counts = _select(gap > 0.0, max(closing - gap, 0.0) / max(closing, _SHORT), 1.0)
     square = depth * depth * (1.0 / (DEPTH * DEPTH))
     ratio = min(max(square, LEAST), GREATEST)
-    ahead, most, aslant = max(closing, _SHORT), max(asked2, before2, _WEAK), max(TRAILING * way, _SHORT)
-    ahead_most, ratio_aslant = ahead * most, ratio * aslant
-    r = 1.0 / (ahead_most * ratio_aslant)  # one division for four
-    per_ahead, per_most = r * most * ratio_aslant, r * ahead * ratio_aslant
-    per_ratio, per_aslant = r * ahead_most * aslant, r * ahead_most * ratio
-    counts = _select(gap > 0.0, max(closing - gap, 0.0) * per_ahead, 1.0)
-    per_span = (1.0 / max(length, 1.0 / _FAR)) * per_ratio
+    per_span = (1.0 / max(length, 1.0 / _FAR)) / ratio
     longer = max(ratio, LEAST_ELASTIC / ELASTIC - square) * (1.0 / LEAST_ELASTIC)
-    k = counts * max(strength, y, weakest) * per_span * min(1.0 / ELASTIC, longer)
+    stiffest = max(strength, y, weakest)
+    k = counts * stiffest * (per_span * min(1.0 / ELASTIC, longer))
     kx, ky, kz = k * dx, k * dy, k * dz
-    fall, slide = max(k * way, _WEAK), max(k * max(retreat, TRAILING * way), _WEAK)
-    r = 1.0 / (fall * slide)
-    per_fall, per_slide = r * slide, r * fall
+    fall = max(k * way, _WEAK)
+    per_fall = 1.0 / fall
 
     # released is the part in which neither its traction nor its motion presses the plate; the rest is a spring
-    pressed = min(max(-pull, 0.0) * per_slide, 1.0)
-    released = (1.0 - pressed) * (1.0 - min(onward * per_aslant, 1.0))
+    pressed = min(max(-pull, 0.0) / (fall * max(-forward, TRAILING)), 1.0)
+    released = (1.0 - pressed) * (1.0 - min(max(forward, 0.0) * (1.0 / TRAILING), 1.0))
     spring = 1.0 - released
 
     # a plate that leads: a released τ that pushes it on shrinks; elastic up to the yield surface; then τ follows the
     # law along the path that remains
-    q, mm = kx * mx + ky * my + kz * mz, mx * mx + my * my + mz * mz
-    held = sqrt(mm)
-    per_held = 1.0 / max(held, _WEAK)
-    pushes = min(_SHRINKS * max(q * per_fall * per_held, 0.0), 1.0)
+    mm = mx * mx + my * my + mz * mz
+    per_held = 1.0 / max(sqrt(mm), _WEAK)
+    pushes = min(_SHRINKS * max(along * per_held, 0.0), 1.0)
     keeps = max(1.0 - (fall * per_held) * (released * pushes), 0.0)
-    px, py, pz, q = keeps * mx, keeps * my, keeps * mz, keeps * q
+    px, py, pz, along = keeps * mx, keeps * my, keeps * mz, keeps * along
     inside = max(yield2 - keeps * keeps * mm, 0.0)
-    elastic = min((q + sqrt(q * q + fall * fall * inside)) * (per_fall * per_fall), spring)
+    elastic = min((along + sqrt(along * along + inside)) * per_fall, spring)
     path = way * counts * (spring - elastic + released * min(_AT_ONCE * share, 1.0))
     ux, uy, uz = px - elastic * kx, py - elastic * ky, pz - elastic * kz
-    mean = 0.5 * min(4.0 * min(asked2, before2) * per_most, 1.0)
+    mean = min(2.0 * min(asked2, before2) / max(asked2, before2, _WEAK), 0.5)
     gx, gy, gz = ax + mean * (bx - ax) - ux, ay + mean * (by - ay) - uy, az + mean * (bz - az) - uz
     gu, gg, uu = gx * ux + gy * uy + gz * uz, gx * gx + gy * gy + gz * gz, ux * ux + uy * uy + uz * uz
-
-    # a plate that trails: the spring slips at y
-    tx, ty, tz = mx - spring * kx, my - spring * ky, mz - spring * kz
-    tt = tx * tx + ty * ty + tz * tz
-    tried = sqrt(tt)
-    size = min(tried, y)
-
-    swift = path * per_span * max(_SWIFT * y, strength, weakest)
-    turn, some, least2, speed = (
-        max(sqrt(gg * (gg + uu)), weakest * weakest),
-        max(tried, _WEAK),
-        max(yield2, _WEAK),
-        max(y + swift, _WEAK),
-    )
-    turn_some, least2_speed = turn * some, least2 * speed
-    r = 1.0 / (turn_some * least2_speed)
-    per_turn, per_some = r * some * least2_speed, r * turn * least2_speed
-    per_least2, per_speed = r * turn_some * speed, r * turn_some * least2
-
-    falls = min(max(-gu * per_turn * _FALLS, 0.0), 1.0)
+    falls = min(max(-_FALLS * gu / max(sqrt(gg * (gg + uu)), weakest * weakest), 0.0), 1.0)
     remains = _exp_minus(path * per_span * (1.0 + falls))
     w = 1.0 - remains
     spare = remains * remains * max(yield2 - uu, 0.0)
     ux, uy, uz = ux + w * gx, uy + w * gy, uz + w * gz
     yields = path > 0.0
     yield2_leading = _select(yields, ux * ux + uy * uy + uz * uz + spare, yield2)
-
-    loose = min(max(5.0 - 20.0 * tt * per_least2, 0.0), 1.0)
-    slips = (tried - size) * per_fall
-    fades = released + spring * min(max(loose, slips), 1.0)
-    fade = _exp_minus(way * fades * per_span * (1.0 / YIELD_FADES))
-    floor = _FADED * strength * strength
-    yield2_trailing = max((yield2 + floor) * (fade * fade) - floor, 0.0)
-
-    # what the release does not need ends what the rule for leading plates keeps, and then opens the gap
-    unused = trailing * max(released - size * per_fall, 0.0)
-    leads = leading * max(1.0 - unused * (1.0 / _ENDS), 0.0)
-    trails = trailing * max(size - fall * released, 0.0) * per_some
-    gap = max(gap - closing, 0.0) + OPEN * retreat * max((unused - _ENDS) * (1.0 / (1.0 - _ENDS)), 0.0)
-
-    mx, my, mz = leads * ux + trails * tx, leads * uy + trails * ty, leads * uz + trails * tz
-    yield2 = leading * yield2_leading + trailing * yield2_trailing
+    swift = path * per_span * max(_SWIFT * y, strength, weakest)
     full = sqrt(full2)
-    stiff = leading * _select(yields, max(strength, y, weakest, full) * per_span, k) + trailing * k
-    strength += leading * swift * per_speed * (full - strength)
+    hardens = swift / max(y + swift, _WEAK) * (full - strength)
+    stiff = _select(yields, max(stiffest, full) * per_span, k)
+    gap = max(gap - closing, 0.0)
+
+    if all_lead:
+        mx, my, mz, yield2, strength = ux, uy, uz, yield2_leading, strength + hardens
+    else:
+        trailing = 1.0 - leading
+        # a plate that trails: the spring slips at y
+        tx, ty, tz = mx - spring * kx, my - spring * ky, mz - spring * kz
+        tt = tx * tx + ty * ty + tz * tz
+        tried = sqrt(tt)
+        size = min(tried, y)
+        loose = min(max(5.0 - 20.0 * tt / max(yield2, _WEAK), 0.0), 1.0)
+        slips = (tried - size) * per_fall
+        fades = released + spring * min(max(loose, slips), 1.0)
+        fade = _exp_minus(way * fades * per_span * (1.0 / YIELD_FADES))
+        floor = _FADED * strength * strength
+        yield2_trailing = max((yield2 + floor) * (fade * fade) - floor, 0.0)
+
+        # what the release does not need ends what the rule for leading plates keeps, and then opens the gap
+        unused = trailing * max(released - size * per_fall, 0.0)
+        leads = leading * max(1.0 - unused * (1.0 / _ENDS), 0.0)
+        trails = trailing * max(size - fall * released, 0.0) / max(tried, _WEAK)
+        retreat = way * max(-forward, 0.0)
+        gap += OPEN * retreat * max((unused - _ENDS) * (1.0 / (1.0 - _ENDS)), 0.0)
+
+        mx, my, mz = leads * ux + trails * tx, leads * uy + trails * ty, leads * uz + trails * tz
+        yield2 = leading * yield2_leading + trailing * yield2_trailing
+        strength += leading * hardens
+        stiff = leading * stiff + trailing * k
+        stiff = _select((leading > 0.0) | (mx * mx + my * my + mz * mz > 0.0), stiff, 0.0)
+
     opened = gap > 0.0
     kept = _select(opened, min(gap, WIDEST), mx), my, mz
     yield2 = _select(opened, -yield2 - _NONE, yield2)
-    loaded = (leading > 0.0) | (mx * mx + my * my + mz * mz > 0.0)
-    return (mx, my, mz), (kept, (ax, ay, az), yield2, strength), _select(loaded, stiff, 0.0)
+    return (mx, my, mz), (kept, (ax, ay, az), yield2, strength), stiff
 
 
-def _add_memory(chunk, i0, memory, first, motion, below, slope, grains):
-    """Replace the law's tractions of a block, in a chunk from plate `i0` on, by those with memory.
-
-    `first`: where its tractions begin in `Memory.numbers`. `motion`: of `displacement`, world axes; `below`, `slope`:
-    depth of the tool frame's origin [m], and the surface's; `grains`: mobilization length [m], least strength
-    [N/m³], and whether the rule is the refined one.
-    """
+@inlined
+def _advance_block(chunk, i0, memory, first, motion, below, slope, grains, all_lead):
+    """`advance` for the plates of a block; returns how many of them have tractions then."""
     wide_vectors()
     length, weakest, refined = grains
+    loaded = 0.0
     for j in range(BLOCK):
         i = at(i0, j)
         x, y, z = place = triple(chunk, row.PLACE, i)
@@ -383,13 +371,15 @@ def _add_memory(chunk, i0, memory, first, motion, below, slope, grains):
         depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
         share, load = chunk[at(row.SHARE, i)], chunk[at(row.LOAD, i)]
         law = triple(chunk, row.TRACTION, i)
-        leading = chunk[at(row.LEADING, i)]
+        leading = 1.0 if all_lead else chunk[at(row.LEADING, i)]
         kept = triple(memory, first + IN_MEMORY.traction, j, BLOCK)
         asked = triple(memory, first + IN_MEMORY.asked, j, BLOCK)
         past = kept, asked, memory[at(first + IN_MEMORY.yield2, j)], memory[at(first + IN_MEMORY.strength, j)]
         closes = GRAZING * share if refined else 0.0
         normal = triple(chunk, row.NORMAL, i)
-        traction, past, stiff = advance(past, normal, moved, law, share, leading, closes, depth, length, weakest)
+        traction, past, stiff = advance(
+            past, normal, moved, law, share, leading, closes, depth, length, weakest, all_lead
+        )
         wet = 1.0 if load > 0.0 else 0.0
         put(chunk, row.TRACTION, i, _times(wet, traction))
         chunk[at(row.STIFF, i)] = stiff * max(load, 0.0)
@@ -398,6 +388,24 @@ def _add_memory(chunk, i0, memory, first, motion, below, slope, grains):
         put(memory, first + IN_MEMORY.asked, j, _times(wet, asked), BLOCK)
         memory[at(first + IN_MEMORY.yield2, j)] = wet * yield2
         memory[at(first + IN_MEMORY.strength, j)] = wet * strength
+        loaded += 1.0 if abs(wet * yield2) > _NONE else 0.0
+    return loaded
+
+
+def _add_memory(chunk, i0, memory, first, motion, below, slope, grains, all_lead):
+    """Replace the law's tractions of a block, in a chunk from plate `i0` on, by those with memory.
+
+    `first`: where its tractions begin in `Memory.numbers`. `motion`: of `displacement`, world axes; `below`, `slope`:
+    depth of the tool frame's origin [m], and the surface's; `grains`: mobilization length [m], least strength
+    [N/m³], and whether the rule is the refined one. `all_lead`: whether all plates lead; otherwise the chunk has their
+    weights, `LEADING`. Returns the state of the block, `GAPS` or `LOADED`.
+    """
+    wide_vectors()
+    if all_lead:  # two thirds of the time of the other
+        loaded = _advance_block(chunk, i0, memory, first, motion, below, slope, grains, True)
+    else:
+        loaded = _advance_block(chunk, i0, memory, first, motion, below, slope, grains, False)
+    return LOADED if loaded > 0.0 else GAPS
 
 
 add_memory = compiled(_add_memory, **STEP)
@@ -419,12 +427,10 @@ def follow_gap(memory, first, i, normal, place, motion):
 
 
 @inlined
-def is_empty(memory, first):
-    """Whether the plates of a block have no more than gaps behind them."""
-    largest = 0.0
-    for i in range(BLOCK):
-        largest = max(largest, abs(memory[at(first + IN_MEMORY.yield2, i)]))
-    return largest <= _NONE
+def forget_asked(memory, first):
+    """Clear what the law asked of a block at the last state, where it trails and has not moved."""
+    for i in range(3 * BLOCK):
+        memory[at(first + IN_MEMORY.asked, i)] = 0.0
 
 
 @inlined

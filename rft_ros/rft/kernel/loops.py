@@ -27,7 +27,7 @@ from rft_ros.rft.memory import (
     clear,
     displacement,
     follow_gap,
-    is_empty,
+    forget_asked,
 )
 from rft_ros.rft.plates import (
     BLOCK,
@@ -205,20 +205,40 @@ def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
         per_speed = orient(chunk, i, normal, (ux, uy, uz))
         if refined:
             per_width = rows[at(first + IN_BLOCK.half_angle, j)]
-            raw = lead * per_speed * per_width + 0.5
-            share = min(max(raw, 0.0), 1.0)
-            leading = max(1.0 + min(raw, 0.0) / (per_width * TRAILING), 0.0)
+            share = min(max(lead * per_speed * per_width + 0.5, 0.0), 1.0)
         else:
-            share = leading = 1.0 if lead > 0.0 else 0.0
+            share = 1.0 if lead > 0.0 else 0.0
         put(chunk, row.PLACE, i, (x, y, z))
         submerged += area
         loaded = 1.0 if has_memory else share
         chunk[at(row.LOAD, i)] = load * loaded
         chunk[at(row.AREA, i)] = area * loaded
         chunk[at(row.SHARE, i)] = share
-        if has_memory:
-            chunk[at(row.LEADING, i)] = leading
     return submerged
+
+
+@inlined
+def _leading(chunk, i0, rows, b, refined):
+    """Whether all plates of block b, in a chunk from plate `i0` on, lead; stores their weights `LEADING` if not."""
+    wide_vectors()
+    count = 0.0
+    for j in range(BLOCK):
+        count += 1.0 if chunk[at(row.SHARE, at(i0, j))] > 0.0 else 0.0
+    if count == BLOCK:
+        return True
+    if refined:
+        half_angles = b * np.uint64(ROWS_OF_REFINED * BLOCK) + np.uint64(IN_BLOCK.half_angle)
+        for j in range(BLOCK):
+            i = at(i0, j)
+            nx, ny, nz = triple(chunk, row.NORMAL, i)
+            vx, vy, vz = triple(chunk, row.VELOCITY, i)
+            beyond = min(nx * vx + ny * vy + nz * vz + 0.5 / rows[at(half_angles, j)], 0.0)
+            chunk[at(row.LEADING, i)] = max(1.0 + beyond * (1.0 / TRAILING), 0.0)
+    else:
+        for j in range(BLOCK):
+            i = at(i0, j)
+            chunk[at(row.LEADING, i)] = chunk[at(row.SHARE, i)]
+    return False
 
 
 @inlined
@@ -334,7 +354,7 @@ def _sums(form, law, height, slope, states, past, out):
         below, rise = _surface(height, slope, states[k], axes)
         memory = memories[k if len(memories) > 1 else 0]
         still = (0.0, 0.0, 0.0), axes
-        motion, motion_in_tool = still, still
+        moved, motion, motion_in_tool = False, still, still
         if has_memory:
             for c in range(MOTION):
                 memory[c] = 0.0
@@ -343,7 +363,7 @@ def _sums(form, law, height, slope, states, past, out):
                 for c in range(6):
                     last[c] = twist[c]
             twist = last[0], last[1], last[2], last[3], last[4], last[5]
-            motion, motion_in_tool = displacement(last, states[k], axes, reach, durations[k] > 0.0)
+            moved, motion, motion_in_tool = displacement(last, states[k], axes, reach, durations[k] > 0.0)
         scene = axes, twist, below, rise
         for c in range(_COLUMNS):
             chunk[at(row.TOTAL, c)] = 0.0
@@ -372,10 +392,11 @@ def _sums(form, law, height, slope, states, past, out):
                 tractions(law, chunk, n, flatness, refined)
                 if has_memory:
                     for j in range(count):
-                        w = np.uint64(chunk[at(row.NUMBER, j)])
+                        w, i0 = np.uint64(chunk[at(row.NUMBER, j)]), j * np.uint64(BLOCK)
+                        all_lead = _leading(chunk, i0, rows, w, refined)
                         first = first_in_memory + w * np.uint64(OF_BLOCK)
-                        add_memory(chunk, j * np.uint64(BLOCK), memory, first, motion, below, slope, grains)
-                        memory[at(TRACTIONS, w)] = GAPS if is_empty(memory, first) else LOADED
+                        state = add_memory(chunk, i0, memory, first, motion, below, slope, grains, all_lead)
+                        memory[at(TRACTIONS, w)] = state
                     _add_stiffness(chunk, n, memory)
                 for inertial in range(2 if inertia > 0.0 else 1):
                     if inertial == 1:
@@ -392,9 +413,11 @@ def _sums(form, law, height, slope, states, past, out):
             elif kind == _SKIP_WET:
                 chunk[at(row.TOTAL, 6)] += bounds[BOUND_AREA, b]
                 if has_memory:
-                    _follow_gaps(
-                        memory, first_in_memory + b * np.uint64(OF_BLOCK), form, b * rule, below, rise, motion_in_tool
-                    )
+                    first = first_in_memory + b * np.uint64(OF_BLOCK)
+                    if moved:
+                        _follow_gaps(memory, first, form, b * rule, below, rise, motion_in_tool)
+                    else:
+                        forget_asked(memory, first)
                     memory[at(TRACTIONS, b)] = GAPS
             elif has_memory and b < blocks and memory[at(TRACTIONS, b)] != 0.0:
                 clear(memory, first_in_memory + b * np.uint64(OF_BLOCK))
