@@ -1,8 +1,8 @@
 """Models of α_y, the stress per depth along e1, the horizontal direction in the plate (Treers et al. 2021, IV-B).
 
 A model is a NamedTuple of at most four numbers, and a table called `values` where it has one, and a function
-``f(model, sin_beta, cos_beta, sin_gamma, cos_gamma) -> [N/cm³]`` in plain arithmetic that unpacks it. To add a model,
-write both and name them in `_MODELS`.
+``f(model, sin_beta, cos_beta, sin_gamma, cos_gamma) -> [N/cm³]`` in plain arithmetic that unpacks it. Only to a model
+with `values` the last two may come times a common length. To add a model, write both and name them in `_MODELS`.
 """
 
 import math
@@ -227,7 +227,7 @@ def packed_alpha_y(model: AlphaY, numbers: Mapping[str, float]) -> PackedLaw:
 
 @inlined
 def _directed(sin_beta, cos_beta, ex, ey, vx, vy, vz):
-    """Sine and cosine of γ, for a motion that has a direction across e1 although v23 may vanish.
+    """Sine and cosine of γ times a common length, for a motion that has a direction across e1 although v23 may vanish.
 
     A part of v23 that trails does not count. Where what is left is shorter than `UNDIRECTED`, it is filled up along the
     plate's normal, so that rounding decides nothing: not between 0 and 180° where a plate moves along e1, and not
@@ -237,9 +237,13 @@ def _directed(sin_beta, cos_beta, ex, ey, vx, vy, vz):
     back = min(v2 * sin_beta - vz * cos_beta, 0.0)
     v2, vz = v2 - back * sin_beta, vz + back * cos_beta
     fill = max(UNDIRECTED - math.sqrt(v2 * v2 + vz * vz), 0.0)
-    v2, vz = v2 + fill * sin_beta, vz - fill * cos_beta
-    per_length = 1.0 / math.sqrt(max(v2 * v2 + vz * vz, 1e-290))
-    return -vz * per_length, v2 * per_length
+    return -(vz - fill * cos_beta), v2 + fill * sin_beta
+
+
+@inlined
+def _unit(sine, cosine):
+    per_length = 1.0 / math.sqrt(max(sine * sine + cosine * cosine, 1e-290))
+    return sine * per_length, cosine * per_length
 
 
 @inlined
@@ -253,24 +257,33 @@ def _model_or(kind_of_model: int, model: Any, function: Any, otherwise: Any) -> 
     count = len(model._fields) - has_values
 
     @inlined
-    def add(kind, given, values, chunk, n, refined):
+    def add_to(chunk, n, fields, refined):
         wide_vectors()
+        for i in range(n):
+            sin_b, cos_b, sin_g = triple(chunk, row.SIN_B, i)
+            cos_g = chunk[at(row.COS_G, i)]
+            ex, ey = chunk[at(row.E2_X, i)], chunk[at(row.E2_Y, i)]
+            if refined:  # a model that does not use γ leaves no code of this
+                vx, vy, vz = triple(chunk, row.VELOCITY, i)
+                sin_g, cos_g = _directed(sin_b, cos_b, ex, ey, vx, vy, vz)
+                if not has_values:  # a table takes the angle by `_atan2`, which does without the unit length
+                    sin_g, cos_g = _unit(sin_g, cos_g)
+            alpha_y = alpha_y_of(fields, sin_b, cos_b, sin_g, cos_g)
+            along = chunk[at(row.ALONG, i)] * (max(alpha_y, 0.0) if refined else alpha_y)
+            # e1 = e2 x E3
+            chunk[at(row.TRACTION, i)] += along * ey
+            chunk[at(row.TRACTION + row.LENGTH, i)] -= along * ex
+
+    @inlined
+    def add(kind, given, values, chunk, n, refined):
         if kind == kind_of_model:
             first = IN_LAW.alpha_y
             numbers = (given[first], given[first + 1], given[first + 2], given[first + 3])[:count]
             fields = (*numbers, values) if has_values else numbers
-            for i in range(n):
-                sin_b, cos_b, sin_g = triple(chunk, row.SIN_B, i)
-                cos_g = chunk[at(row.COS_G, i)]
-                ex, ey = chunk[at(row.E2_X, i)], chunk[at(row.E2_Y, i)]
-                if refined:  # a model that does not use γ leaves no code of this
-                    vx, vy, vz = triple(chunk, row.VELOCITY, i)
-                    sin_g, cos_g = _directed(sin_b, cos_b, ex, ey, vx, vy, vz)
-                alpha_y = alpha_y_of(fields, sin_b, cos_b, sin_g, cos_g)
-                along = chunk[at(row.ALONG, i)] * (max(alpha_y, 0.0) if refined else alpha_y)
-                # e1 = e2 x E3
-                chunk[at(row.TRACTION, i)] += along * ey
-                chunk[at(row.TRACTION + row.LENGTH, i)] -= along * ex
+            if refined:  # two loops: LLVM would else ask for the rule in each turn of one
+                add_to(chunk, n, fields, True)
+            else:
+                add_to(chunk, n, fields, False)
         else:
             otherwise(kind, given, values, chunk, n, refined)
 
