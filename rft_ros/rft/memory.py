@@ -50,7 +50,7 @@ from rft_ros.rft.frames import from_frame, into_frame
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
-from rft_ros.rft.plates import BLOCK, Plates
+from rft_ros.rft.plates import BLOCK, IN_BLOCK, ROWS_OF_REFINED, Plates
 
 __all__ = ["DEPTH", "GAPS", "LOADED", "MOST_BODIES", "MOTION", "SLACK", "TRACTIONS", "TRAILING", "Memory"]
 __all__ += ["GRAZING", "IN_MEMORY", "OF_BLOCK", "WEAKEST", "InMemory"]
@@ -392,20 +392,47 @@ def _advance_block(chunk, i0, memory, first, motion, below, slope, grains, all_l
     return loaded
 
 
-def _add_memory(chunk, i0, memory, first, motion, below, slope, grains, all_lead):
-    """Replace the law's tractions of a block, in a chunk from plate `i0` on, by those with memory.
+@inlined
+def _weights(chunk, i0, rows, b, refined):
+    """Whether all plates of block b, in a chunk from plate `i0` on, lead; stores their weights `LEADING` if not."""
+    wide_vectors()
+    count = 0.0
+    for j in range(BLOCK):
+        count += 1.0 if chunk[at(row.SHARE, at(i0, j))] > 0.0 else 0.0
+    if count == BLOCK:
+        return True
+    if refined:
+        half_angles = b * np.uint64(ROWS_OF_REFINED * BLOCK) + np.uint64(IN_BLOCK.half_angle)
+        for j in range(BLOCK):
+            i = at(i0, j)
+            nx, ny, nz = triple(chunk, row.NORMAL, i)
+            vx, vy, vz = triple(chunk, row.VELOCITY, i)
+            beyond = min(nx * vx + ny * vy + nz * vz + 0.5 / rows[at(half_angles, j)], 0.0)
+            chunk[at(row.LEADING, i)] = max(1.0 + beyond * (1.0 / TRAILING), 0.0)
+    else:
+        for j in range(BLOCK):
+            i = at(i0, j)
+            chunk[at(row.LEADING, i)] = chunk[at(row.SHARE, i)]
+    return False
 
-    `first`: where its tractions begin in `Memory.numbers`. `motion`: of `displacement`, world axes; `below`, `slope`:
-    depth of the tool frame's origin [m], and the surface's; `grains`: mobilization length [m], least strength
-    [N/m³], and whether the rule is the refined one. `all_lead`: whether all plates lead; otherwise the chunk has their
-    weights, `LEADING`. Returns the state of the block, `GAPS` or `LOADED`.
+
+def _add_memory(chunk, count, memory, first_in_memory, rows, motion, below, slope, grains):
+    """Replace the law's tractions of the blocks in a chunk, `count`, by those with memory, and store their states.
+
+    `first_in_memory`: where the plates begin in `Memory.numbers`; `rows`: `Plates.blocks`. `motion`: of `displacement`,
+    world axes; `below`, `slope`: depth of the tool frame's origin [m], and the surface's; `grains`: mobilization length
+    [m], least strength [N/m³], and whether the rule is the refined one.
     """
     wide_vectors()
-    if all_lead:  # two thirds of the time of the other
-        loaded = _advance_block(chunk, i0, memory, first, motion, below, slope, grains, True)
-    else:
-        loaded = _advance_block(chunk, i0, memory, first, motion, below, slope, grains, False)
-    return LOADED if loaded > 0.0 else GAPS
+    _, _, refined = grains
+    for j in range(count):
+        b, i0 = np.uint64(chunk[at(row.NUMBER, j)]), np.uint64(j) * np.uint64(BLOCK)
+        first = first_in_memory + b * np.uint64(OF_BLOCK)
+        if _weights(chunk, i0, rows, b, refined):  # two thirds of the time of the other
+            loaded = _advance_block(chunk, i0, memory, first, motion, below, slope, grains, True)
+        else:
+            loaded = _advance_block(chunk, i0, memory, first, motion, below, slope, grains, False)
+        memory[at(TRACTIONS, b)] = LOADED if loaded > 0.0 else GAPS
 
 
 add_memory = compiled(_add_memory, **STEP)

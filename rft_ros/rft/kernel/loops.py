@@ -218,30 +218,6 @@ def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
 
 
 @inlined
-def _leading(chunk, i0, rows, b, refined):
-    """Whether all plates of block b, in a chunk from plate `i0` on, lead; stores their weights `LEADING` if not."""
-    wide_vectors()
-    count = 0.0
-    for j in range(BLOCK):
-        count += 1.0 if chunk[at(row.SHARE, at(i0, j))] > 0.0 else 0.0
-    if count == BLOCK:
-        return True
-    if refined:
-        half_angles = b * np.uint64(ROWS_OF_REFINED * BLOCK) + np.uint64(IN_BLOCK.half_angle)
-        for j in range(BLOCK):
-            i = at(i0, j)
-            nx, ny, nz = triple(chunk, row.NORMAL, i)
-            vx, vy, vz = triple(chunk, row.VELOCITY, i)
-            beyond = min(nx * vx + ny * vy + nz * vz + 0.5 / rows[at(half_angles, j)], 0.0)
-            chunk[at(row.LEADING, i)] = max(1.0 + beyond * (1.0 / TRAILING), 0.0)
-    else:
-        for j in range(BLOCK):
-            i = at(i0, j)
-            chunk[at(row.LEADING, i)] = chunk[at(row.SHARE, i)]
-    return False
-
-
-@inlined
 def _follow_gaps(memory, first, form, block, below, rise, motion):
     """Follow the gaps behind the plates of a submerged block that trails and has no traction."""
     rows, _, refined, _ = form
@@ -391,12 +367,7 @@ def _sums(form, law, height, slope, states, past, out):
                 flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
                 tractions(law, chunk, n, flatness, refined)
                 if has_memory:
-                    for j in range(count):
-                        w, i0 = np.uint64(chunk[at(row.NUMBER, j)]), j * np.uint64(BLOCK)
-                        all_lead = _leading(chunk, i0, rows, w, refined)
-                        first = first_in_memory + w * np.uint64(OF_BLOCK)
-                        state = add_memory(chunk, i0, memory, first, motion, below, slope, grains, all_lead)
-                        memory[at(TRACTIONS, w)] = state
+                    add_memory(chunk, count, memory, first_in_memory, rows, motion, below, slope, grains)
                     _add_stiffness(chunk, n, memory)
                 for inertial in range(2 if inertia > 0.0 else 1):
                     if inertial == 1:
