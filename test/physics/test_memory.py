@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scenes import GENERIC
+from scenes import GENERIC, facing
 
 from rft_ros.rft import (
     Memory,
@@ -279,3 +279,20 @@ def test_a_plate_gives_back_no_more_than_its_traction_stores_whatever_way_it_mov
         work = np.cumsum((0.5 * (force[1:] + force[:-1]) * moves).sum(axis=1))
         stored = 0.5 * np.linalg.norm(force[800]) * ELASTIC * LENGTH
         assert work[800:].max() - work[799] <= 1.05 * stored + 1e-9 * np.abs(work).max()
+
+
+@pytest.mark.parametrize("integration", INTEGRATIONS)
+def test_a_plate_that_turns_to_trailing_has_the_same_force_beside_plates_that_lead(integration):
+    # a block whose plates all lead is evaluated without the rule for plates that trail
+    rng = np.random.default_rng(8)
+    places = rng.uniform(-0.02, 0.02, (15, 3))
+    normals = np.column_stack([rng.uniform(0.3, 0.9, (15, 2)), rng.uniform(-0.6, -0.1, 15)])
+    leading, turning = facing(integration, places, normals), facing(integration, [[0.0, 0.0, 0.0]], [[0.9, -0.3, 0.0]])
+    together = Plates.of_rows(np.hstack([leading.rows, turning.rows]))
+    there, times = along(np.linspace(0.0, 6e-3, 40), (0.006, 0.005, -0.002))
+    deeper, _ = along(np.linspace(0.0, 1e-2, 40), (0.001, 0.006, -0.01), start=there[-1, :3])
+    states, durations = np.vstack([there, deeper]), np.concatenate([times, times])
+    alone = [remembered(states, durations, plates=plates)[:, :6] for plates in (leading, turning)]
+    assert np.abs(alone[1][42:50, 0]).max() > 0.1  # it trails, and the grains still press it
+    error = np.abs(remembered(states, durations, plates=together)[:, :6] - sum(alone)).max(axis=0)
+    assert (error <= 1e-12 * np.abs(sum(alone)).max(axis=0)).all()
