@@ -428,7 +428,7 @@ def _add_memory(chunk, count, memory, first_in_memory, rows, motion, below, slop
     for j in range(count):
         b, i0 = np.uint64(chunk[at(row.NUMBER, j)]), np.uint64(j) * np.uint64(BLOCK)
         first = first_in_memory + b * np.uint64(OF_BLOCK)
-        if _weights(chunk, i0, rows, b, refined):  # two thirds of the time of the other
+        if _weights(chunk, i0, rows, b, refined):  # as most blocks: less than half of the time
             loaded = _advance_block(chunk, i0, memory, first, motion, below, slope, grains, True)
         else:
             loaded = _advance_block(chunk, i0, memory, first, motion, below, slope, grains, False)
