@@ -51,7 +51,7 @@ class Table(NamedTuple):
     def __eq__(self, other: object) -> bool:
         return isinstance(other, Table) and self[:4] == other[:4] and np.array_equal(self.values, other.values)
 
-    def __ne__(self, other: object) -> bool:  # that of tuples asks an array for its truth
+    def __ne__(self, other: object) -> bool:  # that of tuples would take the truth of an array
         return not self == other
 
     @classmethod
@@ -280,7 +280,7 @@ def _model_or(kind_of_model: int, model: Any, function: Any, otherwise: Any) -> 
             first = IN_LAW.alpha_y
             numbers = (given[first], given[first + 1], given[first + 2], given[first + 3])[:count]
             fields = (*numbers, values) if has_values else numbers
-            if refined:  # two loops: LLVM would else ask for the rule in each turn of one
+            if refined:  # two loops: LLVM would else test the rule in each turn of one
                 add_to(chunk, n, fields, True)
             else:
                 add_to(chunk, n, fields, False)

@@ -1,16 +1,16 @@
 """Memory: grains resist fully only after they have been sheared over a distance, Eq. (10).
 
 Each plate keeps its traction per depth τ, in world axes; the radius y of its elastic zone; the strength s of the grains
-by which it yielded; what the law asked of it at the last state; and the gap g behind it. A step moves it by D, of which
-D_n = D·n is along its normal. The law asks for the traction a = share t, of the plate's leading share.
+by which it yielded; the demand at the last state; and the gap g behind it. A step moves it by D, of which D_n = D·n is
+along its normal. The demand is the traction t by the law, times the share of the plate that leads.
 
 - Gap. A retreat of a plate without traction opens a gap: g grows by -0.2 D_n. On the way back the gap closes before
-  anything else happens. A refined plate that leads closes it by 1/57 of its path at least (`GRAZING`).
+  anything else happens. A refined plate that leads closes it by at least `GRAZING` of its path.
 - Elastic zone. While abs(τ) <= y a plate is a spring: τ falls by k D, k = max(s, y) / l(d). Nothing else changes there,
   so noise at rest changes nothing.
-- Yield. Beyond the zone, a plate that leads yields: along the path that remains, τ approaches the mean of what the law
-  asks at both ends of the step, over λ(d), or half of it where τ falls. y follows abs(τ). s follows abs(t) over
-  λ(d) / 8, and at once while y is small.
+- Yield. Beyond the zone, a plate that leads yields: along the path that remains, τ approaches the mean of the demands
+  at both ends of the step, over λ(d), or half of it where τ falls. y follows abs(τ). s follows abs(t) over λ(d) / 8,
+  and at once while y is small.
 - Slip. A plate that trails keeps abs(τ) <= y: beyond, the spring slips. Where it slips, or abs(τ) is below y / 2, y
   fades over 3 λ(d).
 - Release. Grains do not pull. In the part of a step in which neither the traction, τ·n < 0, nor the motion, D_n > 0,
@@ -54,7 +54,7 @@ from rft_ros.rft.plates import BLOCK, IN_BLOCK, ROWS_OF_REFINED, Plates
 
 __all__ = ["DEPTH", "GAPS", "LOADED", "MOST_BODIES", "MOTION", "SLACK", "TRACTIONS", "TRAILING", "Memory"]
 __all__ += ["GRAZING", "IN_MEMORY", "OF_BLOCK", "WEAKEST", "InMemory"]
-__all__ += ["add_memory", "clear", "displacement", "follow_gap", "forget_asked"]
+__all__ += ["add_memory", "clear", "displacement", "follow_gap", "forget_demand"]
 
 DEPTH = 0.03
 """Depth [m] at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
@@ -104,17 +104,17 @@ class InMemory(NamedTuple):
     """Where the rows of a block begin in `Memory.numbers`, counted from the block's first number.
 
     `traction`: τ [N/m³], world axes, three rows; with a gap behind the plate g [m] in the first of them, and 0.
-    `asked`: what the law asked at the last state [N/m³], world axes, three rows. `yield2`: y², negative with a gap.
-    `strength`: s [N/m³].
+    `demand`: the demand at the last state [N/m³], world axes, three rows. `yield2`: y², negative with a gap. `strength`:
+    s [N/m³].
     """
 
     traction: int
-    asked: int
+    demand: int
     yield2: int
     strength: int
 
 
-IN_MEMORY = InMemory(traction=0, asked=3 * BLOCK, yield2=6 * BLOCK, strength=7 * BLOCK)
+IN_MEMORY = InMemory(traction=0, demand=3 * BLOCK, yield2=6 * BLOCK, strength=7 * BLOCK)
 OF_BLOCK = 8 * BLOCK
 """Numbers of a block in `Memory.numbers`."""
 
@@ -141,7 +141,7 @@ class Memory:
     `numbers`: shape [bodies, m], one after the other: `stiffness`; from `MOTION` on the last twist that was not zero,
     scaled to order one, 1 after the first state, the dead band [m], and the pose that the plates have followed to,
     position [m] and rotation matrix; from `TRACTIONS` on by block 0, `GAPS` or `LOADED`; and then block by block the
-    rows of `InMemory`. Raises ValueError for a slack or a number of bodies that cannot be used.
+    rows of `InMemory`. Raises ValueError for a `slack` or a number of bodies that cannot be used.
     """
 
     plates: Plates
@@ -219,14 +219,14 @@ def displacement(last, state, axes, reach, counts):
     x = _times(one, _difference(axes[:3], last, _ROTATION))  # rows of the change of the rotation matrix
     y = _times(one, _difference(axes[3:6], last, _ROTATION + 3))
     z = _times(one, _difference(axes[6:], last, _ROTATION + 6))
-    size, spin, slack = 0.0, 0.0, last[_SLACK]
+    size, spin, dead_band = 0.0, 0.0, last[_SLACK]
     for v in shift:
         size += v * v
     for v in (*x, *y, *z):
         spin += v * v
     size = sqrt(size) + reach * sqrt(0.5 * spin)
-    part = 1.0 if slack <= 0.0 else (1.0 - slack / size if size > slack else 0.0)
-    rest = one * (1.0 - part)  # the slack trails behind
+    part = 1.0 if dead_band <= 0.0 else (1.0 - dead_band / size if size > dead_band else 0.0)
+    rest = one * (1.0 - part)  # the dead band trails behind
     last[_BEGUN] = 1.0
     for j, v in enumerate((state[0], state[1], state[2], *axes)):
         last[_POSITION + j] = v
@@ -251,31 +251,31 @@ def _moved(motion, place):
 def advance(past, normal, moved, law, share, leading, closes, depth, length, weakest, all_lead):
     """A plate's traction after one step, its memory then, and the modulus of its elastic change [N/m⁴].
 
-    `past`: τ (m), what the law asked at the last state (b), y² (yield2) and the law's strength s, as in
-    `Memory.numbers`; `moved`: its displacement D [m]; `law`: the law's t now, of which the plate is asked for its
-    leading `share` (a); `leading`: the weight of the rule for a plate that leads, 0 to 1; the rule for one that trails
-    has the rest. `closes`: at least this share of its path closes a gap. `weakest`: the least s [N/m³]. `all_lead`, a
-    constant: `leading` is 1 for all plates of the loop, which then has no code of the other rule.
+    `past`: τ, the demand at the last state (before), y² (yield2) and the strength s, as in `Memory.numbers`; `moved`:
+    its displacement D [m]; `law`: the law's t now, which times the plate's leading `share` is the demand; `leading`:
+    the weight of the rule for a plate that leads, 0 to 1; the rule for one that trails has the rest. `closes`: at least
+    this share of its path closes a gap. `weakest`: the least s [N/m³]. `all_lead`, a constant: `leading` is 1 for all
+    plates of the loop, which then has no code of the other rule.
     """
     nx, ny, nz = normal
     dx, dy, dz = moved
-    lx, ly, lz = law
-    ax, ay, az = share * lx, share * ly, share * lz
-    (mx, my, mz), (bx, by, bz), yield2, strength = past
+    law_x, law_y, law_z = law
+    demand_x, demand_y, demand_z = share * law_x, share * law_y, share * law_z
+    (tau_x, tau_y, tau_z), (before_x, before_y, before_z), yield2, strength = past
     opened = yield2 < 0.0
-    gap = _select(opened, mx, 0.0)
-    mx = _select(opened, 0.0, mx)
+    gap = _select(opened, tau_x, 0.0)
+    tau_x = _select(opened, 0.0, tau_x)
     yield2 = _select(opened, -yield2 - _NONE, yield2)
     y = sqrt(yield2)
 
-    full2 = lx * lx + ly * ly + lz * lz
-    asked2 = share * share * full2
-    before2 = bx * bx + by * by + bz * bz
-    pull = mx * nx + my * ny + mz * nz
+    law2 = law_x * law_x + law_y * law_y + law_z * law_z
+    demand2 = share * share * law2
+    before2 = before_x * before_x + before_y * before_y + before_z * before_z
+    pull = tau_x * nx + tau_y * ny + tau_z * nz
     way = sqrt(dx * dx + dy * dy + dz * dz)
     per_way = 1.0 / max(way, _SHORT)
     # the parts of the outward normal and of τ along the direction of D: roots of them need not wait for k
-    forward, along = (dx * nx + dy * ny + dz * nz) * per_way, (dx * mx + dy * my + dz * mz) * per_way
+    forward, along = (dx * nx + dy * ny + dz * nz) * per_way, (dx * tau_x + dy * tau_y + dz * tau_z) * per_way
 
     # the part of the displacement that counts, after the gap has closed; k, the modulus of the elastic zone
     closing = way * max(forward, closes)
@@ -297,41 +297,45 @@ def advance(past, normal, moved, law, share, leading, closes, depth, length, wea
 
     # a plate that leads: a released τ that pushes it on shrinks; elastic up to the yield surface; then τ follows the
     # law along the path that remains
-    mm = mx * mx + my * my + mz * mz
-    per_held = 1.0 / max(sqrt(mm), _WEAK)
+    tau2 = tau_x * tau_x + tau_y * tau_y + tau_z * tau_z
+    per_held = 1.0 / max(sqrt(tau2), _WEAK)
     pushes = min(_SHRINKS * max(along * per_held, 0.0), 1.0)
     keeps = max(1.0 - (fall * per_held) * (released * pushes), 0.0)
-    px, py, pz, along = keeps * mx, keeps * my, keeps * mz, keeps * along
-    inside = max(yield2 - keeps * keeps * mm, 0.0)
+    left_x, left_y, left_z, along = keeps * tau_x, keeps * tau_y, keeps * tau_z, keeps * along
+    inside = max(yield2 - keeps * keeps * tau2, 0.0)
     elastic = min((along + sqrt(along * along + inside)) * per_fall, spring)
     path = way * counts * (spring - elastic + released * min(_AT_ONCE * share, 1.0))
-    ux, uy, uz = px - elastic * kx, py - elastic * ky, pz - elastic * kz
-    mean = min(2.0 * min(asked2, before2) / max(asked2, before2, _WEAK), 0.5)
-    gx, gy, gz = ax + mean * (bx - ax) - ux, ay + mean * (by - ay) - uy, az + mean * (bz - az) - uz
-    gu, gg, uu = gx * ux + gy * uy + gz * uz, gx * gx + gy * gy + gz * gz, ux * ux + uy * uy + uz * uz
-    falls = min(max(-_FALLS * gu / max(sqrt(gg * (gg + uu)), weakest * weakest), 0.0), 1.0)
+    led_x, led_y, led_z = left_x - elastic * kx, left_y - elastic * ky, left_z - elastic * kz
+    mean = min(2.0 * min(demand2, before2) / max(demand2, before2, _WEAK), 0.5)
+    change_x = demand_x + mean * (before_x - demand_x) - led_x
+    change_y = demand_y + mean * (before_y - demand_y) - led_y
+    change_z = demand_z + mean * (before_z - demand_z) - led_z
+    change_led = change_x * led_x + change_y * led_y + change_z * led_z
+    change2 = change_x * change_x + change_y * change_y + change_z * change_z
+    led2 = led_x * led_x + led_y * led_y + led_z * led_z
+    falls = min(max(-_FALLS * change_led / max(sqrt(change2 * (change2 + led2)), weakest * weakest), 0.0), 1.0)
     remains = _exp_minus(path * per_span * (1.0 + falls))
-    w = 1.0 - remains
-    spare = remains * remains * max(yield2 - uu, 0.0)
-    ux, uy, uz = ux + w * gx, uy + w * gy, uz + w * gz
+    approach = 1.0 - remains
+    spare = remains * remains * max(yield2 - led2, 0.0)
+    led_x, led_y, led_z = led_x + approach * change_x, led_y + approach * change_y, led_z + approach * change_z
     yields = path > 0.0
-    yield2_leading = _select(yields, ux * ux + uy * uy + uz * uz + spare, yield2)
+    yield2_leading = _select(yields, led_x * led_x + led_y * led_y + led_z * led_z + spare, yield2)
     swift = path * per_span * max(_SWIFT * y, strength, weakest)
-    full = sqrt(full2)
-    hardens = swift / max(y + swift, _WEAK) * (full - strength)
-    stiff = _select(yields, max(stiffest, full) * per_span, k)
+    law_size = sqrt(law2)
+    hardens = swift / max(y + swift, _WEAK) * (law_size - strength)
+    stiff = _select(yields, max(stiffest, law_size) * per_span, k)
     gap = max(gap - closing, 0.0)
 
     if all_lead:
-        mx, my, mz, yield2, strength = ux, uy, uz, yield2_leading, strength + hardens
+        tau_x, tau_y, tau_z, yield2, strength = led_x, led_y, led_z, yield2_leading, strength + hardens
     else:
         trailing = 1.0 - leading
         # a plate that trails: the spring slips at y
-        tx, ty, tz = mx - spring * kx, my - spring * ky, mz - spring * kz
-        tt = tx * tx + ty * ty + tz * tz
-        tried = sqrt(tt)
+        tried_x, tried_y, tried_z = tau_x - spring * kx, tau_y - spring * ky, tau_z - spring * kz
+        tried2 = tried_x * tried_x + tried_y * tried_y + tried_z * tried_z
+        tried = sqrt(tried2)
         size = min(tried, y)
-        loose = min(max(5.0 - 20.0 * tt / max(yield2, _WEAK), 0.0), 1.0)
+        loose = min(max(5.0 - 20.0 * tried2 / max(yield2, _WEAK), 0.0), 1.0)
         slips = (tried - size) * per_fall
         fades = released + spring * min(max(loose, slips), 1.0)
         fade = _exp_minus(way * fades * per_span * (1.0 / YIELD_FADES))
@@ -345,16 +349,18 @@ def advance(past, normal, moved, law, share, leading, closes, depth, length, wea
         retreat = way * max(-forward, 0.0)
         gap += OPEN * retreat * max((unused - _ENDS) * (1.0 / (1.0 - _ENDS)), 0.0)
 
-        mx, my, mz = leads * ux + trails * tx, leads * uy + trails * ty, leads * uz + trails * tz
+        tau_x = leads * led_x + trails * tried_x
+        tau_y = leads * led_y + trails * tried_y
+        tau_z = leads * led_z + trails * tried_z
         yield2 = leading * yield2_leading + trailing * yield2_trailing
         strength += leading * hardens
         stiff = leading * stiff + trailing * k
-        stiff = _select((leading > 0.0) | (mx * mx + my * my + mz * mz > 0.0), stiff, 0.0)
+        stiff = _select((leading > 0.0) | (tau_x * tau_x + tau_y * tau_y + tau_z * tau_z > 0.0), stiff, 0.0)
 
     opened = gap > 0.0
-    kept = _select(opened, min(gap, WIDEST), mx), my, mz
+    kept = _select(opened, min(gap, WIDEST), tau_x), tau_y, tau_z
     yield2 = _select(opened, -yield2 - _NONE, yield2)
-    return (mx, my, mz), (kept, (ax, ay, az), yield2, strength), stiff
+    return (tau_x, tau_y, tau_z), (kept, (demand_x, demand_y, demand_z), yield2, strength), stiff
 
 
 @inlined
@@ -373,8 +379,8 @@ def _advance_block(chunk, i0, memory, first, motion, below, slope, grains, all_l
         law = triple(chunk, row.TRACTION, i)
         leading = 1.0 if all_lead else chunk[at(row.LEADING, i)]
         kept = triple(memory, first + IN_MEMORY.traction, j, BLOCK)
-        asked = triple(memory, first + IN_MEMORY.asked, j, BLOCK)
-        past = kept, asked, memory[at(first + IN_MEMORY.yield2, j)], memory[at(first + IN_MEMORY.strength, j)]
+        demand = triple(memory, first + IN_MEMORY.demand, j, BLOCK)
+        past = kept, demand, memory[at(first + IN_MEMORY.yield2, j)], memory[at(first + IN_MEMORY.strength, j)]
         closes = GRAZING * share if refined else 0.0
         normal = triple(chunk, row.NORMAL, i)
         traction, past, stiff = advance(
@@ -383,9 +389,9 @@ def _advance_block(chunk, i0, memory, first, motion, below, slope, grains, all_l
         wet = 1.0 if load > 0.0 else 0.0
         put(chunk, row.TRACTION, i, _times(wet, traction))
         chunk[at(row.STIFF, i)] = stiff * max(load, 0.0)
-        kept, asked, yield2, strength = past
+        kept, demand, yield2, strength = past
         put(memory, first + IN_MEMORY.traction, j, _times(wet, kept), BLOCK)
-        put(memory, first + IN_MEMORY.asked, j, _times(wet, asked), BLOCK)
+        put(memory, first + IN_MEMORY.demand, j, _times(wet, demand), BLOCK)
         memory[at(first + IN_MEMORY.yield2, j)] = wet * yield2
         memory[at(first + IN_MEMORY.strength, j)] = wet * strength
         loaded += 1.0 if abs(wet * yield2) > _NONE else 0.0
@@ -450,14 +456,14 @@ def follow_gap(memory, first, i, normal, place, motion):
     gap = min(max(memory[at(first + IN_MEMORY.traction, i)] - max(dn, 0.0), 0.0) + OPEN * max(-dn, 0.0), WIDEST)
     memory[at(first + IN_MEMORY.traction, i)] = gap
     memory[at(first + IN_MEMORY.yield2, i)] = -_NONE if gap > 0.0 else 0.0
-    put(memory, first + IN_MEMORY.asked, i, (0.0, 0.0, 0.0), BLOCK)
+    put(memory, first + IN_MEMORY.demand, i, (0.0, 0.0, 0.0), BLOCK)
 
 
 @inlined
-def forget_asked(memory, first):
-    """Clear what the law asked of a block at the last state, where it trails and has not moved."""
+def forget_demand(memory, first):
+    """Clear the demand on a block at the last state, where it trails and has not moved."""
     for i in range(3 * BLOCK):
-        memory[at(first + IN_MEMORY.asked, i)] = 0.0
+        memory[at(first + IN_MEMORY.demand, i)] = 0.0
 
 
 @inlined

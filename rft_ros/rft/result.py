@@ -1,4 +1,4 @@
-"""The columns of a result, by name: the wrench, the submerged area, and the sensitivities if they are asked for.
+"""The columns of a result, by name: the wrench, the submerged area, and the optional sensitivities.
 
 Compiled code, the estimator and studies take their columns from here, and address no column by a number.
 """

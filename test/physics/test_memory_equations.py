@@ -17,10 +17,10 @@ WEAKEST = 0.01e6  # N/m³, at zeta 1
 
 
 class Plate:
-    """Traction per depth τ, elastic radius y, strength s, what the law asked at the last state, and the gap g."""
+    """Traction per depth τ, elastic radius y, strength s, the demand at the last state, and the gap g."""
 
     def __init__(self):
-        self.tau, self.asked, self.y, self.s, self.gap = np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0
+        self.tau, self.demand, self.y, self.s, self.gap = np.zeros(3), np.zeros(3), 0.0, 0.0, 0.0
 
     def step(self, n, moved, law, depth):
         """Over a displacement [m] to a depth [m]; `law`: traction per depth there, None where the plate trails."""
@@ -44,7 +44,7 @@ class Plate:
             self.trail(k * moved, k * way, released, way / length, forward)
         else:
             self.lead(law, k * moved, released, counts * way / length)
-        self.asked = np.zeros(3) if law is None else np.array(law)
+        self.demand = np.zeros(3) if law is None else np.array(law)
         return self.tau * depth * AREA
 
     def lead(self, law, fall, released, path):
@@ -62,8 +62,8 @@ class Plate:
         if path <= 0.0:
             self.tau = tau
             return
-        sizes = sorted((law @ law, self.asked @ self.asked))
-        change = law + 0.5 * min(4.0 * sizes[0] / sizes[1], 1.0) * (self.asked - law) - tau
+        sizes = sorted((law @ law, self.demand @ self.demand))
+        change = law + 0.5 * min(4.0 * sizes[0] / sizes[1], 1.0) * (self.demand - law) - tau
         turn = np.sqrt(change @ change * (change @ change + tau @ tau))
         rate = 1.0 + np.clip(-10.0 * (change @ tau) / max(turn, WEAKEST**2), 0.0, 1.0)
         left = np.exp(-path * rate)

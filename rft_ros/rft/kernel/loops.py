@@ -27,7 +27,7 @@ from rft_ros.rft.memory import (
     clear,
     displacement,
     follow_gap,
-    forget_asked,
+    forget_demand,
 )
 from rft_ros.rft.plates import (
     BLOCK,
@@ -388,7 +388,7 @@ def _sums(form, law, height, slope, states, past, out):
                     if moved:
                         _follow_gaps(memory, first, form, b * rule, below, rise, motion_in_tool)
                     else:
-                        forget_asked(memory, first)
+                        forget_demand(memory, first)
                     memory[at(TRACTIONS, b)] = GAPS
             elif has_memory and b < blocks and memory[at(TRACTIONS, b)] != 0.0:
                 clear(memory, first_in_memory + b * np.uint64(OF_BLOCK))
