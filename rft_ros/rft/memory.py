@@ -52,8 +52,9 @@ from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.plates import BLOCK, IN_BLOCK, ROWS_OF_REFINED, Plates
 
-__all__ = ["DEPTH", "GAPS", "LOADED", "MOST_BODIES", "MOTION", "SLACK", "TRACTIONS", "TRAILING", "Memory"]
-__all__ += ["GRAZING", "IN_MEMORY", "OF_BLOCK", "WEAKEST", "InMemory"]
+__all__ = ["DEPTH", "EMPTY", "GAPS", "LOADED", "MOST_BODIES", "SLACK", "TRAILING", "Memory"]
+__all__ += ["GRAZING", "HEAD", "IN_HEAD", "IN_MEMORY", "IN_STIFFNESS", "OF_BLOCK", "WEAKEST"]
+__all__ += ["InHead", "InMemory", "InStiffness"]
 __all__ += ["add_memory", "clear", "displacement", "follow_gap", "forget_demand"]
 
 DEPTH = 0.03
@@ -91,21 +92,53 @@ SLACK = 10e-6
 MOST_BODIES = 1_000_000
 """The greatest number of bodies in one memory."""
 
-GAPS, LOADED = 1.0, 2.0
-"""States of a block: its plates have no more than gaps behind them; they have tractions."""
+EMPTY, GAPS, LOADED = 0.0, 1.0, 2.0
+"""States of a block: nothing in memory; no more than gaps behind its plates; a traction of at least one plate."""
 
-MOTION, TRACTIONS = 10, 30
-"""Where the motion, and the blocks' states with their plates' tractions, begin in `Memory.numbers`."""
 
-_BEGUN, _SLACK, _POSITION, _ROTATION = 6, 7, 8, 11  # in the motion
+class InStiffness(NamedTuple):
+    """Where each sum of `Memory.stiffness` is: `k`, Σ k L; `x` to `z`, Σ k L x (3); `xx` to `yz`, Σ k L (xx, ...)."""
+
+    k: int
+    x: int
+    y: int
+    z: int
+    xx: int
+    yy: int
+    zz: int
+    xy: int
+    xz: int
+    yz: int
+
+
+IN_STIFFNESS = InStiffness(k=0, x=1, y=2, z=3, xx=4, yy=5, zz=6, xy=7, xz=8, yz=9)
+
+
+class InHead(NamedTuple):
+    """Where each part of the head of a row of `Memory.numbers` begins; the ten sums of `InStiffness` are before these.
+
+    `twist`: the last twist that was not zero, scaled to order one (6). `begun`: 1 after the first state. `dead_band`
+    [m]. `position` [m] (3) and `rotation`, a matrix by rows (9): the pose that the plates have followed to.
+    """
+
+    twist: int
+    begun: int
+    dead_band: int
+    position: int
+    rotation: int
+
+
+IN_HEAD = InHead(twist=10, begun=16, dead_band=17, position=18, rotation=21)
+HEAD = IN_HEAD.rotation + 9
+"""Numbers in the head of a row of `Memory.numbers`: there the states of the blocks begin."""
 
 
 class InMemory(NamedTuple):
     """Where the rows of a block begin in `Memory.numbers`, counted from the block's first number.
 
     `traction`: τ [N/m³], world axes, three rows; with a gap behind the plate g [m] in the first of them, and 0.
-    `demand`: the demand at the last state [N/m³], world axes, three rows. `yield2`: y², negative with a gap. `strength`:
-    s [N/m³].
+    `demand`: the demand at the last state [N/m³], world axes, three rows. `yield2`: y², negative with a gap.
+    `strength`: s [N/m³].
     """
 
     traction: int
@@ -138,10 +171,9 @@ class Memory:
 
     `slack` [m]: the dead band on the displacement, which filters the noise of poses. The plates follow the tool's pose
     at this distance. A simulator needs none. Of many `bodies` of these plates, state i is of body i.
-    `numbers`: shape [bodies, m], one after the other: `stiffness`; from `MOTION` on the last twist that was not zero,
-    scaled to order one, 1 after the first state, the dead band [m], and the pose that the plates have followed to,
-    position [m] and rotation matrix; from `TRACTIONS` on by block 0, `GAPS` or `LOADED`; and then block by block the
-    rows of `InMemory`. Raises ValueError for a `slack` or a number of bodies that cannot be used.
+    `numbers`: shape [bodies, m]. In each row, one after the other: the head, `InStiffness` and `InHead`; the state of
+    each block, `EMPTY`, `GAPS` or `LOADED`; and block by block the rows of `InMemory`. Raises ValueError for a `slack`
+    or a number of bodies that cannot be used.
     """
 
     plates: Plates
@@ -154,22 +186,22 @@ class Memory:
         blocks = self.plates.bounds.shape[1]
         bodies = whole_number("bodies", self.bodies, most=MOST_BODIES)
         number("slack", self.slack, least=0.0)
-        object.__setattr__(self, "numbers", np.zeros((bodies, TRACTIONS + blocks * (1 + OF_BLOCK))))
+        object.__setattr__(self, "numbers", np.zeros((bodies, HEAD + blocks * (1 + OF_BLOCK))))
         self.slacks[:] = self.slack
 
     @property
     def slacks(self) -> Array:
         """The dead band of each body [m], shape [bodies]."""
-        return self.numbers[:, MOTION + _SLACK]
+        return self.numbers[:, IN_HEAD.dead_band]
 
     @property
     def stiffness(self) -> Array:
-        """At the last state Σ k L, Σ k L x (3) and Σ k L (xx, yy, zz, xy, xz, yz), shape [bodies, 10].
+        """The sums of `InStiffness` at the last state, shape [bodies, 10].
 
         Over plates at x from the tool frame's origin [m], world axes, of load L [m³] and modulus k [N/m⁴], which is
         abs(t) / λ(d) where the plate yields.
         """
-        return self.numbers[:, :MOTION]
+        return self.numbers[:, : len(IN_STIFFNESS)]
 
 
 @intrinsic
@@ -207,19 +239,19 @@ def _times(s, v):
 
 
 @inlined
-def displacement(last, state, axes, reach, counts):
-    """What the tool moved since the pose in `last`, which follows: whether, origin [m], matrix, in world and tool axes.
+def displacement(memory, state, axes, reach, counts):
+    """The displacement of the tool since the pose in memory. Moves that pose after the tool, at the dead band.
 
-    `last`: `Memory.numbers` from `MOTION` on. A point at x from the tool frame's origin moved by origin + matrix x; the
-    first matrix takes x in world axes, the second in tool axes, and gives world and tool axes.
+    `memory`: a row of `Memory.numbers`. Returns whether the tool moved, and origin [m] and matrix in world axes and in
+    tool axes: a point at x from the tool frame's origin moved by origin + matrix x.
     """
-    one = 1.0 if counts & (last[_BEGUN] > 0.0) else 0.0
-    px, py, pz = _difference(state, last, _POSITION)
+    one = 1.0 if counts & (memory[IN_HEAD.begun] > 0.0) else 0.0
+    px, py, pz = _difference(state, memory, IN_HEAD.position)
     shift = _times(one, (min(max(px, -_FAR), _FAR), min(max(py, -_FAR), _FAR), min(max(pz, -_FAR), _FAR)))
-    x = _times(one, _difference(axes[:3], last, _ROTATION))  # rows of the change of the rotation matrix
-    y = _times(one, _difference(axes[3:6], last, _ROTATION + 3))
-    z = _times(one, _difference(axes[6:], last, _ROTATION + 6))
-    size, spin, dead_band = 0.0, 0.0, last[_SLACK]
+    x = _times(one, _difference(axes[:3], memory, IN_HEAD.rotation))  # rows of the change of the rotation matrix
+    y = _times(one, _difference(axes[3:6], memory, IN_HEAD.rotation + 3))
+    z = _times(one, _difference(axes[6:], memory, IN_HEAD.rotation + 6))
+    size, spin, dead_band = 0.0, 0.0, memory[IN_HEAD.dead_band]
     for v in shift:
         size += v * v
     for v in (*x, *y, *z):
@@ -227,11 +259,11 @@ def displacement(last, state, axes, reach, counts):
     size = sqrt(size) + reach * sqrt(0.5 * spin)
     part = 1.0 if dead_band <= 0.0 else (1.0 - dead_band / size if size > dead_band else 0.0)
     rest = one * (1.0 - part)  # the dead band trails behind
-    last[_BEGUN] = 1.0
+    memory[IN_HEAD.begun] = 1.0
     for j, v in enumerate((state[0], state[1], state[2], *axes)):
-        last[_POSITION + j] = v
+        memory[IN_HEAD.position + j] = v
     for j, v in enumerate((*shift, *x, *y, *z)):
-        last[_POSITION + j] -= rest * v
+        memory[IN_HEAD.position + j] -= rest * v
     shift, x, y, z = _times(part, shift), _times(part, x), _times(part, y), _times(part, z)
     p, q, r = into_frame(axes, x[0], y[0], z[0]), into_frame(axes, x[1], y[1], z[1]), into_frame(axes, x[2], y[2], z[2])
     turn = (*from_frame(axes, *x), *from_frame(axes, *y), *from_frame(axes, *z))
@@ -438,7 +470,7 @@ def _add_memory(chunk, count, memory, first_in_memory, rows, motion, below, slop
             loaded = _advance_block(chunk, i0, memory, first, motion, below, slope, grains, True)
         else:
             loaded = _advance_block(chunk, i0, memory, first, motion, below, slope, grains, False)
-        memory[at(TRACTIONS, b)] = LOADED if loaded > 0.0 else GAPS
+        memory[at(HEAD, b)] = LOADED if loaded > 0.0 else GAPS
 
 
 add_memory = compiled(_add_memory, **STEP)

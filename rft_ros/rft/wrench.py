@@ -19,7 +19,7 @@ from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel import loops
 from rft_ros.rft.kernel.compilation import machine_code
-from rft_ros.rft.memory import TRACTIONS, Memory
+from rft_ros.rft.memory import HEAD, Memory
 from rft_ros.rft.plates import BLOCK, Plates
 from rft_ros.rft.result import COLUMNS, WIDTH
 from rft_ros.rft.traction import Law, packed_law, tractions
@@ -34,7 +34,7 @@ LEVEL = 0.0, 0.0
 _WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
 _CORES = os.cpu_count() or 1
 _ROW = (len(STATE),)
-_EMPTY = np.zeros((1, TRACTIONS))
+_EMPTY = np.zeros((1, HEAD))
 _NO_MEMORY = False, np.zeros(1), _EMPTY
 
 

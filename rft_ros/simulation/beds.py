@@ -10,6 +10,7 @@ from rft_ros.rft import Law, Memory, Plates
 from rft_ros.rft.arguments import number
 from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.kernel.loops import sums
+from rft_ros.rft.memory import IN_STIFFNESS
 from rft_ros.rft.plates import BOUNDS
 from rft_ros.rft.traction import packed_law
 
@@ -96,10 +97,11 @@ def evaluate(beds, b, memory, states, out):
 def stiffness_matrix(memory, b):
     """Write the stiffness B of a row of `Beds.memory`, shape [6, 6] [N/m, N, N m]. A displacement d adds -B d.
 
-    It is that of the last state, from the sums of `Memory.stiffness`.
+    It is that of the last state, from the sums of `InStiffness`.
     """
-    s, x, y, z = memory[0], memory[1], memory[2], memory[3]
-    xx, yy, zz, xy, xz, yz = memory[4], memory[5], memory[6], memory[7], memory[8], memory[9]
+    s, x, y, z = memory[IN_STIFFNESS.k], memory[IN_STIFFNESS.x], memory[IN_STIFFNESS.y], memory[IN_STIFFNESS.z]
+    xx, yy, zz = memory[IN_STIFFNESS.xx], memory[IN_STIFFNESS.yy], memory[IN_STIFFNESS.zz]
+    xy, xz, yz = memory[IN_STIFFNESS.xy], memory[IN_STIFFNESS.xz], memory[IN_STIFFNESS.yz]
     b[:] = 0.0
     b[0, 0] = b[1, 1] = b[2, 2] = s
     b[0, 4], b[0, 5], b[1, 3], b[1, 5], b[2, 3], b[2, 4] = z, -y, -z, x, y, -x

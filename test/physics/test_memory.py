@@ -19,7 +19,7 @@ from rft_ros.rft import (
     wrenches,
     wrenches_in_time,
 )
-from rft_ros.rft.memory import ELASTIC, TRACTIONS
+from rft_ros.rft.memory import ELASTIC, HEAD
 from rft_ros.rft.wrench import prepared
 from rft_ros.tool import load_tool
 
@@ -172,7 +172,7 @@ def test_plates_that_leave_the_grains_forget():
     first = remembered(down, durations, plates=PLATES["refined"], memory=memory)
     above, pause = along(np.array([0.0]), (0.0, 0.0, 0.01), start=(0.0, 0.0, 0.1))
     remembered(above, pause, plates=PLATES["refined"], memory=memory)
-    assert not memory.numbers[:, TRACTIONS:].any()
+    assert not memory.numbers[:, HEAD:].any()
     np.testing.assert_array_equal(remembered(down, durations, plates=PLATES["refined"], memory=memory), first)
 
 

@@ -16,11 +16,13 @@ from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import OPTIONS, compiled, inlined
 from rft_ros.rft.memory import (
+    EMPTY,
     GAPS,
+    HEAD,
+    IN_HEAD,
+    IN_STIFFNESS,
     LOADED,
-    MOTION,
     OF_BLOCK,
-    TRACTIONS,
     TRAILING,
     WEAKEST,
     add_memory,
@@ -41,6 +43,7 @@ from rft_ros.rft.plates import (
     ROWS_OF_CENTROID,
     ROWS_OF_REFINED,
 )
+from rft_ros.rft.result import BY_HEIGHT, FORCE, MOMENTS, SUBMERGED_AREA, TORQUE, WIDTH
 from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, orient, tractions
 
 __all__ = ["edge_share", "sums"]
@@ -50,7 +53,11 @@ _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT, _FADING = range(6)
 possibly cut by the surface; possibly with horizontal plates; submerged and trailing with tractions in memory. The
 plates of blocks from `_PLAIN` on are evaluated one by one."""
 
-_COLUMNS = 19  # of a result: `COLUMNS` and `SENSITIVITIES` of `rft_ros.rft.wrench`
+_FORCE, _TORQUE, _BY_HEIGHT, _MOMENTS = (row.TOTAL + part.start for part in (FORCE, TORQUE, BY_HEIGHT, MOMENTS))
+_AREA = row.TOTAL + SUBMERGED_AREA
+"""Where each part of a result begins in the chunk, which has the totals of the state in the order of a result."""
+
+_FORCES = 3  # columns of the forces of plates
 _LEVEL = cos(radians(FLAT_BLEND))
 _ALONG = sin(radians(1.0)) ** 2
 
@@ -252,9 +259,14 @@ def _add_sums(chunk, n):
         zx += z * dx
         zy += z * dy
         zz += z * dz
-    part = fx, fy, fz, yz - zy, zx - xz, xy - yx, 0.0, hx, hy, hz, xx, xy, xz, yx, yy, yz, zx, zy, zz
-    for c, value in enumerate(part):
-        chunk[at(row.TOTAL, c)] += value
+    for c, value in enumerate((fx, fy, fz)):
+        chunk[at(_FORCE, c)] += value
+    for c, value in enumerate((yz - zy, zx - xz, xy - yx)):
+        chunk[at(_TORQUE, c)] += value
+    for c, value in enumerate((hx, hy, hz)):
+        chunk[at(_BY_HEIGHT, c)] += value
+    for c, value in enumerate((xx, xy, xz, yx, yy, yz, zx, zy, zz)):
+        chunk[at(_MOMENTS, c)] += value
 
 
 @inlined
@@ -275,8 +287,16 @@ def _add_stiffness(chunk, n, memory):
         kxy += stiff * x * y
         kxz += stiff * x * z
         kyz += stiff * y * z
-    for c, value in enumerate((k, kx, ky, kz, kxx, kyy, kzz, kxy, kxz, kyz)):
-        memory[c] += value
+    memory[IN_STIFFNESS.k] += k
+    memory[IN_STIFFNESS.x] += kx
+    memory[IN_STIFFNESS.y] += ky
+    memory[IN_STIFFNESS.z] += kz
+    memory[IN_STIFFNESS.xx] += kxx
+    memory[IN_STIFFNESS.yy] += kyy
+    memory[IN_STIFFNESS.zz] += kzz
+    memory[IN_STIFFNESS.xy] += kxy
+    memory[IN_STIFFNESS.xz] += kxz
+    memory[IN_STIFFNESS.yz] += kyz
 
 
 @inlined
@@ -316,7 +336,7 @@ def _sums(form, law, height, slope, states, past, out):
     _, numbers, _ = law
     chunk, inertia = new_chunk(), numbers[IN_LAW.inertia]
     grains = numbers[IN_LAW.mobilization_length], WEAKEST * numbers[IN_LAW.stiffness], refined
-    level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == 3
+    level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == _FORCES
     beyond = ROUNDING + (TRAILING if has_memory and refined else 0.0)
     # unsigned: numba adds code for negative indices otherwise
     rule, blocks, one = (
@@ -324,7 +344,7 @@ def _sums(form, law, height, slope, states, past, out):
         np.uint64(bounds.shape[1]),
         np.uint64(1),
     )
-    first_in_memory = np.uint64(TRACTIONS) + blocks
+    first_in_memory = np.uint64(HEAD) + blocks
     for k in range(states.shape[0]):
         axes, twist, scale, squared = _motion(states[k], reach)
         below, rise = _surface(height, slope, states[k], axes)
@@ -332,16 +352,15 @@ def _sums(form, law, height, slope, states, past, out):
         still = (0.0, 0.0, 0.0), axes
         moved, motion, motion_in_tool = False, still, still
         if has_memory:
-            for c in range(MOTION):
+            for c in IN_STIFFNESS:
                 memory[c] = 0.0
-            last = memory[MOTION:TRACTIONS]
             if scale > 0.0:
-                for c in range(6):
-                    last[c] = twist[c]
-            twist = last[0], last[1], last[2], last[3], last[4], last[5]
-            moved, motion, motion_in_tool = displacement(last, states[k], axes, reach, durations[k] > 0.0)
+                for c, value in enumerate(twist):
+                    memory[IN_HEAD.twist + c] = value
+            twist = triple(memory, IN_HEAD.twist, 0, 1) + triple(memory, IN_HEAD.twist, 3, 1)
+            moved, motion, motion_in_tool = displacement(memory, states[k], axes, reach, durations[k] > 0.0)
         scene = axes, twist, below, rise
-        for c in range(_COLUMNS):
+        for c in range(WIDTH):
             chunk[at(row.TOTAL, c)] = 0.0
         b, count, flat = np.uint64(0), np.uint64(0), False
         while b <= blocks:
@@ -349,7 +368,7 @@ def _sums(form, law, height, slope, states, past, out):
             if place == np.uint64(0):
                 _classify(chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), scene, reach, level, beyond)
             kind = chunk[at(row.KIND, place)] if b < blocks else _SKIP_DRY
-            if has_memory and kind == _SKIP_WET and memory[at(TRACTIONS, b)] == LOADED:
+            if has_memory and kind == _SKIP_WET and memory[at(HEAD, b)] == LOADED:
                 kind = _FADING
             changes = kind >= _PLAIN and flat != (kind == _FLAT_OR_CUT)
             if count == np.uint64(row.BLOCKS) or (count > np.uint64(0) and (b == blocks or changes)):
@@ -363,7 +382,7 @@ def _sums(form, law, height, slope, states, past, out):
                         submerged = _geometry(chunk, i0, rows, w, scene, has_memory, True, False)
                     else:
                         submerged = _geometry(chunk, i0, rows, w, scene, has_memory, True, True)
-                    chunk[at(row.TOTAL, 6)] += submerged
+                    chunk[_AREA] += submerged
                 flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
                 tractions(law, chunk, n, flatness, refined)
                 if has_memory:
@@ -382,17 +401,17 @@ def _sums(form, law, height, slope, states, past, out):
                 chunk[at(row.NUMBER, count)], chunk[at(row.NUMBER + row.BLOCKS, count)] = b, kind
                 count += one
             elif kind == _SKIP_WET:
-                chunk[at(row.TOTAL, 6)] += bounds[BOUND_AREA, b]
+                chunk[_AREA] += bounds[BOUND_AREA, b]
                 if has_memory:
                     first = first_in_memory + b * np.uint64(OF_BLOCK)
                     if moved:
                         _follow_gaps(memory, first, form, b * rule, below, rise, motion_in_tool)
                     else:
                         forget_demand(memory, first)
-                    memory[at(TRACTIONS, b)] = GAPS
-            elif has_memory and b < blocks and memory[at(TRACTIONS, b)] != 0.0:
+                    memory[at(HEAD, b)] = GAPS
+            elif has_memory and b < blocks and memory[at(HEAD, b)] != EMPTY:
                 clear(memory, first_in_memory + b * np.uint64(OF_BLOCK))
-                memory[at(TRACTIONS, b)] = 0.0
+                memory[at(HEAD, b)] = EMPTY
             b += one
         if not of_plates:
             for c in range(out.shape[1]):
