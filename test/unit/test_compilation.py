@@ -13,6 +13,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from numba.core import config
+from numba.core.compiler import CompileResult
 
 from rft_ros.rft.frames import rotation
 from rft_ros.rft.kernel.compilation import compiled, inlined
@@ -99,6 +100,15 @@ def test_a_cache_that_cannot_be_written_does_not_fail_a_call(cache):
     file.unlink()
     file.mkdir()  # root may write into any folder
     assert answer() == (number, 1)
+    assert kept(cache) == []
+
+
+def test_a_numba_that_cannot_save_its_code_fails_no_call_and_gives_one_warning(cache, monkeypatch):
+    monkeypatch.delattr(CompileResult, "_reduce")
+    with pytest.warns(RuntimeWarning, match="cannot save machine code") as warned:
+        assert answer() == (turned(QUATERNION), 1)
+        assert answer() == (turned(QUATERNION), 1)
+    assert len(warned) == 1
     assert kept(cache) == []
 
 

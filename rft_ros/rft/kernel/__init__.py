@@ -1,4 +1,6 @@
 """The compiled kernel: its loops, the chunk of plates that they work on, and compilation with its cache on disk.
 
-Import from its modules: what uses only one of them need not load the others. The physics are beside this package.
+`compilation` imports nothing else of `rft`. `chunk` takes from it and from `plates`. The physics beside this package
+(`traction`, `memory` and the modules that they use) take from both, and `loops` is on top of them all. So nothing is
+imported here: import from the modules.
 """

@@ -63,6 +63,7 @@ def wide_vectors() -> object:
 @intrinsic
 def _wide_vectors(_: Any) -> Any:
     def generate(context: Any, builder: Any, *_: Any) -> Any:
+        # `set.add`, since llvmlite's own `add` refuses attributes that are not on its list
         set.add(builder.function.attributes, '"prefer-vector-width"="512"')
         return context.get_dummy_value()
 

@@ -2,11 +2,20 @@
 
 LLVM inlines small functions (`inlined`) into loops (`compiled`). The cache has one file for each loop, argument types,
 code and processor. Its key holds the code of the loop and of all that the loop is made of, and not the text of files:
-a comment, or a function beside them, changes nothing. If a file is missing, damaged or cannot be written, the loop is
-compiled; no call fails.
+a comment, or a function beside them, changes nothing. If a file is missing, damaged or cannot be written, or
+if numba's code cannot be saved, the loop is compiled; no call fails for that.
 
-What is used of numba beyond its documented interface, each for the reason given where it is used: `Dispatcher._cache`,
-`CompileResult._reduce` and `_rebuild`, `dumps`, `rtsys`, and `codegen.magic_tuple`.
+What is used of numba beyond its documented interface, which a new version may change:
+
+- `Dispatcher._cache` and `NullCache`: a cache of one's own, for the reasons in `_Cache`. There is no public way.
+- `CompileResult._reduce`, `_rebuild` and `dumps`: what numba's own cache writes. `pickle` alone cannot take numba's
+  environments. If a version cannot save, each process compiles, and a warning says so once.
+- `rtsys.initialize`: machine code calls numba's runtime, which numba would prepare with the whole compiler.
+- `codegen.magic_tuple`: the processor and its features, for the key.
+- `Dispatcher.compile` and `get_overload`: a call without numba's dispatch, `machine_code`.
+- Options `forceinline` and `no_cfunc_wrapper`: LLVM inlines, and no entry for C is compiled, `STEP`.
+- `builder.function.attributes` of llvmlite, in `chunk`: the width of vectors, which has no option.
+- The event "numba:compile", in `rft_ros.estimator.warm_up`: it ends a load at the first function that is not cached.
 """
 
 import hashlib
@@ -14,9 +23,11 @@ import inspect
 import os
 import pickle
 import sys
+import warnings
 from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from enum import Enum
+from functools import cache
 from pathlib import Path
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, ParamSpec, TypeVar
@@ -131,7 +142,11 @@ class _Cache(NullCache):
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
-        content = dumps(data._reduce())  # `pickle` alone cannot take numba's environments
+        try:
+            content = dumps(data._reduce())
+        except Exception as error:  # another numba's can raise almost anything
+            _warn_once(f"{type(error).__name__}: {error}")
+            return
         for file in self._files(sig, data.codegen):
             with suppress(OSError):
                 with replacing(file) as part:
@@ -141,6 +156,12 @@ class _Cache(NullCache):
                     if other.name.split(".")[-3] != code:
                         other.unlink(missing_ok=True)
                 return
+
+
+@cache
+def _warn_once(cause: str) -> None:
+    fault = f"numba {numba.__version__} cannot save machine code, so that each process compiles it. {cause}"
+    warnings.warn(fault, RuntimeWarning, stacklevel=2)
 
 
 def _digest(*parts: str) -> str:
