@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from math import radians, sin, sqrt
 from typing import ClassVar
 
-from rft_ros.rft.alpha_y import PackedLaw, packed
 from rft_ros.rft.arguments import number
 from rft_ros.rft.grains import GranularLaw
 from rft_ros.rft.kernel.compilation import inlined
+from rft_ros.rft.packed_law import AGARWAL2023, PackedLaw, packed
 
 __all__ = ["C1", "C2", "C3", "FLAT_PRESS", "SURFACE_FRICTION", "Agarwal2023", "agarwal2023", "agarwal2023_traction"]
 
@@ -66,7 +66,7 @@ class Agarwal2023(GranularLaw):
             **self.shared(self.stiffness),
             "surface_friction": number("medium.surface_friction", self.surface_friction, least=0.0),
         }
-        object.__setattr__(self, "packed", packed(-1, numbers))
+        object.__setattr__(self, "packed", packed(AGARWAL2023, numbers))
 
     @property
     def stiffness(self) -> float:

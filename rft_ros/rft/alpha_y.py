@@ -1,8 +1,8 @@
 """Models of α_y, the stress per depth along e1, the horizontal direction in the plate (Treers et al. 2021, IV-B).
 
 A model is a NamedTuple of at most four numbers, and a table called `values` where it has one, and a function
-``f(model, sin_beta, cos_beta, sin_gamma, cos_gamma) -> [N/cm³]`` in plain arithmetic that unpacks it. Only to a model
-with `values` the last two may come times a common length. To add a model, write both and name them in `_MODELS`.
+``f(model, sin_beta, cos_beta, sin_gamma, cos_gamma) -> [N/cm³]`` in plain arithmetic. Only to a model with `values` the
+last two may come times a common length. To add a model, write both and name them in `_MODELS`.
 """
 
 import math
@@ -12,12 +12,13 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rft_ros.rft.arguments import number, numbers
-from rft_ros.rft.grains import IN_LAW, NUMBERS_OF_LAW
+from rft_ros.rft.arguments import numbers
+from rft_ros.rft.grains import IN_LAW
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.media import Medium
+from rft_ros.rft.packed_law import NO_TABLE, TREERS2021, PackedLaw, packed
 
 __all__ = ["ALPHA_Y_MODELS", "PAPER_LINEAR", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model", "alpha_y_name"]
 
@@ -79,11 +80,6 @@ class Table(NamedTuple):
 
 AlphaY = Constant | Linear | Table
 
-_NO_VALUES = np.zeros((2, 2))
-
-PackedLaw = tuple[int, NDArray[np.float64], NDArray[np.float64]]
-"""A law for the compiled loop: which, its numbers (`InLaw`), and the values of a table."""
-
 UNDIRECTED = math.sin(math.radians(5.0))
 """abs(v23) over abs(v) below which the refined rule fills v23 up along the normal, for the γ of a table."""
 
@@ -137,19 +133,17 @@ def _beta(sin_beta, cos_beta):
 
 
 def _constant(model, sin_beta, cos_beta, sin_gamma, cos_gamma):
-    (value,) = model
-    return value
+    return model.value
 
 
 def _linear(model, sin_beta, cos_beta, sin_gamma, cos_gamma):
-    intercept, slope = model
-    return intercept + slope * (_DEGREES * _beta(sin_beta, cos_beta))
+    return model.intercept + model.slope * (_DEGREES * _beta(sin_beta, cos_beta))
 
 
 def _table(model, sin_beta, cos_beta, sin_gamma, cos_gamma):
-    beta, beta_nodes, gamma, gamma_nodes, v = model
-    s = (_beta(sin_beta, cos_beta) - beta) * beta_nodes
-    t = (_atan2(sin_gamma, cos_gamma) - gamma) * gamma_nodes
+    v = model.values
+    s = (_beta(sin_beta, cos_beta) - model.beta) * model.beta_nodes
+    t = (_atan2(sin_gamma, cos_gamma) - model.gamma) * model.gamma_nodes
     # NaN becomes 0, so that every index lies inside
     s = min(s if s > 0.0 else 0.0, v.shape[0] - 1.0)
     t = min(t if t > 0.0 else 0.0, v.shape[1] - 1.0)
@@ -198,31 +192,12 @@ def alpha_y_name(model: AlphaY) -> str:
     return ALPHA_Y_MODELS[_TYPES.index(type(model))]
 
 
-def packed(kind: int, fields: Mapping[str, float], values: ArrayLike = _NO_VALUES) -> PackedLaw:
-    """A law for the compiled loop, in arrays of the types that it takes, which no caller can change.
-
-    Raises ValueError or TypeError for what is not finite, or is no table.
-    """
-    given, table = (
-        np.zeros(NUMBERS_OF_LAW),
-        np.array(numbers("alpha_y.values of the law", values, np.shape(values)[1:])),
-    )
-    if set(map(type, fields.values())) == {float}:
-        given[: len(fields)] = list(fields.values())
-    if not given.any() or not np.isfinite(given).all():  # of another type, or one of them is not finite: it is named
-        given[: len(fields)] = [number(f"{name} of the law", value) for name, value in fields.items()]
-    if table.ndim != 2 or min(table.shape) < 2 or not np.isfinite(table).all():
-        raise ValueError(f"a table of shape {table.shape} is not finite, or not [2, 2] or larger: use Table.sampled")
-    given.flags.writeable = table.flags.writeable = False
-    return kind, given, table
-
-
 def packed_alpha_y(model: AlphaY, numbers: Mapping[str, float]) -> PackedLaw:
-    """A law with a model: the model's place in `ALPHA_Y_MODELS`, all numbers, and its values."""
-    kind = ALPHA_Y_MODELS.index(alpha_y_name(model))
+    """The law `treers2021` with a model. `numbers`: all others by name, in the order of `InLaw`."""
+    place = ALPHA_Y_MODELS.index(alpha_y_name(model))
     fields = {f"alpha_y.{name}": value for name, value in model._asdict().items()}
-    values = fields.pop("alpha_y.values", _NO_VALUES)
-    return packed(kind, {**numbers, **fields}, values)
+    table = fields.pop("alpha_y.values", NO_TABLE)
+    return packed(TREERS2021, {**numbers, **fields}, alpha_y=place, table=table)
 
 
 @inlined
@@ -247,12 +222,12 @@ def _unit(sine, cosine):
 
 
 @inlined
-def _no_model(kind, given, values, chunk, n, refined):
+def _no_model(law, chunk, n, refined):
     pass
 
 
-def _model_or(kind_of_model: int, model: Any, function: Any, otherwise: Any) -> Any:
-    """The step `add_alpha_y` with one more model."""
+def _model_or(place: int, model: Any, function: Any, otherwise: Any) -> Any:
+    """The step `add_alpha_y` with one more model, at this place in `ALPHA_Y_MODELS`."""
     alpha_y_of, has_values = inlined(function), "values" in model._fields
     count = len(model._fields) - has_values
 
@@ -275,24 +250,24 @@ def _model_or(kind_of_model: int, model: Any, function: Any, otherwise: Any) -> 
             chunk[at(row.TRACTION + row.LENGTH, i)] -= along * ex
 
     @inlined
-    def add(kind, given, values, chunk, n, refined):
-        if kind == kind_of_model:
-            first = IN_LAW.alpha_y
+    def add(law, chunk, n, refined):
+        if law.alpha_y == place:
+            given, first = law.numbers, IN_LAW.alpha_y
             numbers = (given[first], given[first + 1], given[first + 2], given[first + 3])[:count]
-            fields = (*numbers, values) if has_values else numbers
+            fields = model(*numbers, law.table) if has_values else model(*numbers)
             if refined:  # two loops: LLVM would else test the rule in each turn of one
                 add_to(chunk, n, fields, True)
             else:
                 add_to(chunk, n, fields, False)
         else:
-            otherwise(kind, given, values, chunk, n, refined)
+            otherwise(law, chunk, n, refined)
 
     return add
 
 
 add_alpha_y = _no_model
-"""Add the part of the traction along e1 to that of the n plates of a chunk; the law as by `packed_alpha_y`.
+"""Add the part of the traction along e1 to that of the n plates of a chunk; `law`: of `packed_alpha_y`.
 
 `refined`: the rule, by which α_y is never negative, so that grains never push a plate on, and γ is `_directed`."""
-for _kind, (_model, _function, _) in enumerate(_MODELS.values()):
-    add_alpha_y = _model_or(_kind, _model, _function, add_alpha_y)
+for _place, (_model, _function, _) in enumerate(_MODELS.values()):
+    add_alpha_y = _model_or(_place, _model, _function, add_alpha_y)

@@ -7,17 +7,18 @@ density and memory. `tractions` takes its `packed` form, and evaluates it for th
 import itertools
 from dataclasses import MISSING, dataclass, field, fields
 from math import radians, sin, sqrt
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 
 from rft_ros.rft.agarwal2023 import Agarwal2023, agarwal2023_traction
-from rft_ros.rft.alpha_y import PAPER_LINEAR, AlphaY, PackedLaw, add_alpha_y, alpha_y_name, packed_alpha_y
+from rft_ros.rft.alpha_y import PAPER_LINEAR, AlphaY, add_alpha_y, alpha_y_name, packed_alpha_y
 from rft_ros.rft.grains import IN_LAW, GranularLaw
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.media import Medium
+from rft_ros.rft.packed_law import AGARWAL2023, PackedLaw
 from rft_ros.rft.velocity_weights import f1_and_f23
 
 __all__ = [
@@ -50,6 +51,24 @@ _NUDGE = 1e-5
 """Added to a unit velocity's x by the released code, so that a horizontal plate has an e2 in vertical motion."""
 
 
+class _Coefficients(NamedTuple):
+    """The coefficients of Eq. (4) [N/cm³] with sin(±2β + γ) and cos(±2β + γ) expanded: no angle is computed."""
+
+    A00: float
+    A10: float
+    B11_plus_Bm11: float
+    B11_minus_Bm11: float
+    B01: float
+    C01: float
+    C11_plus_Cm11: float
+    Cm11_minus_C11: float
+    D10: float
+
+
+_PLACES = _Coefficients(*range(IN_LAW.own, IN_LAW.own + len(_Coefficients._fields)))
+"""Where each is in the numbers of the packed law."""
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Treers2021(GranularLaw):
     """The grains by 3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013: Eqs. (2) to (8).
@@ -70,10 +89,11 @@ class Treers2021(GranularLaw):
         m = self.medium
         if not isinstance(m, Medium):
             raise TypeError(f"medium is {m!r}; choose one of MEDIA or create a Medium")
-        # sin(±2β + γ) and cos(±2β + γ) expanded, so that no angle is computed; in the order of `_stresses`
-        of_z = {"A00": m.A00, "A10": m.A10, "B11 + Bm11": m.B11 + m.Bm11, "B11 - Bm11": m.B11 - m.Bm11, "B01": m.B01}
-        of_x = {"C01": m.C01, "C11 + Cm11": m.C11 + m.Cm11, "Cm11 - C11": m.Cm11 - m.C11, "D10": m.D10}
-        numbers = {**self.shared(self.stiffness), **of_z, **of_x}
+        coefficients = _Coefficients(
+            A00=m.A00, A10=m.A10, B11_plus_Bm11=m.B11 + m.Bm11, B11_minus_Bm11=m.B11 - m.Bm11, B01=m.B01,
+            C01=m.C01, C11_plus_Cm11=m.C11 + m.Cm11, Cm11_minus_C11=m.Cm11 - m.C11, D10=m.D10,
+        )  # fmt: skip
+        numbers = {**self.shared(self.stiffness), **coefficients._asdict()}
         object.__setattr__(self, "packed", packed_alpha_y(self.alpha_y, numbers))
 
     @property
@@ -198,11 +218,11 @@ def _turn_flat_plates(chunk, n, level):
 
 
 @inlined
-def _stresses(coefficients, sin_b, cos_b, e2, velocity):
-    """Eq. (8) without α_y: the traction along e2 and E3, what α_y is to be multiplied by along e1, sin and cos of γ."""
-    stiffness, z_one, z_cos2b, z_cos2b_sing, z_sin2b_cosg, z_sing, x_cosg, x_cos2b_cosg, x_sin2b_sing, x_sin2b = (
-        coefficients
-    )
+def _stresses(stiffness, c, sin_b, cos_b, e2, velocity):
+    """Eq. (8) without α_y: the traction along e2 and E3, the factor of α_y along e1, sin and cos of γ.
+
+    `stiffness`: ζ in N/m³ per N/cm³. `c`: the `_Coefficients`.
+    """
     ex, ey = e2
     vx, vy, vz = velocity
     v1, v2 = vx * ey - vy * ex, vx * ex + vy * ey
@@ -210,28 +230,38 @@ def _stresses(coefficients, sin_b, cos_b, e2, velocity):
     f1, f23, per_v23 = f1_and_f23(abs(v1), v23)
     cos_g, sin_g = v2 * per_v23, -vz * per_v23
     cos_2b, sin_2b = 1.0 - 2.0 * sin_b * sin_b, 2.0 * sin_b * cos_b
-    alpha_z = z_one + z_cos2b * cos_2b + (z_cos2b_sing * cos_2b + z_sing) * sin_g + z_sin2b_cosg * sin_2b * cos_g
-    alpha_x = (x_cosg + x_cos2b_cosg * cos_2b) * cos_g + (x_sin2b_sing * sin_g + x_sin2b) * sin_2b
+    alpha_z = c.A00 + c.A10 * cos_2b + (c.B11_plus_Bm11 * cos_2b + c.B01) * sin_g + c.B11_minus_Bm11 * sin_2b * cos_g
+    alpha_x = (c.C01 + c.C11_plus_Cm11 * cos_2b) * cos_g + (c.Cm11_minus_C11 * sin_g + c.D10) * sin_2b
     along, across = stiffness * f1, stiffness * f23
     t2 = -across * alpha_x
     return (t2 * ex, t2 * ey, across * alpha_z), (-along if v1 > 0.0 else along), sin_g, cos_g
 
 
 @inlined
-def _treers2021(kind, given, values, chunk, n, refined):
+def _treers2021(law, chunk, n, refined):
     wide_vectors()
-    a = IN_LAW.own
-    of_alpha_z = given[a], given[a + 1], given[a + 2], given[a + 3], given[a + 4]
-    c = a + len(of_alpha_z)
-    coefficients = (given[IN_LAW.stiffness], *of_alpha_z, given[c], given[c + 1], given[c + 2], given[c + 3])
+    given = law.numbers
+    stiffness = given[IN_LAW.stiffness]
+    coefficients = _Coefficients(
+        A00=given[_PLACES.A00],
+        A10=given[_PLACES.A10],
+        B11_plus_Bm11=given[_PLACES.B11_plus_Bm11],
+        B11_minus_Bm11=given[_PLACES.B11_minus_Bm11],
+        B01=given[_PLACES.B01],
+        C01=given[_PLACES.C01],
+        C11_plus_Cm11=given[_PLACES.C11_plus_Cm11],
+        Cm11_minus_C11=given[_PLACES.Cm11_minus_C11],
+        D10=given[_PLACES.D10],
+    )
     for i in range(n):
+        sin_b, cos_b = chunk[at(row.SIN_B, i)], chunk[at(row.COS_B, i)]
         e2, velocity = (chunk[at(row.E2_X, i)], chunk[at(row.E2_Y, i)]), triple(chunk, row.VELOCITY, i)
-        t, along, sin_g, cos_g = _stresses(coefficients, chunk[at(row.SIN_B, i)], chunk[at(row.COS_B, i)], e2, velocity)
+        t, along, sin_g, cos_g = _stresses(stiffness, coefficients, sin_b, cos_b, e2, velocity)
         put(chunk, row.TRACTION, i, t)
         chunk[at(row.ALONG, i)] = along
         chunk[at(row.SIN_G, i)] = sin_g
         chunk[at(row.COS_G, i)] = cos_g
-    add_alpha_y(kind, given, values, chunk, n, refined)
+    add_alpha_y(law, chunk, n, refined)
 
 
 @inlined
@@ -260,9 +290,8 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> No
     `refined`: the rule, by which grains neither pull a plate nor push it on.
     """
     wide_vectors()
-    kind, given, values = law
-    if kind < 0:
-        stiffness, friction = given[IN_LAW.stiffness], given[IN_LAW.own]
+    if law.law == AGARWAL2023:
+        stiffness, friction = law.numbers[IN_LAW.stiffness], law.numbers[IN_LAW.own]
         for i in range(n):
             normal, velocity = triple(chunk, row.NORMAL, i), triple(chunk, row.VELOCITY, i)
             put(chunk, row.TRACTION, i, agarwal2023_traction(stiffness, friction, normal, velocity))
@@ -273,7 +302,7 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> No
     for turned in range(2 if blends else 1):
         if turned == 1 or (turns and not blends):
             _turn_flat_plates(chunk, n, -1.0 if blends else FLAT)
-        _treers2021(kind, given, values, chunk, n, refined)
+        _treers2021(law, chunk, n, refined)
         if blends and turned == 0:
             for i in range(n):
                 put(chunk, row.UNBLENDED, i, triple(chunk, row.TRACTION, i))

@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.agarwal2023 import agarwal2023
-from rft_ros.rft.alpha_y import PackedLaw
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel import loops
 from rft_ros.rft.kernel.compilation import machine_code
 from rft_ros.rft.memory import HEAD, Memory
+from rft_ros.rft.packed_law import PackedLaw
 from rft_ros.rft.plates import BLOCK, Plates
 from rft_ros.rft.result import COLUMNS, WIDTH
 from rft_ros.rft.traction import Law, packed_law, tractions

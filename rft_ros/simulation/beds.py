@@ -11,6 +11,7 @@ from rft_ros.rft.arguments import number
 from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.kernel.loops import sums
 from rft_ros.rft.memory import IN_STIFFNESS
+from rft_ros.rft.packed_law import PackedLaw
 from rft_ros.rft.plates import BOUNDS
 from rft_ros.rft.traction import packed_law
 
@@ -30,16 +31,17 @@ class Beds(NamedTuple):
 
     `bodies`: shape [n]: where the body's part of `rows` begins and ends and that of `bounds` begins, the number of its
     blocks, its reach [m], the height of its surface at x = y = 0 [m], the surface's slopes, and whether its plates are
-    refined. `rows`, `bounds`: of `Plates`, one tool after the other. `kind`, `laws`, `table`: the laws' `packed`; row i
-    of `laws` is of body i. `length`: the mobilization length [m]. `memory`: `Memory.numbers`, row i of body i.
-    `duration`: a positive number, so that every evaluation counts the displacement.
+    refined. `rows`, `bounds`: of `Plates`, one tool after the other. `law`, `alpha_y`, `numbers`, `table`: the laws'
+    `PackedLaw`; row i of `numbers` is of body i. `length`: the mobilization length [m]. `memory`: `Memory.numbers`, row
+    i of body i. `duration`: a positive number, so that every evaluation counts the displacement.
     """
 
     bodies: NDArray[np.void]
     rows: Array
     bounds: Array
-    kind: int
-    laws: Array
+    law: int
+    alpha_y: int
+    numbers: Array
     table: Array
     length: float
     memory: Array
@@ -60,22 +62,33 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
     for i, (k, p) in enumerate(zip(which, plates, strict=True)):
         places = rows[k], rows[k + 1], bounds[k], p.bounds.shape[1]
         bodies[i] = (*places, p.reach, 0.0, 0.0, 0.0, p.integration == "refined")
-    kind, numbers, table = packed_law(law)
+    packed = packed_law(law)
     length = number("mobilization_length of the law", law.mobilization_length, positive=True)
     all_rows, all_bounds = (
         np.concatenate([a.ravel() for a in one]) for one in zip(*(p.form[:2] for p in shapes), strict=True)
     )
-    laws = np.array([numbers] * len(plates)).view()
-    for array in (all_rows, all_bounds, laws):
+    numbers = np.array([packed.numbers] * len(plates)).view()
+    for array in (all_rows, all_bounds, numbers):
         array.flags.writeable = False  # a part of the types that the kernel is compiled for
-    return Beds(bodies, all_rows, all_bounds, kind, laws, table, length, memory, np.ones(1))
+    return Beds(
+        bodies=bodies,
+        rows=all_rows,
+        bounds=all_bounds,
+        law=packed.law,
+        alpha_y=packed.alpha_y,
+        numbers=numbers,
+        table=packed.table,
+        length=length,
+        memory=memory,
+        duration=np.ones(1),
+    )
 
 
 def use_law(beds: Beds, body: int, law: Law) -> None:
     """Give a body a law that differs from the others in its numbers only."""
-    numbers = beds.laws.base
+    numbers = beds.numbers.base
     assert numbers is not None
-    numbers[body] = packed_law(law)[1]
+    numbers[body] = packed_law(law).numbers
 
 
 @inlined
@@ -88,7 +101,7 @@ def evaluate(beds, b, memory, states, out):
     p = beds.bodies[b]
     bounds = beds.bounds[p.bounds : p.bounds + BOUNDS * p.blocks].reshape(BOUNDS, p.blocks)
     form = beds.rows[p.rows : p.rows_end], bounds, p.refined, p.reach
-    law = beds.kind, beds.laws[b], beds.table
+    law = PackedLaw(beds.law, beds.alpha_y, beds.numbers[b], beds.table)
     past = True, beds.duration, memory
     sums(form, law, p.height, (p.slope_x, p.slope_y), states, past, out)
 

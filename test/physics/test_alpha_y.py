@@ -26,7 +26,7 @@ def at(model, beta_deg: float, gamma_deg: float = 0.0) -> float:
     b, g, chunk = math.radians(beta_deg), math.radians(gamma_deg), np.zeros(SIZE)
     chunk[SIN_B], chunk[COS_B], chunk[SIN_G], chunk[COS_G] = math.sin(b), math.cos(b), math.sin(g), math.cos(g)
     chunk[ALONG] = chunk[E2_Y] = 1.0
-    add_alpha_y(*treers2021(MEDIA["generic"], model).packed, chunk, 1, False)
+    add_alpha_y(treers2021(MEDIA["generic"], model).packed, chunk, 1, False)
     return float(chunk[TRACTION])
 
 

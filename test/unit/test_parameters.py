@@ -304,7 +304,7 @@ def test_a_number_of_the_grains_changes_the_law_as_a_new_model_has_it_and_nothin
     old, new = model_of(before), model_of(after)
     made = with_grains(old, {name: after[name]})
     assert made.law == new.law
-    assert [*made.law.packed[1]] == [*new.law.packed[1]]
+    assert [*made.law.packed.numbers] == [*new.law.packed.numbers]
     assert (made.tool, made.ground, made.generation) == (old.tool, old.ground, old.generation + 1)
     assert settings_of(before) == settings_of(after)
     assert (parts_of(before), needed(before)) == (parts_of(after), needed(after))

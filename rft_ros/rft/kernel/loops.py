@@ -333,9 +333,8 @@ def _sums(form, law, height, slope, states, past, out):
     wide_vectors()
     rows, bounds, refined, reach = form
     has_memory, durations, memories = past
-    _, numbers, _ = law
-    chunk, inertia = new_chunk(), numbers[IN_LAW.inertia]
-    grains = numbers[IN_LAW.mobilization_length], WEAKEST * numbers[IN_LAW.stiffness], refined
+    chunk, inertia = new_chunk(), law.numbers[IN_LAW.inertia]
+    grains = law.numbers[IN_LAW.mobilization_length], WEAKEST * law.numbers[IN_LAW.stiffness], refined
     level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == _FORCES
     beyond = ROUNDING + (TRAILING if has_memory and refined else 0.0)
     # unsigned: numba adds code for negative indices otherwise
