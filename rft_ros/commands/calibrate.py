@@ -25,7 +25,8 @@ def calibrate_options(command: argparse.ArgumentParser) -> None:
     fit = f"fit only {', '.join(PARTS[:-1])} or {PARTS[-1]}, and exit with 1 if it is not identifiable; may be"
     every = "repeated (default: all that are identifiable)"
     command.add_argument("--fit", choices=PARTS, action="append", metavar="PART", help=f"{fit} {every}")
-    models = "α_y over β: constant, linear, table or auto: linear if the slope is significant (default auto)"
+    auto = "auto, which is linear if the slope is significant and constant otherwise (default auto)"
+    models = f"model of α_y over β: constant, linear, table or {auto}"
     choices = ("auto", "constant", "linear", "table")
     command.add_argument("--alpha-y", choices=choices, default="auto", metavar="MODEL", help=models)
     mesh = "mesh of the tool in the bag of that name, if not the parameter file's; may be repeated"

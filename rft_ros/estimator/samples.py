@@ -190,7 +190,8 @@ class Reason(str, Enum):
     TF_FRAME_UNKNOWN = "tf_frame_unknown", "no transforms link `tool_frame` and `world_frame`"
     TF_MISSING = (
         "tf_missing",
-        "the stamp of the pose is before the oldest transform that the node keeps: the last 1,024 of each frame",
+        "the stamp of the pose is before the oldest transform that the node keeps; it keeps the last 1,024 of each "
+        "frame",
     )
     TF_STALE = (
         "tf_stale",

@@ -130,7 +130,7 @@ PARAMETERS = (
     Parameter(
         "alpha_y.model",
         "linear",
-        "Model of the sideways stress: that along the horizontal direction e1 in a plate.",
+        "Model of the sideways stress: the stress along the horizontal direction that lies in the plate.",
         choices=ALPHA_Y_MODELS,
     ),
     Parameter(
@@ -142,8 +142,8 @@ PARAMETERS = (
     Parameter(
         "integration",
         "refined",
-        "Integration rule. refined: cuts facets at the surface, and lets a facet begin to lead gradually. centroid: as "
-        "published, by each facet's centroid.",
+        "Integration rule. refined: cuts facets at the surface, and lets a facet's force grow gradually as it turns "
+        "towards the motion. centroid: as published, evaluates each facet at its centroid.",
         choices=INTEGRATIONS,
     ),
     Parameter(
