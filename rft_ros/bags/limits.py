@@ -45,7 +45,7 @@ class _LimitedFile(io.BufferedReader):
         data = super().read(MOST_BYTES + 1 if everything or size is None else min(size, MOST_BYTES + 1))
         if len(data) > MOST_BYTES:
             raise LimitError(f"a record has more than the limit of {MOST_BYTES / 2**20:.0f} MiB")
-        if size == 1 and data == b"\0":  # the type of an MCAP record; gigabytes of zeros are as many empty ones
+        if size == 1 and data == b"\0":  # the type of an MCAP record; gigabytes of zeros would be read as empty records
             raise LimitError("a record has the type 0, as in a part that is filled with zeros")
         return data
 

@@ -33,7 +33,7 @@ _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
 
 _INSTEAD: dict[Role, str] = {"pose": "pose_source: tf, or ", "twist": "twist_source: pose_difference, or "}
 _REPAIRS = {".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
-_LATEST = 100_000_000  # greatest delay of a message in its file that is still sorted [ns], as in split bags
+_LATEST = 100_000_000  # ns; messages that lie up to this late in their file are put in order, as in split bags
 _TOGETHER = 256  # messages sorted at a time
 _CHUNK_HEAD = Struct("<BQQQQII8x")
 """The bytes before the records of an uncompressed chunk (https://mcap.dev/spec): opcode, length, start and end time,
@@ -100,7 +100,7 @@ def _recover(file: Path, copy: Path, topics: Collection[str]) -> bool:
 
 
 def _records(stream: BinaryIO) -> Iterator[McapRecord]:
-    """The records of an MCAP file, those in chunks, too. Of a last chunk that is cut short, if it is not compressed."""
+    """The records of an MCAP file, also those in chunks and in an uncompressed last chunk that is cut short."""
     at = 0
     try:
         for record in StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_BYTES).records:

@@ -128,7 +128,7 @@ def summary_of(rows: Rows, *, issues: Counter[str], tared: bool, **about: Any) -
     levels = Counter(map(trust, flags.tolist()))
     by_trust = {level.value: levels[level] for level in Trust}
     of_offset = _warnings_of_offset(whole, phases, tared=tared)
-    told = {OFFSET_SENTENCE} if of_offset else set()  # in other words, which suit a recording
+    told = {OFFSET_SENTENCE} if of_offset else set()  # left out below: `of_offset` says it in the words for a recording
     warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items() if issue not in told]
     warnings += of_offset + _warnings_of_error(whole)
     warnings += _warnings_of_poses(rows)

@@ -3,8 +3,9 @@
 Both point to a mesh that points the wrong way. The evidence is the growth of the force with depth, and its direction.
 Real grains do not follow the model's growth with depth: under round plates and wheels the pressure grows as depth to
 the power of 1.3 to 1.6, in simulated beads more slowly than linearly. And the surface that was found belongs to the
-given attitude: under a tip the force is small at first, and the contact is seen late. So attitudes are compared after
-each had the power and the surface that suit it, and one that needs a ζ of no dry grains is not proposed.
+given attitude: under a tip the force is small at first, and the contact is seen late. So each attitude
+is fitted with the power and the surface that suit it, and then they are compared. An attitude whose ζ is outside of the
+range of dry grains is not proposed.
 """
 
 from collections.abc import Sequence
@@ -33,7 +34,7 @@ _SHIFTS = np.linspace(0.0, 0.3, 7)  # of the surface, upwards, relative to the d
 _BETTER = 0.6  # greatest RMS residual, relative to the given attitude's, of an attitude that is proposed
 _AS_GOOD = 2.0  # the same if the given attitude needs a ζ that dry grains do not have
 _ALIKE = 0.002  # RMS residuals over the peak that differ by less are alike
-_POOR = 0.02  # least RMS residual over the peak of a given attitude that is doubted
+_POOR = 0.02  # RMS residual over the peak below which the given attitude is not doubted
 
 
 class _Explained(NamedTuple):

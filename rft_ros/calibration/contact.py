@@ -90,8 +90,8 @@ def find_contacts(tracks: Sequence[Track], cell: LoadCell, law: Law) -> list[Con
 def fit_contact(recording: Recorded, contact: Contact, grains: BedValues) -> Measurement:
     """Fit the height of the surface at a contact [m], for the λ of `grains`. The fit starts at `contact.surface`.
 
-    Grains with memory begin to resist at the first pose below the surface, so that the height depends on where in a
-    step between two poses it lies: the error has the deviation of a place in that step.
+    The model with memory begins to resist at the first pose below the surface. The fitted height therefore depends on
+    where the surface lies between two poses, and the error includes the standard deviation of that place.
     """
     rows, first = contact.rows, int(contact.rows[0])
     height, observed = recording.heights[rows], recording.forces[rows, 2:]

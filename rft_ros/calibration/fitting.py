@@ -106,7 +106,9 @@ class Fit(NamedTuple):
 
 
 def _series_fit(coefficients: Array, jacobian: Array, residuals: Array, bread: Array) -> Fit:
-    """A fit to a time series, with the covariance under serially correlated residuals; `jacobian`: shape [n, k].
+    """A fit to a time series, with the covariance under serially correlated residuals.
+
+    `jacobian`: shape [n, k]. `bread`: inverse of its normal matrix, the outer factors of the sandwich estimate.
 
     Newey and West's estimate (Econometrica 55, 1987) on scores whitened by the residuals' lag-one correlation (Andrews,
     60, 1992): else errors from a few hundred samples are a third too small.
@@ -240,7 +242,7 @@ def fit_linear(columns: Array, observed: Array) -> Fit:
 
 
 def _correlated(columns: Array, residuals: Array) -> tuple[Array, float]:
-    """Variance of `columns`.T @ noise, columns of shape [n, k], and of one sample, times what its correlation adds.
+    """Covariance of `columns`.T @ noise, columns of shape [n, k]; the variance of a sample, times (1 + ρ) / (1 - ρ).
 
     The noise is a process of first order with the variance and the correlation of the residuals, shape [n].
     """
@@ -262,8 +264,8 @@ def _variances(jacobian: Array, residuals: Array) -> tuple[Array, float]:
 def _covariance(jacobian: Array, residuals: Array, inverse: Array) -> Array:
     """Covariance of coefficients: the greater of two estimates, by the error of the first coefficient.
 
-    One takes the residuals for a stationary process; the other (Newey and West) each residual where it is, such as at a
-    corner.
+    One takes the residuals as a stationary process. The other (Newey and West) takes each residual at its own moment,
+    such as at a corner.
     """
     _, axes, k = jacobian.shape
     found = [inverse @ _variances(jacobian, residuals)[0] @ inverse]

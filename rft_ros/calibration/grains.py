@@ -4,8 +4,8 @@ Each value has its own part of a recording: the surface the first contact, ζ th
 Grains with memory resist fully only after a distance, so that the first contact that is found depends on λ, and λ and ζ
 depend on the surface. The fits are therefore repeated with each other's results until those no longer change.
 
-The errors. Each fit has its own standard error, from the noise and its correlation. The derivative of each fit by what
-it takes from the others, found by fitting again with that changed, makes a linear system for the errors of all. The
+The errors. Each fit has its own standard error, from the noise and its correlation. Each fit is
+repeated with the results of the others changed: these derivatives make a linear system for the errors of all. The
 zero of the load cell is an error that all fits share. What noise of the poses does is found by adding more (after Cook
 and Stefanski, Journal of the American Statistical Association 89, 1994).
 """
@@ -65,7 +65,7 @@ class _Coupling(NamedTuple):
     """How errors reach the surface [m], log λ and ζ: from each other, from noise of the poses, from the cell's zero.
 
     `by`: the derivative of each value's fit by the others, shape [3, 3]. `by_poses`: standard errors, shape [3].
-    `by_zero`: the derivative by an offset of the load cell [1/N], shape [3, 3]. `ways_down`: those it is of.
+    `by_zero`: the derivative by an offset of the load cell [1/N], shape [3, 3]. `ways_down`: those it was computed for.
     """
 
     by: Array
@@ -149,7 +149,7 @@ class _Fits:
     def _coupled(self, own: Array) -> _Coupling:
         surface = self.grains.surface
         log_length = float(np.log(self.grains.length)) if self.grains.has_memory else -np.inf
-        # over the error of what is changed: within a smaller step a fit may stay where it is
+        # steps as large as the error of what is changed: in a smaller one a fit may not move at all
         height_step, length_step = np.clip(own[_SURFACE], *_HEIGHT_STEPS), np.clip(own[_LENGTH], *_LENGTH_STEPS)
         by = np.zeros((3, 3))  # the derivative of each value's fit by the others
         by[_LENGTH, _SURFACE] = _slope(self.log_length_for, surface, height_step)

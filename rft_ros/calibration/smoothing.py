@@ -88,7 +88,7 @@ def _line(time: Array, places: Array, before: int, after: int) -> _Line:
     size, n = before + after + 1, len(time)
     number = np.arange(size) - 0.5 * (size - 1)
     mean, slope = np.full(size, 1.0 / size), number / (number @ number)
-    begin = size // 2  # the filter's result that is of the first `size` poses
+    begin = size // 2  # index of the filter's result for the first `size` poses
     inner = slice(before, n - after)
 
     def over(weights: Array, columns: Array) -> Array:

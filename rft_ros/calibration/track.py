@@ -54,7 +54,7 @@ class Track:
     """One recording: n moments in time order.
 
     `begin`: header stamp of the first moment [ns]; `time`: since then [s], shape [n]. `states`: shape [n, 13].
-    `readings` of the load cell, raw sign, sensor axes [N], [N m], shape [n, 6]. It rests below `rest_speed` [m/s].
+    `readings` of the load cell, raw sign, sensor axes [N], [N m], shape [n, 6]. `rest_speed` [m/s]: the tool's.
     `mount`: the sensor frame in the tool frame, if fixed transforms link the two.
     """
 
@@ -189,7 +189,7 @@ def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
     sinking = -velocity[:, 2]
     straight = (np.linalg.norm(velocity[:, :2], axis=1) < _STEEP * sinking) & (turning < _TURNING * sinking)
     straight &= sinking >= track.rest_speed
-    # padding lets the ends be the bottoms of movements down, which movements up of over 2 mm separate
+    # padded, so that the ends may be bottoms, too; movements up of over 2 mm separate the bottoms
     bottoms, _ = find_peaks(np.pad(-heights, 1, constant_values=-np.inf), prominence=_UP)
     found, begin = [], 0
     for end in bottoms.tolist():  # a row after the bottom; the tool may rest there

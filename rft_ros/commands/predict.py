@@ -37,7 +37,7 @@ def _add_memory(command: argparse._ActionsContainer) -> None:
 
 
 def _values_for_states(arguments: argparse.Namespace) -> Values:
-    """The parameters; without the option for it no memory: states may be in any order, unlike a recording's poses."""
+    """The parameters. Memory only if its option is given: states may be in any order, unlike a recording's poses."""
     values = options.values_of(arguments)
     if arguments.mobilization_length is None:
         values = {**values, "medium.mobilization_length": 0.0}

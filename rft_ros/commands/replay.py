@@ -22,7 +22,7 @@ def replay_options(command: argparse.ArgumentParser) -> None:
     options.share(command, *options.OF_RECORDING)
     tare = "take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)"
     command.add_argument("--tare", type=options.number, metavar="S", help=tare)
-    limits = "exit with 1 if a metric of a bag's summary exceeds a limit"
+    limits = "exit with 1 if a metric of a bag's summary is outside its limits"
     command.add_argument("--check", type=Path, metavar="LIMITS.yaml", help=limits)
     command.add_argument("--no-report", action="store_true", help="write no report.html")
 

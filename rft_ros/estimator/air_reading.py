@@ -6,7 +6,7 @@ from rft_ros.estimator.samples import Vector
 
 __all__ = ["OFFSET_SENTENCE", "AirReading", "is_offset"]
 
-_READINGS = 64  # in the mean; half of them are enough to judge it
+_READINGS = 64  # averaged at most; half as many are enough to judge the mean
 _LEAST = 0.2  # N: a smaller mean is noise, or a small error of the tool's weight
 _SHARE = 0.1  # of the force in the grains: a smaller mean matters little beside it
 
@@ -17,7 +17,7 @@ OFFSET_SENTENCE = "the load cell reads a force in the air: call ~/tare there, or
 def is_offset(load: float, greatest: float, *, share: float = _SHARE) -> bool:
     """Whether a mean force `load` in the air [N] is an offset of the load cell.
 
-    `greatest`: of the forces in the grains [N]. `share`: a load below this share of it is none.
+    `greatest`: the greatest force in the grains [N]. A load below `share` of it is no offset.
     """
     return load > max(_LEAST, share * greatest)
 

@@ -39,8 +39,8 @@ __all__ = ["Estimator"]
 
 Array = NDArray[np.float64]
 
-_SLIVER = 0.01  # of a tool's area: merged plates reach beyond the tool, and may be submerged when it is 6 mm above
-_SLACK_OVER_NOISE = 5.0  # dead band of the memory over the poses' noise at the tool's tip, so that noise is no motion
+_SLIVER = 0.01  # of a tool's area: merged plates reach beyond the tool; some are submerged while it is still 6 mm above
+_SLACK_OVER_NOISE = 5.0  # dead band of the memory, in standard deviations of the pose noise at the tool's tip
 _SLACK_MOST = 5e-4  # m
 
 
@@ -57,9 +57,9 @@ class _Changes(NamedTuple):
 
 
 def _changes(old: Settings, old_model: Model, new: Settings, new_model: Model) -> _Changes:
-    """`axes`: another world or tool frame. `memory`: the law has memory, or has none any more.
+    """`axes`: another world or tool frame. `memory`: the law gains or loses its memory.
 
-    `learning`: it begins, ends, or has another prior.
+    `learning`: learning starts, stops, or has another prior.
     """
     return _Changes(
         axes=(new.world_frame, new.tool_frame) != (old.world_frame, old.tool_frame),
@@ -136,7 +136,7 @@ class Estimator:
         return True
 
     def issues(self) -> list[str]:
-        """Sentences of `ISSUES` on implausible readings or a wrong model, now. Without learning: a force in the air."""
+        """The current issues, from `ISSUES`. Without learning, only whether the load cell reads a force in the air."""
         return self._air.issues() if self.learning is None else self.learning.issues()
 
     def unknown_frames(self) -> dict[Reason, str]:
@@ -174,7 +174,7 @@ class Estimator:
             self._place_sensor()
             self._strength_error = s.strength_error
         if settings is not None or self.learning is not None:
-            self._learn_readings()  # those of the load cell so far, before it and the filter change below
+            self._learn_readings()  # first: the readings so far belong to the old load cell and the old filter
         if changes.ground:
             self._use_ground(m)
         elif changes.tool and self._mapper is not None:
@@ -342,7 +342,7 @@ class Estimator:
         self._withdrawal.widen(with_sigma)
         self.state = state
         if in_grains and motion.rests and self._memory is None:
-            # only now: a tare and the phases need the state of a tool at rest, and late readings update the filter
+            # refused only here: a tare and the phases need the state, and late readings still update the filter
             raise RefusedError(Reason.AT_REST)
         wrench, offset, sigma = frame.into_sensor(state[QUATERNION], with_sigma)
         self._comparison.add(Prediction(pose, wrench, offset, frame, in_air=not in_grains))
@@ -411,7 +411,7 @@ class Estimator:
         return self.learning.predict(motion.pose.stamp, row, step=motion.path, passing=passing, apply=apply)
 
     def _learn_readings(self) -> None:
-        """Update what is learned of the load cell in the air, and the filter, with the readings since the last call."""
+        """Update the air reading and the filter with the readings since the last call."""
         for reading in self._comparison.readings():
             if reading.in_air:
                 self._air.add_in_air(reading.force)

@@ -70,7 +70,7 @@ class Intake:
         self._pose_stamp = 0  # of the last pose
         self._wanted: deque[int] = deque()  # stamps whose poses wait for transforms
         self._last_wanted = 0
-        self._last_transforms = 0  # last stamp up to which poses from transforms were scheduled, at `tf_rate`
+        self._last_transforms = 0  # with `tf_rate`: stamp up to which poses were scheduled
         self._unknown: dict[Reason, tuple[str, ...]] = {}  # the frame refused last, and those expected
         self._settings = settings
         self.use_settings(settings)
@@ -240,7 +240,7 @@ class Intake:
         self._last_transforms = max(newest, self._last_transforms)
 
     def _want(self, stamp: int) -> None:
-        """Schedule a pose at a stamp [ns]. One that comes out of order has been scheduled before, or has no pose."""
+        """Schedule a pose at a stamp [ns]. One out of order is left out: it was scheduled before, or has no pose."""
         follows = succession(stamp, after=self._last_wanted)
         if follows is NEW_RUN:
             self._wanted.clear()
@@ -251,7 +251,10 @@ class Intake:
         self._wanted.append(stamp)
 
     def _ready(self, now: int) -> list[PoseSample]:
-        """The scheduled poses whose transforms have come, or do not come any more. `now`: stamp of a sample [ns]."""
+        """The scheduled poses whose transforms have come. `now`: stamp of a sample [ns].
+
+        A pose whose transforms will not come any more is dropped, and the reason is counted.
+        """
         s, found = self._settings, list[PoseSample]()
         max_age, may_come = round(1e9 * s.max_input_age), (Reason.TF_STALE, Reason.TF_FRAME_UNKNOWN)
         while self._wanted:

@@ -62,7 +62,7 @@ def _into_sensor(mounts, quaternion, with_sigma, outs):
     turned = 0.0, 0.0, 0.0
     for i in range(6):
         wrench[i] = sigma[i] = 0.0
-    for k in range(3):  # for each world axis: `turned`, the axis in sensor axes; `lever`, torque of a unit force on it
+    for k in range(3):  # `turned`: a world axis, in sensor axes; `lever`: the torque of a unit force along it
         x, y, z = into_frame(tool, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
         turned = into_frame(sensor, x, y, z)
         lever = into_frame(sensor, pz * y - py * z, px * z - pz * x, py * x - px * y)

@@ -30,8 +30,8 @@ class Motion(NamedTuple):
     `speed_bound`: an upper bound on the plates' speeds [m/s]. `rests`: it is below `rest_speed`. `path`: an upper bound
     on the path of any plate since the motion before [m]. `duration`: time since then [s]. `tip_noise`: standard
     deviation of a coordinate of the tool's farthest point, by the noise of the poses [m]. The noise of positions and
-    that of rotations are estimated separately, and count as 0 until they are known. They stay unknown with a topic of
-    twists, and while the poses do not vary, as the attitude of an arm that only translates.
+    that of rotations are estimated separately, and count as 0 until they are known. They stay unknown if the twists
+    come from a topic, and while the poses do not vary, such as the attitude of an arm that only translates.
     """
 
     pose: PoseSample
@@ -67,7 +67,7 @@ class Kinematics:
 
     def at(self, pose: PoseSample) -> Motion:
         """The motion at a pose. Raises `RefusedError` without a velocity, or if `max_rate` allows no answer yet."""
-        velocity = self._velocity(pose)  # first, since poses that `max_rate` skips belong to the window, too
+        velocity = self._velocity(pose)  # before the check of `max_rate`: the poses that it skips belong to the window
         # a tenth of a period lets a 125 Hz stream with jittering stamps pass a limit of 125 Hz
         if pose.stamp + self._period // 10 < self._due:
             raise RefusedError(Reason.POSE_RATE_LIMITED)

@@ -13,7 +13,7 @@ HIGHEST = 50.0
 """Greatest plausible height of a tool frame above the surface [m]."""
 
 DEEPEST, DEEPEST_OF_SIZE = 0.3, 10.0
-"""Greatest plausible depth [m], plus so many of the tool's largest extents: small probes go deep."""
+"""Greatest plausible depth: the first [m] plus the second times the tool's largest extent. Small probes go deep."""
 
 
 def deepest(tool: Tool) -> float:

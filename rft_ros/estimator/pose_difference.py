@@ -75,8 +75,8 @@ class PoseDifference:
     def _estimate_noise(self) -> None:
         """Estimate the noise of the poses.
 
-        The variances are quantiles of the last misfits. Misfits of zero, as from encoders with coarse steps, are left
-        out.
+        The variances are quantiles of the last misfits. Misfits of zero are left
+        out: encoders with coarse steps give them.
         """
         for kind, misfits in enumerate(np.sort(self._misfits, axis=0).T):
             found = misfits[misfits > 0.0]
@@ -88,7 +88,7 @@ class PoseDifference:
 
 @inlined
 def _rotation_vector(attitude, ax, ay, az, aw):
-    """Rotation vector to an attitude from another one, of which ax, ay, az and aw are the conjugate."""
+    """Rotation vector to an attitude from another one; ax, ay, az, aw: the conjugate of that one's quaternion."""
     bx, by, bz, bw = attitude[0], attitude[1], attitude[2], attitude[3]
     rx = bw * ax + bx * aw + by * az - bz * ay
     ry = bw * ay - bx * az + by * aw + bz * ax

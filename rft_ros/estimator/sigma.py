@@ -17,6 +17,7 @@ from rft_ros.rft.result import WRENCH
 
 __all__ = [
     "LEVER",
+    "SIGMA",
     "Withdrawal",
     "compile_withdrawal",
     "is_withdrawn",
@@ -27,10 +28,10 @@ __all__ = [
 Array = NDArray[np.float64]
 
 # relative standard deviations
-_HORIZONTAL_ERROR, _VERTICAL_ERROR = 0.4, 0.1  # of these parts of the force, beside ζ's
+_HORIZONTAL_ERROR, _VERTICAL_ERROR = 0.4, 0.1  # of these parts of the force, in addition to ζ's error
 _HORIZONTAL_SHARE, _VERTICAL_SHARE = 0.03, 0.15  # of the whole force: an upright plate lifts more than the model says
 _NOISE_FLOOR = 0.05  # of any component of the force [N]
-_TORQUE_ERROR = 0.5  # of the torque, beside ζ's
+_TORQUE_ERROR = 0.5  # of the torque, in addition to ζ's error
 
 LEVER = 0.07
 """Standard deviation of the point where the force acts, over the tool's reach."""
@@ -88,7 +89,7 @@ class Withdrawal:
         """Whether the tool was being withdrawn at the last motion."""
         self._path = 0.0  # since the last push [m]
         self._pushed = np.zeros(12)  # the last prediction before the withdrawal
-        self._rests_in_grains = False  # then `active` and the stored push keep their values
+        self._rests_in_grains = False  # at rest there `active` and the stored push keep their values
 
     def follow(self, motion: Motion, force: Vector, *, in_grains: bool) -> None:
         """Update with the motion at the next pose. `force`: of the model there [N]."""
@@ -98,14 +99,14 @@ class Withdrawal:
         self._path = self._path + max(motion.path, _LEAST_PATH) if self.active else 0.0
 
     def widen(self, with_sigma: Array) -> None:
-        """While `active`, widen the deviations of a prediction by the last push and by itself.
+        """While `active`, widen the deviations of a prediction by what is left of the last push, and by the prediction.
 
         `with_sigma`, shape [12]: the wrench and its standard deviations.
         """
         if self.active:
             _widen(with_sigma, self._pushed, math.exp(-self._path / _RELEASE))
         elif not self._rests_in_grains:
-            self._pushed = with_sigma
+            self._pushed[:] = with_sigma
 
 
 @compiled

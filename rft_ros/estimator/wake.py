@@ -28,7 +28,7 @@ class Wake:
         columns = tool.corners.T  # one by one: numpy takes 6 ms for 170,000 rows of three
         low, high = np.array([c.min() for c in columns]), np.array([c.max() for c in columns])
         self._centre, self._width = 0.5 * (low + high), float(np.median(high - low))
-        self._places, self._lengths = np.zeros((_KEPT, 3)), np.zeros(_KEPT)  # of the path until there
+        self._places, self._lengths = np.zeros((_KEPT, 3)), np.zeros(_KEPT)  # length of the path up to each place [m]
         self.clear()
 
     def clear(self) -> None:

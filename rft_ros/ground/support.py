@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 
 LAST_SURFACE = np.dtype(
     [
-        ("known", np.int64),  # 1; a Boolean would leave bytes between the fields that a copy does not set
+        ("known", np.int64),  # 0 or 1; a Boolean would leave padding bytes, which a copy does not set
         ("position", float, 3),  # of the body, where the surface was found
         ("quaternion", float, 4),
         ("level", float),
@@ -35,7 +35,7 @@ LAST_SURFACE = np.dtype(
 """The last surface of one body; zeros: none is known."""
 
 _LEAST_RADIUS = 2.0  # cells, so that a slope can be fitted
-_WEDGE = 2.0  # length of the wedge over the tool's depth, and most that the disc lies ahead
+_WEDGE = 2.0  # over the tool's depth: length of the wedge, and how far the disc lies ahead at most
 _ROUNDS = 4  # radius and depth depend on each other; the fourth round changes the height by less than 1 %
 _DIRECTIONS = 96  # in which the outermost corners of a tool are kept
 _MOVED = 1e-4  # m; a body that has moved less keeps its surface
@@ -45,7 +45,7 @@ class LocalSurface(NamedTuple):
     """The plane of the ground at a tool: world z = height + slope · (x, y). Without a map it is level.
 
     `height` at x = y = 0 [m]; `slope`: dz/dx, dz/dy; `roughness`: RMS distance of the ground from the plane [m];
-    `depth`: of the tool's deepest point below it [m], negative above.
+    `depth`: of the tool's deepest point below it [m], negative above; NaN without a map.
     """
 
     height: float

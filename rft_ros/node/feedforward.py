@@ -94,12 +94,19 @@ class FeedForward:
             self._active = self._gain != 0.0 or self._ramp.wrench != _ZERO
 
     def end(self) -> None:
-        """Ramp to zero in at most 0.25 s, and wait until the subscribers have received it."""
+        """Ramp to zero in at most 0.25 s, and wait until the subscribers have received it.
+
+        On a machine so busy that the ramp takes twice as long, the last wrench is zero all the same.
+        """
         self._ramp.rise_time = min(self._ramp.rise_time, _END)
         self._gain = 0.0
-        while self._active:
+        latest = time.monotonic() + 2.0 * _END
+        while self._active and time.monotonic() < latest:
             self.without_estimate()
             time.sleep(FEEDFORWARD_PERIOD)
+        if self._active:
+            self._ramp = Ramp()
+            self._publish(_ZERO, self._clock.now().nanoseconds)
         self._publisher.wait_for_all_acked(Duration(seconds=0.1))
 
     def _target(self, wrench: Wrench) -> Wrench:

@@ -15,7 +15,7 @@ import time
 from rft_ros.errors import InputError
 from rft_ros.node.arguments import parameter_files
 
-_GRACE = 0.4  # s
+_GRACE = 1.0  # s; longer than `FeedForward.end`, which takes up to 0.6 s on a busy machine
 
 
 def main() -> int:

@@ -79,7 +79,7 @@ class RftNode(Node):
     def _subscribe(self, role: Role, callback: Callable[[bytes], None]) -> Subscription:
         self._decode[role] = decoder(role, ros1=False)
         # Raw bytes: the estimator needs no message object, which rclpy takes 16 us to make.
-        # rclpy writes what the node's parameters override into the profile it is given.
+        # A copy of the profile, since rclpy writes the node's qos_overrides into the one that it is given.
         qos, options = copy(INPUTS[role]), QoSOverridingOptions.with_default_policies()
         return self.create_subscription(
             message_class(role), TOPICS[role], callback, qos, raw=True, qos_overriding_options=options

@@ -39,9 +39,9 @@ class Prepared:
     """Everything that is made from the checked `values` of all parameters. It is made once, when they are validated.
 
     `settings` and `model` can be used at once: they have the tool, the ground and the machine code that are loaded.
-    `files` (as `parts_of`) and `code` (parts of the machine code) are used once they are loaded. `read`: the content of
-    `law_files_of`, by parameter and file. `only_grains`: only parameters in `GRAINS` have changed, so that all but
-    `values` and `model` are as before.
+    `files` (as `parts_of`) and `code` (parts of the machine code): what the values need; used once it is loaded.
+    `read`: the content of `law_files_of`, by parameter and file. `only_grains`: only parameters in `GRAINS` have
+    changed, so that all but `values` and `model` are as before.
     """
 
     values: Values
@@ -53,7 +53,8 @@ class Prepared:
     only_grains: bool = False
 
 
-class Loaded(NamedTuple):
+@dataclass(frozen=True, slots=True)
+class Loaded:
     """A load that has succeeded: `Swap.prepared` has what was loaded."""
 
 
@@ -142,7 +143,7 @@ class Swap:
     def _read_for(self, values: Values) -> dict[tuple[str, str], Medium | Table]:
         """The content of the small files of these values. A file that is in use is not read again: it may be gone."""
         wanted = law_files_of(values).items()
-        return {named: self._read.get(named) or read_law_file(*named) for named in wanted}
+        return {entry: self._read.get(entry) or read_law_file(*entry) for entry in wanted}
 
     @property
     def preparing(self) -> str:
@@ -171,9 +172,8 @@ class Swap:
 
     def _give_up(self, part: str) -> None:
         load = self._loads.pop(part)
-        load.given_up.set()
-        if not load.future.cancel():
-            self._worker.end()
+        load.given_up.set()  # the thread ends the worker process; from here it might end that of the next load
+        load.future.cancel()
 
     def _want_code(self) -> None:
         missing = self.prepared.code - self._code

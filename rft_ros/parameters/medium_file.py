@@ -29,7 +29,7 @@ _LEAST, _MOST = 1e-3, 50.0
 """Plausible range of a medium's greatest stress per depth [N/cm³]; loose poppy seeds have 0.25, generic 1."""
 
 _RADIANS = 3.2  # a map whose angles are all smaller is in radians, since a map in degrees reaches further
-_STEPS = 4  # different values of one angle; so many within _RADIANS are in radians, whatever the other angle's unit is
+_STEPS = 4  # this many different values of one angle within _RADIANS are in radians, whatever the other angle's unit is
 _MOST_DEGREES = 720.0
 
 

@@ -19,7 +19,7 @@ __all__ = ["LeftOut", "MediumFit", "StressMap", "fit_medium"]
 Array = NDArray[np.float64]
 
 _OPEN = 0.04  # a combination of terms whose RMS over the cells is below this is not determined by the map
-_PART = 0.15  # share of a coefficient in an open combination from which on it is named
+_PART = 0.15  # least share in an open combination with which a coefficient is named in a remark
 _BETTER = 0.9  # a change of convention is named if it lowers the misfit below this share; n changes: its nth power
 _ENOUGH = 8  # cells, of which fewer say nothing about conventions
 _FEW = 20  # with fewer cells there is no check on left-out cells: each half would be too small
@@ -27,7 +27,7 @@ _WEAKEST, _STRONGEST = 0.05, 5.0  # ζ of the generic medium; beyond, the stress
 
 
 class _Angle(NamedTuple):
-    """An angle of Eq. (3) in another convention: first + sign · what the map has; and how a sentence calls that."""
+    """An angle of Eq. (3): `first` + `sign` · the map's angle in another convention, which `change` names in words."""
 
     first: float
     sign: float

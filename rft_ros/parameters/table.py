@@ -22,7 +22,7 @@ Values = Mapping[str, Any]
 
 
 class _Rule(NamedTuple):
-    """What a number must be within its bounds: the check, and the end of the sentence that refuses it."""
+    """A further condition on a number within its bounds: the check, and the end of the sentence that refuses it."""
 
     allows: Callable[[float], bool]
     must: str
@@ -32,8 +32,9 @@ class _Rule(NamedTuple):
 class Parameter:
     """One parameter. Its values have the type of `default`.
 
-    `bounds`: least and greatest value of each number. `rule`: for a number that must be more than within its bounds.
-    `kind`: "frame" for the name of a frame, "quaternion" for the four numbers of a rotation.
+    `bounds`: least and greatest value of each number. `rule`: a further condition on a number.
+    `kind`: "frame" for the name of a frame, "quaternion" for the four numbers of a rotation. `choices`: the values that
+    a text may have; empty: any. `applies`: "live", or "restart" if the running node refuses a change.
     """
 
     name: str

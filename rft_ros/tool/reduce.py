@@ -1,10 +1,10 @@
 """Reduced tools: the fewest plates whose wrench stays within a tolerance of the full tool's.
 
-For any motion plates are merged: k-means, with plates drawn by area, groups them by position over the tool's radius and
-by outward normal, so that groups are small where the tool bends and large where it is flat. For a known scene plates
-are chosen by empirical cubature (An, Kim, James, ACM Trans. Graph. 27(5), 2008): a greedy search adds the plate most
-like the missing wrench; the areas are a non-negative least-squares fit. The error is measured on random motions, or on
-states of the scene that were held out of the choice. The same tool always gives the same plates.
+For any motion, neighbouring plates are merged. k-means on plates drawn by area finds groups of similar position, over
+the tool's radius, and outward normal. They are small where the tool bends and large where it is flat. For a known scene
+plates are chosen by empirical cubature (An, Kim, James, ACM Trans. Graph. 27(5), 2008): a greedy search adds the plate
+most like the missing wrench; the areas are a non-negative least-squares fit. The error is measured on random motions,
+or on states of the scene that were held out of the choice. The same tool always gives the same plates.
 """
 
 from bisect import bisect_left

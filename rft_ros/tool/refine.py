@@ -1,4 +1,4 @@
-"""Triangles for the refined rule: inscribed facets have less area than the curved surface they sample; restore it.
+"""Triangles for the refined rule, with the area of the curved surface that the facets of the mesh are inscribed in.
 
 The curvature of a facet's patch comes from the normals at its corners, which are averaged by area and angle over the
 facets that join smoothly: a large flat face beside a narrow fillet stays flat. The tip of a cone does not move: its

@@ -67,7 +67,7 @@ def test_every_command_that_places_a_mesh_turns_it(states, tmp_path, capsys):
     assert "z: 0.000 to 34.500 mm" in capsys.readouterr().out
     few, page = tmp_path / "few.npz", tmp_path / "page.html"
     assert main(["reduce", "root_tip", *turn, "--tolerance", "0.05", "-o", str(few)]) == 0
-    assert "rotation, 1 0 0 0" in capsys.readouterr().out
+    assert "--rotate 1 0 0 0" in capsys.readouterr().out
 
     def predicted(mesh, *options):
         assert main(["predict", str(states), "--mesh", mesh, *options, "-o", str(tmp_path / "out.csv")]) == 0

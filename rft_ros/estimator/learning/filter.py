@@ -27,7 +27,7 @@ X, Y, Z = range(3)
 
 _X_MOMENTS, _Y_MOMENTS, _Z_MOMENTS = (slice(MOMENTS.start + 3 * r, MOMENTS.start + 3 * r + 3) for r in (X, Y, Z))
 
-_PRIOR_EACH = 0.3  # deviation of s_v, s_h and ρ, beside what s_v and s_h share
+_PRIOR_EACH = 0.3  # deviation of s_v, s_h and ρ, in addition to the error that s_v and s_h share
 _PRIOR_SURFACE = 0.003  # deviation of δ [m]
 _NOISE = 0.093  # deviation over the predicted force
 _NOISE_FLOOR = 0.025  # deviation [N]

@@ -115,7 +115,7 @@ def predict(states, records, row, out, stamp, step, passing, apply):
 def add_reading(states, records, y, stamp, repeated, air_load, has_offset):
     """Add the measurement at a stamp to the record of that stamp, and judge it.
 
-    `air_load`: mean force that the load cell reads in the air [N]. `has_offset`: this is an issue.
+    `air_load`: mean force that the load cell reads in the air [N]. `has_offset`: whether it is an offset, an issue.
     """
     state = states[0]
     while state.open < state.end and records[state.open % CAPACITY].stamp < stamp:

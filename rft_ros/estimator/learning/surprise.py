@@ -18,7 +18,7 @@ __all__ = [
     "judge",
 ]
 
-_ENTRY = 0.008  # path [m] after entering without a judgement, since the estimate of δ has not settled
+_ENTRY = 0.008  # path [m] after the tool enters in which nothing is judged: the estimate of δ has not settled
 _SURPRISE_LENGTH = 0.0005  # path [m] of the mean of the normalised error
 _SURPRISE_ON, _SURPRISE_OFF = 1.93, 1.0  # mean normalised error
 _NORMALISED_MOST = 4.0  # a larger normalised error counts as this
@@ -44,7 +44,7 @@ JUDGE_FIELDS = [
     ("mean_force", float),
     ("change", int),  # 1: the grains are harder than believed, -1: softer
     ("along", float),  # mean over _SUM_LENGTH: y·F, with outliers reduced
-    ("square", float),  # the same means of F·F, and of dot and cross product and square of the horizontal parts
+    ("square", float),  # the same mean of F·F; next: of the horizontal parts' dot product, cross product and square
     ("flat_along", float),
     ("flat_cross", float),
     ("flat_square", float),
