@@ -75,7 +75,7 @@ class Agarwal2023(GranularLaw):
 
     @property
     def stresses(self) -> dict[str, str]:
-        """What the law's stresses come from, by name."""
+        """None: its stresses are not made of parts that have names."""
         return {}
 
     @property
@@ -109,8 +109,9 @@ def agarwal2023_traction(stiffness, surface_friction, normal, velocity):
     """Traction per depth [N/m³], Eq. (12), world axes; `velocity`: unit vector, or 0."""
     nx, ny, nz = normal
     vx, vy, vz = velocity
-    # The published normal m = ±n never points up. Its sign matters by 10 to 20 % of an upright plate's force, so it
-    # changes over 5° on either side: f(m·v) m and f(m·v) are split by parity in m, and only the small parts keep it.
+    # The published normal m = ±n never points up, so it changes sign at an upright plate, and the force by 10 to 20 %.
+    # The terms that change sign with m are therefore multiplied by `side`, a ramp from -1 to 1 over 5° on either side.
+    # The other terms do not depend on the sign.
     side = min(max(-nz * _UPRIGHT, -1.0), 1.0)
     x1, x2, x3 = -vz, abs(nz), nx * vx + ny * vy + nz * vz
     even1, odd1 = _even_and_odd(C1, x1, x2, x3 * x3)

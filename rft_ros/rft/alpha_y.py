@@ -266,8 +266,9 @@ def _model_or(place: int, model: Any, function: Any, otherwise: Any) -> Any:
 
 
 add_alpha_y = _no_model
-"""Add the part of the traction along e1 to that of the n plates of a chunk; `law`: of `packed_alpha_y`.
+"""Add the traction along e1 to the n plates of a chunk; `law`: of `packed_alpha_y`.
 
-`refined`: the rule, by which α_y is never negative, so that grains never push a plate on, and γ is `_directed`."""
+`refined`: by the refined rule α_y is never negative, since grains do not push a plate in its direction of motion, and γ
+is `_directed`."""
 for _place, (_model, _function, _) in enumerate(_MODELS.values()):
     add_alpha_y = _model_or(_place, _model, _function, add_alpha_y)

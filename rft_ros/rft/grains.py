@@ -6,7 +6,7 @@ from typing import NamedTuple
 from rft_ros.rft.arguments import number
 from rft_ros.rft.inertia import INERTIA
 
-__all__ = ["IN_LAW", "NUMBERS_OF_LAW", "WITHOUT_INERTIA", "WITH_INERTIA", "GranularLaw", "InLaw", "SpeedLimits"]
+__all__ = ["IN_LAW", "LENGTH_OF_LAW", "WITHOUT_INERTIA", "WITH_INERTIA", "GranularLaw", "InLaw", "SpeedLimits"]
 
 
 class InLaw(NamedTuple):
@@ -25,7 +25,8 @@ class InLaw(NamedTuple):
 
 
 IN_LAW = InLaw(inertia=0, stiffness=1, mobilization_length=2, own=3, alpha_y=12)
-NUMBERS_OF_LAW = IN_LAW.alpha_y + 4
+LENGTH_OF_LAW = IN_LAW.alpha_y + 4
+"""How many numbers the `packed` form has."""
 
 
 class SpeedLimits(NamedTuple):

@@ -17,13 +17,13 @@ one simulated run, a flat plate at 1 m/s; the square is an assumption."""
 
 
 @inlined
-def inertia_force(inertia, normal, velocity, area, squared):
+def inertia_force(inertia, normal, velocity, area, per_scale2):
     """The force of the grains' inertia on a plate [N], world axes.
 
-    `velocity`: scaled; its square times `squared` is in m²/s². `area`: submerged and leading [m²].
+    `velocity`: scaled; `per_scale2`: the factor from its square to m²/s². `area`: submerged and leading [m²].
     """
     nx, ny, nz = normal
     ux, uy, uz = velocity
     lead, down = ux * nx + uy * ny + uz * nz, min(nz, 0.0)
-    push = inertia * (1.0 + CONFINEMENT * down * down) * (lead * lead * squared) * area
+    push = inertia * (1.0 + CONFINEMENT * down * down) * (lead * lead * per_scale2) * area
     return -push * nx, -push * ny, -push * nz

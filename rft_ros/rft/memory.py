@@ -64,15 +64,16 @@ LEAST, GREATEST = 1.0 / 6.0, 2.25
 """The least and the greatest λ(d), over the mobilization length: those of 12 and 45 mm of depth."""
 
 ELASTIC, LEAST_ELASTIC = 0.08, 1.0 / 30.0
-"""The elastic length l(d) over λ(d); above 20 mm it is longer, the second number of mobilization lengths at 14 mm, and
-at the surface as short again, so that a light tool gets back little energy."""
+"""Set the elastic length l(d). From 20 mm of depth on it is `ELASTIC` λ(d). From 20 to 14 mm it stays at
+`LEAST_ELASTIC` mobilization lengths. Above 14 mm it falls, to `ELASTIC` λ(d) at the surface, so that a light tool gets
+back little energy."""
 
 YIELD_FADES = 3.0
 """Path over which y fades, over λ(d)."""
 
 TRAILING = sin(radians(2.0))
-"""A refined plate passes from the rule for leading plates to that for trailing ones while -v·n over abs(v) grows by
-this, from where its leading share ends: noise of a velocity must not choose between them."""
+"""Width, in -v·n over abs(v), of the ramp from the rule for leading plates to that for trailing ones, for a refined
+plate. It begins where the leading share is 0. Without it noise of a velocity would choose the rule."""
 
 GRAZING = sin(radians(1.0))
 """A refined plate that leads closes its gap by at least this share of its path, for the normals that it stands for."""
@@ -151,15 +152,15 @@ IN_MEMORY = InMemory(traction=0, demand=3 * BLOCK, yield2=6 * BLOCK, strength=7 
 OF_BLOCK = 8 * BLOCK
 """Numbers of a block in `Memory.numbers`."""
 
-_FADED = 1e-6  # a trailing plate's y² ends at 0 where fading alone would leave this share of s²
+_FADED = 1e-6  # y² of a trailing plate is 0 once it has faded to this share of s²
 _NONE = 1e-30  # added to y² of a plate with a gap, so that it has a sign [N²/m⁶]
 _FAR = 1e30  # bounds displacements [m], and 1 / _FAR the mobilization length, so that no product overflows
 _WEAK, _SHORT = 1e-60, 1e-60  # least tractions per depth, or their squares, and lengths that are divided by
-_FALLS = 10.0  # λ(d) is halved fully where the cosine between -τ and the change of τ is over 1 / this
+_FALLS = 10.0  # λ(d) is halved where τ falls: fully if the cosine between -τ and its change is over 1 / this
 _AT_ONCE = 10.0  # a released plate that leads yields over its whole path where its leading share is over 1 / this
 _SHRINKS = 10.0  # a released τ shrinks fully where the cosine between τ and the motion is over 1 / this
 _SWIFT = 8.0  # s follows abs(t) over λ(d) / this
-_ENDS = 0.05  # while a plate passes to trailing, a release with this share of a step to spare takes the rest of τ
+_ENDS = 0.05  # on the ramp to trailing, a release that ends with this share of a step left over takes the rest of τ
 
 
 Array = NDArray[np.float64]
@@ -206,7 +207,10 @@ class Memory:
 
 @intrinsic
 def _select(_, condition, yes, no):
-    """One instruction for ``yes if condition else no``: LLVM follows repeated branches apart and computes all ways."""
+    """One instruction for ``yes if condition else no``.
+
+    Of repeated branches on one condition LLVM would make a path for each case, and evaluate all of them.
+    """
 
     def generate(_, builder, signature, arguments):
         return builder.select(*arguments)

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.arguments import number, numbers
-from rft_ros.rft.grains import NUMBERS_OF_LAW
+from rft_ros.rft.grains import LENGTH_OF_LAW
 
 __all__ = ["AGARWAL2023", "NO_ALPHA_Y", "NO_TABLE", "TREERS2021", "PackedLaw", "packed"]
 
@@ -46,7 +46,7 @@ def packed(
     values = np.array(numbers("alpha_y.values of the law", table, np.shape(table)[1:]))
     if not all(type(value) is float and isfinite(value) for value in fields.values()):
         fields = {name: number(f"{name} of the law", value) for name, value in fields.items()}  # names a bad one
-    given = np.zeros(NUMBERS_OF_LAW)
+    given = np.zeros(LENGTH_OF_LAW)
     given[: len(fields)] = list(fields.values())
     if values.ndim != 2 or min(values.shape) < 2 or not np.isfinite(values).all():
         raise ValueError(f"a table of shape {values.shape} is not finite, or not [2, 2] or larger: use Table.sampled")

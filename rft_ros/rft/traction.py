@@ -45,7 +45,7 @@ released code switches at `FLAT`; the paper does not mention the case."""
 _SIN_BLEND = sin(radians(FLAT_BLEND))
 
 _ALIKE = 1.5
-"""Up to this factor in strength the paper's line of α_y is taken for that of another medium."""
+"""A medium whose strength is within this factor of the generic one's gives no doubt with `PAPER_LINEAR`."""
 
 _NUDGE = 1e-5
 """Added to a unit velocity's x by the released code, so that a horizontal plate has an e2 in vertical motion."""
@@ -103,7 +103,7 @@ class Treers2021(GranularLaw):
 
     @property
     def stresses(self) -> dict[str, str]:
-        """What the law's stresses come from, by name."""
+        """The names of the medium and of the model of α_y."""
         return {"medium": self.medium.name, "alpha_y": alpha_y_name(self.alpha_y)}
 
     @property
@@ -287,7 +287,7 @@ def _limited(chunk, n):
 def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> None:
     """Traction per depth of the n plates of a chunk that `orient` has stored. `law`: its `packed`.
 
-    `refined`: the rule, by which grains neither pull a plate nor push it on.
+    `refined`: with the limits of the refined rule: grains neither pull a plate nor push it in its direction of motion.
     """
     wide_vectors()
     if law.law == AGARWAL2023:

@@ -1,9 +1,9 @@
 """Compilation by numba, and the cache of machine code on disk.
 
 LLVM inlines small functions (`inlined`) into loops (`compiled`). The cache has one file for each loop, argument types,
-code and processor. Its key holds the code of the loop and of all that the loop is made of, and not the text of files:
-a comment, or a function beside them, changes nothing. If a file is missing, damaged or cannot be written, or
-if numba's code cannot be saved, the loop is compiled; no call fails for that.
+code and processor. Its key is made from the bytecode and the constants of the loop and of all that it calls, so that a
+change of a comment, or of a function beside them, does not change it. If a file is missing, damaged or cannot be
+written, or if numba cannot save the code, the loop is compiled; no call fails for that.
 
 What is used of numba beyond its documented interface, which a new version may change:
 
@@ -68,8 +68,8 @@ def inlined(function: Callable[_P, _R]) -> Callable[_P, _R]:
 def compiled(function: Callable[_P, _R], **options: Any) -> Callable[_P, _R]:
     """Compile a function for each combination of argument types, or load its machine code from the cache on disk.
 
-    A change of its code, of a function or a constant that it uses, and so on, makes it compile again. Of a function
-    with a `numba.extending.overload` only the Python code is looked at: let that name what the overload calls.
+    A change of its code, of a function or a constant that it uses, and so on, makes it compile again. The key does
+    not follow a `numba.extending.overload`: its Python function must name what it calls (see `chunk.wide_vectors`).
     `options`: passed to `numba.njit`.
     """
     made = numba.njit(nogil=True, **{"error_model": "numpy", **options})(function)
@@ -124,11 +124,11 @@ class _Cache(NullCache):
         return str(self._folders[0])
 
     def _files(self, signature: tuple[Any, ...], codegen: Any) -> list[Path]:
-        """Names with the code in the last part but two: any other is of older code."""
+        """Names that end in CODE.TYPES.nbc. Files of this function with another CODE are of older code."""
         # the processor and its features: machine code for others may not run on this one
-        types = _digest(repr((signature, codegen.magic_tuple())))
+        argument_types = _digest(repr((signature, codegen.magic_tuple())))
         code = _digest(numba.__version__, *_code(self, signature))
-        return [folder / f"{self._name}.{code}.{types}.nbc" for folder in self._folders]
+        return [folder / f"{self._name}.{code}.{argument_types}.nbc" for folder in self._folders]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         # Machine code calls numba's runtime. numba's own way, `target_context.refresh`, prepares the whole compiler

@@ -67,16 +67,16 @@ def _motion(state, reach):
     """Rotation matrix (9 numbers, by rows), twist (6 numbers, scaled to order one), that scale, and 1 / scale².
 
     The law is rate-independent, so the scale changes no force; it prevents over- and underflow of squared speeds. The
-    inertia of the grains takes the speed back from the last number [m²/s²], bounded so that 0 times it stays 0.
+    last number [m²/s²] restores the speed for the grains' inertia. It is bounded, since 0 times infinity is NaN.
     """
     _, quaternion, velocity, angular = parts_of_state(state)
     vx, vy, vz, wx, wy, wz = velocity[0], velocity[1], velocity[2], angular[0], angular[1], angular[2]
     # The 1e-9 m bounds the scaled angular velocity of plates at the origin, which would be inf * 0.
     fastest = max(abs(vx), abs(vy), abs(vz), max(reach, 1e-9) * max(abs(wx), abs(wy), abs(wz)))
     s = 1.0 / fastest if fastest > 1e-290 else 0.0
-    squared = min(fastest * fastest, 1e30) if s > 0.0 else 0.0
+    per_scale2 = min(fastest * fastest, 1e30) if s > 0.0 else 0.0
     twist = vx * s, vy * s, vz * s, wx * s, wy * s, wz * s
-    return attitude(quaternion), twist, s, squared
+    return attitude(quaternion), twist, s, per_scale2
 
 
 @inlined
@@ -98,7 +98,7 @@ def _surface(height, slope, state, axes):
 
 @inlined
 def _range(bounds, b, box, v):
-    """The dot product of a vector and the middle of a block's box, and how far that of a point in it can lie from this.
+    """The range of v · x over the points x of a block's box: its middle and its half width.
 
     `box`: `BOUND_NORMAL`, `BOUND_MOMENT` (of r x n) or `BOUND_PLACE`.
     """
@@ -107,8 +107,8 @@ def _range(bounds, b, box, v):
 
 
 @inlined
-def _classify(chunk, bounds, first, last, scene, reach, level, aslant):
-    """Store the kinds of blocks; where the bounds leave two, the one with the longer loop.
+def _classify(chunk, bounds, first, last, scene, reach, level, beyond):
+    """Store the kinds of blocks; where the bounds allow two, the one that computes more.
 
     `bounds`: of `Plates`. `level`: abs(n·E3) from which on a plate may be horizontal.
     """
@@ -124,7 +124,7 @@ def _classify(chunk, bounds, first, last, scene, reach, level, aslant):
         # v·n of a plate is linear · n + angular · (r x n)
         along, more_along = _range(bounds, b, BOUND_NORMAL, linear)
         around, more_around = _range(bounds, b, BOUND_MOMENT, angular)
-        trails = along + more_along + around + more_around + (bounds[BOUND_SINE, b] + aslant) * fastest <= 0.0
+        trails = along + more_along + around + more_around + (bounds[BOUND_SINE, b] + beyond) * fastest <= 0.0
         upwards, more_upwards = _range(bounds, b, BOUND_NORMAL, axes[6:])
         tilt = abs(upwards) + more_upwards + ROUNDING
         kind = _FLAT_OR_CUT if tilt >= level else (_PLAIN if wet else _CUT)
@@ -300,14 +300,14 @@ def _add_stiffness(chunk, n, memory):
 
 
 @inlined
-def _inertia(chunk, n, inertia, squared, has_memory):
+def _inertia(chunk, n, inertia, per_scale2, has_memory):
     """Replace the tractions of a chunk by the forces of the grains' inertia, and their loads by one."""
     wide_vectors()
     for i in range(n):
         area = chunk[at(row.AREA, i)] * (chunk[at(row.SHARE, i)] if has_memory else 1.0)
         speed = chunk[at(row.SPEED, i)]
         normal, direction = triple(chunk, row.NORMAL, i), triple(chunk, row.VELOCITY, i)
-        put(chunk, row.TRACTION, i, inertia_force(inertia, normal, direction, area, squared * speed * speed))
+        put(chunk, row.TRACTION, i, inertia_force(inertia, normal, direction, area, per_scale2 * speed * speed))
         chunk[at(row.LOAD, i)] = 1.0
         chunk[at(row.AREA, i)] = 0.0
 
@@ -345,7 +345,7 @@ def _sums(form, law, height, slope, states, past, out):
     )
     first_in_memory = np.uint64(HEAD) + blocks
     for k in range(states.shape[0]):
-        axes, twist, scale, squared = _motion(states[k], reach)
+        axes, twist, scale, per_scale2 = _motion(states[k], reach)
         below, rise = _surface(height, slope, states[k], axes)
         memory = memories[k if len(memories) > 1 else 0]
         still = (0.0, 0.0, 0.0), axes
@@ -389,7 +389,7 @@ def _sums(form, law, height, slope, states, past, out):
                     _add_stiffness(chunk, n, memory)
                 for inertial in range(2 if inertia > 0.0 else 1):
                     if inertial == 1:
-                        _inertia(chunk, n, inertia, squared, has_memory)
+                        _inertia(chunk, n, inertia, per_scale2, has_memory)
                     _add_sums(chunk, n)
                     if of_plates:
                         for j in range(count):
