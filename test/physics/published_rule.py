@@ -49,8 +49,8 @@ def linear(beta: float) -> float:
 
 
 def tabulated(beta: float) -> float:
-    """Between the nodes of `TABLE`."""
-    return 0.1 + (0.3 - 0.1) * beta / pi
+    """That of `TABLE`, which is constant beyond its nodes: with e2 from the velocity β can be a little below 0."""
+    return 0.1 + (0.3 - 0.1) * min(max(beta, 0.0), pi) / pi
 
 
 TABLE = [0.0, pi], [0.0], [[0.1], [0.3]]

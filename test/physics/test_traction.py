@@ -4,7 +4,7 @@ import math
 
 import published_rule as rule
 import pytest
-from hypothesis import assume, given
+from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scenes import CONSTANT, FLAT, GENERIC, directions
 
@@ -31,6 +31,7 @@ steep = st.one_of(directions(), directions(-1.0, -0.99), directions(0.99, 1.0))
 
 
 @pytest.mark.parametrize("model", ALPHA_Y_MODELS)
+@example(n=(0.0044721247746346, 0.0, -0.99999), v=(-0.36039373215435, 0.78747467122686, -0.5), zeta=1.0, name="generic")
 @given(n=steep, v=steep, zeta=st.floats(0.01, 100.0), name=st.sampled_from(sorted(rule.MEDIA)))
 def test_the_traction_of_any_plate_in_any_medium_and_its_force_are_the_published_rules(model, n, v, zeta, name):
     # On the two edges of the rule, leading or not and horizontal or not, rounding decides.
