@@ -16,7 +16,7 @@ from rft_ros.estimator.sigma import compile_withdrawal, predict_without_learning
 from rft_ros.ground import HeightMap, Support
 from rft_ros.parameters import LoadCell, Values
 from rft_ros.rft import QUATERNION, Plates, agarwal2023, edge_share, wrenches
-from rft_ros.rft.wrench import compile_tractions
+from rft_ros.rft.wrench import compile_memory, compile_tractions
 
 __all__ = ["PARTS", "compile_parts", "needed", "prepare"]
 
@@ -91,8 +91,11 @@ def compile_parts(at_low_priority: bool, *parts: str) -> None:
     """In a child process: compile these of `PARTS`."""
     if at_low_priority:
         lower_priority()
-    if "forces" not in parts:
-        compile_tractions()  # a part of the other child's loop, which can load it from the cache: 2.5 s less
+    # Each child first compiles a part of the loop. The child with the loop then finds the other part in the cache.
+    if "forces" in parts:
+        compile_memory()
+    else:
+        compile_tractions()
     _load(frozenset(parts))
 
 
