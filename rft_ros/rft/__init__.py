@@ -71,10 +71,9 @@ m = n or -n so that m does not point up, and polynomials f1, f2, f3 of x1 = -v·
 
 with the pressure p, 0 or more, and s along the plate.
 
-Modules, in the order of the paper: `frames`, `media`, `velocity_weights`, `alpha_y`, `grains`, `packed_law` with the
-form of a law that the kernel takes, `traction`, `plates`, `wrench`, `result` with the columns of a result, for Eq. (10)
-`memory`, for Eq. (11) `inertia`, for Eq. (12) `agarwal2023`. The package `kernel` makes them fast; `arguments` checks
-inputs.
+Modules, in the order of the paper: `frames`, `media`, `velocity_weights`, `alpha_y`, `grains` with what all laws have
+in common, `traction`, `plates`, `wrench`, `result` with the columns of a result, for Eq. (10) `memory`, for Eq. (11)
+`inertia`, for Eq. (12) `agarwal2023`. The package `kernel` makes them fast; `arguments` checks inputs.
 
 Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed straight down at 1 cm/s.
 

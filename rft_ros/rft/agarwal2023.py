@@ -13,9 +13,8 @@ from math import radians, sin, sqrt
 from typing import ClassVar
 
 from rft_ros.rft.arguments import number
-from rft_ros.rft.grains import GranularLaw
+from rft_ros.rft.grains import AGARWAL2023, GranularLaw, PackedLaw, packed
 from rft_ros.rft.kernel.compilation import inlined
-from rft_ros.rft.packed_law import AGARWAL2023, PackedLaw, packed
 
 __all__ = ["C1", "C2", "C3", "FLAT_PRESS", "SURFACE_FRICTION", "Agarwal2023", "agarwal2023", "agarwal2023_traction"]
 

@@ -13,12 +13,11 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.arguments import numbers
-from rft_ros.rft.grains import IN_LAW
+from rft_ros.rft.grains import IN_LAW, NO_TABLE, TREERS2021, PackedLaw, packed
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.media import Medium
-from rft_ros.rft.packed_law import NO_TABLE, TREERS2021, PackedLaw, packed
 
 __all__ = ["ALPHA_Y_MODELS", "PAPER_LINEAR", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model", "alpha_y_name"]
 

@@ -1,12 +1,19 @@
-"""The numbers of the grains that every law has, whatever its stresses: strength, inertia and memory."""
+"""What all laws have in common: strength, inertia and memory of the grains, and the form for the compiled loop."""
 
+from collections.abc import Mapping
 from dataclasses import dataclass
+from math import isfinite
 from typing import NamedTuple
 
-from rft_ros.rft.arguments import number
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.inertia import INERTIA
 
-__all__ = ["IN_LAW", "LENGTH_OF_LAW", "WITHOUT_INERTIA", "WITH_INERTIA", "GranularLaw", "InLaw", "SpeedLimits"]
+__all__ = ["AGARWAL2023", "IN_LAW", "LENGTH_OF_LAW", "NO_ALPHA_Y", "NO_TABLE", "TREERS2021"]
+__all__ += ["InLaw", "PackedLaw", "packed"]
+__all__ += ["WITHOUT_INERTIA", "WITH_INERTIA", "GranularLaw", "SpeedLimits"]
 
 
 class InLaw(NamedTuple):
@@ -27,6 +34,48 @@ class InLaw(NamedTuple):
 IN_LAW = InLaw(inertia=0, stiffness=1, mobilization_length=2, own=3, alpha_y=12)
 LENGTH_OF_LAW = IN_LAW.alpha_y + 4
 """How many numbers the `packed` form has."""
+
+
+TREERS2021, AGARWAL2023 = 0, 1
+"""The laws, for `PackedLaw.law`."""
+
+NO_ALPHA_Y = -1
+"""`PackedLaw.alpha_y` of a law that has no model of α_y."""
+
+NO_TABLE = np.zeros((2, 2))
+"""`PackedLaw.table` where a model has none."""
+
+
+class PackedLaw(NamedTuple):
+    """A law for the compiled loop.
+
+    `law`: which, for example `TREERS2021`. `alpha_y`: the place of its model in `ALPHA_Y_MODELS`, or `NO_ALPHA_Y`.
+    `numbers`: at the places of `InLaw`. `table`: the values of a model that has them.
+    """
+
+    law: int
+    alpha_y: int
+    numbers: NDArray[np.float64]
+    table: NDArray[np.float64]
+
+
+def packed(
+    law: int, fields: Mapping[str, float], *, alpha_y: int = NO_ALPHA_Y, table: ArrayLike = NO_TABLE
+) -> PackedLaw:
+    """A law for the compiled loop, in arrays of the types that it takes, which no caller can change.
+
+    `fields`: its numbers by name, in the order of `InLaw`. Raises ValueError or TypeError for what is not finite, or is
+    no table.
+    """
+    values = np.array(numbers("alpha_y.values of the law", table, np.shape(table)[1:]))
+    if set(map(type, fields.values())) != {float} or not all(map(isfinite, fields.values())):
+        fields = {name: number(f"{name} of the law", value) for name, value in fields.items()}  # names a bad one
+    given = np.zeros(LENGTH_OF_LAW)
+    given[: len(fields)] = list(fields.values())
+    if values.ndim != 2 or min(values.shape) < 2 or not np.isfinite(values).all():
+        raise ValueError(f"a table of shape {values.shape} is not finite, or not [2, 2] or larger: use Table.sampled")
+    given.flags.writeable = values.flags.writeable = False
+    return PackedLaw(law, alpha_y, given, values)
 
 
 class SpeedLimits(NamedTuple):

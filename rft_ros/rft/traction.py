@@ -13,12 +13,11 @@ import numpy as np
 
 from rft_ros.rft.agarwal2023 import Agarwal2023, agarwal2023_traction
 from rft_ros.rft.alpha_y import PAPER_LINEAR, AlphaY, add_alpha_y, alpha_y_name, packed_alpha_y
-from rft_ros.rft.grains import IN_LAW, GranularLaw
+from rft_ros.rft.grains import AGARWAL2023, IN_LAW, GranularLaw, PackedLaw
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.media import Medium
-from rft_ros.rft.packed_law import AGARWAL2023, PackedLaw
 from rft_ros.rft.velocity_weights import f1_and_f23
 
 __all__ = [

@@ -16,10 +16,10 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.rft.agarwal2023 import agarwal2023
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.frames import STATE
+from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel import loops
 from rft_ros.rft.kernel.compilation import machine_code
 from rft_ros.rft.memory import HEAD, Memory, add_memory
-from rft_ros.rft.packed_law import PackedLaw
 from rft_ros.rft.plates import BLOCK, Plates
 from rft_ros.rft.result import COLUMNS, WIDTH
 from rft_ros.rft.traction import Law, packed_law, tractions

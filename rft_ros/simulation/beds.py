@@ -8,10 +8,10 @@ from numpy.typing import NDArray
 
 from rft_ros.rft import Law, Memory, Plates
 from rft_ros.rft.arguments import number
+from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.kernel.loops import sums
 from rft_ros.rft.memory import IN_STIFFNESS
-from rft_ros.rft.packed_law import PackedLaw
 from rft_ros.rft.plates import BOUNDS
 from rft_ros.rft.traction import packed_law
 
