@@ -6,8 +6,8 @@ depend on the surface. The fits are therefore repeated with each other's results
 
 The errors. Each fit has its own standard error, from the noise and its correlation. Each fit is
 repeated with the results of the others changed: these derivatives make a linear system for the errors of all. The
-zero of the load cell is an error that all fits share. What noise of the poses does is found by adding more (after Cook
-and Stefanski, Journal of the American Statistical Association 89, 1994).
+zero of the load cell is an error that all fits share. The effect of pose noise is found by adding more noise and
+fitting again (after Cook and Stefanski, Journal of the American Statistical Association 89, 1994).
 """
 
 from collections.abc import Callable, Collection, Sequence

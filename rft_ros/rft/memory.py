@@ -8,14 +8,15 @@ along its normal. The demand is the traction t by the law, times the share of th
   anything else happens. A refined plate that leads closes it by at least `GRAZING` of its path.
 - Elastic zone. While abs(τ) <= y a plate is a spring: τ falls by k D, k = max(s, y) / l(d). Nothing else changes there,
   so noise at rest changes nothing.
-- Yield. Beyond the zone, a plate that leads yields: along the path that remains, τ approaches the mean of the demands
-  at both ends of the step, over λ(d), or half of it where τ falls. y follows abs(τ). s follows abs(t) over λ(d) / 8,
-  and at once while y is small.
+- Yield. Beyond the zone, a plate that leads yields: over the rest of the path, τ approaches the mean of the demands at
+  both ends of the step. The length of this approach is λ(d), or λ(d) / 2 where τ falls. y follows abs(τ). s follows
+  abs(t) over λ(d) / 8, and at once while y is small.
 - Slip. A plate that trails keeps abs(τ) <= y: beyond, the spring slips. Where it slips, or abs(τ) is below y / 2, y
   fades over 3 λ(d).
-- Release. Grains do not pull. In the part of a step in which neither the traction, τ·n < 0, nor the motion, D_n > 0,
-  presses the plate, there is no spring: τ shrinks to zero over l(d) of any motion, and then the gap opens. Of a plate
-  that leads, only a τ that pushes the plate on shrinks so, τ·D > 0: any other builds up by the law.
+- Release. Grains do not pull. A plate is pressed if its traction points inwards, τ·n < 0, or if it moves outwards,
+  D_n > 0. In the part of a step in which it is not pressed there is no spring: τ shrinks to zero over l(d) of motion in
+  any direction, and then the gap opens. On a plate that leads, only a τ along the motion, τ·D > 0, shrinks in this way;
+  any other τ follows the law.
 - Under the refined rule a plate passes from yielding to slipping over 2° of its direction of motion (`TRAILING`), with
   the mean of both, so that noise of a velocity does not choose between them.
 
@@ -64,7 +65,7 @@ LEAST, GREATEST = 1.0 / 6.0, 2.25
 """The least and the greatest λ(d), over the mobilization length: those of 12 and 45 mm of depth."""
 
 ELASTIC, LEAST_ELASTIC = 0.08, 1.0 / 30.0
-"""Set the elastic length l(d). From 20 mm of depth on it is `ELASTIC` λ(d). From 20 to 14 mm it stays at
+"""Set the elastic length l(d). From 19 mm of depth on it is `ELASTIC` λ(d). From 19 to 14 mm it stays at
 `LEAST_ELASTIC` mobilization lengths. Above 14 mm it falls, to `ELASTIC` λ(d) at the surface, so that a light tool gets
 back little energy."""
 
@@ -470,7 +471,7 @@ def _add_memory(chunk, count, memory, first_in_memory, rows, motion, below, slop
     for j in range(count):
         b, i0 = np.uint64(chunk[at(row.NUMBER, j)]), np.uint64(j) * np.uint64(BLOCK)
         first = first_in_memory + b * np.uint64(OF_BLOCK)
-        if _weights(chunk, i0, rows, b, refined):  # as most blocks: less than half of the time
+        if _weights(chunk, i0, rows, b, refined):  # true for most blocks; takes less than half of the other case's time
             loaded = _advance_block(chunk, i0, memory, first, motion, below, slope, grains, True)
         else:
             loaded = _advance_block(chunk, i0, memory, first, motion, below, slope, grains, False)

@@ -1,4 +1,4 @@
-"""Traction per depth of plates, Eqs. (8) and (12), from their normals and velocities; no other module knows a law.
+"""Traction per depth of plates, Eqs. (8) and (12), from their normals and velocities; this module chooses the law.
 
 A law is a dataclass, `Treers2021` or `Agarwal2023`, of all that is known of the grains: their stresses, strength,
 density and memory. `tractions` takes its `packed` form, and evaluates it for the plates of a chunk.
@@ -44,7 +44,7 @@ released code switches at `FLAT`; the paper does not mention the case."""
 _SIN_BLEND = sin(radians(FLAT_BLEND))
 
 _ALIKE = 1.5
-"""A medium whose strength is within this factor of the generic one's gives no doubt with `PAPER_LINEAR`."""
+"""With `PAPER_LINEAR`, a medium raises no doubt if its strength is within this factor of the generic medium's."""
 
 _NUDGE = 1e-5
 """Added to a unit velocity's x by the released code, so that a horizontal plate has an e2 in vertical motion."""

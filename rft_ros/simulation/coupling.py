@@ -22,8 +22,8 @@ from rft_ros.simulation.beds import evaluate, stiffness_matrix
 __all__ = ["COUPLED", "advance", "forces_on_plates", "hold", "hold_each"]
 
 _STRIDE, _STILL = 1.0 / 30.0, 1e-7
-"""Longest path of a point in a step, in mobilization lengths, over which the grains are taken as linear: if the wrench
-changes little, and in any case."""
+"""Longest path of a point in a step, in mobilization lengths, over which the grains are taken as linear. `_STRIDE`: if
+the wrench changes little. `_STILL`: however much it changes."""
 
 _CHANGE, _TURN = 0.02, 0.002
 """Greatest relative change of the wrench over which the grains are taken as linear, and the same for a body that is
@@ -46,8 +46,9 @@ _OVERSHOT, _LEVEL = 0.5, 0.1
 changed and the ratio is over the first number. It is short enough if the ratio is below the second."""
 
 _SLOW, _SUDDEN, _QUICK = 0.002, 0.01, 0.1
-"""Greatest speeds [m/s] to which the grains push back a body that nothing holds: under a constant load, and what the
-release adds to it at most (`_PER_RELEASE` times) if the load is removed within one step, and if it decreases slowly."""
+"""Limits of the speed [m/s] to which the grains push back a body that nothing holds. `_SLOW`: under a constant load. A
+decrease of the load adds at most `_PER_RELEASE` times `_SUDDEN` if the load is removed within one step, or `_QUICK` if
+it decreases more slowly."""
 
 _AT_ONCE = 0.5
 """Share of the push: a larger decrease of the load in one step counts as a sudden release."""

@@ -30,8 +30,8 @@ _Path = str | PathLike[str]
 _LENGTH = 0.003  # m
 
 _ROUNDS, _SETTLED = 12, 1e-3
-"""Of the grains and MuJoCo's constraints in turn: the most rounds, and the change of the wrench, as a share of it, at
-which they end."""
+"""The grains and MuJoCo's constraints are solved in turn: for at most `_ROUNDS` rounds, or until the wrench changes by
+a smaller share than `_SETTLED`."""
 
 _HELD = 0.1
 """A body is held if the other forces take up a larger share of the grains' elastic energy."""

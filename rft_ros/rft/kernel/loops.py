@@ -326,7 +326,8 @@ def _add_forces(chunk, i0, b, out):
 def _sums(form, law, height, slope, states, past, out):
     """The sums for each state, `out` of shape [n, 7] or [n, 19], or the forces of plates at one state, shape [m, 3].
 
-    `form`: of `Plates`. `law`: its `packed`. `past`: whether the plates have memory, durations, `Memory.numbers`.
+    `form`: of `Plates`. `law`: its `packed`. `past`: three values: whether the plates have memory; the durations;
+    `Memory.numbers`.
     Forces are added to those in `out`, in the kernel's order. One function: LLVM keeps what is the same for all blocks
     in registers, and a state takes 8 % longer if it is divided.
     """
