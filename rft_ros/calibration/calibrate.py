@@ -1,5 +1,6 @@
 """Fit the load cell, the surface, ζ, λ and α_y to recordings: each with its error, or why it is not identifiable."""
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
@@ -18,6 +19,7 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell, Settings
 from rft_ros.parameters import Values, model_of, settings_of
 from rft_ros.rft import FORCE, Law, Treers2021, wrenches
+from rft_ros.rft.placement import Placement
 
 __all__ = ["PARTS", "Calibration", "calibrate"]
 
@@ -40,13 +42,13 @@ def calibrate(
 ) -> Calibration:
     """Fit `parts` to the tracks. Other values, and those that are not identifiable, are taken from `values`.
 
-    `values`: the node's parameters. Raises InputError for a recording that `refuse_implausible` refuses, and if
-    sensor.frame_source is tf and no fixed transforms give the place of the load cell.
+    `values`: the node's parameters. Raises InputError for a recording that `refuse_implausible` refuses, and, if
+    sensor.frame_source is tf, for one whose transforms give no place of the load cell, or another than the first one's.
     """
     for track in tracks:
         refuse_implausible(track)
     settings, result = settings_of(values), Calibration()
-    sensor = Sensor(_placed_cell(settings, tracks[0]))
+    sensor = Sensor(_placed_cell(settings, tracks))
     # only the law of this model is used, so any tool will do; fits assume level ground
     at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
     inertial = model_of(at_one, tool=tracks[0].tool).law
@@ -89,14 +91,28 @@ def calibrate(
     return result
 
 
-def _placed_cell(settings: Settings, track: Track) -> LoadCell:
-    """The load cell of the settings, with its place from the transforms of a recording if they are its source."""
+def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
+    """The load cell of the settings, with its place from the recordings' transforms if they are its source."""
     if settings.sensor_source != "tf":
         return settings.load_cell
-    if track.mount is None:
-        link = f"tool_frame '{settings.tool_frame}' and sensor_frame '{settings.sensor_frame}'"
-        raise InputError(f"{track.name}: no fixed transforms link {link}, as sensor.frame_source tf needs")
-    return replace(settings.load_cell, position=track.mount.position, quaternion=track.mount.quaternion)
+    first = tracks[0]
+    for track in tracks:
+        if track.mount is None:
+            link = f"tool_frame '{settings.tool_frame}' and sensor_frame '{settings.sensor_frame}'"
+            raise InputError(f"{track.name}: no fixed transforms link {link}, as sensor.frame_source tf needs")
+        if first.mount is not None and _differ(first.mount, track.mount):
+            raise InputError(
+                f"{first.name} and {track.name}: their transforms place the load cell differently; calibrate each of "
+                "the two mountings on its own"
+            )
+    assert first.mount is not None
+    return replace(settings.load_cell, position=first.mount.position, quaternion=first.mount.quaternion)
+
+
+def _differ(a: Placement, b: Placement) -> bool:
+    """Whether two placements differ by more than 1 mm, or by more than about 1 degree."""
+    cosine = abs(sum(x * y for x, y in zip(a.quaternion, b.quaternion, strict=True)))
+    return math.dist(a.position, b.position) > 1e-3 or cosine < math.cos(math.radians(0.5))
 
 
 def _contacts(recorded: Sequence[Track], cell: LoadCell, inertial: Law, law: Law) -> list[Contact]:

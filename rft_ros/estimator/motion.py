@@ -20,6 +20,7 @@ __all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion"]
 UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTORY_SHORT}
 """Reasons for which a pose has no velocity."""
 
+_MOVED = 1e-4  # m; a driver that sends few poses must not make path of their noise at rest
 _PACK_STATE = Struct(f"{len(STATE)}d")  # writes a state in half the time that numpy takes
 
 
@@ -111,15 +112,18 @@ class Kinematics:
         """Path [m] and duration [s] since the motion before. `speed` [m/s]: 0 at rest.
 
         After a gap longer than `max_input_age` the speeds in between are unknown. The path is then the displacement
-        between the two poses, and the duration is the path over the mean speed.
+        between the two poses, and the duration is the path over the mean speed. Where the tool rests at both poses, the
+        duration is that of the gap, and a displacement below `_MOVED` is noise.
         """
         if self._before is None:
             return 0.0, 0.0
         last = self._before.pose
         mean = 0.5 * (speed + (0.0 if self._before.rests else self._before.speed_bound))
         duration = (pose.stamp - last.stamp) * 1e-9
-        if pose.stamp - last.stamp <= self._max_age or mean == 0.0:
+        if pose.stamp - last.stamp <= self._max_age:
             return mean * duration, duration
         cosine = abs(sum(a * b for a, b in zip(pose.quaternion, last.quaternion, strict=True)))
         path = math.dist(pose.position, last.position) + self.reach * 2.0 * math.acos(min(cosine, 1.0))
+        if mean == 0.0:
+            return (path if path > _MOVED else 0.0), duration
         return path, path / mean

@@ -53,7 +53,7 @@ from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.plates import BLOCK, IN_BLOCK, ROWS_OF_REFINED, Plates
 
-__all__ = ["DEPTH", "EMPTY", "GAPS", "LOADED", "MOST_BODIES", "SLACK", "TRAILING", "Memory"]
+__all__ = ["DEPTH", "ELASTIC", "EMPTY", "GAPS", "LOADED", "MOST_BODIES", "SLACK", "TRAILING", "Memory"]
 __all__ += ["GRAZING", "HEAD", "IN_HEAD", "IN_MEMORY", "IN_STIFFNESS", "OF_BLOCK", "WEAKEST"]
 __all__ += ["InHead", "InMemory", "InStiffness"]
 __all__ += ["add_memory", "clear", "displacement", "follow_gap", "forget_demand"]

@@ -29,6 +29,7 @@ from rft_ros.calibration.calibrate import PARTS, calibrate
 from rft_ros.calibration.fitting import NotIdentifiable
 from rft_ros.errors import InputError
 from rft_ros.parameters import checked
+from rft_ros.rft.placement import Placement
 from rft_ros.tool import load_tool, locate_mesh
 
 
@@ -323,3 +324,18 @@ def test_the_error_of_a_bias_is_no_smaller_than_what_the_resolution_of_the_load_
     one_pose = calibrate([track_of(time[:300], states[:300], readings[:300])], unknown(), parts=("sensor",))
     (bias,) = (f for f in one_pose.fitted if f.name == "sensor.bias")
     assert min(bias.errors[:3]) > 0.1
+
+
+def test_recordings_whose_transforms_place_the_load_cell_differently_are_refused():
+    time, states = in_the_air().states()
+    readings = read_by(LOAD_CELL, states, np.zeros((len(time), 6)))
+    at_cell = Placement(LOAD_CELL.position, LOAD_CELL.quaternion)
+    turned = at_cell._replace(quaternion=(0.0, 0.0, 0.0, 1.0))
+    one, other = (
+        replace(track_of(time, states, readings, name=n), mount=m) for n, m in (("a", at_cell), ("b", turned))
+    )
+    of_tf = unknown(sensor__frame_source="tf")
+    calibrate([one, replace(one, name="c")], of_tf, parts=["sensor"])
+    with pytest.raises(InputError) as refused:
+        calibrate([one, other], of_tf, parts=["sensor"])
+    assert {"a", "b", "differently;", "calibrate"} <= set(str(refused.value).replace(":", "").split())

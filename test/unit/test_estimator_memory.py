@@ -145,3 +145,19 @@ def test_an_absurd_pose_is_refused_and_the_memory_lives():
         arm.stamp += PERIOD
         assert push(arm.estimator, pose(arm.stamp, (0.0, 0.0, z), frame=frame)).reason is Reason.POSE_NOT_FINITE
     assert vertical(arm.move(-0.01, 0.1)[-1]) > before
+
+
+def test_a_move_in_a_silent_gap_between_two_rests_is_path_for_learning():
+    """A driver is silent for a second, while the tool moves 30 mm and stops: the grains may be others there."""
+    e = Estimator(Settings(learning_mode="apply"), model(0.003))
+    for k, (x, speed) in enumerate([(0.0, 0.01), (0.01 * PERIOD * 1e-9, 0.0), (0.0, 0.0)], 1):
+        push(e, twist(k * PERIOD, (speed, 0.0, 0.0)), pose(k * PERIOD, (x, 0.0, -0.02)))
+    before = e.learning.belief().path
+    later = 4 * PERIOD + 10**9
+    push(e, twist(later, (0.0, 0.0, 0.0)), pose(later, (0.03, 0.0, -0.02)))
+    moved = e.learning.belief().path
+    assert moved - before == pytest.approx(0.03, rel=1e-6)
+    for k in range(1, 6):  # noise of poses at rest, 5 um, is no path
+        again = later + k * 10**9
+        push(e, twist(again, (0.0, 0.0, 0.0)), pose(again, (0.03 + 5e-6 * (k % 2), 0.0, -0.02)))
+    assert e.learning.belief().path == moved
