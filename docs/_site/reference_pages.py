@@ -1,8 +1,7 @@
-"""``python docs/_site/reference_pages.py``: write the references, the README's table and config/default.yaml."""
+"""``python docs/_site/reference_pages.py``: write the references and config/default.yaml."""
 
 import argparse
 import math
-from collections.abc import Collection
 from pathlib import Path
 
 from rft_ros.cli import parser
@@ -11,7 +10,7 @@ from rft_ros.estimator.quality import QualityFlag, Trust, sentences, trust
 from rft_ros.estimator.samples import Reason
 from rft_ros.parameters import PARAMETERS, Parameter, Value
 
-__all__ = ["commands_page", "default_yaml", "main", "node_page", "readme"]
+__all__ = ["commands_page", "default_yaml", "main", "node_page"]
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -141,26 +140,10 @@ def default_yaml() -> str:
     return _table(*lines)
 
 
-_FIRST = (
-    "mesh.file",
-    "mesh.scale",
-    "mesh.origin",
-    "mesh.quaternion",
-    "medium.zeta",
-    "surface_height",
-    "world_frame",
-    "tool_frame",
-    "sensor_frame",
-    "sensor.quaternion",
-    "sensor.sign",
-)
-"""What a first cell needs to set."""
-
-
-def _parameters(names: Collection[str] = ()) -> str:
-    """These parameters, or all, each with its default and what else it may be."""
+def _parameters() -> str:
+    """Every parameter with its default and what else it may be."""
     rows = []
-    for p in (p for p in PARAMETERS if p.name in names or not names):
+    for p in PARAMETERS:
         value = _yaml(p.default).replace('"', "")
         default = f"`{value}` {p.unit}".strip() if value else "none"
         others = ", ".join(f"`{choice}`" for choice in p.choices if choice != value)
@@ -177,11 +160,6 @@ def _with_tables(file: Path, tables: dict[str, str]) -> str:
         before, _, rest = page.partition(begin)
         page = before + begin + table + end + rest.partition(end)[2]
     return page
-
-
-def readme() -> str:
-    """README.md with its list of the parameters that a first cell needs."""
-    return _with_tables(ROOT / "README.md", {"parameters": _parameters(_FIRST)})
 
 
 _TRUST = {Trust.CAUTION: "", Trust.NO: "; trust NO"}
@@ -204,7 +182,6 @@ def main() -> None:
     pages = {
         "docs/commands.md": commands_page(),
         "docs/node.md": node_page(),
-        "README.md": readme(),
         "config/default.yaml": default_yaml(),
     }
     for name, page in pages.items():

@@ -25,7 +25,6 @@ MAKER = ROOT / "docs" / "_site" / "reference_pages.py"
 GENERATED = {
     "docs/commands.md": "commands_page",
     "docs/node.md": "node_page",
-    "README.md": "readme",
     "config/default.yaml": "default_yaml",
 }
 COMMANDS = next(a for a in parser()._actions if a.dest == "command").choices
