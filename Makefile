@@ -26,7 +26,7 @@ studies: venv
 	$(BIN)/python -m studies all -o out/studies --docs docs/paper.md --docs docs/accuracy.md
 
 chart: venv
-	$(BIN)/python -m studies chart models -o out/chart --docs docs/speed-accuracy.md
+	$(BIN)/python -m studies models -o out/chart --docs docs/speed-accuracy.md
 
 docs: venv
 	NO_MKDOCS_2_WARNING=1 $(BIN)/mkdocs build

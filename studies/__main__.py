@@ -13,7 +13,7 @@ __all__ = ["CHARTS", "STUDIES", "main", "run_study"]
 STUDIES = ("horizontal", "plates", "oscillation", "circumnutation", "convergence", "dem", "stability")
 """The studies that `all` runs. A study is a module with ``study()``, which returns a `StudyResult` or several."""
 
-CHARTS = ("chart", "models", "laws", "learning", "coverage", "ground", "loop")
+CHARTS = ("models", "learning", "coverage", "ground", "loop")
 """Studies that take minutes; `all` leaves them out."""
 
 
@@ -28,7 +28,7 @@ def main(arguments: list[str] | None = None) -> int:
     names = (*STUDIES, *CHARTS, "all")
     parser = argparse.ArgumentParser(prog="python -m studies", description=__doc__)
     parser.add_argument("names", metavar="NAME", nargs="+", choices=names, help=f"{', '.join(names)}")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for PNG, CSV and tables")
+    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for figures and tables")
     parser.add_argument(
         "--docs", type=Path, action="append", default=[], help="page whose tables to rewrite; may be repeated"
     )

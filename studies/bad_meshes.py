@@ -8,8 +8,8 @@ import trimesh
 from rft_ros.rft import INTEGRATIONS, Plates, wrenches
 from rft_ros.tool.reduce import random_motions
 from studies.paper import law
-from studies.parameter_sweep import RULE_COLOUR, Array, both_rules, by_rule_result
-from studies.result import StudyResult, label_axes, new_figure
+from studies.parameter_sweep import RULE_COLOUR, Array, both_rules
+from studies.result import StudyResult, label_axes, new_figure, result_of_rows
 
 __all__ = ["faulty_balls", "study"]
 
@@ -75,4 +75,6 @@ def study() -> StudyResult:
     axes.set_xscale("log")
     label_axes(axes, x="RMS error of the force [%]", y="Mesh of a ball", legend={"loc": "lower right"})
     axes.set_title("A ball in random motions, against 81,920 facets", fontsize=10)
-    return by_rule_result("fails_mesh", "Bad meshes", figure, of="mesh of a ball", what="rms_error", values=errors)
+    rows = [(name, *of_rule.values()) for name, of_rule in errors.items()]
+    by_rule = ((rule, "{:.2g} %", 100.0) for rule in INTEGRATIONS)
+    return result_of_rows("fails_mesh", "Bad meshes", figure, rows, ("mesh of a ball", "{}"), *by_rule)

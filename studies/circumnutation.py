@@ -81,19 +81,6 @@ def study() -> StudyResult:
         name="circumnutation",
         title="Circumnutating root tip: forces, and work against the pitch (Fig. 8)",
         figure=figure,
-        numbers={
-            "circumnutation_work": {
-                "tilt_deg": [tilt for tilt in TILTS for _ in (*PITCHES, 0)],
-                "pitch_m": [float(p) for _ in TILTS for p in (*PITCHES, np.inf)],
-                "vertical_J": [w.vertical for tilt in TILTS for w in (*works[tilt], limits[tilt])],
-                "total_J": [w.total for tilt in TILTS for w in (*works[tilt], limits[tilt])],
-            },
-            "circumnutation_steps": {
-                "integration": [rule for rule, found in converging.items() for _ in found.steps],
-                "step_s": [float(x) for found in converging.values() for x in found.steps],
-                "error_of_work": [float(x) for found in converging.values() for x in found.errors],
-            },
-        },
         table=published_against_ours(
             ("pitch below which the paper doubts its model because of the wake", "40 mm", "not in the model; shaded"),
             ("work of the insertion, as the pitch P is reduced", "decreases", _as_pitch_is_reduced(works, limits)),

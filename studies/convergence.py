@@ -104,15 +104,6 @@ def study() -> StudyResult:
         name="convergence",
         title="Mesh convergence on a sphere (Fig. 9)",
         figure=_draw(found),
-        numbers={
-            "convergence": {
-                "integration": [rule for rule, one in found.items() for _ in one.facets],
-                "facets": [int(n) for one in found.values() for n in one.facets],
-                "fineness": [float(x) for one in found.values() for x in one.fineness],
-                "error": [float(x) for one in found.values() for x in one.errors],
-                "microseconds": [1e6 * float(x) for one in found.values() for x in one.seconds],
-            }
-        },
         table=published_against_ours(
             *rows,
             (

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from studies.dem import RUNS
 from studies.learning import CHOICES, LAGS, Choice, Series, bag_series, dem_series, learned, unlearned
-from studies.result import BLACK, BLUE, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
+from studies.result import StudyResult, TextTable
 
 __all__ = ["GROUPS", "series_of_group", "study", "within"]
 
@@ -66,22 +66,10 @@ def study() -> StudyResult:
                     pooled[mode].append(error)
     models = ("fixed model", *(f"learning, lag {1e3 * lag:g} mm" for lag in LAGS))
     header = ("data; model", "recordings", *(f"{model}: x / y / z" for model in models))
-    figure = new_figure(12.0, 4.0)
-    panels = figure.subplots(1, 3, sharey=True)
-    for part, (axes, title) in enumerate(zip(panels, "xyz", strict=True)):
-        for mode, colour in zip(_MODES, (BLUE, VERMILION, ORANGE), strict=True):
-            shares = [np.mean([(e[:, part] < k).mean() for e in pooled[mode]]) for k in _FACTORS]
-            label = "fixed model" if mode is None else f"learning, lag {1e3 * mode:g} mm"
-            axes.plot(_FACTORS, 100.0 * np.array(shares), color=colour, label=label)
-        axes.fill_between([0.97, 1.03], 60.0, 80.0, color=BLACK, alpha=0.2, lw=0)
-        axes.fill_between([1.97, 2.03], 93.0, 100.0, color=BLACK, alpha=0.2, lw=0)
-        label_axes(axes, x="Standard deviations", y="Components within [%]", title=title)
-    panels[-1].legend(fontsize=8)
     return StudyResult(
         name="coverage",
         title="Force components within one and two standard deviations",
-        figure=figure,
-        numbers={"coverage": {h: [row[i] for row in rows] for i, h in enumerate(header)}},
+        figure=None,
         table=TextTable(header=header, rows=tuple(rows)),
     )
 

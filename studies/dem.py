@@ -234,13 +234,6 @@ def study() -> StudyResult:
         name="dem",
         title="Simulated grains: every run predicted from one penetration",
         figure=_draw(found),
-        numbers={
-            "dem": {
-                "run": list(found.errors),
-                "zeta": [found.zeta] * len(found.errors),
-                **{f"median_error_{model}": [e[model] for e in found.errors.values()] for model in _COLUMNS},
-            }
-        },
         table=_table(found),
     )
 

@@ -81,7 +81,6 @@ def study() -> StudyResult:
         name="ground",
         title="Four passes in one trench: level plane and ground seen before each pass",
         figure=_draw(level, ground),
-        numbers={"ground": {"what": list(cases), **{f"pass_{k}": [row[k] for row in table] for k in range(1, 5)}}},
         table=TextTable(
             header=("median vector error [%]", "pass 1", "pass 2", "pass 3", "pass 4", "mean"), rows=tuple(table)
         ),

@@ -61,15 +61,6 @@ def study() -> StudyResult:
     tool = plate()
     faces = {model: drag_forces(leading_face(tool), model) for model in ALPHA_Y}
     whole = {model: drag_forces(tool.plates, model) for model in ALPHA_Y}
-    fit1, fit23 = fitted_forces(PSI)
-    numbers: dict[str, list[float]] = {"psi_deg": PSI.tolist()}
-    for model in ALPHA_Y:
-        numbers[f"F1_{model}_N"] = faces[model][0].tolist()
-        numbers[f"F1_with_edges_{model}_N"] = whole[model][0].tolist()
-    numbers["F23_N"] = faces["constant"][1].tolist()
-    numbers["F1_published_fit_N"], numbers["F23_published_fit_N"] = fit1.tolist(), fit23.tolist()
-    numbers["f1"] = (faces["constant"][0] / faces["constant"][0].max()).tolist()
-    numbers["f23"] = (faces["constant"][1] / faces["constant"][1].max()).tolist()
     f1_max = {model: faces[model][0].max() for model in ALPHA_Y}
     raw_max = {model: whole[model][0].max() for model in ALPHA_Y}
     f23_max, f2_max = faces["constant"][1].max(), faces["constant"][2].max()
@@ -79,7 +70,6 @@ def study() -> StudyResult:
         name="horizontal",
         title="Vertical plate dragged horizontally at an angle ψ (Fig. 3)",
         figure=_draw(faces, whole),
-        numbers={"horizontal": numbers},
         table=published_against_ours(
             ("maximum F1 with the thin edges", f"{PUBLISHED['F1 raw']} N", both.format(*raw_max.values())),
             ("maximum F1 without the thin edges", f"{PUBLISHED['F1']} N", both.format(*f1_max.values())),

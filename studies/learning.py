@@ -419,7 +419,6 @@ def _result(
         name=name,
         title=title,
         figure=figure,
-        numbers={name: {h: [row[i] for row in rows] for i, h in enumerate(header)}},
         table=TextTable(header=header, rows=tuple(rows)),
     )
 

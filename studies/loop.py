@@ -223,7 +223,6 @@ def study() -> StudyResult:
     rows += [(what, "", value, "", "") for what, value in costs()]
     figure = new_figure(8.0, 4.2)
     axes = figure.subplots()
-    numbers: dict[str, list[Any]] = {"body": [], "step_s": [], "depth_mm": [], "explicit_mm": []}
     for (mesh, mass), colour in zip(
         (("ellipsoid", 0.05), ("sphere", 0.3), ("plate", 0.3), ("plate", 2.0)),
         (BLUE, ORANGE, GREEN, VERMILION),
@@ -233,9 +232,6 @@ def study() -> StudyResult:
         depths = [scenes.drop(mesh, mass, h)["depth"] for h in (*STEPS, 0.01)]
         steps = 1e3 * np.array([*STEPS, 0.01])
         axes.semilogx(steps, np.array(depths) / fine, color=colour, marker="o", ms=4, label=f"{mesh}, {mass:g} kg")
-        for h, depth in zip(steps, depths, strict=True):
-            for column, value in zip(numbers, (f"{mesh} {mass:g} kg", 1e-3 * h, depth, fine), strict=True):
-                numbers[column].append(value)
     axes.axhspan(0.95, 1.05, color="0.93", zorder=0)
     axes.set_ylim(0.8, 1.1)
     axes.set_xticks(steps, [f"{h:g}" for h in steps], minor=False)
@@ -246,7 +242,6 @@ def study() -> StudyResult:
         name="loop",
         title="Does the rest depth of a body that fell in depend on the step?",
         figure=figure,
-        numbers={"loop": numbers},
         table=TextTable(header=("", *(f"{1e3 * h:g} ms" for h in STEPS)), rows=tuple(rows)),
     )
 

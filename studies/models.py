@@ -1,9 +1,10 @@
 """Which modelling choice improves accuracy against simulated grains, and which only costs time."""
 
+import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from functools import cache, partial
-from statistics import geometric_mean, mean
+from statistics import geometric_mean, mean, median
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,7 +12,6 @@ from numpy.typing import NDArray
 from rft_ros.rft import MEDIA, Integration, Law, Plates
 from rft_ros.tool import Tool, load_tool
 from studies import learning, numpy_rft
-from studies.chart import median_seconds
 from studies.dem import (
     ALONG_ITSELF,
     CALIBRATION,
@@ -134,6 +134,23 @@ CHOICES = (
     ),
 )
 """The choices compared."""
+
+
+_ROUNDS, _ROUND_SECONDS = 15, 0.003
+
+
+def median_seconds(calls: Sequence[Callable[[], object]]) -> list[float]:
+    """Median processor time of each warm call [s]. Calls take turns, so that a busy machine slows all alike."""
+
+    def seconds(call: Callable[[], object], times: int) -> float:
+        began = time.thread_time()
+        for _ in range(times):
+            call()
+        return (time.thread_time() - began) / times
+
+    times = [max(1, int(_ROUND_SECONDS / min(seconds(call, 1) for _ in range(2)))) for call in calls]
+    turns = [[seconds(call, n) for call, n in zip(calls, times, strict=True)] for _ in range(_ROUNDS)]
+    return [median(of_call) for of_call in zip(*turns, strict=True)]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -311,29 +328,6 @@ def study() -> StudyResult:
         name="models",
         title="Accuracy of the modelling choices against simulated grains",
         figure=speed_accuracy_figure(simulated, real),
-        numbers={
-            "models": {
-                "run": [j.run for j in judged],
-                "choice": [j.choice.name for j in judged],
-                "law": [j.choice.law for j in judged],
-                "density": [j.choice.density for j in judged],
-                "integration": [j.choice.integration for j in judged],
-                "alpha_y": [j.choice.alpha_y for j in judged],
-                "tolerance": [j.choice.tolerance for j in judged],
-                "mobilization_length": [j.choice.mobilization_length for j in judged],
-                "lag": [j.choice.lag for j in judged],
-                "plates": [j.plates for j in judged],
-                "zeta": [j.zeta for j in judged],
-                "time_us": [1e6 * j.time for j in judged],
-                "median_error": [j.error for j in judged],
-            },
-            "speed_accuracy": {
-                "data": ["simulated"] * len(simulated) + ["real"] * len(real),
-                "choice": [" ".join(m.name.split()) for m in (*simulated, *real)],
-                "time_us": [1e6 * m.seconds for m in (*simulated, *real)],
-                "mean_error": [m.error for m in (*simulated, *real)],
-            },
-        },
         table=TextTable(
             header=("errors [%]", *(name.partition(" (")[0] for name in GROUPS), "time of an evaluation"),
             rows=tuple(rows),

@@ -62,11 +62,6 @@ def study() -> StudyResult:
     straight = stroke(tool, amplitude_deg=0.0)
     pitching = {name: stroke(tool, amplitude_deg=9.0, frequency=f) for name, f in FREQUENCIES.items()}
     swept = [stroke(tool, amplitude_deg=9.0, frequency=f).work for f in _SWEPT]
-    numbers: dict[str, list[float]] = {"depth_m": straight.depths.tolist()}
-    numbers["fz_straight_N"] = straight.forces[:, 2].tolist()
-    for name, one in pitching.items():
-        hertz = f"{FREQUENCIES[name]:g}Hz"
-        numbers[f"fx_{hertz}_N"], numbers[f"fz_{hertz}_N"] = one.forces[:, 0].tolist(), one.forces[:, 2].tolist()
     rows = []
     for name, one in pitching.items():
         frequency = FREQUENCIES[name]
@@ -82,14 +77,6 @@ def study() -> StudyResult:
         name="oscillation",
         title="Ellipsoid pushed in at 5 mm/s, straight and pitching ±9° (Fig. 7)",
         figure=_draw(straight, pitching, swept),
-        numbers={
-            "oscillation": numbers,
-            "oscillation_work": {
-                "frequency_Hz": _SWEPT.tolist(),
-                "vertical_J": [w.vertical for w in swept],
-                "total_J": [w.total for w in swept],
-            },
-        },
         table=published_against_ours(
             (
                 "straight, 60 mm deep: force; work",

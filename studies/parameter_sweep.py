@@ -1,4 +1,4 @@
-"""Sweeping one parameter through a discontinuity: the force along it, its jumps and its noise gain.
+"""Sweeping one parameter through a discontinuity: the force along it, and its jumps.
 
 Colour tells the rule of integration, the dash the α_y model.
 """
@@ -9,7 +9,6 @@ from dataclasses import dataclass
 import numpy as np
 import trimesh
 from matplotlib.axes import Axes
-from matplotlib.figure import Figure
 from numpy.typing import ArrayLike, NDArray
 from scipy.spatial.transform import Rotation
 
@@ -27,12 +26,10 @@ from rft_ros.tool import load_tool
 from rft_ros.tool.refine import refined_plates
 from rft_ros.tool.tool import centroid_plates
 from studies.paper import ALPHA_Y, law
-from studies.result import BLUE, VERMILION, StudyResult, result_of_rows
+from studies.result import BLUE, VERMILION
 
-__all__ = ["ANGLE_STEP", "DEGREES", "LENGTH_STEP", "MILLIMETRES", "RULE_COLOUR", "BothRules", "Line", "Sweep"]
-__all__ += ["Unit"]
-__all__ += ["both_rules", "by_rule_result", "draw_lines", "evenly", "jump_result", "jumps", "measured"]
-__all__ += ["scene_states", "shipped"]
+__all__ = ["ANGLE_STEP", "LENGTH_STEP", "RULE_COLOUR", "BothRules", "Line", "Sweep", "both_rules", "draw_lines"]
+__all__ += ["evenly", "jumps", "measured", "scene_states", "shipped"]
 
 Array = NDArray[np.float64]
 
@@ -95,18 +92,14 @@ def jumps(forces: Array) -> Array:
 class Line:
     """Forces [N], shape [n, 3], along a sweep's values, shape [n], by one rule with one α_y model.
 
-    `jump`: the largest, over the local force, and `at` which value. `gain`: the steepest change of force per unit of
-    the value, jumps excluded, over the largest force.
+    `jump`: the largest, over the local force.
     """
 
-    sweep: str
     rule: Integration
     alpha_y: str
     values: Array
     forces: Array
     jump: float
-    at: float
-    gain: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -120,34 +113,15 @@ class Sweep:
     zeta: float = 1.0
 
 
-_JUMP = 1e-3  # larger steps are jumps and do not count as slope
-
-
 def measured(sweep: Sweep, *, rules: Sequence[Integration] = INTEGRATIONS) -> tuple[Line, ...]:
     """Run the sweep by these rules with both α_y models of the paper."""
     states = sweep.states(sweep.values)
-    step = float(sweep.values[1] - sweep.values[0])
     lines = []
     for rule in rules:
-        plates = sweep.tool[rule]
         for model in ALPHA_Y:
-            forces = wrenches(plates, law(model, zeta=sweep.zeta), states)[:, :3]
-            beyond = jumps(forces)
-            largest = int(np.argmax(beyond))
-            change = np.linalg.norm(np.diff(forces, axis=0), axis=1)[1:-1]
-            slope = np.where(beyond < _JUMP, change, 0.0).max() / step
-            lines.append(
-                Line(
-                    sweep=sweep.name,
-                    rule=rule,
-                    alpha_y=model,
-                    values=sweep.values,
-                    forces=forces,
-                    jump=float(beyond[largest]),
-                    at=float(sweep.values[largest + 1] + 0.5 * step),
-                    gain=float(slope / max(np.linalg.norm(forces, axis=1).max(), 1e-300)),
-                )
-            )
+            forces = wrenches(sweep.tool[rule], law(model, zeta=sweep.zeta), states)[:, :3]
+            jump = float(jumps(forces).max())
+            lines.append(Line(rule=rule, alpha_y=model, values=sweep.values, forces=forces, jump=jump))
     return tuple(lines)
 
 
@@ -158,75 +132,13 @@ _WIDTH = {"centroid": 2.4, "refined": 1.4}
 _MOST_POINTS = 500  # of a line, besides the steepest steps
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Unit:
-    """A unit for display: its name, how many make one SI unit."""
-
-    name: str
-    per_si: float
-
-
-DEGREES = Unit(name="°", per_si=180.0 / np.pi)
-MILLIMETRES = Unit(name="mm", per_si=1e3)
-"""Units of the swept values."""
-
-
-def draw_lines(
-    axes: Axes,
-    lines: Sequence[Line],
-    unit: Unit,
-    *,
-    component: int | None = None,
-    label: str = "{rule}, α_y {alpha_y}",
-) -> None:
-    """Draw a component of the forces, or their magnitude, over the swept value."""
+def draw_lines(axes: Axes, lines: Sequence[Line], per_unit: float, *, component: int | None = None) -> None:
+    """Draw a component of the forces, or their magnitude, over the swept value times `per_unit`."""
     for line in lines:
         y = np.linalg.norm(line.forces, axis=1) if component is None else line.forces[:, component]
-        steps = np.abs(np.diff(y))
         keep = np.zeros(len(y), dtype=np.bool_)
         keep[:: max(1, len(y) // _MOST_POINTS)] = True
-        for k in np.argsort(steps)[-8:]:
+        for k in np.argsort(np.abs(np.diff(y)))[-8:]:
             keep[k : k + 2] = True
-        axes.plot(
-            line.values[keep] * unit.per_si,
-            y[keep],
-            color=RULE_COLOUR[line.rule],
-            ls=_DASH[line.alpha_y],
-            lw=_WIDTH[line.rule],
-            label=label.format(rule=line.rule, alpha_y=line.alpha_y),
-        )
-
-
-def jump_result(name: str, title: str, figure: Figure, lines: Sequence[Line], unit: Unit) -> StudyResult:
-    """A figure with the jumps and noise gains of its lines, as numbers and as a table; values in `unit`."""
-    ascii_unit = unit.name.replace("°", "deg").replace("/", "_per_")
-    rows = [
-        (line.sweep, line.rule, line.alpha_y, line.jump, line.at * unit.per_si, line.gain / unit.per_si)
-        for line in lines
-    ]
-    return result_of_rows(
-        name,
-        title,
-        figure,
-        rows,
-        ("sweep", "sweep", "{}"),
-        ("rule", "rule", "{}"),
-        ("α_y", "alpha_y", "{}"),
-        ("largest jump, of the local force", "largest_jump_over_local_force", "{:.2g} %", 100.0),
-        ("at", f"at_{ascii_unit}", f"{{:.2f}} {unit.name}"),
-        (f"noise gain, of the force per {unit.name}", f"noise_gain_per_{ascii_unit}", "{:.2g} %", 100.0),
-    )
-
-
-def by_rule_result(
-    name: str, title: str, figure: Figure, *, of: str, what: str, values: Mapping[str, Mapping[Integration, float]]
-) -> StudyResult:
-    """A figure with a number [1] for each thing (`of`) by each rule; `what`: the number's name in the CSV."""
-    return result_of_rows(
-        name,
-        title,
-        figure,
-        [(thing, *(by_rule[rule] for rule in INTEGRATIONS)) for thing, by_rule in values.items()],
-        (of, of, "{}"),
-        *((rule, f"{what}_{rule}", "{:.2g} %", 100.0) for rule in INTEGRATIONS),
-    )
+        style = {"color": RULE_COLOUR[line.rule], "ls": _DASH[line.alpha_y], "lw": _WIDTH[line.rule]}
+        axes.plot(line.values[keep] * per_unit, y[keep], label=f"{line.rule}, α_y {line.alpha_y}", **style)

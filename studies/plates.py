@@ -104,31 +104,10 @@ def study() -> StudyResult:
         for beta, phi, model in itertools.product(BETAS, PHIS, ALPHA_Y)
     }
     points = simulated_points()
-    rows = list(itertools.product(BETAS, PHIS, PSI))
-    numbers: dict[str, list[object]] = {
-        "beta_deg": [beta for beta, _, _ in rows],
-        "phi_deg": [phi for _, phi, _ in rows],
-        "psi_deg": [float(psi) for _, _, psi in rows],
-        "gamma_deg": [gamma_deg(phi, min(psi, BELOW_90)) for _, phi, psi in rows],
-    }
-    per_metre = 1e6 * ZETA * face.area
-    for model in ALPHA_Y:
-        values = np.concatenate([found[beta, phi, model] for beta, phi in itertools.product(BETAS, PHIS)])
-        for k, (axis, _, _) in enumerate(_AXES):
-            numbers[f"{axis}_{model}_N_per_cm3"] = values[:, k].tolist()
-            numbers[f"{axis}_{model}_N_per_m_of_51mm_plate"] = (values[:, k] * per_metre).tolist()
     return StudyResult(
         name="plates",
         title="Inclined plates: stress over depth along e1, e2, E3 (Figs. 5, 6)",
         figure=_draw(found, points),
-        numbers={
-            "plates": numbers,
-            "plates_simulated": {
-                "run": [p.run for p in points],
-                **{f"{a[0]}_simulated_N_per_cm3": [p.measured[k] for p in points] for k, a in enumerate(_AXES)},
-                **{f"{a[0]}_model_N_per_cm3": [p.model[k] for p in points] for k, a in enumerate(_AXES)},
-            },
-        },
         table=published_against_ours(
             *(_row_of_beta(beta, found) for beta in BETAS),
             (

@@ -1,9 +1,8 @@
-"""The result of a study: a figure, its numbers as CSV, and a table that the docs show."""
+"""The result of a study: a figure, and a table that the docs show."""
 
-import csv
 import io
 import re
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -16,7 +15,6 @@ from rft_ros.errors import InputError
 
 __all__ = ["BLACK", "BLUE", "GREEN", "GREY", "ORANGE", "PURPLE", "SKY", "VERMILION"]
 __all__ += [
-    "Columns",
     "StudyResult",
     "TextTable",
     "label_axes",
@@ -32,9 +30,6 @@ BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"
 BLUE, VERMILION, PURPLE, GREY = "#0072B2", "#D55E00", "#CC79A7", "#8C8C8C"
 
 _DPI = 100
-
-Columns = Mapping[str, Sequence[object]]
-"""A table of numbers by column, all of one length; names carry the unit."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -57,19 +52,17 @@ def published_against_ours(*rows: tuple[str, str, str]) -> TextTable:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class StudyResult:
-    """A text table, its numbers as CSV tables by file stem, and the figure that shows them, if one does."""
+    """A text table, and the figure that shows its numbers, if one does."""
 
     name: str
     title: str
     figure: Figure | None
-    numbers: Mapping[str, Columns]
     table: TextTable
 
     def write(self, folder: Path) -> list[Path]:
-        """Write NAME.png, NAME.md and the CSV tables; returns the files. The same result gives the same bytes."""
+        """Write NAME.png and NAME.md; returns the files. The same result gives the same bytes."""
         contents = {f"{self.name}.png": picture(self.figure)} if self.figure else {}
         contents[f"{self.name}.md"] = f"# {self.title}\n\n{self.table.markdown()}".encode()
-        contents |= {f"{stem}.csv": _csv(columns) for stem, columns in self.numbers.items()}
         folder.mkdir(parents=True, exist_ok=True)
         for name, data in contents.items():
             (folder / name).write_bytes(data)
@@ -79,37 +72,18 @@ class StudyResult:
 def result_of_rows(
     name: str,
     title: str,
-    figure: Figure,
+    figure: Figure | None,
     rows: Sequence[Sequence[Any]],
-    *columns: tuple[str, str, str] | tuple[str, str, str, float],
+    *columns: tuple[str, str] | tuple[str, str, float],
 ) -> StudyResult:
-    """A result whose CSV and text table hold the same rows.
-
-    `columns`: heading in the text table, name in the CSV, format of the text, and the factor from the CSV's unit.
-    """
+    """A result whose table has these rows. `columns`: heading, format of the text, and a factor of the value before."""
 
     def text(value: Any, form: str, *factor: float) -> str:
         return form.format(value * factor[0] if factor else value)
 
-    return StudyResult(
-        name=name,
-        title=title,
-        figure=figure,
-        numbers={name: {column[1]: [row[k] for row in rows] for k, column in enumerate(columns)}},
-        table=TextTable(
-            header=tuple(column[0] for column in columns),
-            rows=tuple(tuple(text(row[k], *column[2:]) for k, column in enumerate(columns)) for row in rows),
-        ),
-    )
-
-
-def _csv(columns: Columns) -> bytes:
-    text = io.StringIO(newline="")
-    writer = csv.writer(text, lineterminator="\n")
-    writer.writerow(columns)
-    for row in zip(*columns.values(), strict=True):
-        writer.writerow([repr(float(v)) if isinstance(v, float) else v for v in row])
-    return text.getvalue().encode()
+    header = tuple(column[0] for column in columns)
+    cells = tuple(tuple(text(row[k], *column[1:]) for k, column in enumerate(columns)) for row in rows)
+    return StudyResult(name=name, title=title, figure=figure, table=TextTable(header=header, rows=cells))
 
 
 def new_figure(width: float, height: float) -> Figure:

@@ -7,7 +7,6 @@ from scipy.spatial.transform import Rotation
 from rft_ros.rft import wrenches
 from rft_ros.tool import load_tool
 from studies.force_jumps import (
-    LIMIT,
     direction_sweeps,
     height_sweeps,
     level_sweeps,
@@ -17,6 +16,7 @@ from studies.force_jumps import (
 )
 from studies.paper import ALPHA_Y, law
 from studies.parameter_sweep import ANGLE_STEP, Sweep, evenly, measured, scene_states, shipped
+from studies.stability import LIMIT
 
 ALONG, ASKEW, ACROSS = (0.0, -0.3), (35.0, 0.2), (90.0, -0.05)
 """Yaw [deg], and the share of the speed upwards."""
