@@ -140,5 +140,6 @@ def draw_lines(axes: Axes, lines: Sequence[Line], per_unit: float, *, component:
         keep[:: max(1, len(y) // _MOST_POINTS)] = True
         for k in np.argsort(np.abs(np.diff(y)))[-8:]:
             keep[k : k + 2] = True
-        style = {"color": RULE_COLOUR[line.rule], "ls": _DASH[line.alpha_y], "lw": _WIDTH[line.rule]}
-        axes.plot(line.values[keep] * per_unit, y[keep], label=f"{line.rule}, α_y {line.alpha_y}", **style)
+        label = f"{line.rule}, α_y {line.alpha_y}"
+        (drawn,) = axes.plot(line.values[keep] * per_unit, y[keep], label=label, color=RULE_COLOUR[line.rule])
+        drawn.set(linestyle=_DASH[line.alpha_y], linewidth=_WIDTH[line.rule])

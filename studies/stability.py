@@ -122,8 +122,8 @@ def reversal() -> StudyResult:
     axes.axhline(0.0, color=BLACK, lw=0.5)
     label_axes(axes, x="Time [s]", y="Vertical force [N]", title="Down, rest (shaded) with noise, up", legend={})
     rest = slice(int(2.1 * _RATE), int(3.0 * _RATE))
-    lines = {**forces, "refined, with memory": remembered}
-    rows = [(name, force[rest].min(), force[rest].max()) for name, force in lines.items()]
+    lines: list[tuple[str, Array]] = [*forces.items(), ("refined, with memory", remembered)]
+    rows = [(name, force[rest].min(), force[rest].max()) for name, force in lines]
     columns = (("rule", "{}"), ("least force at rest", "{:.1f} N"), ("greatest force at rest", "{:.1f} N"))
     return result_of_rows("fails_reversal", "Rest and reversal", figure, rows, *columns)
 
