@@ -9,8 +9,9 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import NDArray
 
+from studies.choice import Choice
 from studies.dem import RUNS
-from studies.learning import CHOICES, LAGS, Choice, Series, bag_series, dem_series, learned, unlearned
+from studies.learning import LAGS, MODELS, Series, bag_series, dem_series, learned, unlearned
 from studies.result import StudyResult, TextTable
 
 __all__ = ["GROUPS", "series_of_group", "study", "within"]
@@ -49,7 +50,7 @@ def study() -> StudyResult:
     """The table by group and half, and the share of components over the number of standard deviations."""
     rows: list[tuple[str, ...]] = []
     pooled: dict[float | None, list[Array]] = {mode: [] for mode in _MODES}
-    for choice in CHOICES:
+    for choice in MODELS:
         of_halves: dict[str, list[list[Array]]] = {"tuned on": [], "held out": []}
         for group, title in GROUPS.items():
             runs = series_of_group(group, choice)
@@ -60,7 +61,7 @@ def study() -> StudyResult:
                     rows.append((f"{title}; {choice.name}", name, *_cells(errors)))
         for name, errors in of_halves.items():
             rows.append((f"**all**; {choice.name}", name, *_cells(errors)))
-        if choice == CHOICES[-1]:
+        if choice == MODELS[-1]:
             for errors_of_run in of_halves["held out"]:
                 for mode, error in zip(_MODES, errors_of_run, strict=True):
                     pooled[mode].append(error)

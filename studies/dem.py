@@ -3,9 +3,11 @@
 ``test/data/dem/README.md`` says how the runs were made and defines the error measure.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cache
 from pathlib import Path
+from statistics import mean
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -15,21 +17,12 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError
 from rft_ros.rft import STATE, TWIST, VELOCITY, Law, Memory, checked_states, wrenches, wrenches_in_time
 from rft_ros.tool import Tool, load_tool
-from studies.paper import ALPHA_Y, law
+from studies.choice import PUBLISHED, PUBLISHED_LINEAR, REMEMBERED, Choice
 from studies.result import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
-__all__ = [
-    "ALONG_ITSELF",
-    "CALIBRATION",
-    "CYCLE_RUNS",
-    "DENSITY",
-    "FAST_RUNS",
-    "MOBILIZATION_LENGTH",
-    "PUBLISHED_PLATES",
-    "RUNS",
-]
-__all__ += ["WALL_SECONDS", "Accuracy", "DemRun"]
-__all__ += ["accuracy", "cycle_error", "fitted_zeta", "median_error", "read_run", "settled_error", "smoothed", "study"]
+__all__ = ["ALONG_ITSELF", "CALIBRATION", "CYCLE_RUNS", "FAST_RUNS", "PUBLISHED_PLATES", "RUNS", "WALL_SECONDS"]
+__all__ += ["DemRun", "cycle_error", "errors_of", "fitted_zeta", "median_error", "modelled", "read_run", "run_error"]
+__all__ += ["settled_error", "smoothed", "study"]
 
 Array = NDArray[np.float64]
 
@@ -64,9 +57,6 @@ CYCLE_RUNS = {
     "drag_cycles": "upright plate dragged, small retreats and reloads",
 }
 """Runs judged by `cycle_error`; ζ of the other runs holds."""
-
-DENSITY = 1465.0
-"""Bulk density of the beds [kg/m³]: 2,500 kg/m³ at a packing fraction of 0.586."""
 
 WALL_SECONDS = {
     "pen_plate_seedA": (119.0, 119.0),
@@ -177,116 +167,91 @@ def cycle_error(run: DemRun, model: Array) -> float:
     return float(rms / np.linalg.norm(smooth, axis=1).max())
 
 
-PUBLISHED_PLATES = "1.2–18.8 %"
-"""Median errors of the paper's own plates, over its combinations of β, φ and ψ."""
-
-MOBILIZATION_LENGTH = 0.0029
-"""λ [m] of the column with memory (α_y constant); `rft_ros.rft.mobilization`."""
+PUBLISHED_PLATES = (1.2, 18.8)
+"""Least and greatest median error of the paper's own plates [%], over its combinations of β, φ and ψ."""
 
 ALONG_ITSELF = "plate_b90_psi90_phi0"
 """The plate neither of whose faces leads. Memory cannot supply the missing force, so means leave it out."""
 
-_MEMORY = "memory"
-_COLUMNS = {**{model: f"α_y {model}" for model in ALPHA_Y}, _MEMORY: f"with memory, {1e3 * MOBILIZATION_LENGTH:g} mm"}
+
+def run_error(run: DemRun, model: Array) -> float:
+    """The error by which a run is judged; `model`: shape [n, 3]."""
+    if run.name in CYCLE_RUNS:
+        return cycle_error(run, model)
+    return settled_error(run, model) if run.name in FAST_RUNS else median_error(run.forces, model)
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class Accuracy:
-    """The runs; ζ fitted to the calibration run alone; median relative vector errors by run.
+@cache
+def modelled(choice: Choice) -> tuple[tuple[DemRun, ...], float]:
+    """Every run with the tool of a choice, and ζ fitted to the calibration run alone."""
 
-    `errors[run]`: by α_y model, and with "memory" (α_y constant). `cycles[run]`: `cycle_error`, by the same.
-    """
+    def tool(run: DemRun) -> Tool:
+        return load_tool(run.tool.file, scale=1.0, integration=choice.integration, tolerance=choice.tolerance)
 
-    runs: tuple[DemRun, ...]
-    zeta: float
-    errors: dict[str, dict[str, float]]
-    cycles: dict[str, dict[str, float]]
-
-    def mean(self, column: str) -> float:
-        """Mean over the ten runs, `ALONG_ITSELF` left out."""
-        return float(np.mean([e[column] for name, e in self.errors.items() if name != ALONG_ITSELF]))
+    runs = tuple(replace(run, tool=tool(run)) for run in map(read_run, (*RUNS, *FAST_RUNS, *CYCLE_RUNS)))
+    calibration = next(run for run in runs if run.name == CALIBRATION)
+    return runs, fitted_zeta(calibration, replace(choice, density=0.0).made(1.0))
 
 
-def accuracy() -> Accuracy:
-    """Calibrate on one run, predict all."""
-    runs = tuple(read_run(name) for name in RUNS)
-    # A flat plate straight down has no force along e1, so α_y has no influence. Two digits: another packing of the
-    # same grains gives 0.23 to 0.26.
-    zeta = round(fitted_zeta(next(run for run in runs if run.name == CALIBRATION), law("constant", zeta=1.0)), 2)
-
-    def of(run: DemRun, error: Callable[[DemRun, Array], float]) -> dict[str, float]:
-        models = {model: run.predicted(law(model, zeta=zeta)) for model in ALPHA_Y} | {_MEMORY: _remembered(run, zeta)}
-        return {name: error(run, model) for name, model in models.items()}
-
-    errors = {run.name: of(run, lambda run, model: median_error(run.forces, model)) for run in runs}
-    cycles = {name: of(read_run(name), cycle_error) for name in CYCLE_RUNS}
-    return Accuracy(runs=runs, zeta=zeta, errors=errors, cycles=cycles)
+@cache
+def errors_of(choice: Choice) -> dict[str, float]:
+    """The error of a choice without learning, by run."""
+    runs, zeta = modelled(choice)
+    return {run.name: run_error(run, run.predicted(choice.made(zeta))) for run in runs}
 
 
-def _remembered(run: DemRun, zeta: float) -> Array:
-    return run.predicted(law("constant", zeta=zeta, mobilization_length=MOBILIZATION_LENGTH))
+_COLUMNS = {"published": PUBLISHED, "published, α_y linear": PUBLISHED_LINEAR, "refined, with memory": REMEMBERED}
 
 
 def study() -> StudyResult:
-    """Errors of every run with both α_y models and with memory."""
-    found = accuracy()
+    """Errors of every slow run and of the cycles by three choices."""
+    errors = {title: errors_of(choice) for title, choice in _COLUMNS.items()}
+
+    def row(text: str, names: Sequence[str]) -> tuple[str, ...]:
+        return (text, *(f"{100.0 * mean(e[name] for name in names):.1f}" for e in errors.values()))
+
+    rows = [row(what, [name]) for name, what in RUNS.items()]
+    others = [name for name in RUNS if name != ALONG_ITSELF]
+    rows.append(row("mean, without the plate that moves in its own plane", others))
+    rows += [row(f"{what}: error of cycles", [name]) for name, what in CYCLE_RUNS.items()]
     return StudyResult(
         name="dem",
         title="Simulated grains: every run predicted from one penetration",
-        figure=_draw(found),
-        table=_table(found),
+        figure=_draw(errors),
+        table=TextTable(header=("run", *(f"{title} [%]" for title in _COLUMNS)), rows=tuple(rows)),
     )
 
 
-def _table(found: Accuracy) -> TextTable:
-    def row(text: str, errors: Sequence[float]) -> tuple[str, ...]:
-        return (text, *(f"{100.0 * error:.1f}" for error in errors))
-
-    rows = []
-    for name, errors in found.errors.items():
-        text = f"{RUNS[name]} (calibration: ζ = {found.zeta:.2f})" if name == CALIBRATION else RUNS[name]
-        rows.append(row(text, [errors[column] for column in _COLUMNS]))
-    rows.append(row("mean, without the plate that moves in its own plane", [found.mean(column) for column in _COLUMNS]))
-    for name, errors in found.cycles.items():
-        rows.append(row(f"{CYCLE_RUNS[name]}: error of cycles", [errors[column] for column in _COLUMNS]))
-    return TextTable(header=("run", *(f"{label} [%]" for label in _COLUMNS.values())), rows=tuple(rows))
-
-
-def _draw(found: Accuracy) -> Figure:
+def _draw(errors: dict[str, dict[str, float]]) -> Figure:
     figure = new_figure(10.5, 11.5)
     panels = figure.subplots(4, 3).ravel()
-    for number, (axes, run) in enumerate(zip(panels, found.runs, strict=False), start=1):
-        _draw_run(axes, number, run, found)
+    for number, (name, axes) in enumerate(zip(RUNS, panels, strict=False), start=1):
+        _draw_run(axes, name)
+        what = RUNS[name].partition(" (")[0]
+        shares = " → ".join(f"{100.0 * e[name]:.0f}" for title, e in errors.items() if "linear" not in title)
+        axes.set_title(f"{number}. {what}: {shares} %", fontsize=9)
     panels[0].legend(fontsize=8)
-    _draw_errors(panels[len(found.runs)], found)
-    figure.suptitle(
-        f"Force on the tool: simulated grains against 3D RFT with ζ = {found.zeta:.2f}, fitted to run 1 alone.\n"
-        "In the titles: median error of the force vector, without → with memory"
-    )
+    last = panels[len(RUNS)]
+    last.axhspan(*PUBLISHED_PLATES, color="0.9", label="paper's plates")
+    place = np.arange(len(RUNS))
+    for shift, (title, of_run), colour in zip((-0.27, 0.0, 0.27), errors.items(), (BLACK, ORANGE, SKY), strict=True):
+        last.bar(place + shift, [100.0 * of_run[name] for name in RUNS], width=0.27, color=colour, label=title)
+    last.set_xticks(place, [str(k + 1) for k in place])
+    label_axes(last, x="Run", y="Median error [%]", legend={"loc": "upper left"})
+    last.set_ylim(0.0, 120.0)
+    figure.suptitle("Force on the tool, ζ fitted to run 1 alone. In the titles: error, published → refined with memory")
     return figure
 
 
-def _draw_run(axes: Axes, number: int, run: DemRun, found: Accuracy) -> None:
-    model, remembered = run.predicted(law("constant", zeta=found.zeta)), _remembered(run, found.zeta)
-    measured = smoothed(run.forces)[4:-4]
-    for column, name, colour in ((2, "up", BLUE), (0, "along x", VERMILION)):
-        axes.plot(run.times[4:-4], measured[:, column], color=colour, lw=0.8, alpha=0.8, label=f"{name}, simulated")
-        axes.plot(run.times, model[:, column], color=colour, lw=1.8, ls="--", label=f"{name}, RFT")
-        axes.plot(run.times, remembered[:, column], color=BLACK, lw=0.9, ls=":", label=f"{name}, with memory")
+def _draw_run(axes: Axes, name: str) -> None:
+    for choice, style, width in ((PUBLISHED, "--", 1.8), (REMEMBERED, ":", 1.2)):
+        runs, zeta = modelled(choice)
+        run = next(run for run in runs if run.name == name)
+        model, measured = run.predicted(choice.made(zeta)), smoothed(run.forces)[4:-4]
+        for column, what, colour in ((2, "up", BLUE), (0, "along x", VERMILION)):
+            if choice == PUBLISHED:
+                axes.plot(run.times[4:-4], measured[:, column], color=colour, lw=0.8, label=f"{what}, simulated")
+            label = f"{what}, {choice.name}"
+            axes.plot(run.times, model[:, column], color=colour, lw=width, ls=style, label=label)
     axes.axhline(0.0, color=GREY, lw=0.6)
-    plain, with_memory = (100.0 * found.errors[run.name][column] for column in ("constant", _MEMORY))
     label_axes(axes, x="Time [s]", y="Force [N]")
-    what = RUNS[run.name].partition(" (")[0]
-    axes.set_title(f"{number}. {what}: {plain:.0f} → {with_memory:.0f} %", fontsize=9)
-
-
-def _draw_errors(axes: Axes, found: Accuracy) -> None:
-    place = np.arange(len(found.errors))
-    low, high = (float(bound) for bound in PUBLISHED_PLATES.removesuffix(" %").split("–"))
-    axes.axhspan(low, high, color="0.9", label=f"paper's plates, {PUBLISHED_PLATES}")
-    for shift, (column, label), colour in zip((-0.27, 0.0, 0.27), _COLUMNS.items(), (BLACK, ORANGE, SKY), strict=True):
-        errors = [100.0 * e[column] for e in found.errors.values()]
-        axes.bar(place + shift, errors, width=0.27, color=colour, label=label)
-    axes.set_xticks(place, [str(k + 1) for k in place])
-    label_axes(axes, x="Run", y="Median error [%]", legend={"loc": "upper left"})
-    axes.set_ylim(0.0, 120.0)

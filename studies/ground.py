@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rft_ros.ground import HeightMap, Support
 from rft_ros.rft import QUATERNION, Memory, rotation_matrix, wrenches_in_time
 from studies.dem import DATA
-from studies.learning import CHOICES, LAGS, PASSES, Series, dem_model, dem_series, learned, pass_errors, passes_of
+from studies.learning import LAGS, MODELS, PASSES, Series, dem_model, dem_series, learned, pass_errors, passes_of
 from studies.result import BLACK, BLUE, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
 __all__ = ["four_passes", "seen_before", "study"]
@@ -35,7 +35,7 @@ def seen_before(number: int, tool: tuple[Array, Array, Array] | None = None) -> 
 
 def four_passes() -> tuple[Series, Series]:
     """The run on a level plane and on the ground seen before each pass; refined, α_y linear, with memory."""
-    choice = CHOICES[-1]
+    choice = MODELS[-1]
     level = dem_series(PASSES, choice)
     tool, law = dem_model(PASSES, choice)
     support, states = Support(tool.corners), level.states

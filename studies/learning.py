@@ -30,7 +30,6 @@ from rft_ros.rft import (
     ANGULAR_VELOCITY,
     TWIST,
     VELOCITY,
-    Integration,
     Law,
     Memory,
     Plates,
@@ -39,15 +38,14 @@ from rft_ros.rft import (
     wrenches_in_time,
 )
 from rft_ros.tool import Tool, load_tool
+from studies.choice import PUBLISHED, REMEMBERED, Choice
 from studies.dem import CALIBRATION, DATA, RUNS, fitted_zeta, read_run
-from studies.paper import law
 from studies.result import BLUE, GREY, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
 __all__ = [
-    "CHOICES",
     "LAGS",
+    "MODELS",
     "PASSES",
-    "Choice",
     "Learned",
     "Series",
     "bag_series",
@@ -80,22 +78,8 @@ _Error = Callable[["Series", Array], float]
 _WINDOW = 9  # samples of the centred mean
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Choice:
-    """One way to model: rule, α_y model, mobilization length [m] (0: no memory), tolerance of the tool (0: all)."""
-
-    name: str
-    integration: Integration
-    alpha_y: str
-    mobilization_length: float
-    law: str = "treers2021"
-    tolerance: float = 0.0
-
-
-CHOICES = (
-    Choice(name="published", integration="centroid", alpha_y="constant", mobilization_length=0.0),
-    Choice(name="refined, memory", integration="refined", alpha_y="linear", mobilization_length=0.003),
-)
+MODELS = (PUBLISHED, REMEMBERED)
+"""The models with which learning is judged."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -222,14 +206,13 @@ def dem_series(name: str, choice: Choice) -> Series:
 
 def dem_model(name: str, choice: Choice) -> tuple[Tool, Law]:
     """The tool of a simulated run, and the law with ζ from the calibration run."""
-    length = choice.mobilization_length
-    return _dem_tool(name, choice), law(choice.alpha_y, zeta=_dem_zeta(choice), mobilization_length=length)
+    return _dem_tool(name, choice), choice.made(_dem_zeta(choice))
 
 
 @cache
 def _dem_zeta(choice: Choice) -> float:
     run = replace(read_run(CALIBRATION), tool=_dem_tool(CALIBRATION, choice))
-    return fitted_zeta(run, law(choice.alpha_y, zeta=1.0))
+    return fitted_zeta(run, choice.made(1.0))
 
 
 def _dem_tool(name: str, choice: Choice) -> Tool:
@@ -376,7 +359,7 @@ def study() -> tuple[StudyResult, StudyResult]:
     """Errors without and with learning; and what is reported as a surprise."""
     errors: list[tuple[str, ...]] = []
     reports: list[tuple[str, ...]] = []
-    for choice in CHOICES:
+    for choice in MODELS:
         dem = [dem_series(name, choice) for name in RUNS]
         groups: dict[str, tuple[list[Series], _Error]] = {"simulated grains, 11 runs": (dem, vector_error)}
         for group, title in (("abb", "ABB plate, penetration"), ("cmu", "CMU round plates, penetration")):
@@ -429,7 +412,7 @@ def followed_force() -> Figure:
     names = {"ellipsoid_straight": "Ellipsoid, pushed down", _FRESH[0]: "Upright plate, pushed down and dragged"}
     names[_BLOCK] = "Plate, pushed down on a buried ball"
     for axes, (name, title) in zip(figure.subplots(1, 3), names.items(), strict=True):
-        run = dem_series(name, CHOICES[-1])
+        run = dem_series(name, MODELS[-1])
         result = learned(run, lag=LAGS[0])
         path, up, sigma = 1e3 * run.path, result.out[:, 2], result.out[:, 8]
         axes.plot(path, run.forces[:, 2], color=BLUE, lw=0.8, label="measured (simulated grains)")

@@ -3,45 +3,34 @@
 import time
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
-from functools import cache, partial
+from functools import partial
 from statistics import geometric_mean, mean, median
 
 import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rft_ros.rft import MEDIA, Integration, Law, Plates
-from rft_ros.tool import Tool, load_tool
-from studies import learning, numpy_rft
-from studies.dem import (
-    ALONG_ITSELF,
-    CALIBRATION,
-    CYCLE_RUNS,
-    DENSITY,
-    FAST_RUNS,
-    RUNS,
-    WALL_SECONDS,
-    DemRun,
-    cycle_error,
-    fitted_zeta,
-    median_error,
-    read_run,
-    settled_error,
-)
+from rft_ros.rft import MEDIA, Law, Plates
+from studies import numpy_rft
+from studies.choice import CHOICES, Choice
+from studies.dem import ALONG_ITSELF, CYCLE_RUNS, FAST_RUNS, RUNS, WALL_SECONDS, DemRun, modelled, read_run, run_error
 from studies.learning import Series, bag_series, learned, model_rows, peak_error, series_of
-from studies.paper import law
 from studies.result import (
     BLACK,
     BLUE,
     GREEN,
+    GREY,
     ORANGE,
     PURPLE,
     VERMILION,
     StudyResult,
     TextTable,
+    label_axes,
+    new_figure,
 )
-from studies.speed_accuracy import Mark, speed_accuracy_figure
 
-__all__ = ["CHOICES", "GROUPS", "Choice", "Judged", "judged_choices", "study"]
+__all__ = ["GROUPS", "Judged", "Mark", "front", "judged_choices", "median_seconds", "predicted", "study"]
 
 Array = NDArray[np.float64]
 
@@ -59,81 +48,13 @@ PACKINGS = (0.10, 0.15)
 """Difference between two packings of the same grains (README of the runs): smaller errors cannot be resolved."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Choice:
-    """One way to model: rule, α_y model, tolerance of the reduced tool (0: full), mobilization length [m] (0: none).
-
-    `lag`: path between a measured force and the first prediction that it may change [m]; 0: nothing is learned.
-    `density` of the bed [kg/m³], 0: no inertia.
-    """
-
-    name: str
-    integration: Integration = "centroid"
-    alpha_y: str = "constant"
-    tolerance: float = 0.0
-    mobilization_length: float = 0.0
-    lag: float = 0.0
-    law: str = "treers2021"
-    density: float = 0.0
-
-    def made(self, zeta: float) -> Law:
-        """The law of this choice."""
-        length = self.mobilization_length
-        return law(self.alpha_y, zeta=zeta, name=self.law, density=self.density, mobilization_length=length)
-
-    def predicted(self, run: DemRun, law: Law) -> Array:
-        """The force at each state of a run [N], shape [n, 3]; a learned one uses earlier forces of the same run."""
-        if self.lag == 0.0:
-            return run.predicted(law, threads=1)
-        rows = model_rows(run.tool.plates, law, run.states, run.times)
-        series = series_of(run.name, run.tool.plates, law, run.states, run.times, rows, run.forces, rest=1e-9)
-        return learned(series, lag=self.lag).out[:, :3]
-
-
-_LAG = 0.002  # m
-
-CHOICES = (
-    Choice(name="published"),
-    Choice(name="published, α_y linear", alpha_y="linear"),
-    Choice(name="published, reduced to 5 %", tolerance=0.05),
-    Choice(name="refined", integration="refined"),
-    Choice(name="refined, α_y linear", integration="refined", alpha_y="linear"),
-    Choice(name="refined, memory 3 mm", integration="refined", mobilization_length=0.003),
-    Choice(name="refined, α_y linear, memory 3 mm", integration="refined", alpha_y="linear", mobilization_length=0.003),
-    Choice(
-        name="default",
-        integration="refined",
-        alpha_y="linear",
-        mobilization_length=0.003,
-        tolerance=0.025,
-    ),
-    Choice(name="published, learned", lag=_LAG),
-    Choice(name="refined, α_y linear, learned", integration="refined", alpha_y="linear", lag=_LAG),
-    Choice(
-        name="default, learned",
-        integration="refined",
-        alpha_y="linear",
-        mobilization_length=0.003,
-        tolerance=0.025,
-        lag=_LAG,
-    ),
-    Choice(
-        name="refined, α_y linear, memory, inertia",
-        integration="refined",
-        alpha_y="linear",
-        mobilization_length=0.003,
-        density=DENSITY,
-    ),
-    Choice(name="refined, agarwal2023", integration="refined", law="agarwal2023"),
-    Choice(
-        name="refined, agarwal2023, memory, inertia",
-        integration="refined",
-        mobilization_length=0.003,
-        law="agarwal2023",
-        density=DENSITY,
-    ),
-)
-"""The choices compared."""
+def predicted(choice: Choice, run: DemRun, law: Law) -> Array:
+    """The force at each state of a run [N], shape [n, 3]; a learned one uses earlier forces of the same run."""
+    if choice.lag == 0.0:
+        return run.predicted(law, threads=1)
+    rows = model_rows(run.tool.plates, law, run.states, run.times)
+    series = series_of(run.name, run.tool.plates, law, run.states, run.times, rows, run.forces, rest=1e-9)
+    return learned(series, lag=choice.lag).out[:, :3]
 
 
 _ROUNDS, _ROUND_SECONDS = 15, 0.003
@@ -155,50 +76,29 @@ def median_seconds(calls: Sequence[Callable[[], object]]) -> list[float]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Judged:
-    """A choice in one run. `time`: of an evaluation [s]. `states`: their number. `zeta`: fitted for the choice."""
+    """A choice in one run. `time`: of an evaluation [s]."""
 
     run: str
     choice: Choice
     plates: int
     error: float
     time: float
-    states: int
-    zeta: float
 
 
 def judged_choices() -> list[Judged]:
     """Every choice in every run; ζ is fitted for each choice."""
-    runs = [read_run(name) for name in (*RUNS, *FAST_RUNS, *CYCLE_RUNS)]
-    cases: list[tuple[Choice, DemRun, float]] = []
-    for choice in CHOICES:
-        own = [replace(run, tool=_tool(run.tool.file, choice.integration, choice.tolerance)) for run in runs]
-        calibration = next(run for run in own if run.name == CALIBRATION)
-        zeta = fitted_zeta(calibration, replace(choice, density=0.0).made(1.0))
-        cases += [(choice, run, zeta) for run in own]
-    calls = [partial(choice.predicted, run, choice.made(zeta)) for choice, run, zeta in cases]
+    cases = [(choice, run, zeta) for choice in CHOICES for runs, zeta in [modelled(choice)] for run in runs]
+    calls = [partial(predicted, choice, run, choice.made(zeta)) for choice, run, zeta in cases]
     return [
         Judged(
             run=run.name,
             choice=choice,
             plates=len(run.tool.plates),
-            error=_error(run, call()),
+            error=run_error(run, call()),
             time=seconds / len(run.states),
-            states=len(run.states),
-            zeta=zeta,
         )
-        for (choice, run, zeta), call, seconds in zip(cases, calls, median_seconds(calls), strict=True)
+        for (choice, run, _), call, seconds in zip(cases, calls, median_seconds(calls), strict=True)
     ]
-
-
-def _error(run: DemRun, model: Array) -> float:
-    if run.name in CYCLE_RUNS:
-        return cycle_error(run, model)
-    return settled_error(run, model) if run.name in FAST_RUNS else median_error(run.forces, model)
-
-
-@cache
-def _tool(file: str, integration: Integration, tolerance: float) -> Tool:
-    return load_tool(file, scale=1.0, integration=integration, tolerance=tolerance)
 
 
 _RELEASED = 485e-9
@@ -224,23 +124,29 @@ _COLOURS = {
 }
 
 
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Mark:
+    """A mark of the figure: `seconds` of an evaluation, mean `error`, a share. `peer`: not by this package."""
+
+    name: str
+    seconds: float
+    error: float
+    colour: str
+    learns: bool = False
+    peer: bool = False
+
+
 def _mark(choice: Choice, seconds: float, error: float) -> Mark:
-    return Mark(
-        name=_NAMES[choice.name],
-        seconds=seconds,
-        error=error,
-        colour=_COLOURS[choice.name],
-        advised=choice.name in ("default", "default, learned"),
-        side="right" if choice.lag else "left",
-    )
+    name, colour = _NAMES[choice.name], _COLOURS[choice.name]
+    return Mark(name=name, seconds=seconds, error=error, colour=colour, learns=choice.lag > 0.0)
 
 
 def _peers(published: Mark, *, plates: float, by_numpy: float) -> list[Mark]:
     """The published rule as others compute it: the released code and NumPy; the error is the same."""
-    as_published = replace(published, peer=True, side="right")
+    as_published = replace(published, peer=True)
     return [
-        replace(as_published, name="NumPy", seconds=by_numpy),
-        replace(as_published, name="released code", seconds=_RELEASED * plates),
+        replace(as_published, name="paper's model, NumPy", seconds=by_numpy, colour=GREY),
+        replace(as_published, name="paper's model, released code", seconds=_RELEASED * plates),
     ]
 
 
@@ -255,14 +161,7 @@ def _simulated_marks(judged: Sequence[Judged]) -> list[Mark]:
     by_numpy = mean(_seconds_by_numpy(run.tool.plates, run.states[len(run.states) // 2]) for run in runs)
     marks += _peers(next(m for m in marks if m.name == _NAMES["published"]), plates=plates, by_numpy=by_numpy)
     seconds = mean(mean(WALL_SECONDS[run.name]) / len(run.states) for run in runs)
-    elements = Mark(
-        name="discrete elements",
-        seconds=seconds,
-        error=mean(PACKINGS),
-        colour=BLACK,
-        peer=True,
-        side="above",
-    )
+    elements = Mark(name="discrete elements", seconds=seconds, error=mean(PACKINGS), colour=BLACK, peer=True)
     return [*marks, elements]
 
 
@@ -280,14 +179,7 @@ def _real_marks() -> list[Mark]:
     marks = []
     series_of_choice: dict[Choice, dict[str, list[Series]]] = {}
     for choice in (c for c in CHOICES if c.name in _NAMES):
-        modelled = learning.Choice(
-            name=choice.name,
-            integration=choice.integration,
-            alpha_y=choice.alpha_y,
-            mobilization_length=choice.mobilization_length,
-            law=choice.law,
-            tolerance=choice.tolerance,
-        )
+        modelled = replace(choice, lag=0.0)
         groups = {group: bag_series(group, modelled) for group in _RECORDED}
         if not all(groups.values()):
             return []
@@ -315,8 +207,52 @@ def _evaluated(run: Series, lag: float) -> None:
         learned(run, lag=lag)
 
 
+def front(marks: Sequence[Mark]) -> list[Mark]:
+    """The Pareto front: the marks for which no other is both faster and more accurate, ordered by time."""
+    best: list[Mark] = []
+    for mark in sorted(marks, key=lambda m: (m.seconds, m.error)):
+        if not best or mark.error < best[-1].error:
+            best.append(mark)
+    return best
+
+
+_TICKS = {1e-6: "1 µs", 1e-5: "10 µs", 1e-4: "0.1 ms", 1e-3: "1 ms", 1e-2: "10 ms", 1e-1: "0.1 s", 1.0: "1 s"}
+_PERIOD_OF_THE_NODE = 2e-3  # s: at 500 Hz
+
+
+def _draw(axes: Axes, marks: Sequence[Mark], title: str, error: str) -> None:
+    axes.set_xscale("log")
+    best = front(marks)
+    wide = {"color": GREY, "lw": 7.0, "alpha": 0.3, "zorder": 1}
+    axes.step([m.seconds for m in best], [100.0 * m.error for m in best], where="post", label="Pareto front", **wide)
+    for mark in marks:
+        shape = "D" if mark.peer else ("s" if mark.learns else "o")
+        fill = "white" if mark.peer else mark.colour
+        percent = f"{100.0 * mark.error:.0f} %" if mark.error > 0.1 else f"{100.0 * mark.error:.1f} %"
+        label = f"{mark.name}: {percent}"
+        axes.plot(
+            mark.seconds, 100.0 * mark.error, shape, color=mark.colour, mfc=fill, mew=1.8, ms=9.0, label=label, zorder=3
+        )
+    axes.axvline(_PERIOD_OF_THE_NODE, color=GREY, lw=1.0, ls="--", zorder=0, label="period of 500 Hz")
+    axes.set_xticks(list(_TICKS), list(_TICKS.values()))
+    axes.minorticks_off()
+    axes.set_ylim(0.0, 130.0 * max((m.error for m in marks), default=1.0))
+    below = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13), "frameon": False, "ncols": 2}
+    label_axes(axes, x="Time of one evaluation on one core", y=error, title=title, legend=below)
+
+
+def _figure(simulated: Sequence[Mark], real: Sequence[Mark]) -> Figure:
+    figure = new_figure(11.0, 5.8)
+    figure.suptitle("Without a load cell, choose the default. With one, turn on learning.", weight="bold")
+    left, right = figure.subplots(1, 2)
+    _draw(left, simulated, "Simulated grains, 11 runs", "Median error of the force [%]")
+    title = "Real sand: plates and a wheel" if real else "Real sand: the recordings are absent"
+    _draw(right, real, title, "RMS error of the force over its peak [%]")
+    return figure
+
+
 def study() -> StudyResult:
-    """Figure, page, numbers, and a table of errors by choice and group."""
+    """The figure, and a table of errors by choice and group."""
     judged = judged_choices()
     rows = []
     for choice in CHOICES:
@@ -327,7 +263,7 @@ def study() -> StudyResult:
     return StudyResult(
         name="models",
         title="Accuracy of the modelling choices against simulated grains",
-        figure=speed_accuracy_figure(simulated, real),
+        figure=_figure(simulated, real),
         table=TextTable(
             header=("errors [%]", *(name.partition(" (")[0] for name in GROUPS), "time of an evaluation"),
             rows=tuple(rows),

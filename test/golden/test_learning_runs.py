@@ -6,8 +6,8 @@ import pytest
 from studies.coverage import GROUPS, series_of_group, within
 from studies.dem import RUNS
 from studies.learning import (
-    CHOICES,
     LAGS,
+    MODELS,
     bag_series,
     coverage,
     dem_series,
@@ -18,14 +18,14 @@ from studies.learning import (
     with_layer,
 )
 
-PUBLISHED, REFINED = CHOICES
+PUBLISHED, REFINED = MODELS
 FRESH = (*RUNS, "drag_plate_b90_d15_y22", "fast_plate_b90_0p1mps_ref")
 
 
 @pytest.fixture(scope="module")
 def grains():
     """The simulated runs, by choice."""
-    return {choice.name: [dem_series(name, choice) for name in RUNS] for choice in CHOICES}
+    return {choice.name: [dem_series(name, choice) for name in RUNS] for choice in MODELS}
 
 
 def is_covered(series, outs):
@@ -61,14 +61,14 @@ def test_four_passes_in_one_trench():
     assert max(pass_errors(passes, learned(passes, lag=0.002).out)) <= 0.21
 
 
-@pytest.mark.parametrize("choice", CHOICES, ids=lambda choice: choice.name)
+@pytest.mark.parametrize("choice", MODELS, ids=lambda choice: choice.name)
 def test_fresh_ground_gives_at_most_one_surprise_in_a_metre_and_no_model_issue(choice):
     results = [learned(dem_series(name, choice), lag=0.002) for name in FRESH]
     assert sum(len(result.reports()) for result in results) <= 1
     assert not any(result.learning.issues() for result in results)
 
 
-@pytest.mark.parametrize("choice", CHOICES, ids=lambda choice: choice.name)
+@pytest.mark.parametrize("choice", MODELS, ids=lambda choice: choice.name)
 def test_the_buried_ball_is_harder_ground(choice):
     block = dem_series("buried_block", choice)
     result = learned(block, lag=0.002)
@@ -96,7 +96,7 @@ def test_vertical_errors_on_real_tools_lie_within_their_standard_deviations():
 
 
 @pytest.mark.usefixtures("shared_data")
-@pytest.mark.parametrize("choice", CHOICES, ids=lambda choice: choice.name)
+@pytest.mark.parametrize("choice", MODELS, ids=lambda choice: choice.name)
 @pytest.mark.parametrize("lag", LAGS)
 def test_each_component_of_the_force_lies_within_its_sigma_on_recordings_that_nothing_was_tuned_on(choice, lag):
     """60 to 80 % within one and at least 93 % within two; x had 89 % and y 86 % where both shared one scale."""

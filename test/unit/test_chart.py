@@ -4,7 +4,14 @@ import pytest
 
 from studies import models
 from studies.__main__ import main
-from studies.models import CHOICES, GROUPS, judged_choices
+from studies.choice import CHOICES
+from studies.models import GROUPS, Mark, front, judged_choices
+
+
+def test_no_mark_is_faster_and_more_accurate_than_one_of_the_front():
+    times_and_errors = [(2.5, 0.25), (1.5, 0.18), (14.0, 0.10), (15.0, 0.101), (220.0, 0.25)]
+    marks = [Mark(name="", seconds=s, error=e, colour="black") for s, e in times_and_errors]
+    assert front(marks) == [marks[1], marks[2]]
 
 
 @pytest.fixture(scope="module")
