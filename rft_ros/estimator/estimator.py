@@ -13,11 +13,10 @@ from rft_ros.estimator import samples
 from rft_ros.estimator.air_reading import AirReading
 from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, PastPose, Prediction, mean_in_air
+from rft_ros.estimator.load_cell import HISTORY, Compared, Comparison, LoadCellFrame, Prediction
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
 from rft_ros.estimator.quality import QualityMonitor
 from rft_ros.estimator.samples import (
-    NEW_RUN,
     Answer,
     Estimate,
     PoseSample,
@@ -27,9 +26,11 @@ from rft_ros.estimator.samples import (
     Wrench,
 )
 from rft_ros.estimator.sigma import Withdrawal, predict_without_learning
+from rft_ros.estimator.tare import PastPose, mean_in_air
+from rft_ros.estimator.timeline import NEW_RUN
 from rft_ros.ground import GroundMapper, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
-from rft_ros.rft import QUATERNION, SLACK, STATE, Memory, rotation_matrix
+from rft_ros.rft import QUATERNION, STATE, Memory, rotation_matrix
 from rft_ros.rft.arguments import number
 from rft_ros.rft.result import WIDTH
 from rft_ros.rft.traction import packed_law
@@ -40,8 +41,6 @@ __all__ = ["Estimator"]
 Array = NDArray[np.float64]
 
 _SLIVER = 0.01  # of a tool's area: merged plates reach beyond the tool; some are submerged while it is still 6 mm above
-_SLACK_OVER_NOISE = 5.0  # dead band of the memory, in standard deviations of the pose noise at the tool's tip
-_SLACK_MOST = 5e-4  # m
 
 
 class _Changes(NamedTuple):
@@ -103,7 +102,8 @@ class Estimator:
         self.surface = LocalSurface(settings.surface_height)
         """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
         self._poses: deque[PastPose] = deque(maxlen=HISTORY)  # for a tare
-        self._duration, self._result = np.zeros(1), np.zeros((1, WIDTH))
+        self._of_air: deque[Compared] = deque()  # waits until no late reading can come before it
+        self._duration, self._result = np.ones(1), np.zeros((1, WIDTH))
         self.state: Array = np.zeros(len(STATE))
         """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
         self._start_tool()
@@ -138,6 +138,20 @@ class Estimator:
     def issues(self) -> list[str]:
         """The current issues, from `ISSUES`. Without learning, only whether the load cell reads a force in the air."""
         return self._air.issues() if self.learning is None else self.learning.issues()
+
+    @property
+    def pose_noise(self) -> float:
+        """Standard deviation of a coordinate of the tool's farthest point, by the noise of the poses [m]."""
+        return self._kinematics.noise.at_tip(self._kinematics.reach)
+
+    @property
+    def wrench_frame(self) -> str:
+        """The frame of predicted, compensated and residual wrenches: `sensor_frame`, if it turns with the tool.
+
+        If it does not, `tool_frame`, whose axes they then have if `LoadCell.quaternion` is the identity; the torque is
+        about the sensor's origin all the same.
+        """
+        return self.settings.tool_frame if self._intake.sensor_is_in_world else self.settings.sensor_frame
 
     def unknown_frames(self) -> dict[Reason, str]:
         """For each reason that concerns frames, a sentence that names the frame which was refused last.
@@ -204,6 +218,7 @@ class Estimator:
         """Apply the current settings and model to what was learned, and forget what they change."""
         if new_load_cell:
             self._air.forget()
+            self._of_air.clear()
         if self.learning is None:
             return
         self.learning.use(lag=self.settings.learning_lag, reach=self.model.tool.plates.reach)
@@ -234,7 +249,7 @@ class Estimator:
     def _start_memory(self) -> None:
         """Start with the memory of a tool that has not moved yet, or with none if the law has none."""
         plates, has_memory = self.model.tool.plates, self.model.law.has_memory
-        self._memory = Memory(plates, slack=SLACK) if has_memory else None
+        self._memory = Memory(plates) if has_memory else None
         self._step = prepared(plates, self._memory)
 
     def _start_run(self) -> None:
@@ -292,6 +307,7 @@ class Estimator:
         """Call this after the last sample: it makes the measurements final that still wait for load-cell samples."""
         self._comparison.settle(math.inf)
         self._learn_readings()
+        self._follow_air(math.inf)
 
     def tare(self, window: float) -> Wrench:
         """The bias that makes the mean compensated wrench of the last `window` [s] zero, in the driver's sign.
@@ -300,8 +316,10 @@ class Estimator:
         grains or had an unknown velocity, or if there are too few load-cell samples.
         """
         rest, reach = self.settings.rest_speed, self.model.tool.plates.reach
-        mean = mean_in_air(self._comparison.samples, self._poses, window, rest_speed=rest, reach=reach)
         frame = self._load_cell_frame or LoadCellFrame(self.load_cell)
+        mean = mean_in_air(
+            self._comparison.readings, self._poses, frame, window=window, rest_speed=rest, reach=reach
+        )  # fmt: skip
         _, offset, _ = frame.into_sensor(self.state[QUATERNION], np.zeros(12))
         fx, fy, fz, tx, ty, tz = (mean - frame.sign * np.array(offset) + self.load_cell.bias).tolist()
         return fx, fy, fz, tx, ty, tz
@@ -327,6 +345,7 @@ class Estimator:
         """
         pose = self._accepted(sample)
         self._learn_readings()
+        self._follow_air(pose.stamp)
         frame = self._load_cell_frame
         if frame is None:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
@@ -385,12 +404,12 @@ class Estimator:
 
         The result (wrench, area, sensitivities) is overwritten at the next pose.
         """
-        self._duration[0], surface = motion.duration, self.surface
+        surface = self.surface
         step = self._law, motion.state, self._duration, surface.height, surface.slope, self._result
         if self._memory is None:
             self._step(*step)
         else:
-            self._step(*step, slack=min(_SLACK_OVER_NOISE * motion.tip_noise, _SLACK_MOST))
+            self._step(*step, slack=motion.dead_band)
         row: Array = self._result[0]
         fx, fy, fz, _, _, _, area, *_ = numbers = row.tolist()
         if 0.0 < area < self._sliver and self.depth() <= 0.0:
@@ -411,11 +430,20 @@ class Estimator:
         return self.learning.predict(motion.pose.stamp, row, step=motion.path, passing=passing, apply=apply)
 
     def _learn_readings(self) -> None:
-        """Update the air reading and the filter with the readings since the last call."""
-        for reading in self._comparison.readings():
-            if reading.in_air:
-                self._air.add_in_air(reading.force)
-            else:
-                self._air.add_in_grains(reading.predicted)
+        """Update the filter with the readings since the last call."""
+        for compared in self._comparison.compared():
+            self._of_air.append(compared)
             if self.learning is not None:
-                self.learning.learn(reading.stamp, reading.force, repeated=reading.repeated)
+                self.learning.learn(compared.stamp, compared.force, repeated=compared.repeated)
+
+    def _follow_air(self, now: float) -> None:
+        """Update the air reading with the readings before which no late one can come any more. `now` [ns]: of a pose.
+
+        So it depends on stamps and not on the order of arrival.
+        """
+        while self._of_air and self._of_air[0].stamp < now - self._comparison.patience:
+            compared = self._of_air.popleft()
+            if compared.in_air:
+                self._air.add_in_air(compared.force)
+            else:
+                self._air.add_in_grains(compared.predicted)

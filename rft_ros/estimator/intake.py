@@ -2,24 +2,12 @@
 
 import math
 from collections import Counter, deque
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from rft_ros.estimator import samples
-from rft_ros.estimator.load_cell import Comparison
-from rft_ros.estimator.samples import (
-    LATE,
-    NEW_RUN,
-    NEXT,
-    PATIENCE,
-    REPEATED,
-    PoseSample,
-    Reason,
-    RefusedError,
-    Succession,
-    TwistSample,
-    WrenchSample,
-    succession,
-)
+from rft_ros.estimator.load_cell import Comparison, Reading
+from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TransformSample, TwistSample, WrenchSample
+from rft_ros.estimator.timeline import LATE, NEW_RUN, NEXT, PATIENCE, REPEATED, Succession, Timeline, succession
 from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import DELAY, Cloud, GroundMapper
 from rft_ros.parameters import Settings
@@ -49,23 +37,21 @@ _UNKNOWN = {
     Reason.POSE_FRAME_UNKNOWN: "pose frame_id {!r} is not world_frame {!r}",
     Reason.TWIST_FRAME_UNKNOWN: "twist frame_id {!r} is neither world_frame {!r} nor tool_frame {!r}",
     Reason.SURFACE_FRAME_UNKNOWN: "surface_points frame_id {!r} is not world_frame {!r}, nor fixed in it",
-    Reason.WRENCH_FRAME_UNKNOWN: "wrench frame_id {!r} is not sensor_frame {!r}",
+    Reason.WRENCH_FRAME_UNKNOWN: "wrench frame_id {!r} is neither sensor_frame {!r} nor world_frame {!r}",
 }
-
-_Sample = TypeVar("_Sample", TwistSample, WrenchSample)
 
 
 class Intake:
     """Checks and keeps samples. Raises `RefusedError` with the reason for a sample that cannot be used.
 
-    `twists`: those kept, in the order of their stamps; load-cell samples are kept in `comparison`. The first sample of
-    a new run (`Succession`) drops the earlier ones. With `pose_source` tf, `counts` counts the reasons for which
-    transforms give no pose.
+    `twists`: those kept; readings of the load cell are kept in `comparison`. The first sample of a new run
+    (`Succession`) drops the earlier ones. With `pose_source` tf, `counts` counts the reasons for which transforms give
+    no pose.
     """
 
     def __init__(self, settings: Settings, counts: Counter[Reason], comparison: Comparison) -> None:
         self.transforms = Transforms()
-        self.twists: deque[TwistSample] = deque(maxlen=_TWISTS)
+        self.twists: Timeline[TwistSample] = Timeline(_TWISTS)
         self._counts, self._comparison = counts, comparison
         self._pose_stamp = 0  # of the last pose
         self._wanted: deque[int] = deque()  # stamps whose poses wait for transforms
@@ -76,11 +62,12 @@ class Intake:
         self.use_settings(settings)
 
     def use_settings(self, settings: Settings) -> None:
-        """Apply new settings. Samples in the axes of a frame that changes are dropped."""
+        """Apply new settings. Samples in the axes of a frame that changes, or with another delay, are dropped."""
         old, self._settings = self._settings, settings
-        if settings.sensor_frame != old.sensor_frame:
+        self._delay = round(1e9 * settings.load_cell.delay)
+        if _of_readings(settings) != _of_readings(old):
             self._comparison.settle(math.inf)
-            self._comparison.samples.clear()
+            self._comparison.readings.clear()
         if (settings.world_frame, settings.tool_frame) != (old.world_frame, old.tool_frame):
             self.twists.clear()
         self._unknown.clear()
@@ -88,16 +75,21 @@ class Intake:
 
     def start_run(self, stamp: int) -> None:
         """Start a new run at a pose whose stamp jumped back to `stamp` [ns]: drop the samples of the run before."""
-        for history in (self.twists, self._comparison.samples):
-            if history and succession(stamp, after=history[-1].stamp) is NEW_RUN:
-                history.clear()
+        self.twists.start_run(stamp)
+        self._comparison.readings.start_run(stamp)
+
+    @property
+    def sensor_is_in_world(self) -> bool:
+        """Whether `sensor_frame` is the world frame, or fixed in it, and so does not turn with the tool."""
+        world, sensor = self._settings.world_frame, self._settings.sensor_frame
+        return sensor == world or self.transforms.fixed(world, sensor) is not None
 
     # --- samples
 
     def pose(self, sample: PoseSample) -> tuple[PoseSample, Succession]:
         """The pose in world axes, its quaternion of unit length, and whether it is the next one or begins a new run."""
         stamp, world = sample.stamp, self._settings.world_frame
-        base = self._placed(_POSE, sample, world)
+        _, base = self._linked(_POSE, sample, world)
         if not _are_finite(*sample.position, *sample.quaternion):
             raise RefusedError(Reason.POSE_NOT_FINITE)
         position, quaternion = sample.position, unit_quaternion(*sample.quaternion)
@@ -115,9 +107,7 @@ class Intake:
         self._pose_stamp = stamp
         return PoseSample(stamp, world, position, quaternion), follows
 
-    def add(
-        self, sample: TwistSample | WrenchSample | Cloud | samples.TransformSample, mapper: GroundMapper | None
-    ) -> None:
+    def add(self, sample: TwistSample | WrenchSample | Cloud | TransformSample, mapper: GroundMapper | None) -> None:
         """Keep a sample that is no pose. A cloud goes to the `mapper`; None: the ground is a level plane."""
         if isinstance(sample, TwistSample):
             self._add_twist(sample)
@@ -134,29 +124,45 @@ class Intake:
         """Keep a twist, in the axes of the world or the tool frame."""
         if self._settings.twist_source != "topic":
             return  # a replay does not read this topic either, so that both give the same result
-        world, tool = self._settings.world_frame, self._settings.tool_frame
-        axes = self._placed(_TWIST, sample, world, tool)
+        into, axes = self._linked(_TWIST, sample, self._settings.world_frame, self._settings.tool_frame)
         if not _are_finite(*sample.linear, *sample.angular):
             raise RefusedError(Reason.TWIST_NOT_FINITE)
         if axes is not None:
-            into = world if self.transforms.fixed(world, sample.frame) is not None else tool
             sample = TwistSample(sample.stamp, into, axes.rotate(sample.linear), axes.rotate(sample.angular))
-        self._keep(Reason.TWIST_OUT_OF_ORDER, self.twists, sample)
+        follows = self.twists.add(sample)
+        if follows in (REPEATED, LATE):
+            raise RefusedError(Reason.TWIST_OUT_OF_ORDER)
+        if follows is NEW_RUN:
+            self._comparison.settle(math.inf)
+        self._comparison.settle(sample.stamp)
 
     def _add_wrench(self, sample: WrenchSample) -> None:
-        """Keep a reading of the load cell, in the sensor frame."""
-        there = self._placed(_WRENCH, sample, self._settings.sensor_frame)
-        if there is not None:
-            sample = WrenchSample(sample.stamp, self._settings.sensor_frame, there.wrench(sample.wrench))
-        if not _are_finite(*sample.wrench):
+        """Keep a reading of the load cell at the stamp of its event, in the axes of the sensor or the world frame."""
+        s, stamp = self._settings, sample.stamp - self._delay
+        into, there = self._linked(_WRENCH, sample._replace(stamp=stamp), s.sensor_frame, s.world_frame)
+        in_world = s.sensor_source == "world" or self.sensor_is_in_world or into == s.world_frame
+        if self.sensor_is_in_world and into == s.sensor_frame:
+            of_sensor = self.transforms.fixed(s.world_frame, s.sensor_frame)
+            there = of_sensor if there is None or of_sensor is None else of_sensor.of(there)
+        if there is not None and in_world:  # the torque is about the sensor's origin, wherever the frame's origin lies
+            there = there._replace(position=(0.0, 0.0, 0.0))
+        wrench = sample.wrench if there is None else there.wrench(sample.wrench)
+        if not _are_finite(*wrench):
             raise RefusedError(Reason.WRENCH_NOT_FINITE)
-        self._keep(Reason.WRENCH_OUT_OF_ORDER, self._comparison.samples, sample)
+        last = self._comparison.readings.last
+        follows = NEXT if last is None else succession(stamp, after=last.stamp)
+        if follows in (REPEATED, LATE):  # the first one of several with one stamp, also if a pose came between them
+            raise RefusedError(Reason.WRENCH_OUT_OF_ORDER)
+        if follows is NEW_RUN:
+            self._comparison.settle(math.inf)
+        self._comparison.readings.add(Reading(stamp, wrench, in_world))
+        self._comparison.settle(stamp)
 
     def _add_cloud(self, cloud: Cloud, mapper: GroundMapper | None) -> None:
         """Pass points of the ground to the mapper, with their frame's placement in the world if that is another one."""
         if mapper is None:
             raise RefusedError(Reason.SURFACE_OFF)
-        camera = self._placed(_SURFACE, cloud, self._settings.world_frame)
+        _, camera = self._linked(_SURFACE, cloud, self._settings.world_frame)
         follows = succession(cloud.stamp, after=mapper.cloud_stamp)
         if follows in (REPEATED, LATE):
             raise RefusedError(Reason.SURFACE_OUT_OF_ORDER)
@@ -166,32 +172,20 @@ class Intake:
             raise RefusedError(Reason.SURFACE_RATE_LIMITED)
         mapper.add(cloud, camera)
 
-    def _placed(self, reasons: _OfHeader, sample: samples.Stamped, *expected: str) -> Placement | None:
-        """Placement of a sample's frame in the first of the expected frames to which fixed transforms link it.
+    def _linked(self, reasons: _OfHeader, sample: samples.Stamped, *expected: str) -> tuple[str, Placement | None]:
+        """The first of the expected frames to which fixed transforms link a sample's frame, and the placement in it.
 
-        None if the sample is in one of the expected frames. Raises `RefusedError` if none is linked.
+        The placement is None if the sample is in this frame. Raises `RefusedError` if none is linked.
         """
         if sample.stamp <= 0:
             raise RefusedError(reasons.stamp_zero)
         if sample.frame in expected:
-            return None
+            return sample.frame, None
         for into in expected:
             if (placement := self.transforms.fixed(into, sample.frame)) is not None:
-                return placement
+                return into, placement
         self._unknown[reasons.frame_unknown] = sample.frame, *expected
         raise RefusedError(reasons.frame_unknown)
-
-    def _keep(self, out_of_order: Reason, history: deque[_Sample], sample: _Sample) -> None:
-        """Keep a sample. The first one of several with one stamp is used, also if a pose arrived between them."""
-        if history:
-            follows = succession(sample.stamp, after=history[-1].stamp)
-            if follows is NEW_RUN:
-                self._comparison.settle(math.inf)
-                history.clear()
-            elif follows is not NEXT:
-                raise RefusedError(out_of_order)
-        history.append(sample)
-        self._comparison.settle(sample.stamp)
 
     def unknown_frames(self) -> dict[Reason, str]:
         """For each reason a sentence on the frame refused last under these settings, unless transforms link it now."""
@@ -211,15 +205,18 @@ class Intake:
     def poses_after(self, sample: samples.Sample) -> list[PoseSample]:
         """With `pose_source` tf: the poses of `tool_frame` that are ready after a sample that was taken.
 
-        Their stamps are those of the load cell or, with `tf_rate`, multiples of its period. A pose is ready once the
-        transforms on both sides of its stamp have come, so it depends on stamps only. If they do not come within
-        `PATIENCE`, the stamp has no pose, and the reason is counted.
+        Their stamps are those of the load cell's events or, with `tf_rate`, multiples of its period. A pose is ready
+        once the transforms on both sides of its stamp have come, so it depends on stamps only. If they do not come
+        within `PATIENCE`, the stamp has no pose, and the reason is counted.
         """
         s = self._settings
         if s.pose_source != "tf" or isinstance(sample, TwistSample):
             return []
-        if isinstance(sample, WrenchSample) and s.tf_rate == 0.0 and sample.stamp > 0:
-            self._want(sample.stamp)
+        if isinstance(sample, WrenchSample):
+            stamp = sample.stamp - self._delay
+            if s.tf_rate == 0.0 and stamp > 0:
+                self._want(stamp)
+            return self._ready(stamp)
         if isinstance(sample, samples.Stamped):
             return self._ready(sample.stamp)
         newest = self.transforms.newest(s.world_frame, s.tool_frame) if s.tf_rate > 0.0 else None
@@ -268,6 +265,11 @@ class Intake:
                 self._counts[place] += 1
             self._wanted.popleft()
         return found
+
+
+def _of_readings(settings: Settings) -> tuple[str, float, bool]:
+    """What decides the stamps and the axes of the load cell's readings."""
+    return settings.sensor_frame, settings.load_cell.delay, settings.sensor_source == "world"
 
 
 def _are_finite(*numbers: float) -> bool:

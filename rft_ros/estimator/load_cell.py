@@ -1,4 +1,4 @@
-"""The load cell: its frame, its tare, and how its samples are compared with the predictions."""
+"""The load cell: its frame on the tool, and how its readings are compared with the predictions."""
 
 import math
 from collections import Counter, deque
@@ -7,17 +7,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError
-from rft_ros.estimator.samples import PATIENCE, Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample, around
+from rft_ros.estimator.samples import Measurement, PoseSample, Reason, Vector, Wrench
 from rft_ros.estimator.sigma import parts_of_prediction
+from rft_ros.estimator.timeline import PATIENCE, Timeline, between
 from rft_ros.parameters import LoadCell
-from rft_ros.rft import POSITION, QUATERNION
 from rft_ros.rft.frames import attitude, into_frame
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.rft.placement import Placement
 
-__all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "PastPose", "Prediction", "Reading"]
-__all__ += ["drift", "mean_in_air"]
+__all__ = ["GRAVITY", "HISTORY", "Compared", "Comparison", "LoadCellFrame", "Prediction", "Reading"]
 
 Array = NDArray[np.float64]
 
@@ -28,10 +26,6 @@ HISTORY = 8192
 """Load-cell samples kept: 8 s of a 1 kHz stream. A pose that is older than all of them has no measurement."""
 
 _MOST_PENDING = 4096  # estimates that wait for samples; if there are more, the oldest is compared early
-_FEWEST_FOR_TARE = 10
-_STRETCH = 0.25
-"""Time over which poses are averaged to see a drift [s]. It reduces 10 µm of pose noise at 125 Hz to 0.01 mm/s."""
-
 
 _MOUNT = np.dtype(
     [
@@ -80,6 +74,17 @@ def _into_sensor(mounts, quaternion, with_sigma, outs):
         sigma[i] = math.sqrt(sigma[i])
 
 
+class Reading(NamedTuple):
+    """A raw reading of the load cell, at the stamp of its event [ns]; in sensor axes or, if `in_world`, in world axes.
+
+    `wrench`: force [N] and torque about the sensor's origin [N m].
+    """
+
+    stamp: int
+    wrench: Wrench
+    in_world: bool
+
+
 class LoadCellFrame:
     """A load cell's mounting, tool weight and bias, prepared once."""
 
@@ -104,6 +109,14 @@ class LoadCellFrame:
         wrench, offset, sigma = map(tuple, rows)
         return wrench, offset, sigma
 
+    def in_own_axes(self, reading: "Reading", tool: PoseSample) -> Wrench:
+        """A reading in the sensor frame. `tool`: the pose of the tool frame at its stamp."""
+        if not reading.in_world:
+            return reading.wrench
+        (x, y, z), (i, j, k) = reading.wrench[:3], reading.wrench[3:]
+        to_sensor = Placement(tool.position, tool.quaternion).of(self._place).inverse()
+        return *to_sensor.rotate((x, y, z)), *to_sensor.rotate((i, j, k))
+
     def into_world(self, tool: PoseSample, force: Vector) -> Vector:
         """Rotate a force [N] from sensor axes to world axes. `tool`: the pose of the tool frame."""
         return Placement(tool.position, tool.quaternion).rotate(self._place.rotate(force))
@@ -119,8 +132,8 @@ class Prediction(NamedTuple):
     in_air: bool
 
 
-class Reading(NamedTuple):
-    """The load cell's reading at the stamp [ns] of a prediction.
+class Compared(NamedTuple):
+    """What the load cell measured at the stamp [ns] of a prediction.
 
     `force`: compensated [N], world axes. `predicted`: magnitude of the predicted force [N]. `repeated`: the raw reading
     equals the one before, bit by bit. `in_air`: the tool touched nothing.
@@ -134,22 +147,27 @@ class Reading(NamedTuple):
 
 
 class Comparison:
-    """Compares each prediction with the load cell at its stamp, once the samples around the stamp have come.
+    """Compares each prediction with the load cell at its stamp, once the readings around the stamp have come.
 
-    The reading is interpolated linearly between the samples on both sides of the stamp, each within `max_age` [ns]. If
-    no sample follows within that, the last one before the stamp is used. A prediction waits for a later sample until
-    another input has a stamp that is later by 1 s, or by `max_age` if that is longer. `samples`: of the load cell, in
-    the order of stamps; the intake adds them. Reasons for predictions without a measurement are counted in `counts`.
+    The reading is interpolated linearly between those on both sides of the stamp, each within `max_age` [ns]. If no
+    reading follows within that, the last one before the stamp is used. A prediction waits for a later reading until
+    another input has a stamp that is later by `patience`: 1 s, or `max_age` if that is longer. `readings`: the intake
+    adds them. Reasons for predictions without a measurement are counted in `counts`.
     """
 
     def __init__(self, counts: Counter[Reason]) -> None:
-        self.samples: deque[WrenchSample] = deque(maxlen=HISTORY)
+        self.readings: Timeline[Reading] = Timeline(HISTORY)
         self._counts = counts
         self._pending: deque[Prediction] = deque()
         self._final: list[Measurement] = []
-        self._readings: list[Reading] = []
+        self._compared: list[Compared] = []
         self._last_raw: Wrench | None = None
         self.max_age = 0
+
+    @property
+    def patience(self) -> int:
+        """How long a prediction waits for a reading [ns]."""
+        return max(self.max_age, PATIENCE)
 
     def add(self, prediction: Prediction) -> None:
         """Add a prediction."""
@@ -160,11 +178,8 @@ class Comparison:
 
     def settle(self, now: float) -> None:
         """Compare the predictions that need not wait. `now` [ns]: the stamp of the sample that has just come."""
-        pending = self._pending
-        if not pending:
-            return
-        newest = self.samples[-1].stamp if self.samples else 0
-        late = now - max(self.max_age, PATIENCE)
+        pending, last = self._pending, self.readings.last
+        newest, late = last.stamp if last else 0, now - self.patience
         while pending and ((stamp := pending[0].pose.stamp) <= newest or stamp < late):
             self._final.append(self._measured(pending.popleft()))
 
@@ -173,113 +188,29 @@ class Comparison:
         final, self._final = self._final, []
         return final
 
-    def readings(self) -> list[Reading]:
-        """The readings of the measurements that became final since the last call of this, in their order."""
-        new, self._readings = self._readings, []
+    def compared(self) -> list[Compared]:
+        """What was measured since the last call of this, in the order of the estimates."""
+        new, self._compared = self._compared, []
         return new
 
     def _measured(self, prediction: Prediction) -> Measurement:
-        stamp, cell = prediction.pose.stamp, prediction.cell
-        before, after = around(self.samples, stamp)
-        if before is None or stamp - before.stamp > self.max_age:
+        pose, cell = prediction.pose, prediction.cell
+        before, after, share = self.readings.around(pose.stamp)
+        if before is None or pose.stamp - before.stamp > self.max_age:
             reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
             self._counts[reason] += 1
-            return Measurement(stamp, None, None, reason)
+            return Measurement(pose.stamp, None, None, reason)
         raw = before.wrench
-        if before.stamp < stamp and after is not None and after.stamp - stamp <= self.max_age:
-            share = (stamp - before.stamp) / (after.stamp - before.stamp)
-            raw = _interpolated(before.wrench, after.wrench, share)
+        if share > 0.0 and after and after.stamp - pose.stamp <= self.max_age and after.in_world == before.in_world:
+            raw = _wrench(*between(raw, after.wrench, share))
         repeated, self._last_raw = raw == self._last_raw, raw
-        signed = raw if cell.sign > 0.0 else _negative(raw)
-        compensated = _difference(signed, prediction.offset)
-        force = cell.into_world(prediction.pose, compensated[:3])
-        fx, fy, fz, *_ = prediction.wrench
-        self._readings.append(Reading(stamp, force, math.hypot(fx, fy, fz), repeated, prediction.in_air))
-        return Measurement(stamp, compensated, _difference(compensated, prediction.wrench), None)
+        wrench = cell.in_own_axes(Reading(pose.stamp, raw, before.in_world), pose)
+        compensated = _wrench(*[cell.sign * r - o for r, o in zip(wrench, prediction.offset, strict=True)])
+        residual = _wrench(*[c - p for c, p in zip(compensated, prediction.wrench, strict=True)])
+        force, size = cell.into_world(pose, compensated[:3]), math.hypot(*prediction.wrench[:3])
+        self._compared.append(Compared(pose.stamp, force, size, repeated, prediction.in_air))
+        return Measurement(pose.stamp, compensated, residual, None)
 
 
-# Written out by component, since loops take twice as long.
-
-
-def _interpolated(a: Wrench, b: Wrench, share: float) -> Wrench:
-    """The wrench at a share of the way from one to the other."""
-    (ax, ay, az, dx, dy, dz), (bx, by, bz, ex, ey, ez) = a, b
-    return (
-        ax + share * (bx - ax),
-        ay + share * (by - ay),
-        az + share * (bz - az),
-        dx + share * (ex - dx),
-        dy + share * (ey - dy),
-        dz + share * (ez - dz),
-    )
-
-
-def _difference(a: Wrench, b: Wrench) -> Wrench:
-    (ax, ay, az, dx, dy, dz), (bx, by, bz, ex, ey, ez) = a, b
-    return ax - bx, ay - by, az - bz, dx - ex, dy - ey, dz - ez
-
-
-def _negative(wrench: Wrench) -> Wrench:
-    fx, fy, fz, tx, ty, tz = wrench
-    return -fx, -fy, -fz, -tx, -ty, -tz
-
-
-class PastPose(NamedTuple):
-    """A past pose. `refusal`: why a tare must not use it; None if it may."""
-
-    pose: PoseSample
-    refusal: str | None
-
-
-def drift(time: Array, places: Array, reach: float) -> float:
-    """Greatest speed [m/s] between the means of successive quarters of a second, which average out noise of the poses.
-
-    `time` [s], shape [n], n at least 2; `places`: position and quaternion, shape [n, 7]; `reach` of the plates [m].
-    """
-    quaternions = places[:, QUATERNION]
-    alike = np.where(quaternions @ quaternions[-1] < 0.0, -1.0, 1.0)  # q and -q are one attitude
-    count = min(max(2, round((time[-1] - time[0]) / _STRETCH)), len(time))
-
-    def steps(values: Array) -> Array:
-        return np.diff([part.mean(axis=0) for part in np.array_split(values, count)], axis=0)
-
-    moved = np.linalg.norm(steps(places[:, POSITION]), axis=1)
-    turned = 2.0 * np.linalg.norm(steps(alike[:, None] * quaternions), axis=1)
-    return float(((moved + reach * turned) / steps(time)).max())
-
-
-def mean_in_air(
-    samples: deque[WrenchSample],
-    poses: deque[PastPose],
-    window: float,
-    *,
-    rest_speed: float,
-    reach: float,
-) -> Array:
-    """Mean of the raw samples over the last `window` [s], shape [6]. Raises InputError if a tare would be wrong now.
-
-    `poses`: the last ones, at most `HISTORY`. The tool must not drift faster than `rest_speed` [m/s]. `reach` of its
-    plates [m].
-    """
-    if not poses:
-        raise InputError("tare refused: no pose with a known velocity has come yet")
-    end = samples[-1].stamp if samples else poses[-1].pose.stamp
-    start = end - round(window * 1e9)
-    refused = f"tare refused: within the last {window:g} s"
-    recent = [past for past in poses if past.pose.stamp > start]
-    for past in reversed(recent):
-        if past.refusal is not None:
-            raise InputError(f"{refused} {past.refusal}")
-    if len(recent) < 2:
-        raise InputError(f"{refused} no pose has shown the tool at rest")
-    time = np.array([past.pose.stamp - start for past in recent]) * 1e-9
-    speed = drift(time, np.array([(*past.pose.position, *past.pose.quaternion) for past in recent]), reach)
-    if speed >= rest_speed:
-        raise InputError(f"{refused} the tool moved at {speed:.4f} m/s")
-    if len(poses) == HISTORY:
-        start = max(start, recent[0].pose.stamp)
-    used = [s.wrench for s in samples if s.stamp > start]
-    if len(used) < _FEWEST_FOR_TARE:
-        raise InputError(f"{refused} {len(used)} load-cell samples came; it needs {_FEWEST_FOR_TARE}")
-    mean: Array = np.mean(used, axis=0)
-    return mean
+def _wrench(fx: float, fy: float, fz: float, tx: float, ty: float, tz: float) -> Wrench:
+    return fx, fy, fz, tx, ty, tz

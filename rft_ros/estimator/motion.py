@@ -1,7 +1,6 @@
 """The motion of the tool at a pose: its velocity, from twists or from the poses themselves, and its path."""
 
 import math
-from collections import deque
 from collections.abc import Sequence
 from struct import Struct
 from typing import NamedTuple
@@ -10,17 +9,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.pose_difference import PoseDifference
-from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TwistSample, Vector, around
+from rft_ros.estimator.pose_noise import PoseNoise
+from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TwistSample, Vector
+from rft_ros.estimator.timeline import Timeline, between, turned_between
 from rft_ros.parameters import Settings
-from rft_ros.rft import STATE
-from rft_ros.rft.placement import Placement
+from rft_ros.rft import SLACK, STATE
+from rft_ros.rft.placement import Placement, Quaternion
 
 __all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion"]
 
 UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTORY_SHORT}
 """Reasons for which a pose has no velocity."""
 
-_MOVED = 1e-4  # m; a driver that sends few poses must not make path of their noise at rest
+_BAND_OVER_NOISE = 5.0  # dead band, in standard deviations of the pose noise at the tool's tip
+_WIDEST_BAND = 2e-3  # m
 _PACK_STATE = Struct(f"{len(STATE)}d")  # writes a state in half the time that numpy takes
 
 
@@ -29,10 +31,8 @@ class Motion(NamedTuple):
 
     `state`: shape [1, 13], columns `rft_ros.rft.STATE`. `velocity`: of the tool frame's origin, world axes [m/s].
     `speed_bound`: an upper bound on the plates' speeds [m/s]. `rests`: it is below `rest_speed`. `path`: an upper bound
-    on the path of any plate since the motion before [m]. `duration`: time since then [s]. `tip_noise`: standard
-    deviation of a coordinate of the tool's farthest point, by the noise of the poses [m]. The noise of positions and
-    that of rotations are estimated separately, and count as 0 until they are known. They stay unknown if the twists
-    come from a topic, and while the poses do not vary, such as the attitude of an arm that only translates.
+    on the displacement of any plate since the motion before, beyond the dead band [m]. `rise`: displacement of the
+    origin upwards in it [m]. `dead_band` [m]: displacements within it are noise of the poses.
     """
 
     pose: PoseSample
@@ -41,14 +41,18 @@ class Motion(NamedTuple):
     speed_bound: float
     rests: bool
     path: float
-    duration: float
-    tip_noise: float
+    rise: float
+    dead_band: float
 
 
 class Kinematics:
-    """Follows the motion of one tool; `reach`: largest distance of its plates from the tool frame's origin [m]."""
+    """Follows the motion of one tool; `reach`: largest distance of its plates from the tool frame's origin [m].
 
-    def __init__(self, settings: Settings, twists: deque[TwistSample], reach: float) -> None:
+    Velocities are those of the twists, or are found from the poses. The path is always that of the poses: of a pose
+    that follows the tool's at the distance of the dead band, so that noise at rest is no path.
+    """
+
+    def __init__(self, settings: Settings, twists: Timeline[TwistSample], reach: float) -> None:
         self.reach, self._twists, self._settings = reach, twists, settings
         self.start_run()
 
@@ -63,8 +67,13 @@ class Kinematics:
     def start_run(self) -> None:
         """Start a new run, or a run in new axes: drop the poses and the motion so far."""
         self._difference = PoseDifference()
-        self._before: Motion | None = None
+        self._followed: Placement | None = None
         self.use_settings(self._settings)
+
+    @property
+    def noise(self) -> PoseNoise:
+        """The noise of the poses."""
+        return self._difference.noise
 
     def at(self, pose: PoseSample) -> Motion:
         """The motion at a pose. Raises `RefusedError` without a velocity, or if `max_rate` allows no answer yet."""
@@ -77,28 +86,27 @@ class Kinematics:
         self._due = max(self._due, pose.stamp) + self._period
         vx, vy, vz, wx, wy, wz = velocity
         bound = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.reach
-        rests = bound < self._settings.rest_speed or bound == 0.0
-        path, duration = self._path_since(pose, 0.0 if rests else bound)
-        noise = self._difference.noise
+        dead_band = min(max(_BAND_OVER_NOISE * self.noise.at_tip(self.reach), SLACK), _WIDEST_BAND)
+        path, rise = self._follow(pose.position, pose.quaternion, dead_band)
         state = np.empty((1, len(STATE)))
         _PACK_STATE.pack_into(state.data, 0, *pose.position, *pose.quaternion, *velocity)
-        self._before = motion = Motion(
+        return Motion(
             pose=pose,
             state=state,
             velocity=(vx, vy, vz),
             speed_bound=bound,
-            rests=rests,
+            rests=bound < self._settings.rest_speed or bound == 0.0,
             path=path,
-            duration=duration,
-            tip_noise=math.sqrt(noise.position + self.reach * self.reach * noise.rotation),
+            rise=rise,
+            dead_band=dead_band,
         )
-        return motion
 
     def _velocity(self, pose: PoseSample) -> Sequence[float] | Reason:
         """Linear and angular velocity at a pose, world axes; or the reason why it has none."""
         if self._settings.twist_source == "pose_difference":
             return self._difference.twist.tolist() if self._difference.push(pose) else Reason.POSE_HISTORY_SHORT
-        twist, _ = around(self._twists, pose.stamp)
+        self.noise.add(pose, gap=self._max_age)
+        twist, _, _ = self._twists.around(pose.stamp)
         if twist is None:
             return Reason.TWIST_MISSING
         if pose.stamp - twist.stamp > self._max_age:
@@ -108,22 +116,17 @@ class Kinematics:
         to_world = Placement(pose.position, pose.quaternion)
         return *to_world.rotate(twist.linear), *to_world.rotate(twist.angular)
 
-    def _path_since(self, pose: PoseSample, speed: float) -> tuple[float, float]:
-        """Path [m] and duration [s] since the motion before. `speed` [m/s]: 0 at rest.
-
-        After a gap longer than `max_input_age` the speeds in between are unknown. The path is then the displacement
-        between the two poses, and the duration is the path over the mean speed. Where the tool rests at both poses, the
-        duration is that of the gap, and a displacement below `_MOVED` is noise.
-        """
-        if self._before is None:
+    def _follow(self, position: Vector, quaternion: Quaternion, dead_band: float) -> tuple[float, float]:
+        """Let the followed pose follow this one; returns path and rise of it."""
+        if self._followed is None:
+            self._followed = Placement(position, quaternion)
             return 0.0, 0.0
-        last = self._before.pose
-        mean = 0.5 * (speed + (0.0 if self._before.rests else self._before.speed_bound))
-        duration = (pose.stamp - last.stamp) * 1e-9
-        if pose.stamp - last.stamp <= self._max_age:
-            return mean * duration, duration
-        cosine = abs(sum(a * b for a, b in zip(pose.quaternion, last.quaternion, strict=True)))
-        path = math.dist(pose.position, last.position) + self.reach * 2.0 * math.acos(min(cosine, 1.0))
-        if mean == 0.0:
-            return (path if path > _MOVED else 0.0), duration
-        return path, path / mean
+        before, attitude = self._followed
+        cosine = abs(sum([a * b for a, b in zip(quaternion, attitude, strict=True)]))
+        size = math.dist(position, before) + self.reach * 2.0 * math.acos(min(cosine, 1.0))
+        if size <= dead_band:
+            return 0.0, 0.0
+        share = 1.0 - dead_band / size
+        x, y, z = between(before, position, share)
+        self._followed = Placement((x, y, z), turned_between(attitude, quaternion, share))
+        return size - dead_band, z - before[2]

@@ -6,54 +6,37 @@ misfit stays within the noise of the poses. Across a reversal a longer one would
 """
 
 import math
-from typing import NamedTuple
 
 import numpy as np
 
+from rft_ros.estimator.pose_noise import PoseNoise
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.rft import POSITION, QUATERNION
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
-__all__ = ["PoseDifference", "PoseNoise"]
+__all__ = ["PoseDifference"]
 
 _CAPACITY = 2048  # poses: the longest window, 1 s, at 2 kHz
 _FEWEST, _FEWEST_OF_PARABOLA = 3, 5
-_MISFITS = 256  # misfits that are kept
-_REFRESH = 16  # new misfits between two estimates of the noise, and before the first one
-_QUANTILE, _CHI2_OF_QUANTILE = 0.95, 7.815
-"""The noise is estimated from this quantile of the misfits, which have a chi-squared distribution of 3 degrees.
-
-A high quantile, since poses with jittering stamps are noise, too; the few misfits at reversals change it little.
-"""
 _UNLIKELY = 8.0  # standard deviations of chi-squared; beyond, the window is shortened, and the slope is noisier
 _MOVES = 40.0  # chi-squared with probability 1e-8: false motion at rest would release the held force
-_ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
 _THIN = 1.0 / 64.0  # of the window: in its older part, poses closer than this to the one before are skipped
 _POSITIONS, _ROTATIONS = 0, 1  # the two kinds of coordinates of a pose, which have noise of their own
-
-
-class PoseNoise(NamedTuple):
-    """Variance of one coordinate of a pose: of positions [m²] and of rotations [rad²]; 0 while unknown."""
-
-    position: float
-    rotation: float
 
 
 class PoseDifference:
     """Keeps the last poses, and computes the `twist` at the newest: vx, vy, vz, wx, wy, wz [m/s], [rad/s], world axes.
 
-    A twist within the noise of the poses is set to zero.
+    A twist within the noise of the poses is set to zero. `noise`: of the poses, estimated from the same poses.
     """
 
     def __init__(self) -> None:
-        self.twist = np.zeros(6)
+        self.twist, self.noise = np.zeros(6), PoseNoise()
         self._stamps, self._ring = np.zeros(_CAPACITY, dtype=np.int64), np.zeros((_CAPACITY, 7))
-        self._misfits, self._noise = np.zeros((_MISFITS, 2)), np.full(2, np.inf)
+        self._variances = np.zeros(2)  # of positions and of rotations
         times, coordinates = np.zeros(_CAPACITY), np.zeros((2, 3, _CAPACITY))
-        self._arrays = self._stamps, self._ring, self._noise, times, coordinates, self.twist.reshape(2, 3)
-        self._count = 0
-        self.noise = PoseNoise(0.0, 0.0)
-        """The noise of the poses so far."""
+        self._arrays = self._stamps, self._ring, self._variances, times, coordinates, self.twist.reshape(2, 3)
+        self._count = self._fitted = 0
         self.span(window=0.0, max_age=0.0)
 
     def span(self, *, window: float, max_age: float) -> None:
@@ -62,28 +45,14 @@ class PoseDifference:
 
     def push(self, pose: PoseSample) -> bool:
         """Add a pose. Returns whether there are enough poses for `twist`."""
-        newest = self._count % _CAPACITY
-        self._stamps[newest] = pose.stamp
-        self._ring[newest] = (*pose.position, *pose.quaternion)
-        misfit = self._misfits[self._count % _MISFITS]
-        n: int = _fit(*self._arrays, misfit, newest, self._window, self._gap)
-        self._count += 1
-        if self._count % _REFRESH == 0:
-            self._estimate_noise()
-        return n >= _FEWEST
-
-    def _estimate_noise(self) -> None:
-        """Estimate the noise of the poses.
-
-        The variances are quantiles of the last misfits. Misfits of zero are left
-        out: encoders with coarse steps give them.
-        """
-        for kind, misfits in enumerate(np.sort(self._misfits, axis=0).T):
-            found = misfits[misfits > 0.0]
-            if len(found) >= _REFRESH:
-                quantile = found[int(_QUANTILE * (len(found) - 1))]
-                self._noise[kind] = max(quantile / _CHI2_OF_QUANTILE, _ROUNDING)
-        self.noise = PoseNoise(*np.where(self._noise < np.inf, self._noise, 0.0).tolist())
+        if self.noise.add(pose, gap=self._gap):
+            newest = self._count % _CAPACITY
+            self._stamps[newest] = pose.stamp
+            self._ring[newest] = (*pose.position, *pose.quaternion)
+            self._variances[:] = self.noise.position, self.noise.rotation
+            self._fitted = int(_fit(*self._arrays, newest, self._window, self._gap))
+            self._count += 1
+        return self._fitted >= _FEWEST
 
 
 @inlined
@@ -164,16 +133,13 @@ def _end_slopes(t, x, n, slopes, squares):
 
 
 @compiled
-def _fit(stamps, ring, noise, t, x, twist, misfit, newest, window, gap):
+def _fit(stamps, ring, noise, t, x, twist, newest, window, gap):
     """Fit the longest parabola whose misfit is within the `noise`, and write its slopes to `twist`, shape [2, 3].
 
     Returns the number of poses in the window. With fewer than five the slopes are those of the line through the newest
-    two. A twist within the noise is set to zero. Writes the misfits of the newest pose to `misfit`, of position [m²]
-    and rotation [rad²].
+    two. A twist within the `noise` is set to zero.
     """
     count = n = _recent(stamps, ring, newest, window, gap, t, x)
-    for kind in range(2):
-        misfit[kind] = _misfit(t, x[kind]) if n > 3 else 0.0
     if n < 2:
         return n
     squares, unlike = np.empty(2), True
@@ -196,18 +162,3 @@ def _fit(stamps, ring, noise, t, x, twist, misfit, newest, window, gap):
     if still:
         twist[:] = 0.0
     return count
-
-
-@inlined
-def _misfit(t, x):
-    """Squared distance of pose 0, the origin, from the parabola through poses 1 to 3; scaled to one pose's variance.
-
-    `x`: coordinates of one kind, shape [3, n].
-    """
-    p, q, r = t[1], t[2], t[3]
-    a, b, c = q * r / ((p - q) * (p - r)), p * r / ((q - p) * (q - r)), p * q / ((r - p) * (r - q))
-    square = 0.0
-    for axis in range(3):
-        y = x[axis]
-        square += (a * y[1] + b * y[2] + c * y[3]) ** 2
-    return square / (1.0 + a * a + b * b + c * c)

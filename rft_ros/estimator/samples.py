@@ -1,60 +1,17 @@
 """The estimator's inputs (samples) and outputs (estimates, measurements, and the reasons for having none)."""
 
-from collections.abc import Reversible
 from enum import Enum, unique
-from typing import NamedTuple, TypeVar
+from typing import NamedTuple
 
 from rft_ros.ground import Cloud
 from rft_ros.rft.placement import Quaternion, Vector, Wrench
 
-__all__ = ["ABSURD", "FRAME_UNKNOWN", "LATE", "NEW_RUN", "NEXT", "OF_TRANSFORMS", "PATIENCE", "REPEATED", "STAMP_ZERO"]
-__all__ += [
-    "TIME_JUMP",
-    "Answer",
-    "Estimate",
-    "Measurement",
-    "NoEstimate",
-    "PoseSample",
-    "Reason",
-    "RefusedError",
-    "Sample",
-]
-__all__ += ["Stamped", "Succession", "TransformSample", "TwistSample", "Vector", "Wrench", "WrenchSample"]
-__all__ += ["around", "succession"]
+__all__ = ["ABSURD", "FRAME_UNKNOWN", "OF_TRANSFORMS", "STAMP_ZERO", "Answer", "Estimate", "Measurement", "NoEstimate"]
+__all__ += ["PoseSample", "Reason", "RefusedError", "Sample", "Stamped", "TransformSample", "TwistSample"]
+__all__ += ["Vector", "Wrench", "WrenchSample"]
 
 ABSURD = 1e100
 """Larger numbers [m, N, N m] count as not finite: their squares would overflow."""
-
-TIME_JUMP = 1_000_000_000
-"""A stamp that goes back by this much [ns] or more starts a new run (a bag played in a loop)."""
-
-PATIENCE = 1_000_000_000
-"""How long [ns], by the stamps of other inputs, an estimate waits for a load-cell sample, or a pose for a transform.
-
-A sender may be late by less than this, for example because its process stalls.
-"""
-
-
-class Succession(Enum):
-    """How a stamp follows the last one of the same input."""
-
-    NEXT = "it is later"
-    REPEATED = "it is the same"
-    LATE = "it is earlier by less than `TIME_JUMP`: the sample comes out of order"
-    NEW_RUN = "it is earlier by `TIME_JUMP` or more: the sample is the first one of a new run"
-
-
-NEXT, REPEATED, LATE, NEW_RUN = Succession  # names of the module: an attribute of an Enum takes 0.1 us to look up
-
-
-def succession(stamp: int, *, after: int) -> Succession:
-    """How a stamp follows the last one of its input, `after`; both [ns]."""
-    behind = after - stamp
-    if behind < 0:
-        return NEXT
-    if behind >= TIME_JUMP:
-        return NEW_RUN
-    return LATE if behind else REPEATED
 
 
 class PoseSample(NamedTuple):
@@ -101,19 +58,6 @@ class TransformSample(NamedTuple):
     position: Vector
     quaternion: Quaternion
     fixed: bool = False
-
-
-_Kept = TypeVar("_Kept", TwistSample, WrenchSample, TransformSample)
-
-
-def around(history: Reversible[_Kept], stamp: float) -> tuple[_Kept | None, _Kept | None]:
-    """The last sample at or before a stamp [ns] and the first after it, of samples in the order of their stamps."""
-    after = None
-    for sample in reversed(history):
-        if sample.stamp <= stamp:
-            return sample, after
-        after = sample
-    return None, after
 
 
 Stamped = PoseSample | TwistSample | WrenchSample | Cloud

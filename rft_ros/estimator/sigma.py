@@ -37,7 +37,7 @@ LEVER = 0.07
 """Standard deviation of the point where the force acts, over the tool's reach."""
 
 # of a withdrawal
-_UPWARDS = 0.5  # upward velocity over the speed of the fastest point
+_UPWARDS = 0.5  # rise over the path of the fastest point
 _RELEASE = 0.001  # path [m] over which the last push decays to 1/e while the tool is withdrawn
 _LEAST_PATH = 1e-9  # path [m] that each pose adds at least
 
@@ -73,12 +73,12 @@ def predict_without_learning(row: Array, strength_error: float, reach: float, wi
         torque_sigma[i] = math.sqrt((strength_error**2 + _TORQUE_ERROR**2) * torque[i] ** 2 + of_point)
 
 
-def is_withdrawn(upward: float, speed: float, force: Vector) -> bool:
+def is_withdrawn(rise: float, path: float, force: Vector) -> bool:
     """Whether a tool in the grains is withdrawn: it moves up, or the model's force [N] points down.
 
-    `upward`: velocity [m/s]. `speed`: of the fastest point [m/s].
+    `rise` of the tool over a `path` of its fastest point [m], or both per time [m/s].
     """
-    return upward > _UPWARDS * speed or force[2] < -0.5 * math.hypot(*force)
+    return rise > _UPWARDS * path or force[2] < -0.5 * math.hypot(*force)
 
 
 class Withdrawal:
@@ -86,16 +86,19 @@ class Withdrawal:
 
     def __init__(self) -> None:
         self.active = False
-        """Whether the tool was being withdrawn at the last motion."""
+        """Whether the last path of the tool was that of a withdrawal."""
         self._path = 0.0  # since the last push [m]
         self._pushed = np.zeros(12)  # the last prediction before the withdrawal
-        self._rests_in_grains = False  # at rest there `active` and the stored push keep their values
+        self._moves = False
 
     def follow(self, motion: Motion, force: Vector, *, in_grains: bool) -> None:
-        """Update with the motion at the next pose. `force`: of the model there [N]."""
-        self._rests_in_grains = in_grains and motion.rests
-        if not self._rests_in_grains:  # a pause on the way up does not end the withdrawal
-            self.active = in_grains and is_withdrawn(motion.velocity[2], motion.speed_bound, force)
+        """Update with the motion at the next pose. `force`: of the model there [N].
+
+        A tool at rest in the grains keeps what it was: a pause on the way up does not end the withdrawal.
+        """
+        self._moves = not in_grains or (motion.path > 0.0 and not motion.rests)
+        if self._moves:
+            self.active = in_grains and is_withdrawn(motion.rise, motion.path, force)
         self._path = self._path + max(motion.path, _LEAST_PATH) if self.active else 0.0
 
     def widen(self, with_sigma: Array) -> None:
@@ -105,7 +108,7 @@ class Withdrawal:
         """
         if self.active:
             _widen(with_sigma, self._pushed, math.exp(-self._path / _RELEASE))
-        elif not self._rests_in_grains:
+        elif self._moves:
             self._pushed[:] = with_sigma
 
 

@@ -25,7 +25,7 @@ class LoadCell:
     `position` [m] and `quaternion` xyzw: place of the sensor frame in the tool frame. `sign`: +1 if the driver reports
     the force that acts on the tool, -1 if it reports the force with which the tool pushes. `bias`: the driver's raw
     reading with nothing attached [N, N m]. `mass` [kg] and `center_of_mass` [m, sensor frame]: of everything that is
-    attached below the cell.
+    attached below the cell. `delay` [s]: how much later than the event its stamps are.
     """
 
     position: Vector = (0.0, 0.0, 0.0)
@@ -34,6 +34,7 @@ class LoadCell:
     bias: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
     mass: float = 0.0
     center_of_mass: Vector = (0.0, 0.0, 0.0)
+    delay: float = 0.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -54,7 +55,7 @@ class Settings:
     tool_frame: str = "tool"
     sensor_frame: str = "ft_sensor"
     load_cell: LoadCell = field(default_factory=LoadCell)
-    sensor_source: Literal["parameters", "tf"] = "parameters"
+    sensor_source: Literal["parameters", "tf", "world"] = "parameters"
     surface_height: float = 0.0
     pose_source: Literal["topic", "tf"] = "topic"
     tf_rate: float = 0.0

@@ -123,8 +123,8 @@ def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust(source):
     """It reads 2.4 N in the air. Other settings than the load cell's do not change that."""
     press = Press(sensor_source=source)
     push(press.estimator, TransformSample(0, "tool", "ft_sensor", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0), True))
-    press.depth = -0.01
-    press.push(100, offset=2.4)
+    press.depth = -0.015
+    press.push(150, offset=2.4)
     assert press.learning.issues() == [ISSUES[OFFSET]]
     press.push(200, offset=2.4)
     assert "tare" in ISSUES[OFFSET]

@@ -9,7 +9,7 @@ from one_plate import LEVEL, MS, SECOND, START, about, estimator, measurement, p
 from refusals import refusal
 
 from rft_ros.estimator import Estimate, LoadCell
-from rft_ros.estimator.load_cell import drift
+from rft_ros.estimator.tare import drift
 
 AIR, GRAINS = (0.0, 0.0, 0.05), (0.0, 0.0, -0.01)
 STILL, MOVING = (0.0, 0.0, 0.0), (0.0, 0.0, -0.02)

@@ -8,7 +8,7 @@ from test_estimator_ground import cloud, on_map
 from test_transforms import moving
 
 from rft_ros.estimator import Reason
-from rft_ros.estimator.samples import LATE, NEW_RUN, NEXT, REPEATED, succession
+from rft_ros.estimator.timeline import LATE, NEW_RUN, NEXT, REPEATED, succession
 
 stamps = st.integers(0, 2**62)
 

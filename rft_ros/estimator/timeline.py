@@ -1,0 +1,126 @@
+"""Timelines: the samples of one input in the order of their stamps, and what lies between two of them."""
+
+import math
+from collections import deque
+from collections.abc import Iterator, Sequence
+from enum import Enum
+from typing import Generic, Protocol, TypeVar
+
+from rft_ros.rft.placement import Quaternion
+
+__all__ = ["LATE", "NEW_RUN", "NEXT", "PATIENCE", "REPEATED", "TIME_JUMP", "Succession", "Timeline"]
+__all__ += ["between", "succession", "turned_between"]
+
+TIME_JUMP = 1_000_000_000
+"""A stamp that goes back by this much [ns] or more starts a new run (a bag played in a loop)."""
+
+PATIENCE = 1_000_000_000
+"""How long [ns], by the stamps of other inputs, an estimate waits for a load-cell sample, or a pose for a transform.
+
+A sender may be late by less than this, for example because its process stalls.
+"""
+
+
+class Succession(Enum):
+    """How a stamp follows the last one of the same input."""
+
+    NEXT = "it is later"
+    REPEATED = "it is the same"
+    LATE = "it is earlier by less than `TIME_JUMP`: the sample comes out of order"
+    NEW_RUN = "it is earlier by `TIME_JUMP` or more: the sample is the first one of a new run"
+
+
+NEXT, REPEATED, LATE, NEW_RUN = Succession  # names of the module: an attribute of an Enum takes 0.1 us to look up
+
+
+def succession(stamp: int, *, after: int) -> Succession:
+    """How a stamp follows the last one of its input, `after`; both [ns]."""
+    behind = after - stamp
+    if behind < 0:
+        return NEXT
+    if behind >= TIME_JUMP:
+        return NEW_RUN
+    return LATE if behind else REPEATED
+
+
+class _Stamped(Protocol):
+    @property
+    def stamp(self) -> int: ...
+
+
+S = TypeVar("S", bound=_Stamped)
+
+
+class Timeline(Generic[S]):
+    """The last samples of one input, `most` at most, in the order of their stamps."""
+
+    def __init__(self, most: int) -> None:
+        self._samples: deque[S] = deque(maxlen=most)
+
+    def __iter__(self) -> Iterator[S]:
+        return iter(self._samples)
+
+    def __len__(self) -> int:
+        return len(self._samples)
+
+    @property
+    def last(self) -> S | None:
+        """The sample with the latest stamp."""
+        return self._samples[-1] if self._samples else None
+
+    def add(self, sample: S) -> Succession:
+        """Add a sample, unless its stamp is repeated or late. The first one of a new run drops those before it."""
+        last = self.last
+        follows = NEXT if last is None else succession(sample.stamp, after=last.stamp)
+        if follows is NEW_RUN:
+            self._samples.clear()
+        if follows is NEXT or follows is NEW_RUN:
+            self._samples.append(sample)
+        return follows
+
+    def start_run(self, stamp: int) -> None:
+        """Drop the samples if they belong to the run before the one that starts at `stamp` [ns]."""
+        if self._samples and succession(stamp, after=self._samples[-1].stamp) is NEW_RUN:
+            self._samples.clear()
+
+    def clear(self) -> None:
+        """Drop all samples."""
+        self._samples.clear()
+
+    def forget(self, *, but: int) -> None:
+        """Drop all but the last `but` samples."""
+        while len(self._samples) > but:
+            self._samples.popleft()
+
+    def around(self, stamp: float) -> tuple[S | None, S | None, float]:
+        """The last sample at or before a stamp [ns], the first one after it, and the share of the way between them.
+
+        None where there is no such sample; then the share is 0.
+        """
+        after = None
+        for sample in reversed(self._samples):
+            if sample.stamp <= stamp:
+                if after is None:
+                    return sample, None, 0.0
+                return sample, after, (stamp - sample.stamp) / (after.stamp - sample.stamp)
+            after = sample
+        return None, after, 0.0
+
+
+def between(a: Sequence[float], b: Sequence[float], share: float) -> tuple[float, ...]:
+    """The numbers at a share of the way from one to the other."""
+    return tuple([p + share * (q - p) for p, q in zip(a, b, strict=True)])
+
+
+def turned_between(a: Quaternion, b: Quaternion, share: float) -> Quaternion:
+    """The attitude at a share of the way from one to the other, at a constant rate of turn; unit quaternions."""
+    cosine = sum(p * q for p, q in zip(a, b, strict=True))
+    angle = math.acos(min(1.0, abs(cosine)))
+    first, second = 1.0 - share, share
+    sine = math.sin(angle)
+    if sine > 1e-6:
+        first, second = math.sin(first * angle) / sine, math.sin(share * angle) / sine
+    second = math.copysign(second, cosine)  # q and -q are one attitude
+    i, j, k, w = (first * p + second * q for p, q in zip(a, b, strict=True))
+    norm = math.hypot(i, j, k, w)
+    return i / norm, j / norm, k / norm, w / norm
