@@ -113,7 +113,7 @@ class Run:
 
 def write_estimates(run: Run, rows: Rows, folder: Path) -> None:
     """Write ``estimates.csv`` (`COLUMNS`) and the bag ``estimates`` with the wrenches of a run's rows, shape [n]."""
-    frame, generation = run.estimator.settings.sensor_frame, run.estimator.model.generation
+    frame, generation = run.estimator.wrench_frame, run.estimator.model.generation
     learned, in_frame = LEARNED_COLUMNS if run.estimator.learning else (), wrench_cdr(frame)
     names = ("stamp", "reason", "phase", "quality_flags", "depth", "speed", "predicted", "compensated", "sigma")
     file = folder / "estimates.csv"

@@ -236,8 +236,9 @@ PARAMETERS = (
         "sensor.frame_source",
         _SETTINGS.sensor_source,
         "Source of the sensor's place on the tool. parameters: sensor.position and sensor.quaternion. tf: "
-        "fixed transforms.",
-        choices=("parameters", "tf"),
+        "fixed transforms. world: as parameters, but the readings are in the axes of world_frame, whatever their "
+        "frame_id says.",
+        choices=("parameters", "tf", "world"),
     ),
     Parameter(
         "sensor.sign",
@@ -257,6 +258,13 @@ PARAMETERS = (
     Parameter("sensor.mass", _LOAD_CELL.mass, "Mass that hangs below the load cell.", "kg", (0.0, 1e3)),
     Parameter(
         "sensor.center_of_mass", _LOAD_CELL.center_of_mass, "Centre of that mass in sensor_frame.", "m", (-1e3, 1e3)
+    ),
+    Parameter(
+        "sensor.delay",
+        _LOAD_CELL.delay,
+        "How much later than the poses' stamps those of the load cell are for one event; negative: earlier.",
+        "s",
+        (-10.0, 10.0),
     ),
     Parameter(
         "pose_source",
