@@ -4,7 +4,6 @@ import math
 from collections import Counter, deque
 from collections.abc import Iterator
 from dataclasses import replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY, Compared, Comparison, LoadCellFrame, Prediction
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
+from rft_ros.estimator.pose_noise import NOISY, NOISY_SENTENCE
 from rft_ros.estimator.quality import QualityMonitor
 from rft_ros.estimator.samples import (
     Answer,
@@ -43,34 +43,6 @@ Array = NDArray[np.float64]
 _SLIVER = 0.01  # of a tool's area: merged plates reach beyond the tool; some are submerged while it is still 6 mm above
 
 
-class _Changes(NamedTuple):
-    """What changes between two settings and models."""
-
-    axes: bool
-    surface_height: bool
-    tool: bool
-    ground: bool
-    law: bool
-    memory: bool
-    learning: bool
-
-
-def _changes(old: Settings, old_model: Model, new: Settings, new_model: Model) -> _Changes:
-    """`axes`: another world or tool frame. `memory`: the law gains or loses its memory.
-
-    `learning`: learning starts, stops, or has another prior.
-    """
-    return _Changes(
-        axes=(new.world_frame, new.tool_frame) != (old.world_frame, old.tool_frame),
-        surface_height=new.surface_height != old.surface_height,
-        tool=new_model.tool is not old_model.tool,
-        ground=new_model.ground is not old_model.ground,
-        law=new_model.law != old_model.law,
-        memory=new_model.law.has_memory != old_model.law.has_memory,
-        learning=(new.learning_mode == "off") != (old.learning_mode == "off") or new.zeta_error != old.zeta_error,
-    )
-
-
 class Estimator:
     """Computes the predicted, compensated and residual wrench from poses, twists and load-cell samples.
 
@@ -97,7 +69,7 @@ class Estimator:
         self._intake = Intake(settings, self.counts, self._comparison)
         self.transforms = self._intake.transforms
         self._kinematics = Kinematics(settings, self._intake.twists, model.tool.plates.reach)
-        self._use_ground(model)
+        self._use_ground()
         self._pose: PoseSample | None = None  # the last one that was accepted
         self.surface = LocalSurface(settings.surface_height)
         """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
@@ -107,7 +79,6 @@ class Estimator:
         self.state: Array = np.zeros(len(STATE))
         """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
         self._start_tool()
-        self._start_learning()
         self.use(settings=settings)
 
     # --- queries
@@ -136,8 +107,9 @@ class Estimator:
         return True
 
     def issues(self) -> list[str]:
-        """The current issues, from `ISSUES`. Without learning, only whether the load cell reads a force in the air."""
-        return self._air.issues() if self.learning is None else self.learning.issues()
+        """The current issues: noise of the poses, a force in the air, and with learning those of `ISSUES`."""
+        of_poses = [NOISY_SENTENCE] if self.pose_noise > NOISY else []
+        return of_poses + (self._air.issues() if self.learning is None else self.learning.issues())
 
     @property
     def pose_noise(self) -> float:
@@ -174,11 +146,9 @@ class Estimator:
         another `world_frame` or `tool_frame` drops all other samples, the path and the changes of the ground. Another
         tool keeps the learned strength of the bed; another medium or law resets it.
         """
-        s, m = settings or self.settings, model or self.model
-        if settings is not None:
-            number("surface_height", s.surface_height)
-        changes, load_cell_before = _changes(self.settings, self.model, s, m), self.load_cell
-        self.settings, self.model = s, m
+        number("surface_height", (settings or self.settings).surface_height)
+        old, old_model, old_cell = self.settings, self.model, self.load_cell
+        self.settings, self.model = s, m = settings or old, model or old_model
         self._law, self._limits = packed_law(m.law), m.law.speed_limits
         self.surface = LocalSurface(s.surface_height)
         if settings is not None:
@@ -186,46 +156,42 @@ class Estimator:
             self._kinematics.use_settings(s)
             self._comparison.max_age = round(s.max_input_age * 1e9)
             self._place_sensor()
-            self._strength_error = s.strength_error
-        if settings is not None or self.learning is not None:
-            self._learn_readings()  # first: the readings so far belong to the old load cell and the old filter
-        if changes.ground:
-            self._use_ground(m)
-        elif changes.tool and self._mapper is not None:
+        self._learn_readings()  # first: the readings so far belong to the old load cell and the old filter
+        new_axes = (s.world_frame, s.tool_frame) != (old.world_frame, old.tool_frame)
+        new_tool, new_ground = m.tool is not old_model.tool, m.ground is not old_model.ground
+        if new_ground:
+            self._use_ground()
+        elif new_tool and self._mapper is not None:
             self._mapper.use_tool(m.tool.corners)
         self._kinematics.reach = m.tool.plates.reach
-        if changes.axes:
+        if new_axes:
             self._start_run()
-        elif changes.tool:
+        elif new_tool:
             self._start_tool()
-        elif changes.memory:
+        elif m.law.has_memory != old_model.law.has_memory:
             self._start_memory()
-        if changes.learning:
+        if self.load_cell != old_cell:
+            self._air.forget()
+            self._of_air.clear()
+        if (s.learning_mode == "off") != (self.learning is None) or s.zeta_error != old.zeta_error:
             self._start_learning()
-        self._use_in_learning(changes, new_load_cell=self.load_cell != load_cell_before)
+        if self.learning is not None:
+            self.learning.use(lag=s.learning_lag, reach=m.tool.plates.reach)
+            if m.law != old_model.law:
+                self.learning.forget()
+            elif new_tool or new_axes or new_ground or s.surface_height != old.surface_height:
+                self.learning.forget_place()
 
-    def _use_ground(self, model: Model) -> None:
+    def _use_ground(self) -> None:
         """Start with the model's map of the ground. A level plane needs no mapper."""
-        self._mapper = None if model.ground is None else GroundMapper(model.ground, model.tool.corners)
+        ground, tool = self.model.ground, self.model.tool
+        self._mapper = None if ground is None else GroundMapper(ground, tool.corners)
 
     def _start_learning(self) -> None:
         """Start to learn from the load cell with the prior, or do not learn any more."""
         s, self.learning = self.settings, None
         if s.learning_mode != "off":
             self.learning = Learning(lag=s.learning_lag, strength_error=s.strength_error, air=self._air)
-
-    def _use_in_learning(self, changes: _Changes, *, new_load_cell: bool) -> None:
-        """Apply the current settings and model to what was learned, and forget what they change."""
-        if new_load_cell:
-            self._air.forget()
-            self._of_air.clear()
-        if self.learning is None:
-            return
-        self.learning.use(lag=self.settings.learning_lag, reach=self.model.tool.plates.reach)
-        if changes.law:
-            self.learning.forget()
-        elif changes.tool or changes.axes or changes.ground or changes.surface_height:
-            self.learning.forget_place()
 
     def _place_sensor(self) -> None:
         """Prepare the load cell's frame. With `sensor_source` tf its place comes from fixed transforms, once known."""
@@ -423,7 +389,7 @@ class Estimator:
         """The wrench, corrected in mode apply, and one standard deviation of each component, shape [12]; world axes."""
         if self.learning is None:
             with_sigma = np.empty(12)
-            predict_without_learning(row, self._strength_error, self._kinematics.reach, with_sigma)
+            predict_without_learning(row, self.settings.strength_error, self._kinematics.reach, with_sigma)
             return with_sigma
         fast = math.hypot(*motion.velocity) > self._limits.inertial
         passing, apply = self._withdrawal.active or fast, self.settings.learning_mode == "apply"

@@ -37,7 +37,7 @@ _UNKNOWN = {
     Reason.POSE_FRAME_UNKNOWN: "pose frame_id {!r} is not world_frame {!r}",
     Reason.TWIST_FRAME_UNKNOWN: "twist frame_id {!r} is neither world_frame {!r} nor tool_frame {!r}",
     Reason.SURFACE_FRAME_UNKNOWN: "surface_points frame_id {!r} is not world_frame {!r}, nor fixed in it",
-    Reason.WRENCH_FRAME_UNKNOWN: "wrench frame_id {!r} is not sensor_frame {!r}, and no fixed transforms link it to that or to world_frame {!r}",
+    Reason.WRENCH_FRAME_UNKNOWN: "wrench frame_id {!r} is not sensor_frame {!r}, nor fixed to it or world_frame {!r}",
 }
 
 

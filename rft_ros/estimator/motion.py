@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.pose_difference import PoseDifference
-from rft_ros.estimator.pose_noise import PoseNoise
+from rft_ros.estimator.pose_noise import NOISY, PoseNoise
 from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TwistSample, Vector
 from rft_ros.estimator.timeline import Timeline, between, turned_between
 from rft_ros.parameters import Settings
@@ -32,7 +32,7 @@ class Motion(NamedTuple):
     `state`: shape [1, 13], columns `rft_ros.rft.STATE`. `velocity`: of the tool frame's origin, world axes [m/s].
     `speed_bound`: an upper bound on the plates' speeds [m/s]. `rests`: it is below `rest_speed`. `path`: an upper bound
     on the displacement of any plate since the motion before, beyond the dead band [m]. `rise`: displacement of the
-    origin upwards in it [m]. `dead_band` [m]: displacements within it are noise of the poses.
+    origin upwards in it [m]. `dead_band` [m]: displacements within it are noise of the poses. `is_noisy`: it is wide.
     """
 
     pose: PoseSample
@@ -43,6 +43,7 @@ class Motion(NamedTuple):
     path: float
     rise: float
     dead_band: float
+    is_noisy: bool
 
 
 class Kinematics:
@@ -86,7 +87,8 @@ class Kinematics:
         self._due = max(self._due, pose.stamp) + self._period
         vx, vy, vz, wx, wy, wz = velocity
         bound = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.reach
-        dead_band = min(max(_BAND_OVER_NOISE * self.noise.at_tip(self.reach), SLACK), _WIDEST_BAND)
+        noise = self.noise.at_tip(self.reach)
+        dead_band = min(max(_BAND_OVER_NOISE * noise, SLACK), _WIDEST_BAND)
         path, rise = self._follow(pose.position, pose.quaternion, dead_band)
         state = np.empty((1, len(STATE)))
         _PACK_STATE.pack_into(state.data, 0, *pose.position, *pose.quaternion, *velocity)
@@ -99,6 +101,7 @@ class Kinematics:
             path=path,
             rise=rise,
             dead_band=dead_band,
+            is_noisy=noise > NOISY,
         )
 
     def _velocity(self, pose: PoseSample) -> Sequence[float] | Reason:

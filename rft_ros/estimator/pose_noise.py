@@ -6,7 +6,16 @@ import numpy as np
 
 from rft_ros.estimator.samples import PoseSample
 
-__all__ = ["PoseNoise"]
+__all__ = ["NOISY", "NOISY_SENTENCE", "PoseNoise"]
+
+NOISY = 5e-5
+"""Noise of the poses at the tool's farthest point [m] beyond which forces follow the motion late."""
+
+NOISY_SENTENCE = (
+    f"the poses have a noise of over {1e3 * NOISY:g} mm at the tool's farthest point, so forces follow the motion late:"
+    " smooth the poses in their driver, or take them from the arm's encoders"
+)
+"""What such noise says to a user."""
 
 _MISFITS = 256  # misfits that are kept
 _REFRESH = 16  # new misfits between two estimates of the noise, and before the first one

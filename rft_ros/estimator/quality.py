@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.plausible import DEEPEST, DEEPEST_OF_SIZE, HIGHEST, LARGEST_FORCE, deepest, is_plausible_tool
+from rft_ros.estimator.pose_noise import NOISY
 from rft_ros.estimator.samples import Vector
 from rft_ros.estimator.wake import Wake
 from rft_ros.ground import LocalSurface
@@ -85,6 +86,10 @@ class QualityFlag(IntFlag):
         f"not plausible: deeper than {DEEPEST:g} m + {DEEPEST_OF_SIZE:g} times the tool's size, over {HIGHEST:g} m"
         f" above the grains, a tool over {LARGEST:g} m or under {1e3 * SMALLEST:g} mm, or a force over"
         f" {1e-3 * LARGEST_FORCE:g} kN, as with poses in millimetres or a wrong mesh.scale",
+    )
+    NOISY = (
+        16384,
+        f"the poses have a noise of over {1e3 * NOISY:g} mm at the tool's farthest point: forces come late",
     )
 
 
@@ -167,6 +172,8 @@ class QualityMonitor:
             if origin_depth < -HIGHEST:
                 flags |= f.IMPOSSIBLE.value
             return flags
+        if motion.is_noisy:
+            flags |= f.NOISY.value
         # the lowest point is at most `reach` below the origin; its exact depth takes longer to compute
         may_be_deep = origin_depth + self._plates.reach > self._deepest
         if math.hypot(*force) > LARGEST_FORCE or (may_be_deep and depth() > self._deepest):

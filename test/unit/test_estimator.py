@@ -152,7 +152,7 @@ def test_the_last_unknown_frame_is_named_with_the_expected_one_until_the_setting
     named = {
         "pose_frame_unknown": "pose frame_id 'base_link' is not world_frame 'world'",
         "twist_frame_unknown": "twist frame_id 'flange' is neither world_frame 'world' nor tool_frame 'tool'",
-        "wrench_frame_unknown": "wrench frame_id 'tool' is not sensor_frame 'ft_sensor', and no fixed transforms link it to that or to"
+        "wrench_frame_unknown": "wrench frame_id 'tool' is not sensor_frame 'ft_sensor', nor fixed to it or"
         " world_frame 'world'",
     }
     assert e.unknown_frames() == named

@@ -175,6 +175,9 @@ SCENES = {
     QualityFlag.UNEVEN: lambda _: on_ground(lambda x: np.where(np.abs(x) < 0.006, 0.01, -0.01)),
     QualityFlag.DISAGREEMENT: lambda _: pressed([1.0] * 180, offset=3.0, surface=-0.02),
     QualityFlag.MESH: lambda _: last_flags(open_box(), straight(0.01)),
+    QualityFlag.NOISY: lambda root: last_flags(
+        root, straight(0.05) + np.random.default_rng(0).normal(0.0, 1e-4, (502, 3)), velocity=0.01 * ASLANT
+    ),
     QualityFlag.IMPOSSIBLE: lambda root: last_flags(root, [[0.0, 0.0, -30.0]] * 2, velocity=(0.0, 0.0, -0.01)),
 }
 """For each flag a scene, given the root tip, after which it is set."""
