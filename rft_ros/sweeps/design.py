@@ -5,7 +5,7 @@ import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from inspect import signature
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -17,8 +17,11 @@ from rft_ros.parameters.short_names import OF_MEDIUM, OF_TOOL, parameters_of
 from rft_ros.sweeps.motions import FAMILIES, Trajectory
 from rft_ros.tool import locate_mesh
 
-__all__ = ["Design", "Variant", "motion_of", "read_design"]
+__all__ = ["Content", "Design", "Variant", "checksum_of", "motion_of", "read_design"]
 
+Kind = Literal["release", "mesh", "file"]
+
+_RELEASE: tuple[Kind, str] = ("release", "rft_ros")
 _VECTORS = ("origin", "rotate")  # a list of numbers is one value of these
 _MOST = 1_000_000  # variants, values in a range, samples, and the greatest number in a motion
 _LEAST = {"samples": 2, "speed": 1e-9, "travel": 1e-9, "pitch": 1e-9}
@@ -40,20 +43,47 @@ class Design(NamedTuple):
 
     def files(self) -> set[Path]:
         """The meshes, states files and medium files that the study names."""
-        meshes = {variant.tool["mesh"] for variant in self.variants}
-        states = {v.motion["states_file"] for v in self.variants if "states_file" in v.motion}
-        media = {v.medium["medium"] for v in self.variants if is_medium_file(str(v.medium.get("medium", "")))}
-        return {*map(locate_mesh, meshes), *map(Path, states | media)}
+        return {_located(kind, name) for kind, name in self._named()}
+
+    def contents(self) -> tuple["Content", ...]:
+        """What the results depend on beside the variants: the release of rft_ros, and each of `files`."""
+        return tuple(Content(kind, name, checksum_of(kind, name)) for kind, name in [_RELEASE, *sorted(self._named())])
 
     def fingerprint(self) -> int:
-        """Checksum of the study, its `files`, and the version of rft_ros."""
-        checksum = zlib.crc32(release().encode())
-        for file in (self.file, *sorted(self.files())):
-            try:
-                checksum = zlib.crc32(read_file(file, "file"), checksum)
-            except InputError:  # the rows of its variants will give the reason
-                checksum = zlib.crc32(b"missing", checksum)
-        return checksum
+        """Checksum of the study and its `contents`."""
+        return zlib.crc32(repr(self.contents()).encode(), zlib.crc32(read_file(self.file, "study")))
+
+    def _named(self) -> set[tuple[Kind, str]]:
+        found = set[tuple[Kind, str]]()
+        for tool, motion, medium in self.variants:
+            found.add(("mesh", tool["mesh"]))
+            if "states_file" in motion:
+                found.add(("file", motion["states_file"]))
+            if is_medium_file(str(medium.get("medium", ""))):
+                found.add(("file", medium["medium"]))
+        return found
+
+
+class Content(NamedTuple):
+    """What the results of a study depend on. `checksum`: None if there is no such file."""
+
+    kind: Kind
+    name: str
+    checksum: int | None
+
+
+def checksum_of(kind: Kind, name: str) -> int | None:
+    """Checksum of a content as this process finds it. A relative path may name another file in another process."""
+    if kind == "release":
+        return zlib.crc32(release().encode())
+    try:
+        return zlib.crc32(read_file(_located(kind, name), "file"))
+    except InputError:  # the rows of its variants will give the reason
+        return None
+
+
+def _located(kind: Kind, name: str) -> Path:
+    return locate_mesh(name) if kind == "mesh" else Path(name)
 
 
 def motion_of(entry: Mapping[str, Any]) -> tuple[Trajectory, int]:

@@ -7,6 +7,7 @@ the same output folder continues where it stopped.
 import csv
 import io
 import os
+import platform
 import signal
 import threading
 from collections.abc import Iterable, Iterator, Sequence
@@ -23,13 +24,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
-from rft_ros.files import opened, whole
+from rft_ros.files import opened, read_text, whole
 from rft_ros.parameters import medium_of, model_of, parts_of, tool_of
 from rft_ros.parameters.short_names import parameters_of
 from rft_ros.progress import bar
 from rft_ros.rft import AXES, FORCE, POSITION, TWIST, WRENCH, Medium
 from rft_ros.states_file import read_states, wrenches_along
-from rft_ros.sweeps.design import Design, Variant, motion_of
+from rft_ros.sweeps.design import Content, Design, Variant, checksum_of, motion_of
 from rft_ros.sweeps.motions import sample
 from rft_ros.tool import Tool
 
@@ -46,12 +47,14 @@ path of the tool frame's origin [m]; number of plates."""
 
 _CHUNKS, _MOST_ROWS = 32, 100  # enough chunks to share among workers, few enough for a scheduler (1 ms for each)
 _PATIENCE = 10.0  # s to wait for a scheduler
+_SAME = "give an absolute path, and copy the file to all machines"
+_ADVICE = {"mesh": _SAME, "file": _SAME, "release": "install the same release on all machines"}
 
 
 def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
     """The results of a variant by column. Raises InputError or ValueError if it cannot be computed.
 
-    `fingerprint`: of the design; each file is read once for each fingerprint.
+    `fingerprint`: of the contents of files; each file is read once for each fingerprint.
     """
     from scipy.integrate import trapezoid  # takes 0.3 s, and only this command needs it
 
@@ -95,17 +98,29 @@ def _motion(items: tuple[tuple[str, Any], ...], _fingerprint: int) -> tuple[Arra
     return read_states(Path(entry["states_file"])) if "states_file" in entry else sample(*motion_of(entry))
 
 
-def rows_of(variants: Sequence[Variant], columns: Sequence[str], fingerprint: int = 0) -> list[list[str]]:
-    """Rows of the table: a variant's values, then its results or the reason why it has none. Runs in a worker."""
+def rows_of(variants: Sequence[Variant], columns: Sequence[str], contents: tuple[Content, ...] = ()) -> list[list[str]]:
+    """Rows of the table: a variant's values, then its results or the reason why it has none. Runs in a worker.
+
+    Raises InputError if one of the `contents` is another one in this process.
+    """
+    _check_contents(contents)
     rows = []
     for variant in variants:
         cells = _cells(variant)
         try:
-            cells |= evaluate(variant, fingerprint)
+            cells |= evaluate(variant, hash(contents))
         except (ValueError, TypeError, ArithmeticError, MemoryError) as error:
             cells["reason"] = reason_of(error)
         rows.append([str(cells.get(name, "")) for name in columns])
     return rows
+
+
+@lru_cache(maxsize=1)
+def _check_contents(contents: tuple[Content, ...]) -> None:
+    for kind, name, checksum in contents:
+        if checksum_of(kind, name) != checksum:
+            there = f"on {platform.node()}, in {Path.cwd()}"
+            raise InputError(f"a worker ({there}) has another {kind} '{name}' than this process; {_ADVICE[kind]}")
 
 
 def _cells(variant: Variant) -> dict[str, Any]:
@@ -126,12 +141,12 @@ def run(design: Design, out: Path, *, scheduler: str | None = None, workers: int
     chunks = {folder / f"{k:06d}.csv": variants[k : k + size] for k in range(0, len(variants), size)}
     with file_errors(f"output folder '{out}'", "written"):
         folder.mkdir(parents=True, exist_ok=True)
-        missing = {file: chunk for file, chunk in chunks.items() if not file.exists()}
+        missing = {file: chunk for file, chunk in chunks.items() if not _is_complete(file, len(chunk), columns)}
         computed = sum(map(len, missing.values()))
         if missing:
             with _workers(scheduler, workers) as pool, bar(name, len(variants)) as update:
-                done = len(variants) - computed
-                futures = {pool.submit(rows_of, chunk, columns, fingerprint): f for f, chunk in missing.items()}
+                done, contents = len(variants) - computed, design.contents()
+                futures = {pool.submit(rows_of, chunk, columns, contents): file for file, chunk in missing.items()}
                 for future in as_completed(futures):
                     _write(futures[future], future.result())
                     done += len(missing[futures[future]])
@@ -183,6 +198,16 @@ def _end_with_parent() -> None:
 def _write(file: Path, rows: Iterable[Sequence[str]]) -> None:
     with whole(file) as part, part.open("w", encoding="utf-8", newline="") as out:
         csv.writer(out, lineterminator="\n").writerows(rows)
+
+
+def _is_complete(file: Path, count: int, columns: Sequence[str]) -> bool:
+    """Whether a chunk has all of its rows: the copy of one may have been cut."""
+    try:
+        text = read_text(file, "results")
+    except InputError:
+        return False
+    rows = [*csv.reader(io.StringIO(text, newline=""))]
+    return text.endswith("\n") and [len(row) for row in rows] == [len(columns)] * count
 
 
 def _read(file: Path) -> Iterator[list[str]]:

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
 from refusals import refusal
 
 from rft_ros.errors import InputError
@@ -177,6 +179,35 @@ def test_a_worker_of_two_studies_reads_a_changed_mesh_again(tmp_path):
         mesh.write_bytes(locate_mesh(name).read_bytes())
         plates.append(evaluate(variant, fingerprint)["plates"])
     assert plates[0] != plates[1]
+
+
+def test_a_worker_with_another_file_of_the_same_name_is_refused(tmp_path, monkeypatch):
+    """Such as a worker of a cluster, which has another working directory."""
+    for folder, name in (("here", "plate"), ("there", "sphere")):
+        (tmp_path / folder).mkdir()
+        (tmp_path / folder / "my.stl").write_bytes(locate_mesh(name).read_bytes())
+    monkeypatch.chdir(tmp_path / "here")
+    text = "tools: [{mesh: my.stl}]\nmotions: [{family: straight, samples: 5}]\nmedia: [{zeta: 1}]"
+    variants, contents = (found := read_design(study(tmp_path, text))).variants, found.contents()
+    assert rows_of(variants, ["reason"], contents) == [[""]]
+    for folder in ("there", "."):
+        monkeypatch.chdir(tmp_path / folder)
+        runs._check_contents.cache_clear()  # as in a worker of its own
+        with pytest.raises(InputError, match=r"another mesh 'my\.stl' than this process; give an absolute path"):
+            rows_of(variants, ["reason"], contents)
+
+
+@settings(max_examples=10, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@given(st.floats(0.0, 1.0, exclude_max=True), st.booleans())
+def test_a_chunk_that_was_cut_anywhere_is_computed_again(small, share, at_a_row):
+    found = read_design(small / "study.yaml")
+    run(found, small, workers=1)
+    whole, cut = (small / "results.csv").read_bytes(), small / f"chunks_{found.fingerprint():08x}" / "000003.csv"
+    data = cut.read_bytes()
+    kept = data[: int(share * len(data))]
+    cut.write_bytes(kept[: kept.rfind(b"\n") + 1] if at_a_row else kept)
+    assert run(found, small, workers=1)[0] == len(data.splitlines())
+    assert (small / "results.csv").read_bytes() == whole
 
 
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
