@@ -151,7 +151,7 @@ def rules(cores: set[int]) -> Table:
                 out = np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
                 for memory in (None, Memory(plates)):
                     step = prepared(plates, memory)
-                    calls.append(partial(step, law.packed, state, np.array([1e-3]), 0.0, LEVEL, out))
+                    calls.append(partial(step, law.packed, state, 0.0, LEVEL, out))
             turns = in_turns(calls)
             for k, (rule, plates) in enumerate(tools.items()):
                 without, with_memory = turns[2 * k : 2 * k + 2]

@@ -51,7 +51,7 @@ def wrenches_along(
         k = int(np.argmax(durations < 0.0))
         raise InputError(f"{where}: t goes back from {times[k - 1]:g} to {times[k]:g}; memory needs it in order")
     else:
-        result = wrenches_in_time(plates, law, states, durations, Memory(plates), surface_height=surface_height)
+        result = wrenches_in_time(plates, law, states, Memory(plates), surface_height=surface_height)
     finite = np.isfinite(result).all(axis=1)
     if not finite.all():
         why = "it is too far away, or the tool or the stress is too large"

@@ -101,8 +101,7 @@ class DemRun:
         plates = self.tool.plates
         if not law.has_memory:
             return wrenches(plates, law, self.states, threads=threads)[:, :3]
-        durations = np.diff(self.times, prepend=self.times[0])
-        return wrenches_in_time(plates, law, self.states, durations, Memory(plates))[:, :3]
+        return wrenches_in_time(plates, law, self.states, Memory(plates))[:, :3]
 
 
 def read_run(name: str) -> DemRun:

@@ -43,7 +43,6 @@ def four_passes() -> tuple[Series, Series]:
     # a map is in force from the end of the drag before it, when the plate leaves
     ends = [0, *(int(drag[-1]) + 1 for drag in drags[:-1]), len(states)]
     rows, memory = np.empty_like(level.rows), Memory(tool.plates)
-    durations = np.diff(level.stamps, prepend=level.stamps[0]) * 1e-9
     for number, ((first, last), drag) in enumerate(zip(pairwise(ends), drags, strict=True), start=1):
         at = states[drag[0]]  # the plate stands lowered while the map is taken
         place = at[:3], rotation_matrix(at[QUATERNION]), tool.corners
@@ -54,7 +53,6 @@ def four_passes() -> tuple[Series, Series]:
                 tool.plates,
                 law,
                 states[k : k + 1],
-                durations[k : k + 1],
                 memory,
                 surface_height=surface.height,
                 slope=surface.slope,

@@ -151,12 +151,11 @@ def learned(series: Series, *, lag: float, forces: Array | None = None) -> Learn
     return Learned(out=out, surprise=surprise, learning=learning)
 
 
-def model_rows(plates: Plates, law: Law, states: Array, times: Array, *, surface: float = 0.0) -> Array:
+def model_rows(plates: Plates, law: Law, states: Array, *, surface: float = 0.0) -> Array:
     """What the filter needs of the model at each state, shape [n, 19]."""
     if not law.has_memory:
         return wrenches(plates, law, states, surface_height=surface, sensitivities=True, threads=1)
-    durations, memory = np.diff(times, prepend=times[0]), Memory(plates)
-    return wrenches_in_time(plates, law, states, durations, memory, surface_height=surface, sensitivities=True)
+    return wrenches_in_time(plates, law, states, Memory(plates), surface_height=surface, sensitivities=True)
 
 
 def series_of(
@@ -194,7 +193,7 @@ def dem_series(name: str, choice: Choice) -> Series:
     plates = tool.plates
     data = np.loadtxt(DATA / f"{name}.csv", delimiter=",", skiprows=1)
     states, times, forces = checked_states(data[:, 1:14]), data[:, 0], np.ascontiguousarray(data[:, 14:17])
-    rows = model_rows(plates, law_, states, times)
+    rows = model_rows(plates, law_, states)
     series = series_of(name, plates, law_, states, times, rows, forces, rest=1e-9)
     moving = np.flatnonzero(np.any(states[:, TWIST] != 0.0, axis=1))
     smooth = np.zeros_like(forces)
@@ -269,7 +268,7 @@ def _recorded(bag: Path, values: Values, options: ReplayOptions, choice: Choice)
         states[:, ANGULAR_VELOCITY], axis=1
     )
     states[speeds < rest, TWIST] = 0.0
-    rows = model_rows(plates, model.law, states, track.time, surface=settings.surface_height)
+    rows = model_rows(plates, model.law, states, surface=settings.surface_height)
     forces = track.grain_forces(settings.load_cell)
     series = series_of(bag.name, plates, model.law, states, track.time, rows, forces, rest=rest)
     sinking = np.convolve(states[:, 9], np.full(21, 1.0 / 21.0), "same") < -rest

@@ -52,7 +52,7 @@ def predicted(choice: Choice, run: DemRun, law: Law) -> Array:
     """The force at each state of a run [N], shape [n, 3]; a learned one uses earlier forces of the same run."""
     if choice.lag == 0.0:
         return run.predicted(law, threads=1)
-    rows = model_rows(run.tool.plates, law, run.states, run.times)
+    rows = model_rows(run.tool.plates, law, run.states)
     series = series_of(run.name, run.tool.plates, law, run.states, run.times, rows, run.forces, rest=1e-9)
     return learned(series, lag=choice.lag).out[:, :3]
 
@@ -202,7 +202,7 @@ def _real_marks() -> list[Mark]:
 
 def _evaluated(run: Series, lag: float) -> None:
     """A run's evaluations, and its learning with a lag."""
-    model_rows(run.plates, run.law, run.states, run.stamps * np.float64(1e-9))
+    model_rows(run.plates, run.law, run.states)
     if lag:
         learned(run, lag=lag)
 

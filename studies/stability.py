@@ -110,8 +110,7 @@ def reversal() -> StudyResult:
     plates = shipped("plate")
     forces = {rule: wrenches(plates[rule], law("constant", zeta=1.0), states)[:, 2] for rule in INTEGRATIONS}
     grains = law("constant", zeta=1.0, mobilization_length=_MOBILIZATION_LENGTH)
-    durations = np.diff(times, prepend=times[0])
-    remembered = wrenches_in_time(plates["refined"], grains, states, durations, Memory(plates["refined"]))[:, 2]
+    remembered = wrenches_in_time(plates["refined"], grains, states, Memory(plates["refined"]))[:, 2]
     figure = new_figure(7.0, 3.6)
     axes = figure.subplots()
     for rule, width in zip(INTEGRATIONS, (2.2, 1.0), strict=True):

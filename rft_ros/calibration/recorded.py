@@ -60,11 +60,10 @@ class Recorded:
             states = self.track.smooth_states()[rows]
             return wrenches(plates, self.law, states, surface_height=grains.surface, threads=1)[:, FORCE]
         law = replace(self.law, mobilization_length=grains.length)
-        time, states, at = self.motion
+        _, states, at = self.motion
         span = slice(at[first], at[last] + 1)
-        durations = np.diff(time[span], prepend=time[span.start])
         memory = Memory(plates, slack=grains.lost_motion)
-        found = wrenches_in_time(plates, law, states[span], durations, memory, surface_height=grains.surface)
+        found = wrenches_in_time(plates, law, states[span], memory, surface_height=grains.surface)
         return np.asarray(found[at[rows] - span.start, FORCE])
 
     def noise(self) -> float:

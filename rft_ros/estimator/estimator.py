@@ -75,7 +75,7 @@ class Estimator:
         """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
         self._poses: deque[PastPose] = deque(maxlen=HISTORY)  # for a tare
         self._of_air: deque[Compared] = deque()  # waits until no late reading can come before it
-        self._duration, self._result = np.ones(1), np.zeros((1, WIDTH))
+        self._result = np.zeros((1, WIDTH))
         self.state: Array = np.zeros(len(STATE))
         """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
         self._start_tool()
@@ -371,7 +371,7 @@ class Estimator:
         The result (wrench, area, sensitivities) is overwritten at the next pose.
         """
         surface = self.surface
-        step = self._law, motion.state, self._duration, surface.height, surface.slope, self._result
+        step = self._law, motion.state, surface.height, surface.slope, self._result
         if self._memory is None:
             self._step(*step)
         else:

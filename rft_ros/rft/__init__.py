@@ -56,9 +56,9 @@ Beyond the paper. `Plates.integration` "refined" integrates d over the wet part 
 continuous (`Plates.from_triangles`). A result can include `SENSITIVITIES`: dF/dh, and the sums of r_j f_l. With a
 `Memory`, `wrenches_in_time` replaces t in Eq. (9) by τ. While abs(τ) <= y, a radius that the plate keeps, τ
 changes elastically with the plate's displacement D. Beyond, τ approaches t along the plate's path p over a mobilization
-length λ. `memory` has the rules for plates that trail:
+length λ. `memory` has the rule, and what it does where a plate retreats:
 
-    dτ = -k dD  if abs(τ) <= y,   else  dτ/dp = (t - τ) / λ(d), y = abs(τ),   λ(d) = λ (d / 30 mm)²   Eq. (10)
+    dτ = -k dD  if |τ| <= y,   else  dτ/dp = (t - τ) / λ(d), y = |τ|,   λ(d) = λ (d / 30 mm)²   Eq. (10)
 
 Fast motion. In a bed of density ρ the inertia of the grains loads a leading plate of area dA below the surface:
 

@@ -18,7 +18,6 @@ from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.media import Medium
-from rft_ros.rft.memory import ELASTIC
 from rft_ros.rft.velocity_weights import f1_and_f23
 
 __all__ = [
@@ -169,9 +168,9 @@ def described(law: Law) -> str:
 NEVER_FLAT, SWITCHED, BLENDED = 0, 1, 2
 """Near-horizontal plates: assume none, switch at `FLAT`, or blend over `FLAT_BLEND`."""
 
-LEAST_RESISTANCE = ELASTIC
-"""Under the refined rule, at least this share of a traction is against the motion of its plate. With less, memory's
-elastic zone, whose length is this share of λ, would store more energy than the motion gives."""
+LEAST_RESISTANCE = 0.08
+"""Under the refined rule, at least this share of a traction is against the motion of its plate. With much less, the
+springs of the memory, Eq. (10), would store more energy than the motion gives."""
 
 _TINY = 1e-290  # avoids 1 / 0 where the reciprocal root multiplies zeros
 

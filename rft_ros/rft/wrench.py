@@ -36,7 +36,7 @@ _WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
 _CORES = os.cpu_count() or 1
 _ROW = (len(STATE),)
 _EMPTY = np.zeros((1, HEAD))
-_NO_MEMORY = False, np.zeros(1), _EMPTY
+_NO_MEMORY = False, _EMPTY
 
 
 def wrenches(
@@ -78,7 +78,6 @@ def wrenches_in_time(
     plates: Plates,
     law: Law,
     states: ArrayLike,
-    durations: ArrayLike,
     memory: Memory,
     *,
     surface_height: float = 0.0,
@@ -87,28 +86,23 @@ def wrenches_in_time(
 ) -> Array:
     """`wrenches` of plates with memory, Eq. (10), at successive states, shape [n, 13].
 
-    `law`: with its `mobilization_length`, λ at the depth `rft_ros.rft.memory.DEPTH` [m], positive. `durations`: shape
-    [n], time since the previous state [s]; 0 for the very first. `memory`: of these plates, updated in place; of many
-    bodies, row i is of body i.
+    `law`: with its `mobilization_length`, λ at the depth `rft_ros.rft.memory.DEPTH` [m], positive. `memory`: of these
+    plates, updated in place; of many bodies, row i is of body i. Displacements count, whatever time they took.
     """
     arguments, kept = _model_arguments(plates, law, surface_height, slope), _numbers_of(memory, plates)
     _require_memory(law)
     states = numbers("states", states, _ROW)
-    durations = numbers("durations", durations, rows=len(states))
-    shortest = durations[0] if len(durations) == 1 else durations.min(initial=0.0)
-    if not shortest >= 0.0:  # or NaN
-        raise ValueError("durations has a value that is negative or NaN; states must be in chronological order")
     if memory.bodies not in (1, len(states)):
         raise ValueError(f"memory is of {memory.bodies} bodies; states has {len(states)} rows")
     result = _result(states, sensitivities)
-    _loop()(*arguments, states, (True, durations, kept), result)
+    _loop()(*arguments, states, (True, kept), result)
     return result
 
 
 def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None]:
     """`wrenches`, or with a memory `wrenches_in_time`, for steps that must be short: a call checks nothing.
 
-    Call it with the law's `packed_law`, states, durations, surface height [m], slope and the array for the result,
+    Call it with the law's `packed_law`, states, surface height [m], slope and the array for the result,
     shape [n, 7] or [n, 19]. With a memory, the law must have a mobilization length; `slack` is the least dead band of
     this step [m], see `Memory`. The other arguments have the types and shapes that `wrenches_in_time` names, and all
     arrays are C-contiguous. Raises ValueError or TypeError that names the argument that cannot be used.
@@ -116,9 +110,7 @@ def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None
     loop, form = _loop(), _checked(plates).form
     if memory is None:
 
-        def step(
-            law: PackedLaw, states: Array, _: Array, height: float, slope: tuple[float, float], result: Array
-        ) -> None:
+        def step(law: PackedLaw, states: Array, height: float, slope: tuple[float, float], result: Array) -> None:
             loop(form, law, height, slope, states, _NO_MEMORY, result)
 
         return step
@@ -127,14 +119,13 @@ def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None
     def step_in_time(
         law: PackedLaw,
         states: Array,
-        durations: Array,
         height: float,
         slope: tuple[float, float],
         result: Array,
         slack: float = 0.0,
     ) -> None:
         slacks[:] = max(slack, memory.slack)
-        loop(form, law, height, slope, states, (True, durations, kept), result)
+        loop(form, law, height, slope, states, (True, kept), result)
 
     return step_in_time
 
@@ -226,5 +217,5 @@ def compile_tractions() -> None:
 def compile_memory() -> None:
     """Compile the memory's part of the loop, which the loop loads when it is compiled later."""
     array, first = np.zeros(1), np.uint64(0)  # only the types of these values count
-    motion, grains = ((0.0,) * 3, (0.0,) * 9), (0.0, 0.0, False)
-    machine_code(add_memory, (array, first, array, first, _plate().blocks, motion, 0.0, LEVEL, grains))
+    motion, grains = ((0.0,) * 3, (0.0,) * 9), (0.0, 0.0)
+    machine_code(add_memory, (array, first, array, motion, 0.0, LEVEL, grains))

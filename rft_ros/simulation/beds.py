@@ -33,7 +33,7 @@ class Beds(NamedTuple):
     blocks, its reach [m], the height of its surface at x = y = 0 [m], the surface's slopes, and whether its plates are
     refined. `rows`, `bounds`: of `Plates`, one tool after the other. `law`, `alpha_y`, `numbers`, `table`: the laws'
     `PackedLaw`; row i of `numbers` is of body i. `length`: the mobilization length [m]. `memory`: `Memory.numbers`, row
-    i of body i. `duration`: a positive number, so that every evaluation counts the displacement.
+    i of body i.
     """
 
     bodies: NDArray[np.void]
@@ -45,7 +45,6 @@ class Beds(NamedTuple):
     table: Array
     length: float
     memory: Array
-    duration: Array
 
 
 def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
@@ -80,7 +79,6 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
         table=packed.table,
         length=length,
         memory=memory,
-        duration=np.ones(1),
     )
 
 
@@ -102,7 +100,7 @@ def evaluate(beds, b, memory, states, out):
     bounds = beds.bounds[p.bounds : p.bounds + BOUNDS * p.blocks].reshape(BOUNDS, p.blocks)
     form = beds.rows[p.rows : p.rows_end], bounds, p.refined, p.reach
     law = PackedLaw(beds.law, beds.alpha_y, beds.numbers[b], beds.table)
-    past = True, beds.duration, memory
+    past = True, memory
     sums(form, law, p.height, (p.slope_x, p.slope_y), states, past, out)
 
 

@@ -120,18 +120,16 @@ def test_memory_answers_by_its_equation_whatever_the_types_and_whatever_came_bef
     alpha_y, made = model
     law = rft.treers2021(GENERIC, made, mobilization_length=length)
     memory = Memory(POINT)
-    durations = form(np.array([[0.0], [1.0]]))
-    durations = [t for (t,) in durations] if isinstance(durations, list) else durations.reshape(2)
     moved = [WHOLE[k] + WHOLE[7 + k] for k in range(3)]
     states = form(np.array([WHOLE, [*moved, *WHOLE[3:]]], dtype=float))
-    force = wrenches_in_time(POINT, law, states, durations, memory)[1, :3]
+    force = wrenches_in_time(POINT, law, states, memory)[1, :3]
     grown = 1.0 - math.exp(-math.sqrt(3.0) / (float(length) * (0.045 / 0.03) ** 2))  # λ grows down to 45 mm
     assert np.allclose(force, grown * np.array(expected(alpha_y, 1.0, 2.0)[:3]), rtol=1e-6, atol=1e-6), force
 
 
 @many
 @given(
-    name=st.sampled_from(["plates", "law", "states", "height", "durations", "memory", "length", "threads", "slope"]),
+    name=st.sampled_from(["plates", "law", "states", "height", "memory", "length", "threads", "slope"]),
     junk=st.sampled_from(JUNK),
     integration=st.sampled_from(["centroid", "refined"]),
     wide=st.booleans(),
@@ -140,11 +138,11 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
     plates = PLATES[integration]
     law = rft.treers2021(GENERIC, Constant(0.1))
     memory = Memory(plates)
-    use = {"plates": plates, "law": law, "states": [WHOLE], "height": 0.0, "durations": [0.1], "memory": memory}
+    use = {"plates": plates, "law": law, "states": [WHOLE], "height": 0.0, "memory": memory}
     use |= {"length": 0.003, "threads": None, "slope": (0.1, 0), name: junk}
     keywords = {"surface_height": use["height"], "sensitivities": wide, "slope": use["slope"]}
     one = refused(lambda: wrenches(use["plates"], use["law"], use["states"], threads=use["threads"], **keywords))
-    scene = use["states"], use["durations"], use["memory"]
+    scene = use["states"], use["memory"]
     grains = lambda: replace(use["law"], mobilization_length=use["length"])  # noqa: E731
     in_time = refused(lambda: wrenches_in_time(use["plates"], grains(), *scene, **keywords))
     refused(lambda: plate_forces(use["plates"], use["law"], use["states"], surface_height=use["height"]))
@@ -165,22 +163,12 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
 
 
 @many
-@given(
-    n=st.integers(0, 4),
-    rows=st.integers(0, 4),
-    columns=st.integers(1, 20),
-    what=st.sampled_from(["states", "durations"]),
-)
-def test_arrays_of_other_shapes_are_refused(n, rows, columns, what):
+@given(rows=st.integers(0, 4), columns=st.integers(1, 20), in_time=st.booleans())
+def test_states_of_other_shapes_are_refused(rows, columns, in_time):
     law = rft.treers2021(GENERIC, Constant(0.1), mobilization_length=0.1)
-    states = np.array([WHOLE] * n, dtype=float).reshape(n, 13)
-    if what == "states":
-        states = np.zeros((rows, columns))
-        assert refused(lambda: wrenches(POINT, law, states)) == (columns != 13)
-    else:
-        times, memory = np.zeros(rows), Memory(POINT)
-        call = lambda: wrenches_in_time(POINT, law, states, times, memory)  # noqa: E731
-        assert refused(call) == (rows != n)
+    states, memory = np.zeros((rows, columns)), Memory(POINT)
+    call = (lambda: wrenches_in_time(POINT, law, states, memory)) if in_time else lambda: wrenches(POINT, law, states)
+    assert refused(call) == (columns != 13)
 
 
 @many
@@ -194,7 +182,7 @@ def test_states_that_were_not_checked_stay_within_the_arrays(values, model):
     for law, plates in product(laws, (*PLATES.values(), OTHERS)):
         memory = Memory(plates)
         assert wrenches(plates, law, [values]).shape == (1, 7)
-        wrenches_in_time(plates, law, [values] * 2, [0.0, 0.1], memory, sensitivities=True)
+        wrenches_in_time(plates, law, [values] * 2, memory, sensitivities=True)
         assert plate_forces(plates, law, values).shape == (len(plates), 3)
         rft.edge_share(plates, values)
 

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from scenes import GENERIC, facing
+from scenes import GENERIC
 
 from rft_ros.rft import (
     Memory,
@@ -19,7 +19,7 @@ from rft_ros.rft import (
     wrenches,
     wrenches_in_time,
 )
-from rft_ros.rft.memory import ELASTIC, HEAD
+from rft_ros.rft.memory import HEAD, STIFF
 from rft_ros.rft.wrench import prepared
 from rft_ros.tool import load_tool
 
@@ -33,34 +33,34 @@ LINEAR = treers2021(GENERIC, alpha_y_model("linear", GENERIC), zeta=0.33)
 
 
 def along(path, velocity, *, start=(0.0, 0.0, -0.04)):
-    """States at these distances along a straight path, and the durations between them."""
+    """States at these distances along a straight path."""
     speed, states = np.linalg.norm(velocity), np.zeros((len(path), 13))
     states[:, :3] = np.asarray(start) + np.outer(path, velocity) / speed
     states[:, 6], states[:, 7:10] = 1.0, velocity
-    return checked_states(states), np.diff(path, prepend=path[0]) / speed
+    return checked_states(states)
 
 
-def remembered(states, durations, *, length=LENGTH, plates=PLATES["centroid"], memory=None, law=LAW):
+def remembered(states, *, length=LENGTH, plates=PLATES["centroid"], memory=None, law=LAW):
     memory = Memory(plates) if memory is None else memory
-    return wrenches_in_time(plates, replace(law, mobilization_length=length), states, durations, memory)
+    return wrenches_in_time(plates, replace(law, mobilization_length=length), states, memory)
 
 
 @pytest.mark.parametrize("integration", INTEGRATIONS)
 def test_steady_motion_approaches_the_published_force_monotonically(integration):
     plates = PLATES[integration]
-    states, durations = along(np.linspace(0.0, 0.12, 200), (0.01, 0.0, 0.0))  # level: the published force is constant
-    result = remembered(states, durations, plates=plates)[:, 0]
+    states = along(np.linspace(0.0, 0.12, 6000), (0.01, 0.0, 0.0))  # level: the published force is constant
+    result = remembered(states, plates=plates)[:, 0]
     published = wrenches(plates, LAW, states)[0, 0]
     assert result[0] == pytest.approx(0.0, abs=1e-15)
-    assert (np.diff(result) <= 1e-15).all()
-    assert result[-1] == pytest.approx(published, rel=1e-3)
+    assert (np.diff(result) <= 1e-6).all()
+    assert result[-1] == pytest.approx(published, rel=5e-3)
 
 
 @pytest.mark.parametrize("integration", INTEGRATIONS)
 def test_a_very_short_mobilization_length_gives_the_published_rule(integration):
     plates = PLATES[integration]
-    states, durations = along(np.linspace(0.0, 0.05, 100), (0.005, 0.002, -0.01))
-    result = remembered(states, durations, plates=plates, length=1e-9)[2:]
+    states = along(np.linspace(0.0, 0.05, 100), (0.005, 0.002, -0.01))
+    result = remembered(states, plates=plates, length=1e-9)[2:]
     published = wrenches(plates, LAW, states)
     # the mean of both ends of a step, over which the direction does not change
     np.testing.assert_allclose(result, published[2:], rtol=1e-9, atol=1e-12)
@@ -78,10 +78,10 @@ def test_axes_place_mirror_speed_and_order_of_the_plates_do_not_decide_which_of_
     yaw, speed, shift, place, mirrored
 ):
     """Down and up again: what the trailing plates keep decides the sign of the force."""
-    down, pause = along(np.linspace(0.0, 0.04, 41), (0.0, 0.0, -0.02), start=(0.0, 0.0, 0.0))
-    up, _ = along(np.linspace(0.0, 0.01, 11), (0.0, 0.0, 0.02), start=(0.0, 0.0, -0.04))
-    states, durations = np.vstack([down, up[1:]]), np.append(pause, pause[1:11])
-    expected = remembered(states, durations, plates=ROOT_TIP)
+    down = along(np.linspace(0.0, 0.04, 41), (0.0, 0.0, -0.02), start=(0.0, 0.0, 0.0))
+    up = along(np.linspace(0.0, 0.01, 11), (0.0, 0.0, 0.02), start=(0.0, 0.0, -0.04))
+    states = np.vstack([down, up[1:]])
+    expected = remembered(states, plates=ROOT_TIP)
     assert expected[-1, 2] < 0.0 < expected[40, 2]
     states[:, 5:7] = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
     states[:, 7:] *= speed
@@ -90,7 +90,7 @@ def test_axes_place_mirror_speed_and_order_of_the_plates_do_not_decide_which_of_
     if mirrored:
         rows[[1, 4, 8, 11]] *= -1.0
         expected[:, [1, 3, 5]] *= -1.0
-    found = remembered(states, durations / speed, plates=Plates(rows))
+    found = remembered(states, plates=Plates(rows))
     c, s = np.cos(yaw), np.sin(yaw)
     for column in (0, 3):
         x, y = expected[:, column].copy(), expected[:, column + 1].copy()
@@ -100,8 +100,7 @@ def test_axes_place_mirror_speed_and_order_of_the_plates_do_not_decide_which_of_
         np.testing.assert_allclose(found[:, column : column + 3], expected[:, column : column + 3], atol=1e-5 * scale)
 
 
-def test_the_force_on_a_leading_plate_converges_at_second_order_in_the_step():
-    """First order where plates begin or cease to lead, or to be loaded: that happens within a step."""
+def test_the_force_on_a_leading_plate_converges_at_first_order_in_the_step():
     plate = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.8, 0.0, -0.6]], [1e-4])
 
     def at_the_end(n):
@@ -111,12 +110,12 @@ def test_the_force_on_a_leading_plate_converges_at_second_order_in_the_step():
         states[:, 2] = -0.03 - 0.01 * t
         states[:, 6] = 1.0
         states[:, 7], states[:, 8], states[:, 9] = 0.012 * np.cos(angle), 0.012 * np.sin(angle), -0.01
-        return remembered(checked_states(states), np.diff(t, prepend=0.0), plates=plate)[-1, :3]
+        return remembered(checked_states(states), plates=plate)[-1, :3]
 
     exact = at_the_end(12801)
     errors = [np.linalg.norm(at_the_end(n) - exact) for n in (51, 101, 201, 401)]
     orders = np.log2(np.array(errors[:-1]) / errors[1:])
-    assert orders.min() > 1.8, (errors, orders)
+    assert orders.min() > 0.95, (errors, orders)
 
 
 def test_the_forces_on_a_turning_body_depend_little_on_the_step():
@@ -127,7 +126,7 @@ def test_the_forces_on_a_turning_body_depend_little_on_the_step():
         states[:, 0], states[:, 2] = 0.003 * np.sin(angle), -0.04 - 0.01 * t
         states[:, 6] = 1.0
         states[:, 7], states[:, 9] = 0.012 * np.cos(angle), -0.01
-        return remembered(checked_states(states), np.diff(t, prepend=0.0), plates=ELLIPSOID)[-1, :3]
+        return remembered(checked_states(states), plates=ELLIPSOID)[-1, :3]
 
     exact = at_the_end(3201)
     for n, share in ((126, 3e-3), (501, 8e-4), (1001, 4e-4)):
@@ -146,7 +145,7 @@ def test_a_closed_path_at_constant_depth_never_yields_work(seed, integration, al
     states = np.zeros((len(x), 13))
     states[:, :2], states[:, 2], states[:, 6] = x, -0.04, 1.0
     states[1:, 7:9] = np.diff(x, axis=0)
-    force = remembered(checked_states(states), np.ones(len(x)), plates=PLATES[integration], law=law)[:, :2]
+    force = remembered(checked_states(states), plates=PLATES[integration], law=law)[:, :2]
     work = np.cumsum(np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(x, axis=0), axis=1))
     assert work.max() <= 1e-9 * np.abs(work).max()
 
@@ -156,24 +155,24 @@ def test_noise_of_poses_within_the_slack_changes_the_force_by_less_than_1_percen
     """2 µm, 10 µrad, 40 s at 250 Hz; the twist is what differences of such poses give."""
     plates, rng, n = PLATES[integration], np.random.default_rng(3), 10_000
     memory = Memory(plates, slack=1e-5)
-    states, durations = along(np.linspace(0.0, 0.02, 50), (0.004, 0.0, -0.01))
-    last = remembered(states, durations, plates=plates, memory=memory)[-1, :3]
+    states = along(np.linspace(0.0, 0.02, 50), (0.004, 0.0, -0.01))
+    last = remembered(states, plates=plates, memory=memory)[-1, :3]
     noisy = np.repeat(states[-1:], n, axis=0)
     noisy[:, :3] += rng.normal(scale=2e-6, size=(n, 3))
     noisy[:, 3:7] += rng.normal(scale=5e-6, size=(n, 4))
     noisy[:, 7:10] = np.diff(noisy[:, :3], axis=0, prepend=noisy[:1, :3]) / 0.004
-    mean = remembered(checked_states(noisy), np.full(n, 0.004), plates=plates, memory=memory)[:, :3].mean(axis=0)
+    mean = remembered(checked_states(noisy), plates=plates, memory=memory)[:, :3].mean(axis=0)
     assert np.linalg.norm(mean - last) < 0.01 * np.linalg.norm(last)
 
 
 def test_plates_that_leave_the_grains_forget():
     memory = Memory(PLATES["refined"])
-    down, durations = along(np.linspace(0.0, 0.03, 60), (0.0, 0.0, -0.01), start=(0.0, 0.0, 0.0))
-    first = remembered(down, durations, plates=PLATES["refined"], memory=memory)
-    above, pause = along(np.array([0.0]), (0.0, 0.0, 0.01), start=(0.0, 0.0, 0.1))
-    remembered(above, pause, plates=PLATES["refined"], memory=memory)
+    down = along(np.linspace(0.0, 0.13, 260), (0.0, 0.0, -0.01), start=(0.0, 0.0, 0.1))
+    first = remembered(down, plates=PLATES["refined"], memory=memory)
+    above = along(np.array([0.0]), (0.0, 0.0, 0.01), start=(0.0, 0.0, 0.1))
+    remembered(above, plates=PLATES["refined"], memory=memory)
     assert not memory.numbers[:, HEAD:].any()
-    np.testing.assert_array_equal(remembered(down, durations, plates=PLATES["refined"], memory=memory), first)
+    np.testing.assert_array_equal(remembered(down, plates=PLATES["refined"], memory=memory), first)
 
 
 @given(st.floats(5e-324, 1e3), st.integers(0, 2**32 - 1), st.sampled_from(INTEGRATIONS))
@@ -185,8 +184,7 @@ def test_forces_are_finite_and_bounded_by_the_law_for_any_length_and_motion(leng
     q = rng.normal(size=(12, 4))
     states[:, 3:7] = q / np.linalg.norm(q, axis=1)[:, None]
     states[:, 7:] = rng.normal(size=(12, 6)) * 10.0 ** rng.integers(-12, 3, size=(12, 1)) * rng.integers(0, 2, (12, 6))
-    durations = 10.0 ** rng.uniform(-6, 1, 12)
-    result = remembered(checked_states(states), durations, length=length, plates=PLATES[integration])
+    result = remembered(checked_states(states), length=length, plates=PLATES[integration])
     assert np.isfinite(result).all()
     depth = np.maximum(0.04 - states[:, 2], 0.0)
     strongest = 2.0 * LAW.stiffness * PLATES[integration].area * depth
@@ -195,20 +193,20 @@ def test_forces_are_finite_and_bounded_by_the_law_for_any_length_and_motion(leng
 
 def test_a_speed_near_the_largest_double_leaves_a_usable_memory():
     memory = Memory(PLATES["centroid"])
-    states, durations = along(np.array([0.0]), (1.0, 0.0, 0.0))
+    states = along(np.array([0.0]), (1.0, 0.0, 0.0))
     states[:, 7] = 1.7e308
     for _ in range(2):
-        remembered(states, durations + 0.1, memory=memory)
-    states, durations = along(np.linspace(0.0, 0.03, 60), (0.01, 0.0, -0.002))
-    assert np.isfinite(remembered(states, durations, memory=memory)).all()
+        remembered(states, memory=memory)
+    states = along(np.linspace(0.0, 0.03, 60), (0.01, 0.0, -0.002))
+    assert np.isfinite(remembered(states, memory=memory)).all()
 
 
 def test_a_memory_of_other_plates_is_refused():
     with pytest.raises(ValueError, match="memory belongs to other plates"):
         prepared(PLATES["centroid"], Memory(PLATES["refined"]))
-    states, durations = along(np.array([0.0]), (1.0, 0.0, 0.0))
+    states = along(np.array([0.0]), (1.0, 0.0, 0.0))
     with pytest.raises(ValueError, match="memory belongs to other plates"):
-        remembered(states, durations, memory=Memory(PLATES["refined"]), plates=PLATES["centroid"])
+        remembered(states, memory=Memory(PLATES["refined"]), plates=PLATES["centroid"])
 
 
 def _work_on_a_path(plates, corners, *, steps=(400, 1, 400, 400, 400, 400)):
@@ -221,7 +219,7 @@ def _work_on_a_path(plates, corners, *, steps=(400, 1, 400, 400, 400, 400)):
     states[:, :2], states[:, 2], states[:, 6] = places, -0.03, 1.0
     states[1:, 7:9], states[0, 7:9] = moves, moves[0]
     law = treers2021(GENERIC, alpha_y_model("linear", GENERIC), zeta=0.33)
-    force = remembered(checked_states(states), np.ones(len(places)), plates=plates, law=law)[:, :2]
+    force = remembered(checked_states(states), plates=plates, law=law)[:, :2]
     return np.cumsum((0.5 * (force[1:] + force[:-1]) * moves).sum(axis=1)), force
 
 
@@ -275,24 +273,7 @@ def test_a_plate_gives_back_no_more_than_its_traction_stores_whatever_way_it_mov
         states[1:, :3], states[1:, 7:10] = np.cumsum(moves, axis=0), moves
         states[:, 2] -= 0.03
         states[:, 6], states[0, 7:10] = 1.0, moves[0]
-        force = remembered(checked_states(states), np.ones(len(states)), plates=plate, law=law)[:, :3]
+        force = remembered(checked_states(states), plates=plate, law=law)[:, :3]
         work = np.cumsum((0.5 * (force[1:] + force[:-1]) * moves).sum(axis=1))
-        stored = 0.5 * np.linalg.norm(force[800]) * ELASTIC * LENGTH
+        stored = 0.5 * np.linalg.norm(force[800]) ** 2 * LENGTH / (STIFF * law.stiffness * 0.03 * plate.area)
         assert work[800:].max() - work[799] <= 1.05 * stored + 1e-9 * np.abs(work).max()
-
-
-@pytest.mark.parametrize("integration", INTEGRATIONS)
-def test_a_plate_that_turns_to_trailing_has_the_same_force_beside_plates_that_lead(integration):
-    # a block whose plates all lead is evaluated without the rule for plates that trail
-    rng = np.random.default_rng(8)
-    places = rng.uniform(-0.02, 0.02, (15, 3))
-    normals = np.column_stack([rng.uniform(0.3, 0.9, (15, 2)), rng.uniform(-0.6, -0.1, 15)])
-    leading, turning = facing(integration, places, normals), facing(integration, [[0.0, 0.0, 0.0]], [[0.9, -0.3, 0.0]])
-    together = Plates.of_rows(np.hstack([leading.rows, turning.rows]))
-    there, times = along(np.linspace(0.0, 6e-3, 40), (0.006, 0.005, -0.002))
-    deeper, _ = along(np.linspace(0.0, 1e-2, 40), (0.001, 0.006, -0.01), start=there[-1, :3])
-    states, durations = np.vstack([there, deeper]), np.concatenate([times, times])
-    alone = [remembered(states, durations, plates=plates)[:, :6] for plates in (leading, turning)]
-    assert np.abs(alone[1][42:50, 0]).max() > 0.1  # it trails, and the grains still press it
-    error = np.abs(remembered(states, durations, plates=together)[:, :6] - sum(alone)).max(axis=0)
-    assert (error <= 1e-12 * np.abs(sum(alone)).max(axis=0)).all()

@@ -32,8 +32,7 @@ def forces_along(plates, law, paths, slack=0.0):
     memory, forces = Memory(plates, bodies=len(paths), slack=slack), np.empty((*paths.shape[:2], 3))
     law = replace(law, mobilization_length=LENGTH)
     for j in range(paths.shape[1]):
-        durations = np.full(len(paths), 0.01 if j else 0.0)
-        forces[:, j] = wrenches_in_time(plates, law, checked_states(paths[:, j]), durations, memory)[:, :3]
+        forces[:, j] = wrenches_in_time(plates, law, checked_states(paths[:, j]), memory)[:, :3]
     return forces
 
 
@@ -215,7 +214,7 @@ def test_a_closed_path_with_rotations_and_changes_of_depth_yields_no_work(rule, 
     spins = np.array([_spin(a, b) for a, b in zip(states[:-1, 3:7], states[1:, 3:7], strict=True)])
     states[1:, 7:10], states[1:, 10:] = moved, spins
     grains = replace(LAWS[law], mobilization_length=LENGTH)
-    wrench = wrenches_in_time(plates, grains, checked_states(states), np.ones(len(states)), Memory(plates))[:, :6]
+    wrench = wrenches_in_time(plates, grains, checked_states(states), Memory(plates))[:, :6]
     mean = 0.5 * (wrench[1:] + wrench[:-1])
     work = np.cumsum((mean[:, :3] * moved).sum(axis=1) + (mean[:, 3:] * spins).sum(axis=1))
     assert work.max() <= 1e-6 * np.abs(work).max()

@@ -59,10 +59,9 @@ def test_with_memory_at_constant_depth_the_change_with_height_is_traction_times_
     states = np.repeat(DOWN, len(path), axis=0)
     states[:, 2], states[:, QUATERNION], states[:, TWIST] = -0.05, (0, 0, 0, 1), 0.0
     states[:, 7], states[:, 0] = 0.01, path
-    durations = np.diff(path, prepend=0.0) / 0.01
     for plates in TOOLS.values():
         kept = wrenches_in_time(
-            plates, replace(CONSTANT, mobilization_length=1e-3), states, durations, Memory(plates), sensitivities=True
+            plates, replace(CONSTANT, mobilization_length=1e-3), states, Memory(plates), sensitivities=True
         )
         fresh = wrenches(plates, CONSTANT, states[-1:], sensitivities=True)
         np.testing.assert_allclose(column(kept, "dfx_dh")[-1], column(fresh, "dfx_dh")[0], rtol=1e-6)

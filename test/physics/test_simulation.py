@@ -43,8 +43,7 @@ def stepped(grains, states, dt=0.01):
 @pytest.mark.parametrize("law", [LAW, replace(LAW, density=2000.0, inertia=1.0)], ids=["slow", "inertia"])
 def test_a_step_gives_the_bytes_of_wrenches_in_time(plate, law):
     states = checked_states(pressed())
-    durations, memory = np.full(len(states), 0.01), Memory(plate.plates)
-    whole = wrenches_in_time(plate.plates, law, states, durations, memory)
+    whole = wrenches_in_time(plate.plates, law, states, Memory(plate.plates))
     assert stepped(Grains(plate, law), states).tobytes() == whole[:, :6].tobytes()
 
 

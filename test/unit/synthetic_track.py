@@ -80,12 +80,11 @@ class Path:
         return time, np.hstack([position, turns.as_quat(), velocity, spins[leg] / lengths])
 
 
-def grain_wrenches(time, states, law, *, surface, length=1e-9, tool=TOOL):
+def grain_wrenches(_time, states, law, *, surface, length=1e-9, tool=TOOL):
     """Wrench of the grains on the tool, world axes, shape [n, 6]; by default the memory matters only at rest."""
-    durations = np.diff(time, prepend=time[0])
     memory = Memory(tool.plates, slack=SLACK)  # as in the estimator: without it λ of a reversal is found 7 % short
     grains = replace(law, mobilization_length=length)
-    return wrenches_in_time(tool.plates, grains, states, durations, memory, surface_height=surface)
+    return wrenches_in_time(tool.plates, grains, states, memory, surface_height=surface)
 
 
 def read_by(cell, states, wrench_rows, rng=None, *, noise=(0.0, 0.0)):

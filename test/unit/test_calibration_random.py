@@ -83,8 +83,7 @@ def recording(seed):
         path.wait(rest)
     time, states = path.move((0.0, 0.0, 0.01 + depth), speed).states(1000.0)
     grains = replace(law(zeta), mobilization_length=length)
-    durations = np.diff(time, prepend=0.0)
-    force = wrenches_in_time(tool.plates, grains, states, durations, Memory(tool.plates), surface_height=surface)
+    force = wrenches_in_time(tool.plates, grains, states, Memory(tool.plates), surface_height=surface)
     some = slice(int(rng.integers(every)), None, every)
     time, states, force = time[some] - time[some][0], states[some].copy(), force[some]
     readings = read_by(LOAD_CELL, states, force, rng, noise=(noise, noise / 50.0))
@@ -124,8 +123,7 @@ def test_a_turn_between_two_poses_does_not_shift_lambda():
     time, states = path.states(1000.0)
     grains = replace(law(0.8), mobilization_length=0.003)
     tool = tool_of("abb_plate", "refined")
-    durations = np.diff(time, prepend=0.0)
-    force = wrenches_in_time(tool.plates, grains, states, durations, Memory(tool.plates), surface_height=0.0)
+    force = wrenches_in_time(tool.plates, grains, states, Memory(tool.plates), surface_height=0.0)
     for first in (0, 3, 6):
         some = slice(first, None, 8)
         readings = read_by(LOAD_CELL, states[some], force[some], np.random.default_rng(1), noise=(0.02, 0.0004))

@@ -15,22 +15,7 @@ from rft_ros.rft.inertia import inertia_force
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import OPTIONS, compiled, inlined
-from rft_ros.rft.memory import (
-    EMPTY,
-    GAPS,
-    HEAD,
-    IN_HEAD,
-    IN_STIFFNESS,
-    LOADED,
-    OF_BLOCK,
-    TRAILING,
-    WEAKEST,
-    add_memory,
-    clear,
-    displacement,
-    follow_gap,
-    forget_demand,
-)
+from rft_ros.rft.memory import HEAD, IN_HEAD, IN_STIFFNESS, OF_BLOCK, add_memory, displacement, follow_gap, is_elastic
 from rft_ros.rft.plates import (
     BLOCK,
     BOUND_AREA,
@@ -48,10 +33,10 @@ from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED
 
 __all__ = ["edge_share", "sums"]
 
-_SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT, _FADING = range(6)
+_SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT = range(5)
 """Kinds of blocks: dry (skipped); submerged and trailing (only its area counts); submerged without horizontal plates;
-possibly cut by the surface; possibly with horizontal plates; submerged and trailing with tractions in memory. The
-plates of blocks from `_PLAIN` on are evaluated one by one."""
+possibly cut by the surface; possibly with horizontal plates. The plates of blocks from `_PLAIN` on are evaluated one
+by one."""
 
 _FORCE, _TORQUE, _BY_HEIGHT, _MOMENTS = (row.TOTAL + part.start for part in (FORCE, TORQUE, BY_HEIGHT, MOMENTS))
 _AREA = row.TOTAL + SUBMERGED_AREA
@@ -107,7 +92,7 @@ def _range(bounds, b, box, v):
 
 
 @inlined
-def _classify(chunk, bounds, first, last, scene, reach, level, beyond):
+def _classify(chunk, bounds, first, last, scene, reach, level):
     """Store the kinds of blocks; where the bounds allow two, the one that computes more.
 
     `bounds`: of `Plates`. `level`: abs(n·E3) from which on a plate may be horizontal.
@@ -124,7 +109,7 @@ def _classify(chunk, bounds, first, last, scene, reach, level, beyond):
         # v·n of a plate is linear · n + angular · (r x n)
         along, more_along = _range(bounds, b, BOUND_NORMAL, linear)
         around, more_around = _range(bounds, b, BOUND_MOMENT, angular)
-        trails = along + more_along + around + more_around + (bounds[BOUND_SINE, b] + beyond) * fastest <= 0.0
+        trails = along + more_along + around + more_around + (bounds[BOUND_SINE, b] + ROUNDING) * fastest <= 0.0
         upwards, more_upwards = _range(bounds, b, BOUND_NORMAL, axes[6:])
         tilt = abs(upwards) + more_upwards + ROUNDING
         kind = _FLAT_OR_CUT if tilt >= level else (_PLAIN if wet else _CUT)
@@ -212,9 +197,11 @@ def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
         per_speed = orient(chunk, i, normal, (ux, uy, uz))
         if refined:
             per_width = rows[at(first + IN_BLOCK.half_angle, j)]
+            chunk[at(row.WIDTH, i)] = 0.5 / per_width
             share = min(max(lead * per_speed * per_width + 0.5, 0.0), 1.0)
         else:
             share = 1.0 if lead > 0.0 else 0.0
+            chunk[at(row.WIDTH, i)] = 0.0
         put(chunk, row.PLACE, i, (x, y, z))
         submerged += area
         loaded = 1.0 if has_memory else share
@@ -225,9 +212,10 @@ def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
 
 
 @inlined
-def _follow_gaps(memory, first, form, block, below, rise, motion):
-    """Follow the gaps behind the plates of a submerged block that trails and has no traction."""
+def _follow_gaps(memory, first, form, b, below, rise, motion):
+    """Follow the gaps behind the plates of a submerged block that trails and is not elastic. `motion`: in tool axes."""
     rows, _, refined, _ = form
+    block = b * np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK)
     for i in range(BLOCK):
         place, _, _ = _centre_and_load(rows, block, i, below, rise, refined, False)
         follow_gap(memory, first, i, triple(rows, block + IN_BLOCK.normal, i, BLOCK), place, motion)
@@ -276,7 +264,7 @@ def _add_stiffness(chunk, n, memory):
     k = kx = ky = kz = kxx = kyy = kzz = kxy = kxz = kyz = 0.0
     for i in range(n):
         x, y, z = triple(chunk, row.PLACE, i)
-        stiff = chunk[at(row.STIFF, i)]
+        stiff = chunk[at(row.TANGENT, i)]
         k += stiff
         kx += stiff * x
         ky += stiff * y
@@ -326,31 +314,23 @@ def _add_forces(chunk, i0, b, out):
 def _sums(form, law, height, slope, states, past, out):
     """The sums for each state, `out` of shape [n, 7] or [n, 19], or the forces of plates at one state, shape [m, 3].
 
-    `form`: of `Plates`. `law`: its `packed`. `past`: three values: whether the plates have memory; the durations;
-    `Memory.numbers`.
+    `form`: of `Plates`. `law`: its `packed`. `past`: whether the plates have memory, and `Memory.numbers`.
     Forces are added to those in `out`, in the kernel's order. One function: LLVM keeps what is the same for all blocks
     in registers, and a state takes 8 % longer if it is divided.
     """
     wide_vectors()
     rows, bounds, refined, reach = form
-    has_memory, durations, memories = past
+    has_memory, memories = past
     chunk, inertia = new_chunk(), law.numbers[IN_LAW.inertia]
-    grains = law.numbers[IN_LAW.mobilization_length], WEAKEST * law.numbers[IN_LAW.stiffness], refined
+    grains = law.numbers[IN_LAW.mobilization_length], law.numbers[IN_LAW.stiffness]
     level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == _FORCES
-    beyond = ROUNDING + (TRAILING if has_memory and refined else 0.0)
     # unsigned: numba adds code for negative indices otherwise
-    rule, blocks, one = (
-        np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK),
-        np.uint64(bounds.shape[1]),
-        np.uint64(1),
-    )
-    first_in_memory = np.uint64(HEAD) + blocks
+    blocks, one = np.uint64(bounds.shape[1]), np.uint64(1)
     for k in range(states.shape[0]):
         axes, twist, scale, per_scale2 = _motion(states[k], reach)
         below, rise = _surface(height, slope, states[k], axes)
         memory = memories[k if len(memories) > 1 else 0]
-        still = (0.0, 0.0, 0.0), axes
-        moved, motion, motion_in_tool = False, still, still
+        motion = motion_in_tool = (0.0, 0.0, 0.0), axes
         if has_memory:
             for c in IN_STIFFNESS:
                 memory[c] = 0.0
@@ -358,7 +338,7 @@ def _sums(form, law, height, slope, states, past, out):
                 for c, value in enumerate(twist):
                     memory[IN_HEAD.twist + c] = value
             twist = triple(memory, IN_HEAD.twist, 0, 1) + triple(memory, IN_HEAD.twist, 3, 1)
-            moved, motion, motion_in_tool = displacement(memory, states[k], axes, reach, durations[k] > 0.0)
+            motion, motion_in_tool = displacement(memory, states[k], axes, reach)
         scene = axes, twist, below, rise
         for c in range(WIDTH):
             chunk[at(row.TOTAL, c)] = 0.0
@@ -366,10 +346,11 @@ def _sums(form, law, height, slope, states, past, out):
         while b <= blocks:
             place = b & np.uint64(row.KINDS - 1)
             if place == np.uint64(0):
-                _classify(chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), scene, reach, level, beyond)
+                _classify(chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), scene, reach, level)
             kind = chunk[at(row.KIND, place)] if b < blocks else _SKIP_DRY
-            if has_memory and kind == _SKIP_WET and memory[at(HEAD, b)] == LOADED:
-                kind = _FADING
+            in_memory = np.uint64(HEAD) + b * np.uint64(OF_BLOCK)
+            if has_memory and kind == _SKIP_WET and is_elastic(memory, in_memory):
+                kind = _PLAIN
             changes = kind >= _PLAIN and flat != (kind == _FLAT_OR_CUT)
             if count == np.uint64(row.BLOCKS) or (count > np.uint64(0) and (b == blocks or changes)):
                 n = count * np.uint64(BLOCK)
@@ -386,7 +367,7 @@ def _sums(form, law, height, slope, states, past, out):
                 flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
                 tractions(law, chunk, n, flatness, refined)
                 if has_memory:
-                    add_memory(chunk, count, memory, first_in_memory, rows, motion, below, slope, grains)
+                    add_memory(chunk, count, memory, motion, below, slope, grains)
                     _add_stiffness(chunk, n, memory)
                 for inertial in range(2 if inertia > 0.0 else 1):
                     if inertial == 1:
@@ -403,15 +384,10 @@ def _sums(form, law, height, slope, states, past, out):
             elif kind == _SKIP_WET:
                 chunk[_AREA] += bounds[BOUND_AREA, b]
                 if has_memory:
-                    first = first_in_memory + b * np.uint64(OF_BLOCK)
-                    if moved:
-                        _follow_gaps(memory, first, form, b * rule, below, rise, motion_in_tool)
-                    else:
-                        forget_demand(memory, first)
-                    memory[at(HEAD, b)] = GAPS
-            elif has_memory and b < blocks and memory[at(HEAD, b)] != EMPTY:
-                clear(memory, first_in_memory + b * np.uint64(OF_BLOCK))
-                memory[at(HEAD, b)] = EMPTY
+                    _follow_gaps(memory, in_memory, form, b, below, rise, motion_in_tool)
+            elif has_memory and b < blocks:
+                for i in range(OF_BLOCK):
+                    memory[at(in_memory, i)] = 0.0
             b += one
         if not of_plates:
             for c in range(out.shape[1]):
