@@ -26,7 +26,7 @@ from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.whole_file import replacing
 
 __all__ = ["checked_file", "checked_folder", "expanded", "opened", "read_arrays", "read_columns", "read_file"]
-__all__ += ["read_text", "read_yaml", "refuse_overwriting", "resolved", "whole", "whole_folder"]
+__all__ += ["read_header", "read_text", "read_yaml", "refuse_overwriting", "resolved", "whole", "whole_folder"]
 
 _MAX_BYTES = 256 * 2**20  # of a file, and of the unpacked arrays of an NPZ file
 _MAX_NUMBERS = _MAX_BYTES // 8  # in one array or table; each may become a double
@@ -150,6 +150,12 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any
         if values.size > _MAX_NUMBERS:
             raise InputError(f"{what} '{file}' has {values.size:,} numbers in {name}; the limit is {_MAX_NUMBERS:,}")
     return found
+
+
+def read_header(file: Path, what: str) -> list[str]:
+    """The names of the columns of a `checked_file` in CSV format."""
+    with opened(file, what) as stream:
+        return [name.strip() for name in stream.readline(_MAX_HEADER).decode("utf-8-sig").split(",")]
 
 
 def read_columns(file: Path, what: str, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:

@@ -6,28 +6,61 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.files import read_columns, whole
-from rft_ros.parameters import Model
-from rft_ros.rft import STATE, WRENCH, Memory, checked_states, wrenches, wrenches_in_time
+from rft_ros.estimator import PoseSample
+from rft_ros.estimator.pose_difference import PoseDifference
+from rft_ros.files import read_columns, read_header, whole
+from rft_ros.parameters import Model, defaults
+from rft_ros.rft import POSE, STATE, TWIST, WRENCH, Memory, checked_states, wrenches, wrenches_in_time
 
 __all__ = ["read_states", "wrenches_along", "write_wrenches"]
+
+_FEWEST = 3  # poses for a velocity
+_ANY_GAP = 1e9  # s
 
 
 def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Times [s], shape [n], and checked states, shape [n, 13], from a CSV file with the columns t, px .. wz.
 
-    Raises InputError that names the line.
+    Without the columns vx .. wz the velocities are found from the poses. Raises InputError that names the line.
     """
-    table, lines = read_columns(file, "states file", ("t", *STATE))
+    what, header = "states file", read_header(file, "states file")
+    posed = set(STATE[TWIST]).isdisjoint(header) and set(STATE[POSE]).issubset(header)
+    table, lines = read_columns(file, what, ("t", *(STATE[POSE] if posed else STATE)))
     times = table[:, 0]
     try:
         if not np.isfinite(times).all():
             k = int(np.argmin(np.isfinite(times)))
             raise ValueError(f"row {k}: t is {times[k]}; it must be a finite number")
-        return times, checked_states(table[:, 1:])
+        if not posed:
+            return times, checked_states(table[:, 1:])
+        states = checked_states(np.pad(table[:, 1:], ((0, 0), (0, len(STATE[TWIST])))))
+        states[:, TWIST] = _velocities(times, states[:, POSE])
+        return times, states
     except ValueError as error:
         row, _, reason = str(error).removeprefix("row ").partition(":")  # counted from 0
-        raise InputError(f"states file '{file}' line {lines[int(row)]}:{reason}") from None
+        raise InputError(f"{what} '{file}' line {lines[int(row)]}:{reason}") from None
+
+
+def _velocities(times: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Twist at each pose as in the node with `twist_source` pose_difference, shape [n, 6]; at the first two the third.
+
+    Raises ValueError, which names the row, if there are fewer than three poses or times do not increase.
+    """
+    with np.errstate(invalid="ignore"):
+        stamps = 1 + np.round((times - times[0]) * 1e9).astype(np.int64)
+    back = np.flatnonzero(np.diff(stamps) <= 0)
+    if len(back):
+        k = int(back[0]) + 1
+        raise ValueError(f"row {k}: t is {times[k]:g} after {times[k - 1]:g}; without velocities it must increase")
+    if len(times) < _FEWEST:
+        raise ValueError(f"row 0: velocities need {_FEWEST} poses; give more, or the columns {','.join(STATE[TWIST])}")
+    difference, twists = PoseDifference(), np.empty((len(times), len(STATE[TWIST])))
+    difference.span(window=defaults()["twist_window"], max_age=_ANY_GAP)
+    for row, (stamp, pose) in enumerate(zip(stamps.tolist(), poses.tolist(), strict=True)):
+        difference.push(PoseSample(stamp, "", pose[:3], pose[3:]))
+        twists[row] = difference.twist
+    twists[: _FEWEST - 1] = twists[_FEWEST - 1]
+    return twists
 
 
 def wrenches_along(

@@ -111,8 +111,11 @@ class Run:
         return rows
 
 
-def write_estimates(run: Run, rows: Rows, folder: Path) -> None:
-    """Write ``estimates.csv`` (`COLUMNS`) and the bag ``estimates`` with the wrenches of a run's rows, shape [n]."""
+def write_estimates(run: Run, rows: Rows, folder: Path, *, shift: int = 0) -> None:
+    """Write ``estimates.csv`` (`COLUMNS`) and the bag ``estimates`` with the wrenches of a run's rows, shape [n].
+
+    `shift`: how much later the stamps are than the times in the table that was replayed [ns].
+    """
     frame, generation = run.estimator.wrench_frame, run.estimator.model.generation
     learned, in_frame = LEARNED_COLUMNS if run.estimator.learning else (), wrench_cdr(frame)
     names = ("stamp", "reason", "phase", "quality_flags", "depth", "speed", "predicted", "compensated", "sigma")
@@ -124,7 +127,8 @@ def write_estimates(run: Run, rows: Rows, folder: Path) -> None:
             columns = [*(block[name] for name in names), block["compensated"] - block["predicted"], block["learned"]]
             for row in zip(*(column.tolist() for column in columns), strict=True):
                 stamp, reason, phase, flags, depth, speed, predicted, compensated, sigma, residual, belief = row
-                time = f"{stamp // 1_000_000_000}.{stamp % 1_000_000_000:09d}"
+                seconds, nanoseconds = divmod(abs(stamp - shift), 1_000_000_000)
+                time = f"{'-' if stamp < shift else ''}{seconds}.{nanoseconds:09d}"
                 numbers = _NUMBERS % (depth, speed, *predicted, *compensated, *residual, *sigma)
                 answer = f",{generation}" if reason < 0 else f"{_REASONS[reason].value},"
                 end = _end(phase, flags) + "".join(f",{number:.9g}" for number in belief[: len(learned)])

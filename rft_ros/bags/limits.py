@@ -3,19 +3,17 @@
 import io
 from bz2 import BZ2Decompressor
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from pathlib import Path
 from threading import Lock
-from types import SimpleNamespace
-from typing import Any, BinaryIO
+from typing import Any
 
 import zstandard
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.rosbag1 import reader as rosbag1
-from rosbags.rosbag2 import reader as rosbag2
 from rosbags.rosbag2 import storage_mcap
 
-__all__ = ["MOST_BYTES", "LimitError", "LimitedPath", "limited_rosbags", "unpacked"]
+__all__ = ["MOST_BYTES", "LimitError", "LimitedPath", "limited_rosbags", "unpack", "unpacked"]
 
 MOST_BYTES = 256 * 2**20
 """Greatest size of a record or a chunk. Recorders write chunks of up to some MiB."""
@@ -85,43 +83,30 @@ def _too_large(size: int, what: str) -> "LimitError":
     return LimitError(f"{what} unpacks to {size / 2**20:.0f} MiB or more; {most}")
 
 
-class _UnpackedFile:
-    """The content of a file compressed by zstd, for `shutil.copyfileobj`. Raises LimitError where it is too large."""
-
-    def __init__(self, file: BinaryIO, _mode: str) -> None:
-        packed = file.seek(0, io.SEEK_END)
-        file.seek(0)
-        self._most, self._so_far = max(MOST_BYTES, _DENSEST * packed), 0
-        self._stream = zstandard.ZstdDecompressor().stream_reader(file, read_across_frames=True)
-
-    def __enter__(self) -> "_UnpackedFile":
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._stream.close()  # type: ignore[no-untyped-call]
-
-    def read(self, size: int) -> bytes:
-        content = self._stream.read(size)
-        self._so_far += len(content)
-        if self._so_far > self._most:
-            raise LimitError(
-                f"a compressed file unpacks to {self._most / 2**20:.0f} MiB or more, over {_DENSEST} times its size;"
-                " unpack it by 'unzstd' if it is right"
-            )
-        return bytes(content)
+def unpack(file: Path, copy: Path) -> None:
+    """Unpack a file compressed by zstd, up to its damage. Raises LimitError where it is too large."""
+    most = max(MOST_BYTES, _DENSEST * file.stat().st_size)
+    with ExitStack() as opened:
+        packed, out = opened.enter_context(file.open("rb")), opened.enter_context(copy.open("wb"))
+        opened.enter_context(suppress(zstandard.ZstdError))
+        stream = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+        while content := stream.read(2**20):
+            out.write(content)
+            if out.tell() > most:
+                raise LimitError(
+                    f"a compressed file unpacks to {most / 2**20:.0f} MiB or more, over {_DENSEST} times its size;"
+                    " unpack it by 'unzstd' if it is right"
+                )
 
 
 def _limited(compression: str) -> Callable[..., bytes]:
     return lambda data, size=None: unpacked(data, compression, size)
 
 
-# rosbags has no option for a limit, but it takes the decompressor of every chunk from two tables, and that of a bag
-# with compression_mode file or message, and the path of the unpacked file, from the reader's module.
-_ZSTD = SimpleNamespace(open=_UnpackedFile, decompress=lambda data: unpacked(data, "zstd", what="a message"))
+# rosbags has no option for a limit, but it takes the decompressor of every chunk from two tables.
 _REPLACED: tuple[tuple[dict[str, Any], dict[str, Any]], ...] = (
     (storage_mcap.DECOMPRESSORS, {name: _limited(name) for name in ("lz4", "zstd")}),
     (rosbag1.decompressors, {name: _limited(name) for name in ("lz4", "bz2")}),
-    (vars(rosbag2), {"zstd": _ZSTD, "Path": LimitedPath}),
 )
 _lock = Lock()
 _users = 0  # blocks that read with limits now

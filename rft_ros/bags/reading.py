@@ -1,46 +1,31 @@
-"""Read rosbag2 (MCAP, SQLite) and ROS 1 bags as samples in the order of their receive times."""
+"""Read recordings as samples in the order of their receive times: rosbag2 (MCAP, SQLite), ROS 1 bags, CSV tables."""
 
+import heapq
 import os
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
-from dataclasses import replace
+from operator import itemgetter
 from pathlib import Path
-from struct import Struct
-from tempfile import TemporaryDirectory
-from typing import BinaryIO
+from typing import Any
 
-from mcap.exceptions import EndOfFile
-from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
-from mcap.writer import CompressionType, Writer
-from rosbags.rosbag1 import Reader as Reader1
-from rosbags.rosbag2 import Reader as Reader2
-
-from rft_ros.bags.limits import MOST_BYTES, LimitedPath, LimitError, limited_rosbags, unpacked
+from rft_ros.bags.limits import limited_rosbags
+from rft_ros.bags.options import ReplayOptions, topics_of
+from rft_ros.bags.sources import Messages, Source, sources_of
+from rft_ros.bags.table import is_table, source_of_table, values_for_table
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.estimator import Sample, TransformSample
-from rft_ros.files import checked_file, resolved
+from rft_ros.files import resolved
 from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder
+from rft_ros.parameters import Values
 
 __all__ = ["Recording", "bag_name"]
 
-_Reader = Reader1 | Reader2
-
 _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
-
 _INSTEAD: dict[Role, str] = {"pose": "pose_source: tf, or ", "twist": "twist_source: pose_difference, or "}
-_REPAIRS = {".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
 _LATEST = 100_000_000  # ns; messages that lie up to this late in their file are put in order, as in split bags
 _TOGETHER = 256  # messages sorted at a time
-_CHUNK_HEAD = Struct("<BQQQQII8x")
-"""The bytes before the records of an uncompressed chunk (https://mcap.dev/spec): opcode, length, start and end time,
-uncompressed size, CRC, length of the name of the compression, which is 0, and length of the records.
-"""
-_SUFFIXES = (".mcap", ".db3", ".bag")
-_MOST_METADATA = 2**24  # bytes
 
 
 def bag_name(bag: Path) -> str:
@@ -48,174 +33,117 @@ def bag_name(bag: Path) -> str:
     return os.fsencode(resolved(bag).name).decode(errors="backslashreplace")
 
 
-def _is_ros1(bag: Path) -> bool:
-    return bag.suffix == ".bag" and bag.is_file()
-
-
-def _opened(path: Path, opened: ExitStack) -> _Reader:
-    limited = LimitedPath(path)
-    reader = Reader1(limited) if _is_ros1(path) else Reader2(limited)
-    reader.open()
-    opened.callback(reader.close)
-    return reader
-
-
-def _recover(file: Path, copy: Path, topics: Collection[str]) -> bool:
-    """Copy an .mcap file up to its damage: all messages on `topics`, and the first one on any other topic.
-
-    Returns whether the copy is complete. It is if the file is intact, but not of ROS 2 or without an index. Damage
-    raises no error. A chunk or a record that is too large raises LimitError, after what comes before it is copied.
-    """
-    names, channels, complete = {0: "unknown type"}, dict[int, tuple[int, str]](), False
-    limit: LimitError | None = None
-    met = set[str]()  # topics so far; the first message of all is copied, since the bag's times count from it
-    with LimitedPath(file).open("rb") as damaged, copy.open("wb") as whole:
-        writer = Writer(whole, compression=CompressionType.NONE)
-        writer.start("ros2")
-        try:
-            for r in _records(damaged):
-                if isinstance(r, Schema):
-                    names[r.id] = r.name
-                elif isinstance(r, Channel) and r.id not in channels:  # each chunk has them again
-                    name, encoding = names[r.schema_id], r.message_encoding
-                    # without its definition: rosbags refuses a file with any that is not of ROS 2
-                    schema = writer.register_schema(name if encoding == "cdr" else f"{name} as {encoding}", "", b"")
-                    channels[r.id] = writer.register_channel(r.topic, "cdr", schema), r.topic
-                elif isinstance(r, Message):
-                    channel, topic = channels[r.channel_id]
-                    if topic in topics or topic not in met:
-                        met.add(topic)
-                        writer.add_message(channel, r.log_time, r.data, r.publish_time)
-                elif isinstance(r, DataEnd):
-                    complete = True
-                    break
-        except LimitError as error:
-            limit = error
-        except Exception:
-            pass
-        writer.finish()  # type: ignore[no-untyped-call]
-    if limit:
-        raise limit
-    return complete
-
-
-def _records(stream: BinaryIO) -> Iterator[McapRecord]:
-    """The records of an MCAP file, also those in chunks and in an uncompressed last chunk that is cut short."""
-    at = 0
-    try:
-        for record in StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_BYTES).records:
-            if isinstance(record, Chunk):
-                content = unpacked(record.data, record.compression, record.uncompressed_size)
-                yield from breakup_chunk(replace(record, compression="", data=content), validate_crc=True)
-            else:
-                yield record
-            at = stream.tell()
-    except EndOfFile:
-        stream.seek(at)
-        head = stream.read(_CHUNK_HEAD.size)
-        if len(head) < _CHUNK_HEAD.size:
-            return
-        opcode, _, _, _, _, _, length_of_compression = _CHUNK_HEAD.unpack(head)
-        if opcode == Opcode.CHUNK and length_of_compression == 0:
-            yield from StreamReader(stream, skip_magic=True, record_size_limit=MOST_BYTES).records
-
-
 class Recording:
-    """The samples of one bag, for use in a `with` block and one `for` loop; memory does not grow with the bag.
+    """The samples of one recording, for use in a `with` block and one `for` loop; memory does not grow with a bag.
 
-    `topics`: topic of each role; only these are read. `start`, `end`: receive time since the bag's first message on any
-    topic [s]. `optional`: roles whose topic may be missing. Order: receive time (the bag's log time); at equal times
-    surface, wrench, twist, pose, tf; then the file's.
+    `values`: the parameters; those for this recording, which has its velocities or has none, are `self.values`.
+    `options`: the topic of each role, and the part that is read, by receive time since the first message on any topic.
+    `topics`: those of the options if not given. `optional`: roles whose topic may be missing. Order: receive time (the
+    bag's log time); at equal times surface, wrench, twist, pose, tf; then the file's.
 
-    Raises InputError for a missing topic, one of another type, and a path that is not a bag. A damaged bag is used up
-    to the damage, which `damage` describes; messages that cannot be decoded are counted in `unreadable`.
+    Raises InputError for a missing topic, one of another type, and a path that is no recording. Of a damaged bag all
+    that is intact is used, and `damage` describes the rest; messages that cannot be decoded are counted in
+    `unreadable`.
     """
 
     def __init__(
         self,
         bag: Path,
-        topics: Mapping[Role, str],
+        values: Values,
+        options: ReplayOptions | None = None,
         *,
-        start: float | None = None,
-        end: float | None = None,
+        topics: Mapping[Role, str] | None = None,
         optional: Collection[Role] = frozenset[Role]({"wrench", "surface"}),
         refuse_types: bool = True,
     ) -> None:
-        self.bag = bag
+        self.bag, self.options = bag, options or ReplayOptions()
+        self.values = values_for_table(bag, values) if is_table(bag) else values
+        self.topics = dict(topics_of(self.values, self.options.remap) if topics is None else topics)
         self.mistyped: dict[Role, str] = {}  # without `refuse_types`: a sentence on each topic of another type
         self.counts: Counter[Role] = Counter()
         self.fixed: tuple[TransformSample, ...] = ()  # of the whole bag, from /tf_static
         self.time = 0  # receive time of the last sample [ns]
+        self.shift = 0  # of the stamps of a table that begins at 0 [ns]
         self.unreadable = 0
-        self._topics = dict(topics)
-        self._offsets = (start, end)
-        self._optional = optional
-        self._refuse_types = refuse_types
-        self._readers: list[_Reader] = []
-        self._why = ""
+        self._optional, self._refuse_types = optional, refuse_types
+        self._faults: list[str] = []
 
     def __enter__(self) -> "Recording":
         with file_errors(f"bag '{self.bag}'", "read"), ExitStack() as opened:
             opened.enter_context(limited_rosbags())
-            self._readers = sorted(self._open(opened), key=lambda reader: reader.start_time)
-            if not sum(reader.message_count for reader in self._readers):
-                raise InputError(f"bag '{self.bag}' has no messages" + (f" ({self._why})" if self._why else ""))
+            if is_table(self.bag):
+                source, self.shift = source_of_table(self.bag, self.topics, self.values)
+                sources = [source]
+            else:
+                sources, self._faults = sources_of(self.bag, opened)
+            self._sources = sorted((s for s in sources if s.count), key=lambda source: source.first)
+            if not self._sources:
+                why = f" ({'; '.join(self._faults)})" if self._faults else ""
+                raise InputError(f"bag '{self.bag}' has no messages{why}")
             self._check_topics()
             self.fixed = tuple(dict.fromkeys(self._read_fixed()))
-            first, last = self._readers[0].start_time, max(reader.end_time for reader in self._readers) - 1
-            start, end = self._offsets
-            self.first = self.time = first if start is None else first + round(start * 1e9)
-            self.last = last if end is None else min(last, first + round(end * 1e9))
-            if self.first > self.last:
-                span = f"from {start or 0:g} s to {'its end' if end is None else f'{end:g} s'}"
-                raise InputError(f"bag '{self.bag}' lasts {(last - first) * 1e-9:.3f} s; it has nothing {span}")
+            self.first, self.last = self._part()
+            self.time = self.first
             self._opened = opened.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._opened.close()
 
+    def _part(self) -> tuple[int, int]:
+        """Receive times of the first and the last message that may be read [ns]."""
+        start, end = self.options.start, self.options.end
+        first, last = self._sources[0].first, max(source.last for source in self._sources)
+        begin = first if start is None else first + round(start * 1e9)
+        until = last if end is None else min(last, first + round(end * 1e9))
+        if begin > until:
+            span = f"from {start or 0:g} s to {'its end' if end is None else f'{end:g} s'}"
+            raise InputError(f"bag '{self.bag}' lasts {(last - first) * 1e-9:.3f} s; it has nothing {span}")
+        return begin, until
+
     def _read_fixed(self) -> Iterator[TransformSample]:
-        topic, decode = self._topics.get("tf", "/tf") + "_static", decoder("tf_static", ros1=_is_ros1(self.bag))
-        for reader in self._readers:
-            chosen = [c for c in reader.connections if (c.topic, c.msgtype) == (topic, TYPES["tf_static"])]
-            with suppress(Exception):  # damage, which `_messages` reports
-                for _, _, data in reader.messages(chosen) if chosen else ():
-                    try:
-                        yield from decode(bytes(data))  # type: ignore[misc]
-                    except UNREADABLE as error:
-                        self._leave_out(topic, error)
+        topic = self.topics.get("tf", "/tf") + "_static"
+        for source in self._sources:
+            if (topic, TYPES["tf_static"]) in source.types:
+                decode = decoder("tf_static", ros1=source.ros1)
+                with suppress(Exception):  # damage, which `_stream` reports
+                    for _, _, data in source.read([topic], source.first, source.last):
+                        try:
+                            yield from decode(data)  # type: ignore[misc]
+                        except UNREADABLE as error:
+                            self._leave_out(topic, error)
 
     def _leave_out(self, topic: str, error: Exception) -> None:
-        self._why = self._why or f"a message on {topic} cannot be decoded ({error})"
+        if not self.unreadable:
+            self._faults.append(f"a message on {topic} cannot be decoded ({error})")
         self.unreadable += 1
 
     @property
     def damage(self) -> str | None:
         """What is wrong with the bag, and what was used; None for an intact one. Complete after the loop."""
-        if not self._why:
+        if not self._faults:
             return None
         used, seconds = sum(self.counts.values()), (self.time - self.first) * 1e-9
-        return f"{self._why}; {used} messages were used, up to {seconds:.3f} s after the start"
+        return f"{'; '.join(self._faults)}; {used} messages were used, up to {seconds:.3f} s after the start"
 
     def __iter__(self) -> Iterator[Sample]:
         """The samples in order, after the fixed transforms of the whole bag."""
         if self.fixed:
             yield self.fixed
-        decode = [decoder(role, ros1=_is_ros1(self.bag)) for role in _RANK]
+        decode = [_decoder(role, self._sources[0]) for role in _RANK]
         for time, rank, _, data in self._in_order():
             try:
                 sample = decode[rank](data)
             except UNREADABLE as error:
-                self._leave_out(self._topics[_RANK[rank]], error)
+                self._leave_out(self.topics[_RANK[rank]], error)
                 continue
             self.time = time
             self.counts[_RANK[rank]] += 1
             yield sample
 
-    def _in_order(self) -> Iterator[tuple[int, int, int, bytes]]:
-        rank = {topic: _RANK.index(role) for role, topic in self._topics.items()}
-        queue: list[tuple[int, int, int, bytes]] = []
+    def _in_order(self) -> Iterator[tuple[int, int, int, Any]]:
+        rank = {topic: _RANK.index(role) for role, topic in self.topics.items()}
+        queue: list[tuple[int, int, int, Any]] = []
         for number, (time, topic, data) in enumerate(self._messages(rank)):
             queue.append((time, rank[topic], number, data))
             if len(queue) >= _TOGETHER and number % _TOGETHER == 0:
@@ -226,68 +154,29 @@ class Recording:
         queue.sort()
         yield from queue
 
-    def _messages(self, topics: Collection[str]) -> Iterator[tuple[int, str, bytes]]:
-        for reader in self._readers:
-            chosen = [c for c in reader.connections if c.topic in topics]
-            missing, damaged = sum(c.msgcount for c in chosen), f"{Path(str(reader.path)).name} is damaged"
-            try:
-                # rosbags reads all topics if it is given none
-                for connection, time, data in reader.messages(chosen, self.first, self.last + 1) if chosen else ():
-                    yield time, connection.topic, data
-                    missing -= 1
-            except Exception as error:  # rosbags' parsers raise anything on damage
-                self._why = f"{damaged}: {reason_of(error)}"
-                return
-            if missing > 0 and self._offsets == (None, None):  # rosbags skips messages that it cannot find in a chunk
-                self._why = f"{damaged}: {missing} of its messages are missing"
+    def _messages(self, topics: Collection[str]) -> Messages:
+        """The messages of all files, one file after the other. Files of one time, as of two recorders, are merged."""
+        groups: list[list[Source]] = []
+        for source in self._sources:
+            if groups and source.first < max(other.last for other in groups[-1]) - _LATEST:
+                groups[-1].append(source)
+            else:
+                groups.append([source])
+        for group in groups:
+            yield from heapq.merge(*(self._stream(source, topics) for source in group), key=itemgetter(0))
 
-    def _open(self, opened: ExitStack) -> Iterator[_Reader]:
-        """Open the bag by rosbags. If that fails, its files one by one, up to the damage of the first damaged one."""
-        bag, described = self.bag, (self.bag / "metadata.yaml").exists()
-        bag.stat()  # raises FileNotFoundError
-        inside, suffixes = ([*bag.iterdir()], _SUFFIXES[:2]) if bag.is_dir() else ([bag], _SUFFIXES)
-        for file in inside:
-            named = bag.is_dir() or file.suffix in suffixes
-            if named and file.exists() and not (file.is_file() or file.is_dir()):
-                checked_file(file, "bag")  # raises: to read a pipe or a device may block
-        if described and (bag / "metadata.yaml").stat().st_size > _MOST_METADATA:
-            checked_file(bag / "metadata.yaml", "bag", limit=_MOST_METADATA)
-        files = [file for file in inside if file.suffix in suffixes and file.is_file()]
-        files.sort(key=lambda file: (len(file.name), file.name))  # part 10 of a split bag comes after part 9
-        if not (files or described):
-            known = ", ".join(_SUFFIXES)
-            raise InputError(f"'{bag}' is not a bag: give a rosbag2 folder or a file that ends in {known}")
-        if bag.is_dir():
-            try:
-                yield _opened(bag, opened)
-                return
-            except Exception as error:
-                why = reason_of(error) if described else "it is missing"
-                self._why = f"its files were read one by one, without metadata.yaml: {why}"
-        for file in files:
-            try:
-                yield _opened(file, opened)
-            except Exception as error:
-                why = f"{file.name} is damaged: {reason_of(error)}"
-                if file.suffix != ".mcap":
-                    self._why = f"{why}; try '{_REPAIRS[file.suffix]}'"
-                    return
-                copy = Path(opened.enter_context(TemporaryDirectory())) / file.name
-                complete = False
-                try:
-                    complete = _recover(file, copy, {*self._topics.values(), self._topics.get("tf", "/tf") + "_static"})
-                except LimitError as limit:
-                    why = f"{file.name} is damaged: {limit}"
-                yield _opened(copy, opened)
-                if not complete:
-                    self._why = why
-                    return
+    def _stream(self, source: Source, topics: Collection[str]) -> Messages:
+        """The messages of a file up to its damage."""
+        try:
+            yield from source.read(topics, self.first, self.last)
+        except Exception as error:  # parsers raise anything on damage
+            self._faults.append(f"{source.name} is damaged: {reason_of(error)}")
 
     def _check_topics(self) -> None:
         found: dict[str, list[str]] = {}
-        for topic, msgtype in sorted({(c.topic, c.msgtype) for reader in self._readers for c in reader.connections}):
+        for topic, msgtype in sorted({pair for source in self._sources for pair in source.types}):
             found.setdefault(topic, []).append(msgtype)
-        for role, topic in list(self._topics.items()):
+        for role, topic in list(self.topics.items()):
             wanted, types = TYPES[role], found.get(topic, [])
             if types == [wanted] or (not types and role in self._optional):
                 continue
@@ -296,10 +185,19 @@ class Recording:
                 is_not = f"is {' and '.join(types)}; it must be {wanted}"
                 if not self._refuse_types:
                     self.mistyped[role] = f"{topic} {is_not}"
-                    del self._topics[role]
+                    del self.topics[role]
                     continue
                 fault = f": {role} topic '{topic}' {is_not}"
             fits = next((t for t, types in found.items() if types == [wanted]), "TOPIC")
             advice = f"{_INSTEAD.get(role, '')}--remap {TOPICS[role]}:={fits}"
             there = ", ".join(f"{topic} ({' and '.join(types)})" for topic, types in found.items())
             raise InputError(f"bag '{self.bag}'{fault} (use {advice}); it has {there}")
+
+
+def _decoder(role: Role, source: Source) -> Callable[[Any], Sample]:
+    """A function from a message of a source to its sample."""
+    return _itself if source.decoded else decoder(role, ros1=source.ros1)
+
+
+def _itself(sample: Sample) -> Sample:
+    return sample

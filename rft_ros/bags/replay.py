@@ -4,7 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from rft_ros.bags.estimates import Run, write_estimates
-from rft_ros.bags.playback import ReplayOptions, play, reasons, topics_of
+from rft_ros.bags.options import ReplayOptions
+from rft_ros.bags.playback import play, reasons
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.bags.summary import Summary, statistics, summary_of
 from rft_ros.bags.writing import check_replaceable
@@ -13,7 +14,6 @@ from rft_ros.estimator import Estimate, Estimator, Model, Reason, Settings, Wren
 from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import refuse_overwriting, whole_folder
 from rft_ros.ground import write_height_map
-from rft_ros.messages import Role
 from rft_ros.parameters import Values, model_of, named_files, settings_of
 
 __all__ = ["replay", "replay_model", "results"]
@@ -52,19 +52,19 @@ def replay(
     for a tare that is refused.
     """
     options = options or ReplayOptions()
-    topics = topics_of(values, options.remap)
     refuse_overwriting(results(out), [bag, *named_files(values)])
+    recording = Recording(bag, values, options)
+    values, topics = recording.values, recording.topics
     model = model or replay_model(values)
-
     if options.tare:
-        values = {**values, "sensor.bias": _bias(bag, topics, settings_of(values), model, options)}
+        values = {**values, "sensor.bias": _bias(bag, values, model, options)}
     settings = settings_of(values)
     estimator = Estimator(settings, model)
     check_replaceable(out / "estimates")
     with whole_folder(out, _FILES) as part:
         run = Run(estimator, part)
         others = {name: Run(Estimator(own, model), part) for name, own in _learning_settings(settings).items()}
-        with Recording(bag, topics, start=options.start, end=options.end) as recording:
+        with recording:
             for sample, answer in play(recording, estimator):
                 if answer is not None:
                     run.add(answer)
@@ -80,7 +80,7 @@ def replay(
             why = reasons(recording, estimator)
             raise InputError(f"bag '{bag}' has no {what} in the part that is replayed ({why})")
         rows = run.rows()
-        write_estimates(run, rows, part)
+        write_estimates(run, rows, part, shift=recording.shift)
         if estimator.ground is not None:
             write_height_map(part / "ground.csv", estimator.ground)
         summary = summary_of(
@@ -118,12 +118,13 @@ def _learning_settings(settings: Settings) -> dict[str, Settings]:
     return {"off": replace(settings, learning_mode="off"), **learn}
 
 
-def _bias(bag: Path, topics: dict[Role, str], settings: Settings, model: Model, options: ReplayOptions) -> Wrench:
+def _bias(bag: Path, values: Values, model: Model, options: ReplayOptions) -> Wrench:
     """The bias by a tare over the first seconds. It begins at the first pose with a known velocity."""
     start, seconds = options.start or 0.0, options.tare or 0.0
+    settings = settings_of(values)
     estimator = Estimator(settings, model)
     begin = newest = 0
-    with Recording(bag, topics, start=start, end=start + seconds) as recording:
+    with Recording(bag, values, replace(options, start=start, end=start + seconds)) as recording:
         for sample, answer in play(recording, estimator):
             if isinstance(sample, WrenchSample):
                 newest = sample.stamp

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.playback import ReplayOptions, play, reasons, topics_of
+from rft_ros.bags.playback import ReplayOptions, play, reasons
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, LoadCell
@@ -115,19 +115,18 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
 
     Raises InputError for a bag with fewer than two poses that have both.
     """
-    options = options or ReplayOptions()
     # the error of a reduced tool would bias every fit; the fits know level ground only
     values = {**values, "tolerance": 0.0, "ground.cell": 0.0, "ground.file": ""}
-    topics, model = topics_of(values, options.remap), model_of(values)
+    recording, model = Recording(bag, values, options), model_of(values)
     settings = replace(
-        settings_of(values),
+        settings_of(recording.values),
         load_cell=LoadCell(),  # without bias and weight the estimator's compensated wrench is the raw reading
         sensor_source="parameters",
         surface_height=_BOTTOMLESS,
         max_rate=0.0,
     )
     estimator = Estimator(settings, model)
-    with Recording(bag, topics, start=options.start, end=options.end) as recording:
+    with recording:
         answers = play(recording, estimator)
         states = [estimator.state.copy() for _, answer in answers if isinstance(answer, Estimate)]
     compared = zip(states, estimator.measurements(), strict=True)
@@ -136,7 +135,9 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     stamps, first = np.unique(np.array([m.stamp for _, m in usable], dtype=np.int64), return_index=True)
     chosen = [usable[k] for k in first]
     if len(stamps) < 2:
-        found = f"{len(stamps)} poses with a velocity and a load-cell sample (topics {', '.join(topics.values())}"
+        found = (
+            f"{len(stamps)} poses with a velocity and a load-cell sample (topics {', '.join(recording.topics.values())}"
+        )
         raise InputError(f"bag '{bag}' has {found}; {reasons(recording, estimator)})")
     return Track(
         name=bag_name(bag),

@@ -17,7 +17,7 @@ from rft_ros.tool import locate_mesh
 
 
 def calibrate_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("bags", type=Path, nargs="+", metavar="BAG", help=options.BAG)
+    command.add_argument("bags", type=Path, nargs="+", metavar="BAG", help=options.RECORDING)
     params = "the node's own parameter file"
     command.add_argument("--params", type=Path, required=True, metavar="FILE.yaml", help=params)
     options.share(command, *options.OF_RECORDING[1:])

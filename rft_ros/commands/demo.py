@@ -4,7 +4,7 @@ import argparse
 import shlex
 from pathlib import Path
 
-from rft_ros.bags.playback import ReplayOptions
+from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.replay import replay
 from rft_ros.commands import options
 from rft_ros.errors import InputError

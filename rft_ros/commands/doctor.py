@@ -17,7 +17,7 @@ _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 
 def doctor_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("params", type=Path, metavar="FILE.yaml", help="the node's own parameter file")
-    command.add_argument("--bag", type=Path, metavar="BAG", help=f"{options.BAG} (default: listen to ROS)")
+    command.add_argument("--bag", type=Path, metavar="BAG", help=f"{options.RECORDING} (default: listen to ROS)")
     command.add_argument("--node", default="/rft", metavar="NAME", help="the node with its namespace (default /rft)")
     options.share(command, "--remap")
     seconds = "time to listen to ROS [s] (default 5)"

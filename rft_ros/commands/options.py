@@ -13,7 +13,8 @@ from rft_ros.parameters import NODE, PARAMETERS, Values, defaults, read_paramete
 from rft_ros.parameters.short_names import SHORT_NAMES, parameters_of
 from rft_ros.rft import ALPHA_Y_MODELS, MEDIA
 
-BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, or ROS 1 .bag"
+BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, also with .zstd, or ROS 1 .bag"
+RECORDING = f"{BAG}; or a .csv table with the columns t,px..qw, and if known vx..wz and fx..tz"
 
 PLACED = ("--scale", "--origin", "--rotate")
 OF_LAW = ("--law", "--medium", "--zeta", "--alpha-y", "--density", "--inertia", "--surface-friction")

@@ -19,7 +19,7 @@ _OF_EVALUATION = ("--surface-height", "--integration", "--tolerance")
 
 def predict_options(command: argparse.ArgumentParser) -> None:
     header = "header t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz [s, m, quaternion, m/s, rad/s]; world axes, z up"
-    command.add_argument("states", type=Path, metavar="STATES.csv", help=header)
+    command.add_argument("states", type=Path, metavar="STATES.csv", help=f"{header}; velocities may be missing")
     command.add_argument("--mesh", required=True, metavar="FILE", help=MESH)
     options.share(command, *options.PLACED, *options.OF_LAW)
     options.share(command, *_OF_EVALUATION)

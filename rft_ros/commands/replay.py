@@ -16,7 +16,7 @@ from rft_ros.progress import busy
 
 
 def replay_options(command: argparse.ArgumentParser) -> None:
-    several = f"{options.BAG}; with several bags, each gets a folder below DIR"
+    several = f"{options.RECORDING}; with several bags, each gets a folder below DIR"
     command.add_argument("bag", type=Path, nargs="+", metavar="BAG", help=several)
     command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results")
     options.share(command, *options.OF_RECORDING)

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from rft_ros.bags.playback import ReplayOptions
+from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import Recording
 from rft_ros.doctor.cell import Cell
 from rft_ros.doctor.checkup import Checkup
@@ -15,9 +15,7 @@ def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
     """The findings on a recording of the cell. Raises InputError for a bag that cannot be used."""
     checkup = Checkup(cell.values, cell.model, named=cell.named, topics=cell.topics, tare=options.tare)
     every = tuple(cell.topics)
-    with Recording(
-        bag, cell.topics, start=options.start, end=options.end, optional=every, refuse_types=False
-    ) as recording:
+    with Recording(bag, cell.values, options, topics=cell.topics, optional=every, refuse_types=False) as recording:
         for sample in recording:
             checkup.push(sample, recording.time)
     found = [Finding(False, f"{role}: {sentence}") for role, sentence in recording.mistyped.items()]

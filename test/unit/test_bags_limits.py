@@ -16,15 +16,17 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 
 from rft_ros.bags.limits import MOST_BYTES, LimitedPath, unpacked
 from rft_ros.bags.reading import Recording
+from rft_ros.parameters import defaults
 
 TOPICS = {"pose": "/rft/pose", "wrench": "/rft/wrench_measured"}
 READ = """
 import resource, sys
 from pathlib import Path
 from rft_ros.bags.reading import Recording
+from rft_ros.parameters import defaults
 before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
 try:
-    with Recording(Path(sys.argv[1]), {"pose": "/rft/pose"}) as recording:
+    with Recording(Path(sys.argv[1]), defaults(), topics={"pose": "/rft/pose"}) as recording:
         print(sum(1 for _ in recording), recording.damage)
 except ValueError as error:
     print(error)
@@ -51,7 +53,7 @@ def test_a_file_of_zeros_is_called_damaged_without_being_read_into_memory(tmp_pa
         stream.write(begin)
         stream.truncate(size)
     before = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
-    with pytest.raises(ValueError, match="zeros"), Recording(file, TOPICS):
+    with pytest.raises(ValueError, match="zeros"), Recording(file, defaults(), topics=TOPICS):
         pass
     assert resource.getrusage(resource.RUSAGE_SELF).ru_maxrss - before < 2 * MOST_BYTES / 1024
 
@@ -87,7 +89,7 @@ def packed_bag(folder, mode, *, mib):
 @pytest.mark.parametrize("mode", ["file", "message"])
 def test_a_bag_that_is_compressed_by_file_or_message_is_read(tmp_path, mode):
     packed_bag(tmp_path / "bag", mode, mib=0)
-    with Recording(tmp_path / "bag", TOPICS) as recording:
+    with Recording(tmp_path / "bag", defaults(), topics=TOPICS) as recording:
         assert sum(1 for _ in recording) == 30
     assert recording.damage is None
 
@@ -108,7 +110,7 @@ def test_what_comes_before_a_chunk_that_is_too_large_is_used(tmp_path):
     end = content.index(struct.pack("<BQ", 15, 4))  # the end of the data
     both = tmp_path / "both.mcap"
     both.write_bytes(content[:end] + bad[8 + 9 + 8 :])
-    with Recording(both, TOPICS) as recording:
+    with Recording(both, defaults(), topics=TOPICS) as recording:
         assert sum(1 for _ in recording) > 30
     assert "both.mcap is damaged" in recording.damage
 
@@ -129,23 +131,25 @@ def test_a_chunk_unpacks_to_its_content_or_is_refused(compression):
 
 def decompressors():
     from rosbags.rosbag1 import reader as rosbag1
-    from rosbags.rosbag2 import reader as rosbag2
     from rosbags.rosbag2 import storage_mcap
 
     chunks = [storage_mcap.DECOMPRESSORS[name] for name in ("lz4", "zstd")]
-    return [*chunks, *(rosbag1.decompressors[name] for name in ("lz4", "bz2")), rosbag2.zstd.open, rosbag2.Path]
+    return [*chunks, *(rosbag1.decompressors[name] for name in ("lz4", "bz2"))]
 
 
 def test_the_readers_of_rosbags_are_limited_while_a_recording_is_open_and_not_afterwards(tmp_path):
     """Other code in this process may read larger bags by rosbags."""
     write_ros2(tmp_path / "bag", moments(4))
     before = decompressors()
-    with Recording(tmp_path / "bag", TOPICS):
-        with Recording(tmp_path / "bag", TOPICS):
+    with Recording(tmp_path / "bag", defaults(), topics=TOPICS):
+        with Recording(tmp_path / "bag", defaults(), topics=TOPICS):
             pass
         assert {function.__module__ for function in decompressors()} == {"rft_ros.bags.limits"}
     assert decompressors() == before
-    with pytest.raises(ValueError, match="has no pose"), Recording(tmp_path / "bag", {"pose": "/none"}):
+    with (
+        pytest.raises(ValueError, match="has no pose"),
+        Recording(tmp_path / "bag", defaults(), topics={"pose": "/none"}),
+    ):
         pass
     assert decompressors() == before
 
@@ -155,7 +159,10 @@ def test_a_rosbags_without_what_is_limited_is_refused_and_does_not_read_without_
 
     write_ros2(tmp_path / "bag", moments(4))
     monkeypatch.delitem(storage_mcap.DECOMPRESSORS, "zstd")
-    with pytest.raises(RuntimeError, match="rosbags has no zstd"), Recording(tmp_path / "bag", TOPICS):
+    with (
+        pytest.raises(RuntimeError, match="rosbags has no zstd"),
+        Recording(tmp_path / "bag", defaults(), topics=TOPICS),
+    ):
         pass
 
 
@@ -178,4 +185,4 @@ def test_a_pipe_in_a_bag_is_refused_and_not_waited_for(tmp_path, name):
     write_ros2(tmp_path / "bag", moments(4))
     (tmp_path / "bag" / name).unlink(missing_ok=True)
     os.mkfifo(tmp_path / "bag" / name)
-    assert "is a pipe" in refusal(Recording(tmp_path / "bag", TOPICS).__enter__)
+    assert "is a pipe" in refusal(Recording(tmp_path / "bag", defaults(), topics=TOPICS).__enter__)

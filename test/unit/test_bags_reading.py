@@ -1,19 +1,27 @@
 """Every format gives the same samples in the same order, and every damage a sentence."""
 
+import itertools
 import json
 import os
 import re
 import shutil
+import sqlite3
+from contextlib import closing
 from pathlib import Path
+from tempfile import TemporaryDirectory
 
 import mcap.writer
 import pytest
+import yaml
+import zstandard
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from recordings import FRAMES, POSE, TOPICS, WRENCH, cdr, moments, plunge, write_ros1, write_ros2
 from refusals import refusal
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
-from rft_ros.bags.playback import topics_of
+from rft_ros.bags.options import ReplayOptions, topics_of
 from rft_ros.bags.reading import Recording
 from rft_ros.cli import main
 from rft_ros.errors import InputError
@@ -30,7 +38,7 @@ def expected(rows):
 
 
 def read(path, topics=NAMES, **options):
-    with Recording(path, topics, **options) as recording:
+    with Recording(path, defaults(), ReplayOptions(**options), topics=topics) as recording:
         return list(recording), recording.damage
 
 
@@ -166,23 +174,126 @@ def test_a_message_that_cannot_be_decoded_or_found_is_left_out_and_named(tmp_pat
     assert "cut.mcap is damaged" in read(cut)[1]
     data[at - 31] = 0x99  # no message any more: rosbags leaves it out
     file.write_bytes(bytes(data))
-    assert "bag is damaged: 1 of its messages are missing; 14 messages were used" in read(bag)[1]
+    assert "bag.mcap is damaged: 1 of its messages are missing; 14 messages were used" in read(bag)[1]
 
 
-def test_a_split_bag_is_one_recording_also_without_metadata(tmp_path):
+def part_of(folder, name, rows, plugin, packed):
+    """One file of a split bag."""
+    suffix = f".{plugin.name.lower()}".replace("sqlite3", "db3")
+    (file,) = write_ros2(folder / f"only_{name}", rows, plugin=plugin).glob(f"*{suffix}")
+    part = folder / "bag" / f"{name}{suffix}{'.zstd' * packed}"
+    part.write_bytes(zstandard.compress(file.read_bytes()) if packed else file.read_bytes())
+    return part
+
+
+@st.composite
+def splits(draw):
+    """Cuts of a recording, the order of the parts' names, whether metadata.yaml has them, and a malformed part."""
+    cuts = sorted(draw(st.lists(st.integers(1, 119), min_size=1, max_size=5, unique=True)))
+    order = draw(st.permutations(range(len(cuts) + 1)))
+    broken = draw(st.one_of(st.none(), st.integers(0, len(cuts))))
+    return cuts, order, draw(st.booleans()), broken
+
+
+@settings(max_examples=30, deadline=None)
+@given(splits(), st.sampled_from([StoragePlugin.MCAP, StoragePlugin.SQLITE3]), st.booleans())
+def test_of_a_split_bag_all_that_is_intact_is_read_in_order_whatever_the_names_of_its_files(split, plugin, packed):
+    cuts, order, described, broken = split
     rows = list(moments(40))
-    (tmp_path / "joined").mkdir()
-    for k, part in enumerate((rows[:60], rows[60:])):
-        bag = write_ros2(tmp_path / f"part{k}", part)
-        shutil.copy(next(bag.glob("*.mcap")), tmp_path / "joined" / f"joined_{k + 9}.mcap")  # 10 comes after 9
-    samples, damage = read(tmp_path / "joined")
-    assert samples == expected(rows)
-    assert damage.startswith("its files were read one by one, without metadata.yaml: it is missing; 120")
-    cut = tmp_path / "joined" / "joined_9.mcap"
-    cut.write_bytes(cut.read_bytes()[: cut.stat().st_size // 2])
-    samples, damage = read(tmp_path / "joined")
-    assert samples == expected(rows[: len(samples)])  # nothing from the part after the damage
-    assert "joined_9.mcap is damaged" in damage
+    with TemporaryDirectory() as scratch:
+        folder = Path(scratch)
+        (folder / "bag").mkdir()
+        spans = list(itertools.pairwise([0, *cuts, len(rows)]))
+        parts = {k: part_of(folder, f"p_{order[k]}", rows[i:j], plugin, packed) for k, (i, j) in enumerate(spans)}
+        if described:
+            names = [parts[k].name for k in order]
+            about = {"rosbag2_bagfile_information": {"relative_file_paths": names}}
+            (folder / "bag" / "metadata.yaml").write_text(yaml.safe_dump(about))
+        if broken is not None:
+            parts[broken].write_bytes(b"no file of a bag")
+        left = [row for k, (i, j) in enumerate(spans) for row in rows[i:j] if k != broken]
+        samples, damage = read(folder / "bag")
+    assert samples == expected(left)
+    assert (damage is None) == (described and broken is None)
+    assert broken is None or f"{parts[broken].name} is damaged: " in damage
+    assert described or "without metadata.yaml: it is missing" in damage
+
+
+def test_files_of_one_time_are_merged_as_of_a_recorder_for_each_topic(tmp_path):
+    rows = list(moments(60))
+    (tmp_path / "bag").mkdir()
+    for role in TOPICS:
+        part_of(tmp_path, role, [row for row in rows if row[0] == role], StoragePlugin.MCAP, packed=False)
+    assert read(tmp_path / "bag")[0] == expected(rows)
+
+
+def test_a_part_that_metadata_names_and_that_is_gone_is_named(tmp_path):
+    bag = write_ros2(tmp_path / "bag", moments())
+    about = bag / "metadata.yaml"
+    about.write_text(about.read_text().replace("- bag.mcap", "- bag.mcap\n  - bag_1.mcap"))
+    samples, damage = read(bag)
+    assert samples == expected(moments())
+    assert damage.startswith("bag_1.mcap is missing; 180 messages were used")
+
+
+@pytest.mark.parametrize("suffix", [".zstd", ".zst"])
+@pytest.mark.parametrize("cut", [1.0, 0.6])
+def test_a_loose_compressed_file_is_read_up_to_its_damage(tmp_path, suffix, cut):
+    whole = next(write_ros2(tmp_path / "bag", plunge()).glob("*.mcap")).read_bytes()
+    packed = zstandard.compress(whole)
+    loose = tmp_path / f"run.mcap{suffix}"
+    loose.write_bytes(packed[: int(cut * len(packed))])
+    samples, damage = read(loose)
+    assert samples == expected(plunge())[: len(samples)]
+    assert (damage is None and len(samples) == 1950) if cut == 1.0 else f"run.mcap{suffix} is damaged" in damage
+
+
+def sqlite(folder):
+    return next(write_ros2(folder / "bag", moments(), plugin=StoragePlugin.SQLITE3).glob("*.db3"))
+
+
+@settings(max_examples=10, deadline=None)
+@given(st.integers(0, 179), st.sampled_from(["wal", "delete"]))
+def test_what_a_killed_recorder_left_beside_a_database_is_read(number, mode):
+    """The messages in a write-ahead log; and without those of a transaction that was not finished."""
+    with TemporaryDirectory() as scratch:
+        whole, bag = sqlite(Path(scratch)), Path(scratch) / "killed.db3"
+        with closing(sqlite3.connect(whole)) as database:
+            rows = database.execute("SELECT id, topic_id, timestamp, data FROM messages ORDER BY id").fetchall()
+            database.execute("DELETE FROM messages WHERE id > ?", (number + 1,))
+            database.commit()
+            database.execute(f"PRAGMA journal_mode = {mode}")
+            database.execute("PRAGMA wal_autocheckpoint = 0")
+            database.execute("PRAGMA cache_size = 2")  # so that pages are written before the end of the transaction
+            database.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", rows[number + 1 :])
+            if mode == "wal":
+                database.commit()
+            for part in whole.parent.glob(f"{whole.name}*"):  # as after a crash
+                shutil.copy(part, bag.with_name(part.name.replace(whole.name, bag.name)))
+        before = {part.name: part.read_bytes() for part in bag.parent.glob("killed*")}
+        samples, damage = read(bag)
+        assert before == {part.name: part.read_bytes() for part in bag.parent.glob("killed*")}
+    assert samples == expected(moments())[: None if mode == "wal" else number + 1]
+    assert damage is None
+
+
+@pytest.mark.parametrize(
+    ("change", "words", "lost"),
+    [
+        ("data = 'text'", "a message on /rft/wrench_measured cannot be decoded", 1),
+        ("data = 7", "a message on /rft/wrench_measured cannot be decoded", 1),
+        ("timestamp = 'noon'", "bag.db3 is damaged: 1 of its messages are missing", 1),
+        ("timestamp = 1.6e18 + 0.5", None, 0),
+    ],
+)
+def test_a_database_with_text_in_its_columns_is_read_without_these_messages(tmp_path, change, words, lost):
+    file = sqlite(tmp_path)
+    with closing(sqlite3.connect(file)) as database:
+        database.execute(f"UPDATE messages SET {change} WHERE id = 31")
+        database.commit()
+    samples, damage = read(file.parent)
+    assert len(samples) == 180 - lost
+    assert damage is None if words is None else damage.startswith(words)
 
 
 def test_remaps_resolve_as_in_ros_later_ones_win_and_invalid_ones_are_refused():

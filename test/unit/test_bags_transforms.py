@@ -5,7 +5,7 @@ import pytest
 from recordings import START, TF, TOPICS, cdr, plunge, rows_of, transforms_cdr, values, write_messages
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.playback import ReplayOptions
+from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.replay import replay
 from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.track import read_track

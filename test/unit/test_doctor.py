@@ -127,7 +127,7 @@ def test_what_comes_shortly_before_the_first_fixed_transforms_is_no_fault(bag, p
     values = {**defaults(), **PARAMETERS, **parameters}
     topics = topics_of(values)
     checkup = Checkup(values, model_of(values), named=PARAMETERS, topics=topics)
-    with Recording(Path(bag), topics) as recording:
+    with Recording(Path(bag), values, topics=topics) as recording:
         fixed, *others = ((sample, recording.time) for sample in recording)
         for sample, time in [*others[:before], (fixed[0], others[before][1]), *others[before:]]:
             checkup.push(sample, time)

@@ -18,7 +18,7 @@ ALLOWED = {
     "files": "errors whole_file",
     "installation": "errors",
     "messages": "estimator ground",
-    "states_file": "parameters files rft errors",
+    "states_file": "estimator parameters files rft errors",
     "tool": "files installation rft errors whole_file",
     "ground": "files rft errors",
     "parameters": "ground tool rft errors files",

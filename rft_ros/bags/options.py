@@ -1,0 +1,82 @@
+"""What a replay takes of a recording: its part, its tare, and the topic of each role."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from rft_ros.errors import InputError, shown
+from rft_ros.messages import TOPICS, Role
+from rft_ros.parameters import NODE, Values, section_parameters
+
+__all__ = ["ReplayOptions", "read_replay_options", "topics_of"]
+
+_SECTION = "rft_replay"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class ReplayOptions:
+    """Options of a replay. `remap`: rules such as ``~/pose:=/tool_pose``. `tare`: its length, at the beginning [s].
+
+    `start`, `end`: the part of the bag that is replayed [s]. Raises InputError for values that are no times, and if
+    `end` is not after `start`.
+    """
+
+    remap: tuple[str, ...] = ()
+    tare: float | None = None
+    start: float | None = None
+    end: float | None = None
+
+    def __post_init__(self) -> None:
+        for name, seconds in (("start", self.start), ("end", self.end), ("tare", self.tare)):
+            number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
+            if seconds is not None and not (number and 0.0 <= seconds <= 1e9):
+                raise InputError(f"{name} is {shown(seconds)}; it must be a number from 0 to 1e9 [s]")
+        if self.start is not None and self.end is not None and self.end <= self.start:
+            raise InputError(f"end is {self.end:g} s; it must be after start, {self.start:g} s")
+
+
+def read_replay_options(file: Path) -> ReplayOptions:
+    """The options under ``rft_replay: ros__parameters:`` of a parameter file, if any; the node ignores them."""
+    section: dict[str, Any] = {**section_parameters(file, _SECTION)}
+    remap = section.pop("remap", ())
+    try:
+        if not isinstance(remap, list | tuple) or not all(isinstance(rule, str) for rule in remap):
+            raise InputError(f"remap is {shown(remap)}; it must be a list of strings")
+        for name, value in section.items():
+            if name not in ("tare", "start", "end") or value is None:
+                raise InputError(f"{name} is {shown(value)}; it has remap, and the numbers tare, start and end [s]")
+        return ReplayOptions(remap=tuple(remap), **section)
+    except InputError as error:
+        raise InputError(f"parameter file '{file}': {_SECTION} {error}") from None
+
+
+def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> dict[Role, str]:
+    """The topic of each role that the parameters need: NODE/pose and so on, unless a rule of `remap` gives another.
+
+    A later rule overrides an earlier one. With `pose_source` tf, /tf takes the place of the topic of poses. Raises
+    InputError for a rule that cannot be used.
+    """
+    topics = {role: _resolved(name, node) for role, name in TOPICS.items() if role != "tf_static"}
+    roles = {topic: role for role, topic in topics.items()}
+    for rule in remap:
+        left, separator, right = (part.strip() for part in rule.partition(":="))
+        if not separator or not right:
+            raise InputError(f"remap '{rule}' is not of the form FROM:=TO, such as ~/pose:=/tool_pose")
+        role = roles.get(_resolved(left, node) if left.startswith(("/", "~")) else "")
+        if role is None:
+            raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(TOPICS[role] for role in topics)}")
+        topics[role] = _resolved(right, node)
+    unused: set[Role] = {"pose"} if values["pose_source"] == "tf" else {"tf"}
+    if values["twist_source"] != "topic":
+        unused.add("twist")
+    if not values["ground.cell"]:
+        unused.add("surface")
+    return {role: topic for role, topic in topics.items() if role not in unused}
+
+
+def _resolved(name: str, node: str) -> str:
+    """A topic's full name, as ROS resolves it for the node."""
+    if name.startswith("~"):
+        return node + name[1:]
+    return name if name.startswith("/") else f"{node.rpartition('/')[0]}/{name}"

@@ -1,0 +1,89 @@
+"""A CSV table of times, poses, velocities and wrenches, read as if it were a bag."""
+
+import math
+from collections.abc import Callable, Collection, Mapping
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from rft_ros.bags.sources import Messages, Source
+from rft_ros.errors import InputError
+from rft_ros.estimator import PoseSample, Sample, TwistSample, WrenchSample
+from rft_ros.files import read_columns, read_header
+from rft_ros.messages import TYPES, Role
+from rft_ros.parameters import Values
+from rft_ros.rft import AXES, POSE, STATE, TWIST
+
+__all__ = ["COLUMNS", "is_table", "source_of_table", "values_for_table"]
+
+_GROUPS: dict[Role, tuple[str, ...]] = {"pose": tuple(STATE[POSE]), "twist": tuple(STATE[TWIST]), "wrench": AXES}
+
+COLUMNS = ("t", *STATE[POSE], *STATE[TWIST], *AXES)
+"""Columns of a table: [s], [m], quaternion, [m/s], [rad/s], [N], [N m].
+
+Pose and twist of the tool frame are in world axes, the wrench in sensor axes, as the load cell's driver gives it. The
+six columns of the twist may be missing, and those of the wrench.
+"""
+
+_LAST = 2**31  # s: stamps of ROS have 32 bits
+
+
+def is_table(bag: Path) -> bool:
+    """Whether a recording is a table and not a bag."""
+    return bag.suffix.lower() == ".csv"
+
+
+def _roles(file: Path) -> list[Role]:
+    """The roles whose columns the table has. Raises InputError if some of a role's columns are missing."""
+    header, found = read_header(file, "table"), list[Role]()
+    for role, names in _GROUPS.items():
+        missing = [name for name in names if name not in header]
+        if not missing:
+            found.append(role)
+        elif role == "pose" or len(missing) < len(names):
+            raise InputError(f"table '{file}' has no column {missing[0]}; a {role} has the columns {','.join(names)}")
+    return found
+
+
+def values_for_table(file: Path, values: Values) -> Values:
+    """The parameters with which a table is read: velocities are found from the poses unless it has them."""
+    twist_source = "topic" if "twist" in _roles(file) else "pose_difference"
+    return {**values, "pose_source": "topic", "twist_source": twist_source}
+
+
+def source_of_table(file: Path, topics: Mapping[Role, str], values: Values) -> tuple[Source, int]:
+    """The samples of a table as messages on the topics of their roles, and how much their stamps are shifted [ns].
+
+    In ROS a stamp of 0 means none: stamps that begin at 0 or below are shifted by whole seconds. Raises InputError,
+    which names the line.
+    """
+    roles = _roles(file)
+    table, lines = read_columns(file, "table", ("t", *(name for role in roles for name in _GROUPS[role])))
+    times = table[:, 0]
+    wrong = np.flatnonzero(~(np.abs(times) < _LAST) | (np.diff(times, prepend=-np.inf) < 0.0))
+    if len(wrong):
+        must = "it must be a time [s] that does not go back; write a file for each run"
+        raise InputError(f"table '{file}' line {lines[wrong[0]]}: t is {times[wrong[0]]:.9g}; {must}")
+    shift = 0 if times[0] > 0.0 else 1 + math.ceil(-times[0])
+    stamps = np.round((times + shift) * 1e9).astype(np.int64).tolist()
+    ends = np.cumsum([1, *(len(_GROUPS[role]) for role in roles)]).tolist()
+    world, sensor = values["world_frame"], values["sensor_frame"]
+    sample_of: dict[Role, Callable[[int, Any], Sample]] = {
+        "pose": lambda stamp, numbers: PoseSample(stamp, world, numbers[:3], numbers[3:]),
+        "twist": lambda stamp, numbers: TwistSample(stamp, world, numbers[:3], numbers[3:]),
+        "wrench": lambda stamp, numbers: WrenchSample(stamp, sensor, numbers),
+    }
+
+    def read(wanted: Collection[str], first: int, last: int) -> Messages:
+        for stamp, row in zip(stamps, table, strict=True):
+            if first <= stamp <= last:
+                numbers = row.tolist()
+                for role, begin, end in zip(roles, ends, ends[1:], strict=False):
+                    if topics.get(role) in wanted:
+                        yield stamp, topics[role], sample_of[role](stamp, tuple(numbers[begin:end]))
+
+    types = [(topics[role], TYPES[role]) for role in roles if role in topics]
+    count, first, last = len(types) * len(stamps), stamps[0], stamps[-1]
+    source = Source(name=file.name, types=types, count=count, first=first, last=last, read=read, decoded=True)
+    return source, shift * 1_000_000_000
