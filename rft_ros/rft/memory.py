@@ -4,21 +4,27 @@ Each plate keeps its traction per depth τ, in world axes; the radius y of its y
 A step moves it by D. With its outward normal n and half angle θ (0 for a point), the traction t by the law times the
 share of the plate that leads, the strength σ of the law (ζ times 1 N/cm³), and the mobilization length λ at its depth:
 
-    k  = E σ / λ                                     modulus of the spring, the same in all directions        (10a)
-    c  = min(max(D·n, 0), g)                         closes the gap
-    D' = D - (D·n) n + (max(D·n, 0) - c) n           motion that neither retreats nor closes the gap          (10b)
-    ρ  = max(-D·n - sin θ |D'|, 0)                   retreat of the whole fan of normals
-    r  = max(ρ - max(-τ·n, 0) / k, 0)                retreat beyond contact; the rest unloads the spring:     (10c)
-    τ0 = τ + k (ρ - r) n
-    h  = |D'| - r - c                                path in contact                                          (10d)
-    τ1 = τ0 - k e D' / |D'|                          e: the most of max(h, 0) for which |τ1| <= y             (10e)
-    τ2 = t + (τ1 - t) exp(-(1 + f) p / λ)            p = max(h, 0) - e, and y = |τ2| if p > 0                 (10f)
-    τ <- τ2 max(1 - k max(-h, 0) / |τ2|, 0),   y <- max(y exp(-r / F λ), |τ|),   g <- g + G r - c          (10g)
+    k  = E σ / λ                                         modulus of the spring, the same in all directions
+    P  = max(-τ·n, 0) / k                                the retreat that would unload its pressure             (10a)
+    c  = min(max(D·n, 0), g)                             closes the gap
+    D' = D - min(D·n, c) n,   u = D' / |D'|              motion along the plate, or into the grains             (10b)
+    a  = (2 max(τ·u, 0) + y - |τ|) / k                   the path along u on which it stays elastic
+    ρ  = max(-D·n - sin θ |D'|, 0)                       retreat of the whole fan of normals
+    w  = min(ρ, max(|D'| - c - a, 0))                    while the plate slides, the gap takes it up to P;
+    v  = min(ρ - w, P)                                   else it unloads the spring;                            (10c)
+    q  = min(w, max(P - v - g + c, 0))                   what the gap takes
+    r  = ρ - v - q                                       the rest is beyond contact
+    h  = |D'| - r - c                                    path in contact
+    τ1 = τ + k v n - k min(a, h) u                       spring, for h > 0                                      (10d)
+    p  = max(h - a, 0)                                   plastic path: τ approaches t, and y approaches |τ|
+    τ2 = t + (τ1 - t) e^(-(1 + f) p / λ),   y <- |τ2| + (y - |τ1|) e^(-(1 + f) p / λ)                           (10e)
+    τ <- τ2 max(1 - k max(-h, 0) / |τ2|, 0),   y <- max(y e^(-r / F λ), |τ|),   g <- g - c + q + G r            (10f)
 
-In words: within its yield surface a plate is a spring (10e). Beyond, it yields: its traction approaches the law's over
-the path λ, and up to twice as fast where it falls (10f); f is the positive part of τ1·(τ1 - t), over
-|τ1 - t| max(|τ1|, |τ1 - t|). Grains do not pull: a plate that retreats from them unloads (10c), then loses what is left
-of its traction and opens a gap, which closes before they push again (10g).
+In words: within its yield surface a plate is a spring. Beyond, it yields: its traction approaches the law's over the
+path λ, and up to twice as fast where it falls; f is the positive part of τ1·(τ1 - t) / (|τ1 - t| max(|τ1|, |τ1 - t|)).
+Grains do not pull: a plate that retreats from them unloads, then loses what is left of its traction and opens a gap,
+which closes before they push again. A plate that slides keeps its pressure until it has retreated by P, so that noise
+to and fro across its motion does not unload it.
 
 λ is the mobilization length times (d / `DEPTH`)² at the plate's depth d, within `LEAST` and `GREATEST`.
 
@@ -235,7 +241,7 @@ def _moved(motion, place):
 
 @inlined
 def advance(past, normal, width, moved, target, modulus, per_span):
-    """A plate's traction τ, yield radius y and gap g after one step, Eqs. (10b) to (10g), and its tangent [N/m⁴].
+    """A plate's traction τ, yield radius y and gap g after one step, Eqs. (10a) to (10f), and its tangent [N/m⁴].
 
     `past`: the three before. `width`: sin θ. `moved`: the displacement D [m]. `target`: t [N/m³]. `modulus`: k [N/m⁴].
     `per_span`: 1 / λ [1/m]. The tangent: the modulus of the change of the traction with the displacement.
@@ -252,16 +258,21 @@ def advance(past, normal, width, moved, target, modulus, per_span):
     per_way = 1.0 / max(way, _TINY)
     ux, uy, uz = dx * per_way, dy * per_way, dz * per_way
 
+    pressure = max(-(tau_x * nx + tau_y * ny + tau_z * nz), 0.0) / modulus
+    along = ux * tau_x + uy * tau_y + uz * tau_z
+    tau = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
+    reach = (2.0 * max(along, 0.0) + max(radius - tau, 0.0)) / modulus
+
     retreat = max(-outward - width * way, 0.0)
-    relief = min(modulus * retreat, max(-(tau_x * nx + tau_y * ny + tau_z * nz), 0.0))
-    beyond = retreat - relief / modulus
+    slips = min(retreat, max(way - closed - reach, 0.0))
+    unloads = min(retreat - slips, pressure)
+    slack = min(slips, max(pressure - unloads - (gap - closed), 0.0))
+    beyond = retreat - unloads - slack
+    relief = modulus * unloads
     tau_x, tau_y, tau_z = tau_x + relief * nx, tau_y + relief * ny, tau_z + relief * nz
     contact = way - beyond - closed
     path = max(contact, 0.0)
-
-    along = ux * tau_x + uy * tau_y + uz * tau_z
-    inside = max(radius * radius - (tau_x * tau_x + tau_y * tau_y + tau_z * tau_z), 0.0)
-    elastic = min((along + sqrt(along * along + inside)) / modulus, path)
+    elastic = min(reach, path)
     plastic, fall = path - elastic, modulus * elastic
     tau_x, tau_y, tau_z = tau_x - fall * ux, tau_y - fall * uy, tau_z - fall * uz
 
@@ -270,14 +281,14 @@ def advance(past, normal, width, moved, target, modulus, per_span):
     falls = max(-(cx * tau_x + cy * tau_y + cz * tau_z), 0.0) / max(sqrt(change2 * max(change2, tau2)), _TINY)
     approach = 1.0 - _exp_minus(plastic * per_span * (1.0 + falls))
     tau_x, tau_y, tau_z = tau_x + approach * cx, tau_y + approach * cy, tau_z + approach * cz
-    size = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
-    radius = size if plastic > 0.0 else radius
+    size, tried = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z), sqrt(tau2)
+    radius += (size - tried) - approach * max(radius - tried, 0.0)
 
     keeps = max(size - modulus * max(-contact, 0.0), 0.0) / max(size, _TINY)
     radius = max(radius * _exp_minus(beyond * per_span * (1.0 / FADES)), keeps * size)
     yields = plastic * per_way
     tangent = modulus + yields * (max(size, sqrt(tx * tx + ty * ty + tz * tz)) * per_span - modulus)
-    return (keeps * tau_x, keeps * tau_y, keeps * tau_z), radius, gap + OPEN * beyond - closed, tangent
+    return (keeps * tau_x, keeps * tau_y, keeps * tau_z), radius, gap - closed + slack + OPEN * beyond, tangent
 
 
 def _add_memory(chunk, count, memory, motion, below, slope, grains):

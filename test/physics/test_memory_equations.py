@@ -25,29 +25,29 @@ class Plate:
             return np.zeros(3)
         length = LENGTH * np.clip(((depth + 0.5 * moved[2]) / 0.03) ** 2, 1 / 6, 2.25)  # half-way
         k = 12.0 * 1e6 / length  # at zeta 1
-        outward = moved @ n
+        outward, pressure = moved @ n, max(-self.tau @ n, 0.0) / k
         closed = min(max(outward, 0.0), self.gap)
         moved = moved - min(outward, closed) * n
         way = np.linalg.norm(moved)
-        relief = min(k * max(-outward, 0.0), max(-self.tau @ n, 0.0))
-        beyond = max(-outward, 0.0) - relief / k
+        u = moved / way if way > 0.0 else np.zeros(3)
+        elastic = (2.0 * max(self.tau @ u, 0.0) + self.y - np.linalg.norm(self.tau)) / k
+        retreat = max(-outward, 0.0)
+        slides = min(retreat, max(way - closed - elastic, 0.0))
+        unloads = min(retreat - slides, pressure)
+        slack = min(slides, max(pressure - unloads - self.gap + closed, 0.0))
+        beyond = retreat - unloads - slack
         contact = way - beyond - closed
-        tau, pull = self.tau + relief * n, k * max(contact, 0.0) * moved / way if way > 0.0 else np.zeros(3)
-        share = 1.0
-        if contact > 0.0 and np.linalg.norm(tau - pull) > self.y:
-            inside = max(self.y**2 - tau @ tau, 0.0)
-            share = (pull @ tau + np.sqrt((pull @ tau) ** 2 + pull @ pull * inside)) / (pull @ pull)
-        tau, path = tau - share * pull, (1.0 - share) * max(contact, 0.0)
-        if path > 0.0:
-            change = tau - target
-            sizes = np.linalg.norm(change) * max(np.linalg.norm(tau), np.linalg.norm(change))
-            faster = max(tau @ change, 0.0) / sizes if sizes > 0.0 else 0.0
-            tau = target + change * np.exp(-(1.0 + faster) * path / length)
-            self.y = np.linalg.norm(tau)
+        tau = self.tau + k * unloads * n - k * min(elastic, max(contact, 0.0)) * u
+        change, size = tau - target, np.linalg.norm(tau)
+        sizes = np.linalg.norm(change) * max(size, np.linalg.norm(change))
+        faster = max(tau @ change, 0.0) / sizes if sizes > 0.0 else 0.0
+        left = np.exp(-(1.0 + faster) * max(contact - elastic, 0.0) / length)
+        tau = target + change * left
+        self.y = np.linalg.norm(tau) + (self.y - size) * left
         size = np.linalg.norm(tau)
         self.tau = tau * (max(size - k * max(-contact, 0.0), 0.0) / size if size > 0.0 else 0.0)
         self.y = max(self.y * np.exp(-beyond / (3.0 * length)), np.linalg.norm(self.tau))
-        self.gap += 0.2 * beyond - closed
+        self.gap += slack - closed + 0.2 * beyond
         return self.tau * depth * AREA
 
 
