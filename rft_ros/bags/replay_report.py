@@ -24,7 +24,7 @@ __all__ = ["decimated", "draw", "replay_charts"]
 _Array = NDArray[np.float64]
 _Place = tuple[int, int]  # row and column of a panel, from 1
 
-_BUCKETS = 1500
+_BUCKETS = 500  # about one for each pixel of a panel's width
 _IN_GRAINS = -1e-3  # least depth in charts over depth [m]
 _TIME, _DEPTH = "Time since the first pose [s]", "Depth of the lowest point [mm]"
 _LEARNED = (
@@ -64,7 +64,7 @@ def draw(summary: Summary, rows: Rows, estimator: Estimator, file: Path) -> None
 
 
 def decimated(rows: Rows) -> Rows:
-    """Thin out rows for charts: of each of 1,500 buckets, the first row and three others.
+    """Thin out rows for charts: of each of 500 buckets, the first row and three others.
 
     These have the greatest depth, the greatest force and the greatest residual force.
     """

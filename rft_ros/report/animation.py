@@ -23,7 +23,7 @@ _ZOOM_TALL = 1.1  # size at which a scene as tall as wide fills the figure
 _FLAT, _ZOOM_FLAT = 0.7, 1.35  # the size for a scene of this height over its width, or flatter
 _PERIOD = 83  # ms from frame to frame
 _MOMENTS, _FEWEST_MOMENTS = 60, 3
-_FACES = 600_000  # in all moments together, 10 to 20 MB; of a finer mesh fewer moments are drawn
+_NUMBERS = 400_000  # coordinates and tractions in all moments, 2 MB; of a finer mesh fewer moments are drawn
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -65,7 +65,7 @@ def animate(
     facets, without memory and without learned corrections.
     """
     vertices, faces, facet = drawn_mesh(tool)
-    moments = min(len(states), _MOMENTS, max(_FACES // len(faces), _FEWEST_MOMENTS))
+    moments = min(len(states), _MOMENTS, max(_NUMBERS // (vertices.size + len(faces)), _FEWEST_MOMENTS))
     greatest = np.linalg.norm(forces, axis=1).argmax()
     used = np.linspace(0, len(states) - 1, moments).round().astype(int)
     used[np.abs(used - greatest).argmin()] = greatest
@@ -113,7 +113,10 @@ def what_is_shown(law: Law, *, learned: bool) -> str:
 
 
 def animation_figure(drawn: Animation) -> Any:
-    """A plotly Figure with a slider over the moments, and play and pause buttons."""
+    """A plotly Figure with a slider over the moments, and play and pause buttons.
+
+    A frame has only what moves: plotly takes the rest from the figure's own tool and line.
+    """
     import plotly.graph_objects as go
 
     low, high = _limits(drawn)
@@ -122,20 +125,32 @@ def animation_figure(drawn: Animation) -> Any:
     ends = starts + 0.4 * (high - low).max() / (sizes.max() or 1.0) * drawn.forces
     captions = [f"{drawn.title}   {s}   |F| = {f:.2f} N" for s, f in zip(drawn.labels, sizes, strict=True)]
 
-    def moving(n: int) -> list[Any]:
-        return [_tool_at(drawn, n), _line([starts[n], ends[n]], "force on the tool", _FORCE, 8)]
+    def moving(n: int, tool: dict[str, Any], line: dict[str, Any]) -> list[Any]:
+        """The tool and the line of the force at a moment, with the rest of how they look."""
+        with np.errstate(over="ignore"):  # poses may lie anywhere
+            x, y, z = drawn.placed[n].astype(np.float32).T
+        tool = {"x": x, "y": y, "z": z, "intensity": drawn.traction[n].astype(np.float32), **tool}
+        return [go.Mesh3d(**tool), go.Scatter3d(**_points([starts[n], ends[n]]), **line)]
 
+    i, j, k = drawn.faces.astype(np.int32).T
+    tool = {
+        "i": i, "j": j, "k": k, "flatshading": True, "lighting": {"ambient": 0.75, "diffuse": 0.4}, "name": "tool",
+        "colorscale": [list(c) for c in TRACTION], "cmin": 0.0, "cmax": drawn.traction.max() or 1.0,
+        "intensitymode": "cell", "colorbar": {"title": {"text": "Traction [kPa]"}, "len": 0.6},
+    }  # fmt: skip
+    force = {"mode": "lines", "line": {"color": _FORCE, "width": 8}, "name": "force on the tool"}
+    path = {"mode": "lines", "line": {"color": _PATH, "width": 3}, "name": "path"}
     x, y, heights = drawn.ground or (*np.array([low, high]).T[:2], np.full((2, 2), drawn.surface_height))
     ground = go.Surface(
         x=x, y=y, z=heights.T, name="surface",
         colorscale=[[0, _SURFACE], [1, _SURFACE]], showscale=False, opacity=0.35, hoverinfo="skip",
     )  # fmt: skip
     frames = [
-        go.Frame(data=moving(n), traces=[0, 1], name=str(n), layout={"title": {"text": caption}})
+        go.Frame(data=moving(n, {}, {}), traces=[0, 1], name=str(n), layout={"title": {"text": caption}})
         for n, caption in enumerate(captions)
     ]
-    still = _line(starts, "path", _PATH, 3), ground
-    return go.Figure(data=[*moving(drawn.first), *still], frames=frames).update_layout(
+    data = [*moving(drawn.first, tool, force), go.Scatter3d(**_points(starts), **path), ground]
+    return go.Figure(data=data, frames=frames).update_layout(
         template="plotly_white",
         title=captions[drawn.first],
         font={"family": "system-ui, sans-serif", "size": 13},
@@ -155,26 +170,8 @@ def _limits(drawn: Animation) -> tuple[Array, Array]:
     return low - margin, high + margin
 
 
-def _line(points: Any, name: str, colour: str, width: int) -> Any:
-    import plotly.graph_objects as go
-
-    x, y, z = np.array(points).T
-    return go.Scatter3d(x=x, y=y, z=z, mode="lines", line={"color": colour, "width": width}, name=name)
-
-
-def _tool_at(drawn: Animation, moment: int) -> Any:
-    """The tool at one moment, in the colours of the traction."""
-    import plotly.graph_objects as go
-
-    i, j, k = drawn.faces.T
-    with np.errstate(over="ignore"):  # poses may lie anywhere
-        x, y, z = drawn.placed[moment].astype(np.float32).T
-    return go.Mesh3d(
-        x=x, y=y, z=z, i=i, j=j, k=k, flatshading=True, lighting={"ambient": 0.75, "diffuse": 0.4},
-        colorscale=[list(c) for c in TRACTION], cmin=0.0, cmax=drawn.traction.max() or 1.0, name="tool",
-        intensity=drawn.traction[moment].astype(np.float32), intensitymode="cell",
-        colorbar={"title": {"text": "Traction [kPa]"}, "len": 0.6},
-    )  # fmt: skip
+def _points(points: Any) -> dict[str, Array]:
+    return dict(zip("xyz", np.array(points).T, strict=True))
 
 
 def _scene(low: Array, high: Array, *, force_points_up: bool) -> dict[str, Any]:

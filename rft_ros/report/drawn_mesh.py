@@ -50,7 +50,8 @@ def drawn_mesh(tool: Tool, *, most_faces: int = _MOST_FACES) -> DrawnMesh:
             faces = faces[np.linalg.norm(_area_vectors(vertices, faces), axis=1) > 0.0]
             if len(faces) and _keeps_shape(tool, vertices, faces):
                 return DrawnMesh(vertices, faces, _nearest_facets(tool, vertices, faces))
-    return DrawnMesh(tool.vertices, tool.faces, np.arange(len(tool.faces)))
+    vertices, merged = np.unique(tool.vertices, axis=0, return_inverse=True)  # each face of an STL file has its own
+    return DrawnMesh(vertices, merged.reshape(-1)[tool.faces], np.arange(len(tool.faces)))
 
 
 def _area_vectors(vertices: Array, faces: Indices) -> Array:
