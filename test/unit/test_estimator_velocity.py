@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from one_plate import LEVEL, MS, SECOND, START, estimator, pose, push, twist
 from scipy.spatial.transform import Rotation
@@ -188,6 +188,27 @@ def test_steps_of_coarse_encoders_are_no_motion_either(seed):
     assert np.ptp(steps) > 1e-6
     poses = [pose(START + k * 5 * MS, (0.0, 0.0, z), LEVEL) for k, z in enumerate(steps.tolist())]
     assert np.abs(twists(poses)[2:, 2]).max() < 2e-4
+
+
+@given(
+    slow=st.sampled_from([30, 60, 90, 120]),
+    fast=st.sampled_from([250, 500, 1000]),
+    v=st.tuples(speeds, speeds, speeds),
+    sigma=st.sampled_from([0.0, 5e-6]),
+)
+@settings(max_examples=20, deadline=None)
+def test_a_driver_that_repeats_poses_gives_the_velocities_of_the_poses_without_the_repeats(slow, fast, v, sigma):
+    """It publishes at a fast rate what is measured at a slow one: at first its repeats may be a tool at rest.
+
+    When the tool stops, the velocity is soon zero.
+    """
+    poses = shaken(screw(v, (0, 0, 0), times=np.arange(0.0, 1.0, 1.0 / slow)), sigma)
+    due = [poses[k * slow // fast]._replace(stamp=START + k * SECOND // fast) for k in range(fast)]
+    new = [k == 0 or due[k][2:] != due[k - 1][2:] for k in range(fast)]
+    every, once = twists(due), twists([p for p, is_new in zip(due, new, strict=True) if is_new])
+    np.testing.assert_array_equal(every[new][slow // 2 :], once[slow // 2 :])
+    still = [due[-1]._replace(stamp=due[-1].stamp + k * SECOND // fast) for k in range(1, fast)]
+    assert np.abs(twists([*due, *still])[-1]).max() < 1e-9
 
 
 def test_another_tool_or_world_frame_drops_what_was_told_in_the_old_axes():
