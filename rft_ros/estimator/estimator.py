@@ -154,7 +154,7 @@ class Estimator:
         if settings is not None:
             self._intake.use_settings(s)
             self._kinematics.use_settings(s)
-            self._comparison.max_age = round(s.max_input_age * 1e9)
+            self._comparison.use(max_age=round(s.max_input_age * 1e9))
             self._place_sensor()
         self._learn_readings()  # first: the readings so far belong to the old load cell and the old filter
         new_axes = (s.world_frame, s.tool_frame) != (old.world_frame, old.tool_frame)

@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter, deque
-from typing import NamedTuple
 
 from rft_ros.estimator import samples
 from rft_ros.estimator.load_cell import Comparison, Reading
@@ -20,18 +19,6 @@ _TWISTS = 256  # a pose that waited in a queue of 200 messages still finds the t
 _CLOUD_PERIOD = 190_000_000  # ns; a cloud that follows another one sooner is dropped: 5 Hz are enough
 _MOST_WANTED = 4096  # stamps that wait for transforms
 
-
-class _OfHeader(NamedTuple):
-    """The reasons for refusing a sample of one input for its header."""
-
-    stamp_zero: Reason
-    frame_unknown: Reason
-
-
-_POSE = _OfHeader(Reason.POSE_STAMP_ZERO, Reason.POSE_FRAME_UNKNOWN)
-_TWIST = _OfHeader(Reason.TWIST_STAMP_ZERO, Reason.TWIST_FRAME_UNKNOWN)
-_WRENCH = _OfHeader(Reason.WRENCH_STAMP_ZERO, Reason.WRENCH_FRAME_UNKNOWN)
-_SURFACE = _OfHeader(Reason.SURFACE_STAMP_ZERO, Reason.SURFACE_FRAME_UNKNOWN)
 
 _UNKNOWN = {
     Reason.POSE_FRAME_UNKNOWN: "pose frame_id {!r} is not world_frame {!r}",
@@ -72,24 +59,24 @@ class Intake:
             self.twists.clear()
         self._unknown.clear()
         self.transforms.keep(settings.world_frame, settings.tool_frame)
+        self._place_sensor()
 
     def start_run(self, stamp: int) -> None:
         """Start a new run at a pose whose stamp jumped back to `stamp` [ns]: drop the samples of the run before."""
         self.twists.start_run(stamp)
         self._comparison.readings.start_run(stamp)
 
-    @property
-    def sensor_is_in_world(self) -> bool:
-        """Whether `sensor_frame` is the world frame, or fixed in it, and so does not turn with the tool."""
+    def _place_sensor(self) -> None:
         world, sensor = self._settings.world_frame, self._settings.sensor_frame
-        return sensor == world or self.transforms.fixed(world, sensor) is not None
+        self.sensor_is_in_world = sensor == world or self.transforms.fixed(world, sensor) is not None
+        """Whether `sensor_frame` is the world frame, or fixed in it, and so does not turn with the tool."""
 
     # --- samples
 
     def pose(self, sample: PoseSample) -> tuple[PoseSample, Succession]:
         """The pose in world axes, its quaternion of unit length, and whether it is the next one or begins a new run."""
         stamp, world = sample.stamp, self._settings.world_frame
-        _, base = self._linked(_POSE, sample, world)
+        _, base = self._linked("pose", sample.stamp, sample.frame, world)
         if not _are_finite(*sample.position, *sample.quaternion):
             raise RefusedError(Reason.POSE_NOT_FINITE)
         position, quaternion = sample.position, unit_quaternion(*sample.quaternion)
@@ -117,6 +104,8 @@ class Intake:
             self._add_cloud(sample, mapper)
         else:
             reason = self.transforms.push(sample)
+            if sample.fixed:
+                self._place_sensor()
             if reason is not None:  # also TF_TWO_PARENTS, although that transform is used
                 raise RefusedError(reason)
 
@@ -124,7 +113,9 @@ class Intake:
         """Keep a twist, in the axes of the world or the tool frame."""
         if self._settings.twist_source != "topic":
             return  # a replay does not read this topic either, so that both give the same result
-        into, axes = self._linked(_TWIST, sample, self._settings.world_frame, self._settings.tool_frame)
+        into, axes = self._linked(
+            "twist", sample.stamp, sample.frame, self._settings.world_frame, self._settings.tool_frame
+        )
         if not _are_finite(*sample.linear, *sample.angular):
             raise RefusedError(Reason.TWIST_NOT_FINITE)
         if axes is not None:
@@ -139,14 +130,14 @@ class Intake:
     def _add_wrench(self, sample: WrenchSample) -> None:
         """Keep a reading of the load cell at the stamp of its event, in the axes of the sensor or the world frame."""
         s, stamp = self._settings, sample.stamp - self._delay
-        into, there = self._linked(_WRENCH, sample._replace(stamp=stamp), s.sensor_frame, s.world_frame)
+        into, there = self._linked("wrench", stamp, sample.frame, s.sensor_frame, s.world_frame)
         in_world = s.sensor_source == "world" or self.sensor_is_in_world or into == s.world_frame
         if self.sensor_is_in_world and into == s.sensor_frame:
             of_sensor = self.transforms.fixed(s.world_frame, s.sensor_frame)
             there = of_sensor if there is None or of_sensor is None else of_sensor.of(there)
-        if there is not None and in_world:  # the torque is about the sensor's origin, wherever the frame's origin lies
-            there = there._replace(position=(0.0, 0.0, 0.0))
-        wrench = sample.wrench if there is None else there.wrench(sample.wrench)
+        wrench = sample.wrench
+        if there is not None:  # in world axes the torque is about the sensor's origin, not that of its frame
+            wrench = (there._replace(position=(0.0, 0.0, 0.0)) if in_world else there).wrench(wrench)
         if not _are_finite(*wrench):
             raise RefusedError(Reason.WRENCH_NOT_FINITE)
         last = self._comparison.readings.last
@@ -162,7 +153,7 @@ class Intake:
         """Pass points of the ground to the mapper, with their frame's placement in the world if that is another one."""
         if mapper is None:
             raise RefusedError(Reason.SURFACE_OFF)
-        _, camera = self._linked(_SURFACE, cloud, self._settings.world_frame)
+        _, camera = self._linked("surface", cloud.stamp, cloud.frame, self._settings.world_frame)
         follows = succession(cloud.stamp, after=mapper.cloud_stamp)
         if follows in (REPEATED, LATE):
             raise RefusedError(Reason.SURFACE_OUT_OF_ORDER)
@@ -172,20 +163,22 @@ class Intake:
             raise RefusedError(Reason.SURFACE_RATE_LIMITED)
         mapper.add(cloud, camera)
 
-    def _linked(self, reasons: _OfHeader, sample: samples.Stamped, *expected: str) -> tuple[str, Placement | None]:
-        """The first of the expected frames to which fixed transforms link a sample's frame, and the placement in it.
+    def _linked(self, role: str, stamp: int, frame: str, *expected: str) -> tuple[str, Placement | None]:
+        """The first of the expected frames to which fixed transforms link a frame, and the frame's placement there.
 
-        The placement is None if the sample is in this frame. Raises `RefusedError` if none is linked.
+        The placement is None if the frame is an expected one. Raises `RefusedError` if none is linked. `role`: as the
+        names of the reasons begin.
         """
-        if sample.stamp <= 0:
-            raise RefusedError(reasons.stamp_zero)
-        if sample.frame in expected:
-            return sample.frame, None
+        if stamp <= 0:
+            raise RefusedError(Reason(f"{role}_stamp_zero"))
+        if frame in expected:
+            return frame, None
         for into in expected:
-            if (placement := self.transforms.fixed(into, sample.frame)) is not None:
+            if (placement := self.transforms.fixed(into, frame)) is not None:
                 return into, placement
-        self._unknown[reasons.frame_unknown] = sample.frame, *expected
-        raise RefusedError(reasons.frame_unknown)
+        reason = Reason(f"{role}_frame_unknown")
+        self._unknown[reason] = frame, *expected
+        raise RefusedError(reason)
 
     def unknown_frames(self) -> dict[Reason, str]:
         """For each reason a sentence on the frame refused last under these settings, unless transforms link it now."""

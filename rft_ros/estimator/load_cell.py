@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.samples import Measurement, PoseSample, Reason, Vector, Wrench
 from rft_ros.estimator.sigma import parts_of_prediction
-from rft_ros.estimator.timeline import PATIENCE, Timeline, between
+from rft_ros.estimator.timeline import PATIENCE, Timeline
 from rft_ros.parameters import LoadCell
 from rft_ros.rft.frames import attitude, into_frame
 from rft_ros.rft.kernel.compilation import compiled, machine_code
@@ -162,12 +162,11 @@ class Comparison:
         self._final: list[Measurement] = []
         self._compared: list[Compared] = []
         self._last_raw: Wrench | None = None
-        self.max_age = 0
+        self.use(max_age=0)
 
-    @property
-    def patience(self) -> int:
-        """How long a prediction waits for a reading [ns]."""
-        return max(self.max_age, PATIENCE)
+    def use(self, *, max_age: int) -> None:
+        """Set the greatest time between a prediction and a reading that is used with it [ns]."""
+        self.max_age, self.patience = max_age, max(max_age, PATIENCE)
 
     def add(self, prediction: Prediction) -> None:
         """Add a prediction."""
@@ -178,7 +177,10 @@ class Comparison:
 
     def settle(self, now: float) -> None:
         """Compare the predictions that need not wait. `now` [ns]: the stamp of the sample that has just come."""
-        pending, last = self._pending, self.readings.last
+        pending = self._pending
+        if not pending:
+            return
+        last = self.readings.last
         newest, late = last.stamp if last else 0, now - self.patience
         while pending and ((stamp := pending[0].pose.stamp) <= newest or stamp < late):
             self._final.append(self._measured(pending.popleft()))
@@ -202,15 +204,29 @@ class Comparison:
             return Measurement(pose.stamp, None, None, reason)
         raw = before.wrench
         if share > 0.0 and after and after.stamp - pose.stamp <= self.max_age and after.in_world == before.in_world:
-            raw = _wrench(*between(raw, after.wrench, share))
+            raw = _interpolated(raw, after.wrench, share)
         repeated, self._last_raw = raw == self._last_raw, raw
         wrench = cell.in_own_axes(Reading(pose.stamp, raw, before.in_world), pose)
-        compensated = _wrench(*[cell.sign * r - o for r, o in zip(wrench, prediction.offset, strict=True)])
-        residual = _wrench(*[c - p for c, p in zip(compensated, prediction.wrench, strict=True)])
-        force, size = cell.into_world(pose, compensated[:3]), math.hypot(*prediction.wrench[:3])
+        compensated = _difference(cell.sign, wrench, prediction.offset)
+        fx, fy, fz, *_ = prediction.wrench
+        force, size = cell.into_world(pose, compensated[:3]), math.hypot(fx, fy, fz)
         self._compared.append(Compared(pose.stamp, force, size, repeated, prediction.in_air))
-        return Measurement(pose.stamp, compensated, residual, None)
+        return Measurement(pose.stamp, compensated, _difference(1.0, compensated, prediction.wrench), None)
 
 
-def _wrench(fx: float, fy: float, fz: float, tx: float, ty: float, tz: float) -> Wrench:
-    return fx, fy, fz, tx, ty, tz
+# Written out by component, since loops take twice as long.
+
+
+def _interpolated(a: Wrench, b: Wrench, share: float) -> Wrench:
+    """The wrench at a share of the way from one to the other."""
+    (ax, ay, az, dx, dy, dz), (bx, by, bz, ex, ey, ez) = a, b
+    rest = 1.0 - share
+    force = rest * ax + share * bx, rest * ay + share * by, rest * az + share * bz
+    return *force, rest * dx + share * ex, rest * dy + share * ey, rest * dz + share * ez
+
+
+def _difference(factor: float, a: Wrench, b: Wrench) -> Wrench:
+    """`factor` times one wrench, minus the other."""
+    (ax, ay, az, dx, dy, dz), (bx, by, bz, ex, ey, ez) = a, b
+    force = factor * ax - bx, factor * ay - by, factor * az - bz
+    return *force, factor * dx - ex, factor * dy - ey, factor * dz - ez

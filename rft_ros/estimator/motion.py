@@ -3,7 +3,7 @@
 import math
 from collections.abc import Sequence
 from struct import Struct
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,10 +11,13 @@ from numpy.typing import NDArray
 from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.estimator.pose_noise import NOISY, PoseNoise
 from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TwistSample, Vector
-from rft_ros.estimator.timeline import Timeline, between, turned_between
+from rft_ros.estimator.timeline import Timeline
 from rft_ros.parameters import Settings
-from rft_ros.rft import SLACK, STATE
-from rft_ros.rft.placement import Placement, Quaternion
+from rft_ros.rft import QUATERNION, SLACK, STATE
+from rft_ros.rft.frames import attitude
+from rft_ros.rft.kernel.compilation import compiled, machine_code
+from rft_ros.rft.memory import HEAD, IN_HEAD, displacement
+from rft_ros.rft.placement import Placement
 
 __all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion"]
 
@@ -55,6 +58,7 @@ class Kinematics:
 
     def __init__(self, settings: Settings, twists: Timeline[TwistSample], reach: float) -> None:
         self.reach, self._twists, self._settings = reach, twists, settings
+        self._follow: Any = machine_code(_follow, (np.zeros(HEAD), np.zeros(len(STATE)), 0.0))
         self.start_run()
 
     def use_settings(self, settings: Settings) -> None:
@@ -68,7 +72,7 @@ class Kinematics:
     def start_run(self) -> None:
         """Start a new run, or a run in new axes: drop the poses and the motion so far."""
         self._difference = PoseDifference()
-        self._followed: Placement | None = None
+        self._head = np.zeros(HEAD)
         self.use_settings(self._settings)
 
     @property
@@ -89,9 +93,10 @@ class Kinematics:
         bound = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.reach
         noise = self.noise.at_tip(self.reach)
         dead_band = min(max(_BAND_OVER_NOISE * noise, SLACK), _WIDEST_BAND)
-        path, rise = self._follow(pose.position, pose.quaternion, dead_band)
         state = np.empty((1, len(STATE)))
         _PACK_STATE.pack_into(state.data, 0, *pose.position, *pose.quaternion, *velocity)
+        self._head[IN_HEAD.dead_band] = dead_band
+        path, rise = self._follow(self._head, state[0], self.reach)
         return Motion(
             pose=pose,
             state=state,
@@ -119,17 +124,15 @@ class Kinematics:
         to_world = Placement(pose.position, pose.quaternion)
         return *to_world.rotate(twist.linear), *to_world.rotate(twist.angular)
 
-    def _follow(self, position: Vector, quaternion: Quaternion, dead_band: float) -> tuple[float, float]:
-        """Let the followed pose follow this one; returns path and rise of it."""
-        if self._followed is None:
-            self._followed = Placement(position, quaternion)
-            return 0.0, 0.0
-        before, attitude = self._followed
-        cosine = abs(sum([a * b for a, b in zip(quaternion, attitude, strict=True)]))
-        size = math.dist(position, before) + self.reach * 2.0 * math.acos(min(cosine, 1.0))
-        if size <= dead_band:
-            return 0.0, 0.0
-        share = 1.0 - dead_band / size
-        x, y, z = between(before, position, share)
-        self._followed = Placement((x, y, z), turned_between(attitude, quaternion, share))
-        return size - dead_band, z - before[2]
+
+@compiled
+def _follow(head, state, reach):
+    """Path and rise of a tool that comes to a state, shape [13], by the displacement that the memory of plates has.
+
+    `head`: of a row of `Memory.numbers`, with the dead band. `reach` of the plates [m].
+    """
+    _, ((x, y, z), turn), _ = displacement(head, state, attitude(state[QUATERNION]), reach, True)
+    spin = 0.0
+    for t in turn:
+        spin += t * t
+    return math.sqrt(x * x + y * y + z * z) + reach * math.sqrt(0.5 * spin), z

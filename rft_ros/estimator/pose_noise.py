@@ -1,10 +1,13 @@
 """The noise of the poses, estimated from the poses themselves, and the repeats that bring nothing new."""
 
 import math
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rft_ros.estimator.samples import PoseSample
+from rft_ros.rft.kernel.compilation import compiled, machine_code
 
 __all__ = ["NOISY", "NOISY_SENTENCE", "PoseNoise"]
 
@@ -28,6 +31,17 @@ _ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
 _REPEATS = 1.5  # a pose that stays the same for longer than this many times the last interval has come to rest
 
 
+_TRACK = np.dtype(
+    [
+        ("stamps", np.int64, 4),  # of the last four poses that differ, the newest first [ns]; 0 where there is none
+        ("poses", float, (4, 7)),  # their positions and quaternions
+        ("interval", np.int64),  # between the last two of them [ns]
+        ("misfits", float, (2, _MISFITS)),  # the last ones, of positions and rotations
+        ("count", int),  # of misfits
+    ]
+)
+
+
 class PoseNoise:
     """Follows the poses of one tool.
 
@@ -40,9 +54,8 @@ class PoseNoise:
 
     def __init__(self) -> None:
         self.position = self.rotation = math.inf
-        self._poses: list[tuple[int, tuple[float, ...]]] = []  # stamp [ns], position and quaternion; the newest last
-        self._misfits, self._count = np.zeros((2, _MISFITS)), 0
-        self._changed = self._interval = 0  # stamp of the last pose that differs from the one before, and since when
+        self._tracks, self._pose = np.zeros(1, _TRACK), np.zeros(7)
+        self._add: Any = machine_code(_add, (self._tracks, self._pose, 0, 0))
 
     def at_tip(self, reach: float) -> float:
         """Standard deviation of a coordinate of a point at `reach` from the origin [m]; 0 while nothing is known."""
@@ -55,40 +68,62 @@ class PoseNoise:
 
         After an interval longer than `gap` [ns] the poses before it are dropped.
         """
-        numbers: tuple[float, ...] = (*pose.position, *pose.quaternion)
-        if self._poses:
-            _, last = self._poses[-1]
-            if sum([p * q for p, q in zip(numbers[3:], last[3:], strict=True)]) < 0.0:  # q and -q are one attitude
-                numbers = *pose.position, *[-q for q in pose.quaternion]
-            interval = pose.stamp - self._changed
-            if numbers == last:
-                return interval > _REPEATS * self._interval
-            if interval > gap:
-                self._poses.clear()
-            else:
-                self._interval = interval
-        self._changed = pose.stamp
-        self._poses.append((pose.stamp, numbers))
-        if len(self._poses) > 3:
-            self._add_misfit()
-            del self._poses[0]
-        return True
-
-    def _add_misfit(self) -> None:
-        (t3, c), (t2, b), (t1, a), (t0, newest) = self._poses
-        p, q, r = t1 - t0, t2 - t0, t3 - t0
-        of_a, of_b, of_c = q * r / ((p - q) * (p - r)), p * r / ((q - p) * (q - r)), p * q / ((r - p) * (r - q))
-        squares = [(n - of_a * i - of_b * j - of_c * k) ** 2 for n, i, j, k in zip(newest, a, b, c, strict=True)]
-        scale = 1.0 + of_a * of_a + of_b * of_b + of_c * of_c
-        place = self._count % _MISFITS
-        self._misfits[0, place] = sum(squares[:3]) / scale
-        self._misfits[1, place] = 4.0 * sum(squares[3:]) / scale  # a rotation moves a quaternion by half of its angle
-        self._count += 1
-        if self._count % _REFRESH == 0:
-            self.position, self.rotation = map(_variance, self._misfits, (self.position, self.rotation))
+        self._pose[:] = (*pose.position, *pose.quaternion)
+        found = self._add(self._tracks, self._pose, pose.stamp, gap)
+        if found == _DUE:
+            misfits = self._tracks[0]["misfits"]
+            self.position, self.rotation = map(_variance, misfits, (self.position, self.rotation))
+        return bool(found != _REPEAT)
 
 
-def _variance(misfits: np.ndarray, before: float) -> float:
+_REPEAT, _NEW, _DUE = range(3)  # what `_add` returns; `_DUE`: the noise is to be estimated again
+
+
+@compiled
+def _add(tracks, pose, stamp, gap):
+    """Add a pose to the record of `_TRACK` in `tracks`, with its misfit if there are three before it."""
+    track = tracks[0]
+    stamps, poses = track.stamps, track.poses
+    if stamps[0] > 0:
+        cosine, same = 0.0, True
+        for c in range(3, 7):
+            cosine += pose[c] * poses[0, c]
+        for c in range(3, 7):
+            pose[c] = math.copysign(1.0, cosine) * pose[c]  # q and -q are one attitude
+        for c in range(7):
+            same = same and pose[c] == poses[0, c]
+        interval = stamp - stamps[0]
+        if same:
+            return _NEW if interval > _REPEATS * track.interval else _REPEAT
+        if interval > gap:
+            stamps[:] = 0
+        else:
+            track.interval = interval
+    for k in range(3, 0, -1):
+        stamps[k] = stamps[k - 1]
+        for c in range(7):
+            poses[k, c] = poses[k - 1, c]
+    stamps[0] = stamp
+    for c in range(7):
+        poses[0, c] = pose[c]
+    if stamps[3] == 0:
+        return _NEW
+    p, q, r = float(stamps[1] - stamp), float(stamps[2] - stamp), float(stamps[3] - stamp)
+    of_1, of_2, of_3 = q * r / ((p - q) * (p - r)), p * r / ((q - p) * (q - r)), p * q / ((r - p) * (r - q))
+    of_position = of_rotation = 0.0
+    for i in range(7):
+        square = (poses[0, i] - of_1 * poses[1, i] - of_2 * poses[2, i] - of_3 * poses[3, i]) ** 2
+        if i < 3:
+            of_position += square
+        else:
+            of_rotation += 4.0 * square  # a rotation moves a quaternion by half of its angle
+    scale, place = 1.0 + of_1 * of_1 + of_2 * of_2 + of_3 * of_3, track.count % _MISFITS
+    track.misfits[0, place], track.misfits[1, place] = of_position / scale, of_rotation / scale
+    track.count += 1
+    return _DUE if track.count % _REFRESH == 0 else _NEW
+
+
+def _variance(misfits: NDArray[np.float64], before: float) -> float:
     """The variance of one coordinate. Misfits of zero are left out: encoders with coarse steps give them."""
     found = np.sort(misfits[misfits > 0.0])
     if len(found) < _REFRESH:

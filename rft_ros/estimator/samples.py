@@ -152,34 +152,13 @@ class Reason(str, Enum):
     __str__ = str.__str__
 
 
-STAMP_ZERO = frozenset({
-    Reason.POSE_STAMP_ZERO,
-    Reason.TWIST_STAMP_ZERO,
-    Reason.WRENCH_STAMP_ZERO,
-    Reason.SURFACE_STAMP_ZERO,
-})  # fmt: skip
+STAMP_ZERO = frozenset(reason for reason in Reason if reason.value.endswith("_stamp_zero"))
 """Reasons for samples without a stamp."""
 
-FRAME_UNKNOWN = frozenset({
-    Reason.POSE_FRAME_UNKNOWN,
-    Reason.TWIST_FRAME_UNKNOWN,
-    Reason.WRENCH_FRAME_UNKNOWN,
-    Reason.SURFACE_FRAME_UNKNOWN,
-    Reason.SENSOR_FRAME_UNKNOWN,
-    Reason.TF_FRAME_UNKNOWN,
-})  # fmt: skip
+FRAME_UNKNOWN = frozenset(reason for reason in Reason if reason.value.endswith("_frame_unknown"))
 """Reasons for frames that are not the expected ones, or that no transforms link to these."""
 
-OF_TRANSFORMS = frozenset({
-    Reason.TF_INVALID,
-    Reason.TF_OUT_OF_ORDER,
-    Reason.TF_TWO_PARENTS,
-    Reason.TF_LOOP,
-    Reason.TF_FRAME_UNKNOWN,
-    Reason.TF_MISSING,
-    Reason.TF_STALE,
-    Reason.TF_GAP,
-})  # fmt: skip
+OF_TRANSFORMS = frozenset(reason for reason in Reason if reason.value.startswith("tf_"))
 """Reasons for transforms that are refused, and for poses that transforms do not give."""
 
 

@@ -19,7 +19,6 @@ __all__ = [
     "LEVER",
     "SIGMA",
     "Withdrawal",
-    "compile_withdrawal",
     "is_withdrawn",
     "parts_of_prediction",
     "predict_without_learning",
@@ -107,21 +106,8 @@ class Withdrawal:
         `with_sigma`, shape [12]: the wrench and its standard deviations.
         """
         if self.active:
-            _widen(with_sigma, self._pushed, math.exp(-self._path / _RELEASE))
+            wrench, sigma, left = with_sigma[WRENCH], with_sigma[SIGMA], math.exp(-self._path / _RELEASE)
+            held = left * (np.abs(self._pushed[WRENCH] - wrench) + self._pushed[SIGMA])
+            sigma[:] = np.sqrt(sigma * sigma + held * held + wrench * wrench)
         elif self._moves:
             self._pushed[:] = with_sigma
-
-
-@compiled
-def _widen(with_sigma, pushed, left):
-    """Add the share `left` of the last push, and the whole of the prediction, to the deviations."""
-    wrench, sigma = with_sigma[WRENCH], with_sigma[SIGMA]
-    last_wrench, last_sigma = pushed[WRENCH], pushed[SIGMA]
-    for i in range(6):
-        held = left * (abs(last_wrench[i] - wrench[i]) + last_sigma[i])
-        sigma[i] = math.sqrt(sigma[i] ** 2 + held * held + wrench[i] * wrench[i])
-
-
-def compile_withdrawal() -> None:
-    """Load the machine code, or compile it."""
-    _widen(np.zeros(12), np.zeros(12), 0.0)

@@ -136,7 +136,8 @@ class Transforms:
         """Placement of the frame `source` in the frame `target`; None if fixed transforms alone do not link them."""
         if (target, source) not in self._places:
             way = self._way(target, source)
-            is_fixed = way is not None and all(self._links()[frame].fixed for frames in way for frame in frames)
+            lasts = [self._last(frame) for frames in way or () for frame in frames]
+            is_fixed = way is not None and all(last is not None and last.fixed for last in lasts)
             place = self.at(target, source, 0, 0) if is_fixed else None
             self._places[target, source] = place if isinstance(place, Placement) else None
         return self._places[target, source]

@@ -12,7 +12,7 @@ from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.estimator.samples import PoseSample
-from rft_ros.estimator.sigma import compile_withdrawal, predict_without_learning
+from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.ground import HeightMap, Support
 from rft_ros.parameters import LoadCell, Values
 from rft_ros.rft import QUATERNION, Plates, agarwal2023, edge_share, wrenches
@@ -28,7 +28,6 @@ def _answers() -> None:
     edge_share(_PLATE, _SINKING)
     LoadCellFrame(LoadCell()).into_sensor(_SINKING[QUATERNION], np.zeros(12))
     predict_without_learning(np.zeros(7), 1.0, 0.0, np.zeros(12))
-    compile_withdrawal()
 
 
 def _ground() -> None:

@@ -5,6 +5,8 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from hypothesis import example, given, settings
+from hypothesis import strategies as st
 from one_plate import SECOND, START, about, estimator, measurement, plate_model, plate_tool, pose, push, twist, wrench
 from scipy.spatial.transform import Rotation
 
@@ -201,29 +203,21 @@ def test_a_jump_back_by_a_second_or_more_is_a_new_beginning_and_by_less_a_late_p
     assert Reason.TIME_JUMP not in e.counts
 
 
-@pytest.mark.parametrize("rate", [125.0, 60.0, 25.0, 1.0])
-@pytest.mark.parametrize("period", [8 * MS, MS])
-def test_max_rate_bounds_how_many_poses_are_answered_in_ten_seconds(rate, period):
-    e, poses = estimator(max_rate=rate), 10 * SECOND // period
-    for k in range(poses):
-        push(e, twist(START + k * period), pose(START + k * period))
-    assert 0.85 * rate * 10 <= e.estimates <= rate * 10 + 1
-    assert e.estimates + e.counts[Reason.POSE_RATE_LIMITED] == poses
-
-
-def test_a_limit_at_the_streams_own_rate_drops_no_pose_despite_jittering_stamps():
-    """Jitter within a tenth of the period."""
-    e = estimator(max_rate=125.0)
-    for stamp in (START + 8 * k * MS + (k * 7919) % 800_000 for k in range(1000)):
-        assert isinstance(push(e, twist(stamp), pose(stamp)), Estimate)
-
-
-def test_a_new_max_rate_counts_from_the_next_pose_and_the_first_is_answered():
-    e = estimator(max_rate=1e-300)
-    assert isinstance(push(e, twist(1), pose(1)), Estimate)
-    assert push(e, pose(2)).reason is Reason.POSE_RATE_LIMITED
-    e.use(settings=replace(e.settings, max_rate=100.0))
-    assert isinstance(push(e, pose(20 * MS)), Estimate)
+@given(rate=st.sampled_from([125.0, 60.0, 25.0, 1.0]), period=st.sampled_from([8 * MS, MS]), seed=st.integers(0, 99))
+@settings(max_examples=10, deadline=None)
+@example(rate=125.0, period=8 * MS, seed=0)
+def test_max_rate_bounds_the_estimates_and_a_limit_at_the_streams_own_rate_drops_no_pose(rate, period, seed):
+    """In four seconds of stamps that jitter by a tenth of the period. A new limit counts from the next pose on."""
+    e, poses = estimator(max_rate=1e-300), 4 * SECOND // period
+    push(e, twist(), pose())
+    assert push(e, pose(START + MS)).reason is Reason.POSE_RATE_LIMITED
+    e.use(settings=replace(e.settings, max_rate=rate))
+    jitter = np.random.default_rng(seed).integers(0, period // 10, poses)
+    for stamp in (START + SECOND + period * np.arange(poses) + jitter).tolist():
+        push(e, twist(stamp), pose(stamp))
+    least = poses if rate == SECOND / period else 0.85 * rate * 4
+    assert least <= e.estimates - 1 <= rate * 4 + 1
+    assert e.estimates - 1 + e.counts[Reason.POSE_RATE_LIMITED] == poses + 1
 
 
 @pytest.mark.parametrize("angular", [(0.0, 0.0, 0.0), (0.0, 0.0, 1e-9), (10.0, 0.0, 0.0)])

@@ -200,17 +200,6 @@ def test_the_page_of_failures_names_the_flag_of_every_place_and_every_flag():
     assert {f.name.lower() for f in QualityFlag if f} <= set(re.findall(r"`(\w+)`", " ".join(said)))
 
 
-def test_a_mesh_with_faults_and_a_hollow_tool_are_flagged(tmp_path):
-    box = trimesh.creation.box((0.02, 0.02, 0.02))
-    box.update_faces(np.arange(len(box.faces)) > 1)
-    box.export(tmp_path / "open.stl")
-    assert QualityFlag.MESH in last_flags(load_tool(str(tmp_path / "open.stl"), scale=1.0), straight(0.01))
-    trimesh.creation.annulus(0.01, 0.02, 0.03).export(tmp_path / "ring.stl")
-    tool = load_tool(str(tmp_path / "ring.stl"), scale=1.0)
-    assert "hollows" in tool.issues["concave"]
-    assert QualityFlag.CONCAVE in last_flags(tool, straight(0.05))
-
-
 def test_the_calibrations_own_depth_give_or_take_its_rounding_is_not_beyond_it(root):
     positions = np.tile([0.0, 0.0, -0.1], (20, 1))
     lowest = 0.1 - root.lowest_point(np.eye(3))
