@@ -30,7 +30,7 @@ from rft_ros.estimator.tare import PastPose, mean_in_air
 from rft_ros.estimator.timeline import NEW_RUN
 from rft_ros.ground import GroundMapper, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
-from rft_ros.rft import QUATERNION, STATE, Memory, rotation_matrix
+from rft_ros.rft import QUATERNION, STATE, TWIST, Memory, rotation_matrix
 from rft_ros.rft.arguments import number
 from rft_ros.rft.result import WIDTH
 from rft_ros.rft.traction import packed_law
@@ -370,8 +370,11 @@ class Estimator:
 
         The result (wrench, area, sensitivities) is overwritten at the next pose.
         """
-        surface = self.surface
-        step = self._law, motion.state, surface.height, surface.slope, self._result
+        surface, state = self.surface, motion.state
+        if self._memory is not None and not motion.is_along:
+            state = state.copy()
+            state[0, TWIST] = 0.0  # the memory then keeps the direction of the last displacement
+        step = self._law, state, surface.height, surface.slope, self._result
         if self._memory is None:
             self._step(*step)
         else:

@@ -35,7 +35,9 @@ class Motion(NamedTuple):
     `state`: shape [1, 13], columns `rft_ros.rft.STATE`. `velocity`: of the tool frame's origin, world axes [m/s].
     `speed_bound`: an upper bound on the plates' speeds [m/s]. `rests`: it is below `rest_speed`. `path`: an upper bound
     on the displacement of any plate since the motion before, beyond the dead band [m]. `rise`: displacement of the
-    origin upwards in it [m]. `dead_band` [m]: displacements within it are noise of the poses. `is_noisy`: it is wide.
+    origin upwards in it [m]. `dead_band` [m]: displacements within it are noise of the poses. `is_along`: there
+    is a displacement, and it goes along the velocity. After a stop the fit of a velocity may show one against it, and
+    noise at rest any. `is_noisy`: the dead band is wide.
     """
 
     pose: PoseSample
@@ -46,6 +48,7 @@ class Motion(NamedTuple):
     path: float
     rise: float
     dead_band: float
+    is_along: bool
     is_noisy: bool
 
 
@@ -96,7 +99,7 @@ class Kinematics:
         state = np.empty((1, len(STATE)))
         _PACK_STATE.pack_into(state.data, 0, *pose.position, *pose.quaternion, *velocity)
         self._head[IN_HEAD.dead_band] = dead_band
-        path, rise = self._follow(self._head, state[0], self.reach)
+        path, rise, along = self._follow(self._head, state[0], self.reach)
         return Motion(
             pose=pose,
             state=state,
@@ -106,6 +109,7 @@ class Kinematics:
             path=path,
             rise=rise,
             dead_band=dead_band,
+            is_along=along > 0.0,
             is_noisy=noise > NOISY,
         )
 
@@ -127,12 +131,17 @@ class Kinematics:
 
 @compiled
 def _follow(head, state, reach):
-    """Path and rise of a tool that comes to a state, shape [13], by the displacement that the memory of plates has.
+    """Path and rise of a tool that comes to a state, shape [13], and its displacement along the twist [m²/s].
 
-    `head`: of a row of `Memory.numbers`, with the dead band. `reach` of the plates [m].
+    The displacement is that which the memory of plates has. `head`: of a row of `Memory.numbers`, with the dead band.
+    `reach` of the plates [m].
     """
-    _, ((x, y, z), turn), _ = displacement(head, state, attitude(state[QUATERNION]), reach, True)
+    ((x, y, z), turn), _ = displacement(head, state, attitude(state[QUATERNION]), reach)
+    _, xy, xz, yx, _, yz, zx, zy, _ = turn
     spin = 0.0
     for t in turn:
         spin += t * t
-    return math.sqrt(x * x + y * y + z * z) + reach * math.sqrt(0.5 * spin), z
+    along = x * state[7] + y * state[8] + z * state[9]
+    turned = 0.5 * ((zy - yz) * state[10] + (xz - zx) * state[11] + (yx - xy) * state[12])
+    path = math.sqrt(x * x + y * y + z * z) + reach * math.sqrt(0.5 * spin)
+    return path, z, along + reach * reach * turned
