@@ -199,9 +199,17 @@ def _times(s, v):
 
 
 @inlined
+def _in_world(axes, x, y, z):
+    """The change of a rotation matrix, by rows, as the matrix that moves a place given in world axes."""
+    return (*from_frame(axes, *x), *from_frame(axes, *y), *from_frame(axes, *z))
+
+
+@inlined
 def displacement(memory, state, axes, reach):
     """The displacement of the tool since the pose in memory. Moves that pose after the tool, at the dead band.
 
+    Of all places at the dead band from the tool, the pose in memory goes to one along the velocity, or if there is none
+    straight towards the tool. So noise of the poses changes how far the tool has gone, and not where to.
     `memory`: a row of `Memory.numbers`, whose first state has no displacement. Returns origin [m] and matrix, world
     axes, and the same in tool axes: a point at x from the tool frame's origin moved by origin + matrix x.
     """
@@ -211,24 +219,33 @@ def displacement(memory, state, axes, reach):
     x = _times(one, _difference(axes[:3], memory, IN_HEAD.rotation))  # rows of the change of the rotation matrix
     y = _times(one, _difference(axes[3:6], memory, IN_HEAD.rotation + 3))
     z = _times(one, _difference(axes[6:], memory, IN_HEAD.rotation + 6))
-    size, spin, dead_band = 0.0, 0.0, memory[IN_HEAD.dead_band]
-    for v in shift:
-        size += v * v
-    for v in (*x, *y, *z):
-        spin += v * v
-    size = sqrt(size) + reach * sqrt(0.5 * spin)
-    part = 1.0 if dead_band <= 0.0 else (1.0 - dead_band / size if size > dead_band else 0.0)
-    rest = one * (1.0 - part)  # the dead band trails behind
+    change, (wx, wy, wz) = (*shift, *x, *y, *z), (state[10], state[11], state[12])
+    _, xy, xz, yx, _, yz, zx, zy, _ = _in_world(axes, x, y, z)
+    size2 = speed2 = along = 0.0
+    for c in range(3):
+        size2 += shift[c] * shift[c] + 0.5 * reach * reach * (x[c] * x[c] + y[c] * y[c] + z[c] * z[c])
+        speed2 += state[7 + c] * state[7 + c] + reach * reach * state[10 + c] * state[10 + c]
+        along += shift[c] * state[7 + c]
+    along += 0.5 * reach * reach * ((zy - yz) * wx + (xz - zx) * wy + (yx - xy) * wz)
+    band2 = memory[IN_HEAD.dead_band] ** 2
+    aside2 = size2 - along * along / max(speed2, _TINY)
+    if band2 > 0.0 and along > 0.0 and aside2 < band2:
+        time = max(along / speed2 - sqrt(max(band2 - aside2, 0.0) / speed2), 0.0)
+        shift, (rx, ry, rz) = _times(time, (state[7], state[8], state[9])), (axes[:3], axes[3:6], axes[6:])
+        x = _times(time, (wy * rz[0] - wz * ry[0], wy * rz[1] - wz * ry[1], wy * rz[2] - wz * ry[2]))
+        y = _times(time, (wz * rx[0] - wx * rz[0], wz * rx[1] - wx * rz[1], wz * rx[2] - wx * rz[2]))
+        z = _times(time, (wx * ry[0] - wy * rx[0], wx * ry[1] - wy * rx[1], wx * ry[2] - wy * rx[2]))
+    else:
+        part = 1.0 - sqrt(band2 / size2) if size2 > band2 else 0.0
+        shift, x, y, z = _times(part, shift), _times(part, x), _times(part, y), _times(part, z)
     memory[IN_HEAD.begun] = 1.0
     for j, v in enumerate((state[0], state[1], state[2], *axes)):
         memory[IN_HEAD.position + j] = v
     for j, v in enumerate((*shift, *x, *y, *z)):
-        memory[IN_HEAD.position + j] -= rest * v
-    shift, x, y, z = _times(part, shift), _times(part, x), _times(part, y), _times(part, z)
+        memory[IN_HEAD.position + j] -= one * (change[j] - v)  # what the dead band leaves for later
     p, q, r = into_frame(axes, x[0], y[0], z[0]), into_frame(axes, x[1], y[1], z[1]), into_frame(axes, x[2], y[2], z[2])
     inner = p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2]
-    turn = (*from_frame(axes, *x), *from_frame(axes, *y), *from_frame(axes, *z))
-    return (shift, turn), (into_frame(axes, *shift), inner)
+    return (shift, _in_world(axes, x, y, z)), (into_frame(axes, *shift), inner)
 
 
 @inlined
