@@ -199,6 +199,16 @@ def _times(s, v):
 
 
 @inlined
+def _sum(s, v, t, w):
+    return s * v[0] + t * w[0], s * v[1] + t * w[1], s * v[2] + t * w[2]
+
+
+@inlined
+def _bounded(x, y, z):
+    return min(max(x, -_FAR), _FAR), min(max(y, -_FAR), _FAR), min(max(z, -_FAR), _FAR)
+
+
+@inlined
 def _in_world(axes, x, y, z):
     """The change of a rotation matrix, by rows, as the matrix that moves a place given in world axes."""
     return (*from_frame(axes, *x), *from_frame(axes, *y), *from_frame(axes, *z))
@@ -208,36 +218,37 @@ def _in_world(axes, x, y, z):
 def displacement(memory, state, axes, reach):
     """The displacement of the tool since the pose in memory. Moves that pose after the tool, at the dead band.
 
-    Of all places at the dead band from the tool, the pose in memory goes to one along the velocity, or if there is none
-    straight towards the tool. So noise of the poses changes how far the tool has gone, and not where to.
+    Of the way from that pose to the tool, the part along the velocity counts beyond the dead band, and the part aside
+    where it alone is beyond. So noise of the poses hardly changes the direction of a displacement.
     `memory`: a row of `Memory.numbers`, whose first state has no displacement. Returns origin [m] and matrix, world
     axes, and the same in tool axes: a point at x from the tool frame's origin moved by origin + matrix x.
     """
     one = memory[IN_HEAD.begun]
     px, py, pz = _difference(state, memory, IN_HEAD.position)
-    shift = _times(one, (min(max(px, -_FAR), _FAR), min(max(py, -_FAR), _FAR), min(max(pz, -_FAR), _FAR)))
+    shift = _times(one, _bounded(px, py, pz))
     x = _times(one, _difference(axes[:3], memory, IN_HEAD.rotation))  # rows of the change of the rotation matrix
     y = _times(one, _difference(axes[3:6], memory, IN_HEAD.rotation + 3))
     z = _times(one, _difference(axes[6:], memory, IN_HEAD.rotation + 6))
-    change, (wx, wy, wz) = (*shift, *x, *y, *z), (state[10], state[11], state[12])
+    change, dead_band = (*shift, *x, *y, *z), memory[IN_HEAD.dead_band]
+    vx, vy, vz = _bounded(state[7], state[8], state[9])
+    wx, wy, wz = _bounded(state[10], state[11], state[12])
     _, xy, xz, yx, _, yz, zx, zy, _ = _in_world(axes, x, y, z)
-    size2 = speed2 = along = 0.0
+    size2 = 0.0
     for c in range(3):
         size2 += shift[c] * shift[c] + 0.5 * reach * reach * (x[c] * x[c] + y[c] * y[c] + z[c] * z[c])
-        speed2 += state[7 + c] * state[7 + c] + reach * reach * state[10 + c] * state[10 + c]
-        along += shift[c] * state[7 + c]
-    along += 0.5 * reach * reach * ((zy - yz) * wx + (xz - zx) * wy + (yx - xy) * wz)
-    band2 = memory[IN_HEAD.dead_band] ** 2
-    aside2 = size2 - along * along / max(speed2, _TINY)
-    if band2 > 0.0 and along > 0.0 and aside2 < band2:
-        time = max(along / speed2 - sqrt(max(band2 - aside2, 0.0) / speed2), 0.0)
-        shift, (rx, ry, rz) = _times(time, (state[7], state[8], state[9])), (axes[:3], axes[3:6], axes[6:])
-        x = _times(time, (wy * rz[0] - wz * ry[0], wy * rz[1] - wz * ry[1], wy * rz[2] - wz * ry[2]))
-        y = _times(time, (wz * rx[0] - wx * rz[0], wz * rx[1] - wx * rz[1], wz * rx[2] - wx * rz[2]))
-        z = _times(time, (wx * ry[0] - wy * rx[0], wx * ry[1] - wy * rx[1], wx * ry[2] - wy * rx[2]))
-    else:
-        part = 1.0 - sqrt(band2 / size2) if size2 > band2 else 0.0
-        shift, x, y, z = _times(part, shift), _times(part, x), _times(part, y), _times(part, z)
+    speed2 = vx * vx + vy * vy + vz * vz + reach * reach * (wx * wx + wy * wy + wz * wz)
+    along = 0.5 * reach * reach * ((zy - yz) * wx + (xz - zx) * wy + (yx - xy) * wz)
+    along += shift[0] * vx + shift[1] * vy + shift[2] * vz
+    time = along / max(speed2, _TINY)
+    aside = sqrt(max(size2 - along * time, 0.0))
+    part = max(1.0 - dead_band / max(sqrt(size2), _TINY), 0.0)
+    part_aside = max(1.0 - dead_band / max(aside, _TINY), 0.0) if speed2 > _TINY and dead_band > 0.0 else part
+    time *= part - part_aside
+    (ax, ay, az), (bx, by, bz), (cx, cy, cz) = axes[:3], axes[3:6], axes[6:]
+    shift = _sum(part_aside, shift, time, (vx, vy, vz))
+    x = _sum(part_aside, x, time, (wy * cx - wz * bx, wy * cy - wz * by, wy * cz - wz * bz))
+    y = _sum(part_aside, y, time, (wz * ax - wx * cx, wz * ay - wx * cy, wz * az - wx * cz))
+    z = _sum(part_aside, z, time, (wx * bx - wy * ax, wx * by - wy * ay, wx * bz - wy * az))
     memory[IN_HEAD.begun] = 1.0
     for j, v in enumerate((state[0], state[1], state[2], *axes)):
         memory[IN_HEAD.position + j] = v
