@@ -1,6 +1,6 @@
 """Chooses the mesh with which a tool is drawn: the tool's own, or a simplification if that has too many faces."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,64 +39,39 @@ def drawn_mesh(tool: Tool, *, most_faces: int = _MOST_FACES) -> DrawnMesh:
     no simplification keeps them, as with thin blades, the full mesh is drawn.
     """
     import trimesh
+    from scipy.spatial import KDTree
 
-    if len(tool.faces) > most_faces:
-        mesh = trimesh.Trimesh(tool.vertices, tool.faces, process=True)
-        for count in _FEWER:
-            if count >= len(tool.faces):
-                break
-            fewer = mesh.simplify_quadric_decimation(face_count=count)
-            vertices, faces = np.asarray(fewer.vertices, dtype=np.float64), np.asarray(fewer.faces, dtype=np.int64)
-            faces = faces[np.linalg.norm(_area_vectors(vertices, faces), axis=1) > 0.0]
-            if len(faces) and _keeps_shape(tool, vertices, faces):
-                return DrawnMesh(vertices, faces, _nearest_facets(tool, vertices, faces))
     vertices, merged = np.unique(tool.vertices, axis=0, return_inverse=True)  # each face of an STL file has its own
-    return DrawnMesh(vertices, merged.reshape(-1)[tool.faces], np.arange(len(tool.faces)))
+    full = trimesh.Trimesh(vertices, merged.reshape(-1)[tool.faces], process=False)
+    for count in _FEWER if len(full.faces) > most_faces else ():
+        if count < len(full.faces):
+            fewer = full.simplify_quadric_decimation(face_count=count)
+            fewer.update_faces(fewer.area_faces > 0.0)
+            if len(fewer.faces) and _keeps_shape(full, fewer):
+                facets = _places(full, full.triangles_center, full.face_normals)
+                nearest = KDTree(facets).query(_places(full, fewer.triangles_center, fewer.face_normals))[1]
+                return DrawnMesh(np.array(fewer.vertices), np.array(fewer.faces), np.asarray(nearest, dtype=np.int64))
+    return DrawnMesh(vertices, np.array(full.faces), np.arange(len(full.faces)))
 
 
-def _area_vectors(vertices: Array, faces: Indices) -> Array:
-    a, b, c = vertices[faces.T]
-    return np.asarray(0.5 * np.cross(b - a, c - a))
+def _places(full: Any, points: Array, normals: Array) -> Array:
+    """Points and scaled normals [m], shape [n, 6], of a surface, so that errors of normals count as distance."""
+    return np.hstack([points, _TURN * full.extents.max() * normals])
 
 
-def _keeps_shape(tool: Tool, vertices: Array, faces: Indices) -> bool:
-    size, used = tool.size, vertices[np.unique(faces)]
-    ends, drawn_ends = ([p.min(axis=0), p.max(axis=0)] for p in (tool.corners, used))
-    if np.abs(np.subtract(ends, drawn_ends)).max() > _EXTENT_ERROR * size:
-        return False
-    vectors, drawn = _area_vectors(tool.vertices, tool.faces), _area_vectors(vertices, faces)
-    sides, drawn_sides = (np.maximum([v, -v], 0.0).sum(axis=1) for v in (vectors, drawn))
-    if np.abs(sides - drawn_sides).max() > _AREA_ERROR * np.linalg.norm(vectors, axis=1).sum():
-        return False
-    return _largest_gap(tool, vertices, faces) <= _GAP * size
-
-
-def _largest_gap(tool: Tool, vertices: Array, faces: Indices) -> float:
-    """Largest distance of a facet from points spread over the faces [m]. Errors of normals count as distance."""
+def _keeps_shape(full: Any, fewer: Any) -> bool:
+    """Whether a simplified mesh keeps the full one's extent, its area towards each side, and its surface."""
     from scipy.spatial import KDTree
+    from trimesh.sample import sample_surface
 
-    random, vectors = np.random.default_rng(0), _area_vectors(vertices, faces)
-    area = np.linalg.norm(vectors, axis=1)
-    face_of = random.choice(len(faces), _SAMPLES, p=area / area.sum())
-    weights = random.dirichlet((1.0, 1.0, 1.0), _SAMPLES)
-    points = np.einsum("nk,nkd->nd", weights, vertices[faces[face_of]])
-    there = np.hstack([points, _TURN * tool.size * vectors[face_of] / area[face_of, None]])
-    gaps = np.asarray(KDTree(there).query(_places_of_facets(tool))[0])
-    return float(gaps.max())
-
-
-def _places_of_facets(tool: Tool) -> Array:
-    """Centroid and scaled normal of each facet [m], shape [n, 6]."""
-    vectors = _area_vectors(tool.vertices, tool.faces)
-    normals = vectors / np.linalg.norm(vectors, axis=1)[:, None]
-    return np.hstack([tool.vertices[tool.faces].mean(axis=1), _TURN * tool.size * normals])
-
-
-def _nearest_facets(tool: Tool, vertices: Array, faces: Indices) -> Indices:
-    """The facet nearest to each face, by its middle and its normal."""
-    from scipy.spatial import KDTree
-
-    vectors = _area_vectors(vertices, faces)
-    normals = vectors / np.linalg.norm(vectors, axis=1)[:, None]
-    there = np.hstack([vertices[faces].mean(axis=1), _TURN * tool.size * normals])
-    return np.asarray(KDTree(_places_of_facets(tool)).query(there)[1], dtype=np.int64)
+    size = full.extents.max()
+    if np.abs(full.bounds - fewer.bounds).max() > _EXTENT_ERROR * size:
+        return False
+    vectors = [mesh.face_normals * mesh.area_faces[:, None] for mesh in (full, fewer)]
+    sides, drawn_sides = (np.maximum([v, -v], 0.0).sum(axis=1) for v in vectors)
+    if np.abs(sides - drawn_sides).max() > _AREA_ERROR * full.area:
+        return False
+    points, faces = sample_surface(fewer, _SAMPLES, seed=0)
+    drawn = KDTree(_places(full, points, fewer.face_normals[faces]))
+    gaps = drawn.query(_places(full, full.triangles_center, full.face_normals))[0]
+    return bool(np.max(gaps) <= _GAP * size)
