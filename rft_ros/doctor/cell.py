@@ -4,7 +4,7 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from pathlib import Path
 
-from rft_ros.doctor.finding import Finding
+from rft_ros.diagnosis import Finding
 from rft_ros.errors import InputError
 from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.messages import Role

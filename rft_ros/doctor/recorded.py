@@ -4,16 +4,16 @@ from pathlib import Path
 
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import Recording
+from rft_ros.diagnosis import Finding
 from rft_ros.doctor.cell import Cell
 from rft_ros.doctor.checkup import Checkup
-from rft_ros.doctor.finding import Finding
 
 __all__ = ["examine_bag"]
 
 
 def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
     """The findings on a recording of the cell. Raises InputError for a bag that cannot be used."""
-    checkup = Checkup(cell.values, cell.model, named=cell.named, topics=cell.topics, tare=options.tare)
+    checkup = Checkup(cell.values, cell.model, named=cell.named, topics=cell.topics, tare=options.tare, live=False)
     every = tuple(cell.topics)
     with Recording(bag, cell.values, options, topics=cell.topics, optional=every, refuse_types=False) as recording:
         for sample in recording:

@@ -29,7 +29,8 @@ ALLOWED = {
     "calibration": "files bags estimator parameters ground tool rft errors",
     "sweeps": "parameters tool rft states_file installation progress errors files",
     "node": "messages bags estimator parameters ground tool rft report files installation child_process errors",
-    "doctor": "node bags messages estimator parameters ground tool rft files errors",
+    "diagnosis": "estimator parameters tool rft",
+    "doctor": "diagnosis node bags messages estimator parameters ground tool rft files errors",
     "demo": "node bags estimator simulation sweeps tool rft files errors",
     "commands": "doctor demo bags estimator parameters tool rft report errors states_file calibration sweeps progress"
     " installation files",

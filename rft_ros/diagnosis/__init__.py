@@ -1,0 +1,7 @@
+"""Hypotheses about what is wrong with a cell's set-up, judged on arrays of what was sent, measured and predicted."""
+
+from rft_ros.diagnosis.evidence import Evidence, evidence_of
+from rft_ros.diagnosis.finding import Finding
+from rft_ros.diagnosis.table import HYPOTHESES, Hypothesis, diagnose
+
+__all__ = ["HYPOTHESES", "Evidence", "Finding", "Hypothesis", "diagnose", "evidence_of"]

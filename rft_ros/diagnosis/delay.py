@@ -1,0 +1,91 @@
+"""The hypothesis that the stamps of the load cell differ from those of the poses by a constant delay."""
+
+from collections.abc import Iterator
+
+import numpy as np
+
+from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence
+from rft_ros.diagnosis.finding import Finding
+
+__all__ = ["delay_of_load_cell"]
+
+_LONGEST, _STEP = 0.25, 0.002  # s: the delays that are tried
+_WINDOW = 0.4  # s before and after a change of the motion
+_SHARP = 0.05  # s in which such a change takes place
+_LEAST = 0.012  # s: a smaller delay is not told from the time between two samples
+_EXPLAINED = 0.3  # of the changes of the force: a greater misfit at every delay tells nothing about it
+_BETTER = 0.5  # of the misfit without a delay: the greatest one with it
+_NEAR, _AGREE = 0.35, 0.6  # share of the delay within which events agree with it, and the share of events that must
+
+
+def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
+    """At starts, stops and turns in the grains the force changes at once: its time must be that of the motion.
+
+    A contact does not count, since a wrong `surface_height` shifts it, too. Within a window about each event, each
+    component of the measured force is fitted by a line in time plus a multiple of the predicted one some time before:
+    errors of strength, surface and λ then change the fit of a single event, and hardly the time that all agree on.
+    """
+    misfits = [_misfits(e, at) for at in _events(e)]
+    delays, each = _delays(), np.array([m for m in misfits if m is not None and m.min() < _EXPLAINED])
+    if len(each) < 2:
+        return
+    total = each.sum(axis=0)
+    best, none = int(total.argmin()), int(np.abs(delays).argmin())
+    delay = float(delays[best])
+    gains, own = each[:, none] - each.min(axis=1), delays[each.argmin(axis=1)]
+    agree = np.abs(own - delay) <= max(_NEAR * abs(delay), 0.01)
+    agreeing = gains[agree].sum() >= _AGREE * gains.sum() and agree.sum() >= 2
+    if abs(delay) < _LEAST or total[best] > _BETTER * total[none] or not agreeing:
+        return
+    side = "later" if delay > 0.0 else "earlier"
+    said = f"the load cell's stamps are {1e3 * abs(delay):.0f} ms {side} than its events, by {len(each)} stops"
+    better = f"the misfit there falls to {100.0 * np.sqrt(total[best] / total[none]):.0f} % with it"
+    set_to = e.load_cell.delay + delay
+    yield Finding(False, f"delay: {said} ({better}); set sensor.delay: {set_to:.3f}, or fit it with rft calibrate")
+
+
+def _delays() -> Array:
+    count = round(_LONGEST / _STEP)
+    return np.asarray(_STEP * np.arange(-count, count + 1), dtype=np.float64)
+
+
+def _events(e: Evidence) -> list[float]:
+    """Times [s] in the grains at which the velocity changes by more than half of the greatest one."""
+    wet = e.in_grains
+    if wet.sum() < ENOUGH:
+        return []
+    velocity = e.velocity
+    span = [np.interp(e.time + s, e.time, axis) for s in (-_SHARP, _SHARP) for axis in velocity.T]
+    change = np.linalg.norm(np.array(span[3:]) - np.array(span[:3]), axis=0)
+    large = np.where(wet, change, 0.0)
+    fastest, found = float(np.quantile(np.linalg.norm(velocity[wet], axis=1), 0.95)), list[float]()
+    while len(found) < 50 and large.max() > 0.5 * fastest:
+        peak = np.flatnonzero(large >= 0.95 * large.max())
+        at = float(e.time[peak[np.abs(e.time[peak] - e.time[peak[0]]) < _SHARP]].mean())
+        found.append(at)
+        large[np.abs(e.time - at) < _WINDOW] = 0.0
+    return found
+
+
+def _misfits(e: Evidence, at: float) -> Array | None:
+    """The share of the force's square that remains about a time [s], for each delay; None if too little was recorded."""
+    rows = np.flatnonzero((np.abs(e.time - at) <= _WINDOW) & e.in_grains)
+    if len(rows) < ENOUGH:
+        return None
+    time = e.time[rows]
+    wide = np.abs(e.time - at) <= _WINDOW + _LONGEST
+    if time.min() > at - 0.5 * _WINDOW or time.max() < at + 0.5 * _WINDOW or np.diff(e.time[wide]).max() > _SHARP:
+        return None
+    line = np.linalg.qr(np.stack([np.ones_like(time), time - at], axis=1))[0]
+
+    def bent(force: Array) -> Array:
+        """Without a line in time."""
+        return np.asarray(force - line @ (line.T @ force))
+
+    measured, misfits = bent(e.force[rows]), []
+    whole = (measured**2).sum(axis=0)
+    for delay in _delays():
+        predicted = bent(np.stack([np.interp(time - delay, e.time, p) for p in e.predicted[:, :3].T], axis=1))
+        shared = np.maximum((measured * predicted).sum(axis=0), 0.0)
+        misfits.append((whole - shared**2 / np.maximum((predicted**2).sum(axis=0), 1e-12)).sum())
+    return np.array(misfits) / max(float(whole.sum()), 1e-12)

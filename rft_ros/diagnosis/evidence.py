@@ -1,0 +1,180 @@
+"""What the hypotheses are judged on: one frozen value, from a recording or from messages collected live."""
+
+from collections.abc import Collection
+from dataclasses import dataclass, field
+from functools import cached_property
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rft_ros.estimator import Estimator
+from rft_ros.estimator.load_cell import GRAVITY
+from rft_ros.parameters import LoadCell, Settings
+from rft_ros.rft import FORCE, QUATERNION, STATE, VELOCITY
+from rft_ros.rft.placement import Placement
+from rft_ros.tool import Tool
+
+__all__ = ["ENOUGH", "LEAST_FORCE", "Array", "Evidence", "evidence_of"]
+
+Array = NDArray[np.float64]
+
+ENOUGH = 20
+"""Fewest moments on which a hypothesis is judged."""
+
+LEAST_FORCE = 0.2
+"""Smaller forces [N] are not judged."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class Evidence:
+    """A cell's parameters, and n estimates that have a reading of the load cell, in the order of time.
+
+    `time` [s] since the first, shape [n]; `state` [n, 13], columns `STATE`; `depth` of the lowest point [m], negative
+    in the air; `speed` of the fastest plate [m/s]; `predicted` and `measured` (compensated) wrenches [n, 6], [N, N m],
+    in the axes of the load cell about its origin. `pose_time` [s], shape [m], and `poses` [m, 7]: every pose, also
+    those without an estimate. `pose_noise`: standard deviation at the tool's farthest point [m]. `place_on_tf`: of the
+    sensor in the tool, by fixed transforms; `links`: their names. `named`: the parameters that the user has set.
+    `tare`: the length of a replay's tare [s]. `complete`: no message is missing.
+    """
+
+    settings: Settings
+    load_cell: LoadCell
+    tool: Tool
+    time: Array
+    state: Array
+    depth: Array
+    speed: Array
+    predicted: Array
+    measured: Array
+    pose_time: Array
+    poses: Array
+    pose_noise: float = 0.0
+    place_on_tf: Placement | None = None
+    links: str = ""
+    named: Collection[str] = field(default=("surface_height",))
+    tare: float | None = None
+    complete: bool = True
+
+    @cached_property
+    def to_cell(self) -> Rotation:
+        """The n turns from world axes to the axes of the load cell."""
+        return (Rotation.from_quat(self.state[:, QUATERNION]) * Rotation.from_quat(self.load_cell.quaternion)).inv()
+
+    @cached_property
+    def weight(self) -> Array:
+        """The tool's weight in the axes of the load cell [N], shape [n, 3]."""
+        return _array(self.to_cell.apply((0.0, 0.0, -GRAVITY * self.load_cell.mass)))
+
+    @cached_property
+    def raw(self) -> Array:
+        """Force that the driver gave, with the sign of a force on the tool [N], shape [n, 3]."""
+        return _array(self.force + self.weight + self.load_cell.sign * np.array(self.load_cell.bias[:3]))
+
+    @property
+    def force(self) -> Array:
+        """The measured force [N], shape [n, 3]."""
+        return _array(self.measured[:, FORCE])
+
+    @property
+    def in_grains(self) -> NDArray[np.bool_]:
+        """Whether the tool's lowest point is below the surface, shape [n]."""
+        return self.depth > 0.0
+
+    @cached_property
+    def pushed(self) -> NDArray[np.bool_]:
+        """Whether the tool is in the grains and not pulled out, where the force of grains is best known; shape [n]."""
+        rising: Array = self.state[:, STATE.index("vz")]
+        return np.asarray(self.in_grains & (rising <= 0.5 * self.speed))
+
+    @cached_property
+    def push_is_seen(self) -> bool:
+        """Whether grains push the tool in the model and in the load cell."""
+        predicted, measured = self.predicted[self.pushed, :3], self.without_air(self.measured)[self.pushed, :3]
+        if len(predicted) < ENOUGH:
+            return False
+        return bool(np.abs(predicted).max() >= LEAST_FORCE and np.abs(measured).max() >= 0.1 * LEAST_FORCE)
+
+    def without_air(self, readings: Array) -> Array:
+        """Readings, shape [n, k], less their mean in the air, if the air was seen."""
+        air = ~self.in_grains
+        return _array(readings - readings[air].mean(axis=0)) if air.sum() >= ENOUGH else readings
+
+    @cached_property
+    def velocity(self) -> Array:
+        """Of the tool frame's origin [m/s], shape [n, 3]."""
+        return _array(self.state[:, VELOCITY])
+
+    @property
+    def strength(self) -> float:
+        """Measured over predicted force, by least squares while the tool is pushed."""
+        p, m = self.predicted[self.pushed, :3], self.without_air(self.force)[self.pushed]
+        return float((p * m).sum() / max((p * p).sum(), 1e-12))
+
+    @property
+    def place_parameter(self) -> str:
+        """What places the load cell in the tool, other than a parameter: the transforms; "" if parameters do."""
+        s = self.settings
+        if s.sensor_source != "tf":
+            return ""
+        return (
+            f"the transform from tool_frame {s.tool_frame!r} to sensor_frame {s.sensor_frame!r} on /tf_static"
+            f" ({self.links})"
+        )
+
+
+def evidence_of(
+    rows: NDArray[np.void],
+    estimator: Estimator,
+    *,
+    poses: Array | None = None,
+    named: Collection[str] = ("surface_height",),
+    tare: float | None = None,
+    complete: bool = True,
+) -> Evidence:
+    """The evidence of a run: `rows` of its estimates, `rft_ros.bags.estimates.ROW`, and its estimator.
+
+    `poses`: stamp [ns], position and quaternion of every pose, shape [m, 8]; without them, those of the rows. Where
+    stamps go back, the longest part is taken.
+    """
+    s, transforms = estimator.settings, estimator.transforms
+    rows = _longest(rows[~np.isnan(rows["compensated"][:, 0])], rows["stamp"][~np.isnan(rows["compensated"][:, 0])])
+    stamps = rows["stamp"]
+    if poses is None:
+        pose_stamps, poses = stamps, rows["state"][:, :7]
+    else:
+        poses = _longest(poses, poses[:, 0])
+        pose_stamps, poses = poses[:, 0], poses[:, 1:]
+    return Evidence(
+        settings=s,
+        load_cell=estimator.load_cell,
+        tool=estimator.model.tool,
+        time=_seconds(stamps),
+        pose_time=_seconds(pose_stamps),
+        poses=np.array(poses),
+        **{name: np.array(rows[name]) for name in ("state", "depth", "speed", "predicted")},
+        measured=np.array(rows["compensated"]),
+        pose_noise=estimator.pose_noise,
+        place_on_tf=transforms.fixed(s.tool_frame, s.sensor_frame),
+        links=", ".join(transforms.links(s.tool_frame, s.sensor_frame)) if s.sensor_source == "tf" else "",
+        named=named,
+        tare=tare,
+        complete=complete,
+    )
+
+
+def _longest(rows: NDArray[Any], stamps: NDArray[Any]) -> NDArray[Any]:
+    """The longest part of the rows in which no stamp goes back."""
+    if not len(rows):
+        return rows
+    return max(np.split(rows, np.flatnonzero(np.diff(stamps) < 0) + 1), key=len)
+
+
+def _seconds(stamps: NDArray[Any]) -> Array:
+    """Since the first [s]."""
+    return _array(1e-9 * (stamps - stamps[:1]))
+
+
+def _array(values: object) -> Array:
+    return np.asarray(values, dtype=np.float64)

@@ -1,0 +1,263 @@
+"""Hypotheses on the load cell: its zero, range, axes, sign, units, and place on the tool."""
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Array, Evidence
+from rft_ros.diagnosis.finding import Finding, listed
+from rft_ros.estimator.air_reading import is_offset
+from rft_ros.rft import FORCE
+from rft_ros.rft.placement import Placement
+
+__all__ = ["axes", "lever", "mount", "push", "saturation", "strength", "unit_of_torque", "zero", "zero_that_moves"]
+
+_ALIKE = 0.5  # least correlation of the measured and the predicted force along an axis
+_CARRIES = 0.2  # of the strongest axis's force: an axis with less is not judged
+_POOR = 0.05  # misfit of axes beyond which others are tried although every axis agrees
+_AS_GOOD, _SLACK = 1.5, 0.02  # misfits up to this factor of the best one plus this are as good
+_WEAKEST, _STRONGEST = 0.5, 2.0  # measured over predicted: beds differ by less once they are calibrated
+_UNITS = {"kgf": 9.80665, "lbf": 4.44822, "kN": 1e3, "mN": 1e-3, "gf": 9.80665e-3}  # N
+_TURNS = Rotation.create_group("O")  # the 24 turns by multiples of 90 degrees
+_LEVER, _LEVER_OF_SIZE = 0.01, 0.25  # m, and of the tool's size: the model does not give the lever more exactly
+_LONGEST_LEVER = 2.0  # m: a longer one comes from a torque in another unit
+_EXPLAINED = 0.25  # of a misfit: the greatest rest under a hypothesis that explains it
+
+
+def zero(e: Evidence) -> Iterator[Finding]:
+    """The mean force in the air, which a tared cell does not have."""
+    if not len(e.time):
+        return
+    air = ~e.in_grains
+    seen = air.sum() >= ENOUGH
+    load = float(np.linalg.norm(e.force[air].mean(axis=0))) if seen else 0.0
+    ok, said = True, f"{load:.3g} N in the air"
+    if e.tare:
+        said += f"; a replay tares over its first {e.tare:g} s; for the node call ~/tare in the air"
+    elif not seen and e.complete:
+        ok, said = False, f"in the air at fewer than {ENOUGH} poses; lift the tool out and run again"
+    elif is_offset(load, greatest=0.0):  # whatever the forces in the grains: they may not have been seen
+        ok, advice = False, "call ~/tare, replay with --tare, or calibrate sensor.bias and sensor.mass"
+        said = f"it reads {said}; {advice}"
+    yield Finding(ok, f"load cell: {said}")
+
+
+def zero_that_moves(e: Evidence) -> Iterator[Finding]:
+    """A force in the air that reverses with the motion, as of friction in joints or a dragging seal.
+
+    It must not be a drift, which a line in time explains, nor grains below the expected surface, whose force varies
+    while the tool moves one way.
+    """
+    rows = np.flatnonzero(~e.in_grains)
+    if len(rows) < 2 * ENOUGH:
+        return
+    velocity, force, time = e.velocity[rows], e.force[rows], e.time[rows] - e.time[rows].mean()
+    main = np.linalg.svd(velocity, full_matrices=False)[2][0]
+    main = main if main[2] >= 0.0 else -main  # up
+    way = np.where(e.speed[rows] > e.settings.rest_speed, np.sign(np.round(velocity @ main, 6)), 0.0)
+    groups = {name: way == side for name, side in (("at rest", 0.0), ("one way", -1.0), ("back", 1.0))}
+    if sum(int(group.sum() >= ENOUGH) for group in groups.values()) < 2:
+        return
+    columns = np.stack([np.ones_like(time), time, way], axis=1)
+    without = force - columns[:, :2] @ np.linalg.lstsq(columns[:, :2], force, rcond=None)[0]
+    found = np.linalg.lstsq(columns, force, rcond=None)[0]
+    rest = force - columns @ found
+    friction, spread = float(np.linalg.norm(found[2])), float(np.sqrt((rest**2).sum(axis=1).mean()))
+    greatest = float(np.linalg.norm(e.predicted[:, FORCE], axis=1).max(initial=0.0))
+    explains = (rest**2).sum() < 0.6 * (without**2).sum() and spread < friction
+    levels = [force[group].mean(axis=0) for group in groups.values() if group.sum() >= ENOUGH]
+    if not explains or not is_offset(friction, greatest, share=0.03):
+        return
+    axis = found[2] / friction
+    shown = ", ".join(
+        f"{level @ axis:.3g} N {name}"
+        for level, name in zip(levels, [n for n, g in groups.items() if g.sum() >= ENOUGH], strict=True)
+    )
+    advice = "use a load cell at the tool, or free the seal; a tare cannot remove it, and calibrate would trust it"
+    yield Finding(False, f"zero that moves: the reading in the air depends on the motion: {shown}; {advice}")
+
+
+def mount(e: Evidence) -> Iterator[Finding]:
+    """The sensor's place in the parameters against that on /tf_static, if both have it."""
+    s, cell, place = e.settings, e.load_cell, e.place_on_tf
+    if place is None or s.sensor_source == "tf" or s.tool_frame == s.sensor_frame:
+        return
+    off = Placement(cell.position, cell.quaternion).inverse().of(place)
+    turn, moved = Rotation.from_quat(off.quaternion).magnitude(), float(np.linalg.norm(off.position))
+    if turn < np.radians(1.0) and moved < 1e-3:
+        yield Finding(True, "sensor: the parameters and /tf_static agree")
+        return
+    differ = f"the parameters differ from /tf_static by {np.degrees(turn):.0f} degrees and {1e3 * moved:.0f} mm"
+    there = f"on /tf_static: position {listed(place.position)}, quaternion {listed(place.quaternion)}"
+    yield Finding(False, f"sensor: {differ} ({there}); set sensor.frame_source: tf, or correct one of the two")
+
+
+def push(e: Evidence) -> Iterator[Finding]:
+    """Whether grains have pushed the tool: the other hypotheses on forces need it."""
+    if not e.push_is_seen:
+        # if messages are missing, the push may have been among them
+        yield Finding(not e.complete, "sign: no push was seen; push the tool down into the grains and run again")
+
+
+def saturation(e: Evidence) -> Iterator[Finding]:
+    """A component stays at its greatest reading while the prediction, which it followed so far, grows on."""
+    step = np.diff(e.raw, axis=0)
+    noise = 1.48 * np.median(np.abs(step - np.median(step, axis=0)), axis=0) / np.sqrt(2.0)
+    for axis, name in enumerate("xyz"):
+        for side in (1.0, -1.0):
+            zero_there = float(np.median(e.raw[~e.in_grains, axis])) if (~e.in_grains).any() else 0.0
+            reading, expected = side * (e.raw[:, axis] - zero_there), side * e.predicted[:, axis]
+            reading, expected = reading[e.in_grains], expected[e.in_grains]
+            top = float(np.quantile(reading, 0.995))
+            below = (reading > 0.2 * top) & (reading < 0.9 * top)
+            at = reading >= top - max(4.0 * noise[axis], 1e-6 * abs(top))
+            if top < LEAST_FORCE or below.sum() < ENOUGH or at.sum() < ENOUGH:
+                continue
+            ratio = (reading * expected)[below].sum() / max((expected[below] ** 2).sum(), 1e-12)
+            beyond = ratio * expected[at] / top
+            spread = np.quantile(beyond, 0.9) - np.quantile(beyond, 0.1)
+            if ratio > 0.0 and np.quantile(beyond, 0.2) > 0.9 and np.quantile(beyond, 0.9) > 1.15 and spread > 0.1:
+                limit = f"{side * top + zero_there:.3g} N"
+                said = (
+                    f"the force along {name} stays at {limit}; the model's grows to {np.max(beyond):.2g} times it"
+                )
+                advice = "set a larger range in the load cell or its driver, or press less"
+                yield Finding(False, f"saturation: {said}; {advice}")
+
+
+@dataclass(frozen=True, slots=True)
+class _Axes:
+    """The measured force under a hypothesis on its axes, shape [n, 3], and the remedy."""
+
+    kind: str
+    force: Array
+    remedy: str
+
+
+def axes(e: Evidence) -> Iterator[Finding]:
+    """Whether measured and predicted force agree along each axis; otherwise the axes or the sign that explain it best.
+
+    The reading may be fixed to the cell, with another sign or turned, or fixed to the world. What explains
+    the force nearly as well as the best is named, too.
+    """
+    predicted = e.predicted[e.pushed, :3]
+    carried = np.sqrt((predicted**2).mean(axis=0))
+    judged = (carried >= _CARRIES * carried.max()) & (np.abs(predicted).max(axis=0) >= LEAST_FORCE)
+
+    def alike(force: Array) -> Array:
+        """Correlation about zero with the predicted force, along each axis that is judged."""
+        scale = np.sqrt((predicted**2).sum(axis=0) * (force**2).sum(axis=0))
+        return np.asarray(((predicted * force).sum(axis=0) / np.maximum(scale, 1e-12))[judged])
+
+    def misfit(force: Array) -> float:
+        """Share of the force's square that no multiple of the predicted force explains."""
+        shared = max(float((predicted * force).sum()), 0.0)
+        return 1.0 - shared**2 / max(float((predicted**2).sum() * (force**2).sum()), 1e-12)
+
+    measured = e.without_air(e.force)[e.pushed]
+    own, of_world = misfit(measured), _of_world(e)
+    agrees = (alike(measured) >= _ALIKE).all()
+    shown = ", ".join(f"{n} {r:.2f}" for n, r in zip(np.array([*"xyz"])[judged], alike(measured), strict=True))
+    if agrees and (own < _POOR or misfit(of_world.force) > _EXPLAINED * own):
+        yield Finding(True, f"sign: measured and predicted force agree along each axis (correlation {shown})")
+        return
+    candidates = [a for a in (*_signs(e), *_turns(e), of_world) if (alike(a.force) >= _ALIKE).all()]
+    best = min((misfit(a.force) for a in candidates), default=1.0)
+    advice = dict[str, str]()
+    for candidate in candidates:  # of turns that explain the force alike, the smallest comes first
+        if misfit(candidate.force) <= min(_AS_GOOD * best + _SLACK, own):
+            advice.setdefault(candidate.kind, candidate.remedy)
+    to_check = e.place_parameter or "sensor.quaternion"
+    said = [*advice.values()] or [f"check {to_check}, sensor.sign, mesh.origin, mesh.quaternion and surface_height"]
+    which = "; a drag along x and y tells which" if len(said) > 1 else ""
+    if "world" in advice and len(said) > 1:
+        which = "; a drag along x and y, and a push at another attitude of the tool tell which"
+    off = f"measured and predicted force do not agree along each axis (correlation {shown})"
+    yield Finding(False, f"sign or quaternion: {off}; {', or '.join(said)}{which}")
+
+
+def _of_world(e: Evidence) -> _Axes:
+    """As if the reading were in world axes; or, if that is set, in the axes of the load cell."""
+    if e.settings.sensor_source == "world":
+        raw = e.to_cell.inv().apply(e.raw)
+        remedy = "set sensor.frame_source: parameter, since the reading's axes turn with the tool"
+    else:
+        raw = e.to_cell.apply(e.raw)
+        remedy = "set sensor.frame_source: world, since the reading's axes are those of world_frame"
+    return _Axes("world", e.without_air(np.asarray(raw) - e.weight)[e.pushed], remedy)
+
+
+def _signs(e: Evidence) -> Iterator[_Axes]:
+    yield _Axes("sign", -e.without_air(e.force)[e.pushed], f"set sensor.sign: {-e.load_cell.sign:g}")
+
+
+def _turns(e: Evidence) -> Iterator[_Axes]:
+    """As if the cell were turned, by multiples of 90 degrees; the smallest turns first."""
+    measured = e.without_air(e.force)[e.pushed]
+    to_set = f"correct {e.place_parameter} to a quaternion" if e.place_parameter else "set sensor.quaternion"
+    for turn in sorted(_TURNS, key=lambda turn: float(turn.magnitude()))[1:]:
+        turned = listed((Rotation.from_quat(e.load_cell.quaternion) * turn).as_quat())
+        by = f"as if the cell were turned by {np.degrees(turn.magnitude()):.0f} degrees"
+        yield _Axes("turn", turn.apply(measured), f"{to_set}, such as {turned}, {by}")
+
+
+def _torques(e: Evidence) -> tuple[Array, Array] | None:
+    """Measured and predicted torque [N m] at the pushes, in the strength of the measured force; None without torque."""
+    if not len(e.time) or not np.any(e.measured[:, 3:] != e.measured[:1, 3:]):
+        return None
+    return e.without_air(e.measured[:, 3:])[e.pushed], e.strength * e.predicted[e.pushed, 3:]
+
+
+def unit_of_torque(e: Evidence) -> Iterator[Finding]:
+    """A torque in N mm beside a force in N."""
+    if (both := _torques(e)) is None:
+        return
+    measured, expected = both
+    ratio = float((measured * expected).sum() / max((expected**2).sum(), 1e-12))
+    alike = ratio * np.sqrt((expected**2).sum() / max((measured**2).sum(), 1e-12))
+    if alike > 0.9 and not 0.03 < ratio < 30.0:
+        said = f"the torque is {ratio:.3g} times that of the measured force at its lever"
+        yield Finding(False, f"units: {said}; the driver must give N m, and not N mm or kN m")
+
+
+def lever(e: Evidence) -> Iterator[Finding]:
+    """Whether another place of the sensor explains the torque; fitted to half of the moments, judged on the other."""
+    if (both := _torques(e)) is None:
+        return
+    measured, expected = both
+    force = e.without_air(e.force)[e.pushed]
+    rest = measured - expected
+    across = np.zeros((len(force), 3, 3))  # force × shift, the torque that a shift of the origin adds
+    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        across[:, i, k], across[:, i, j] = force[:, j], -force[:, k]
+    part = np.arange(len(force)) // ENOUGH % 2 == 0
+    if part.all():
+        return
+    shift = np.linalg.lstsq(across[part].reshape(-1, 3), rest[part].ravel(), rcond=0.1)[0]
+    left = ((rest - across @ shift)[~part] ** 2).sum() / max((rest[~part] ** 2).sum(), 1e-12)
+    moved = float(np.linalg.norm(shift))
+    if left > _EXPLAINED or not _LEVER + _LEVER_OF_SIZE * e.tool.size < moved < _LONGEST_LEVER:
+        return
+    turned = Rotation.from_quat(e.load_cell.quaternion).apply(shift)
+    place = listed(np.round(np.array(e.load_cell.position) + turned, 3))
+    said = (
+        f"a sensor {1e3 * moved:.0f} mm away explains the torque; {100.0 * np.sqrt(left):.0f} % of the misfit remain"
+    )
+    what = f"correct {e.place_parameter} to position" if e.place_parameter else "set sensor.position:"
+    note = "; it is not known along the force" if np.linalg.cond(across[part].reshape(-1, 3)) > 10.0 else ""
+    yield Finding(False, f"lever: {said}; {what} {place}{note}")
+
+
+def strength(e: Evidence) -> Iterator[Finding]:
+    """Measured over predicted force; far from 1 it comes from a unit, a scale or the medium."""
+    if not e.push_is_seen:
+        return
+    ratio, advice = e.strength, ""
+    ok = _WEAKEST <= ratio <= _STRONGEST
+    if not ok:
+        unit = min(_UNITS, key=lambda name: abs(np.log(max(ratio, 1e-9) * _UNITS[name])))
+        like = f" (as if it were {unit})" if 0.4 < ratio * _UNITS[unit] < 2.5 else ""
+        advice = f"; check mesh.scale and the driver's unit (N){like}, or fit medium.zeta with rft calibrate"
+    yield Finding(ok, f"strength: measured over predicted force {ratio:.3g}{advice}")

@@ -1,0 +1,62 @@
+"""The table of hypotheses about a cell's set-up. A cause comes before its effects, and hides them."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from rft_ros.diagnosis import delay, forces, poses
+from rft_ros.diagnosis.evidence import Evidence
+from rft_ros.diagnosis.finding import Finding
+
+__all__ = ["HYPOTHESES", "Hypothesis", "diagnose"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Hypothesis:
+    """One cause of wrong numbers.
+
+    `judge`: a pure function that yields a finding, or nothing where the evidence does not tell. `hides`: the hypotheses
+    that cannot be judged if this one is true, since their evidence would be an effect of it.
+    """
+
+    name: str
+    judge: Callable[[Evidence], Iterator[Finding]]
+    hides: tuple[str, ...] = ()
+
+
+_OF_FORCES = ("saturation", "push", "axes", "delay", "torque", "lever", "strength")
+
+HYPOTHESES = (
+    Hypothesis(
+        name="unit of poses",
+        judge=poses.unit_of_poses,
+        hides=("noise", "repeats", "surface", "unseen surface", "zero", "motion", *_OF_FORCES),
+    ),
+    Hypothesis(name="size", judge=poses.size_of_tool, hides=("surface", "unseen surface", "zero", "motion", *_OF_FORCES)),
+    Hypothesis(name="noise", judge=poses.noise_of_poses, hides=("surface", *_OF_FORCES)),
+    Hypothesis(name="repeats", judge=poses.repeated_poses),
+    Hypothesis(name="motion", judge=forces.zero_that_moves, hides=("surface", "zero", *_OF_FORCES)),
+    Hypothesis(name="surface", judge=poses.surface, hides=("zero", *_OF_FORCES)),
+    Hypothesis(name="unseen surface", judge=poses.unseen_surface),
+    Hypothesis(name="mount", judge=forces.mount, hides=("lever", "torque")),
+    Hypothesis(name="zero", judge=forces.zero),
+    Hypothesis(name="push", judge=forces.push, hides=_OF_FORCES),
+    Hypothesis(name="saturation", judge=forces.saturation, hides=("delay", "torque", "lever", "strength")),
+    Hypothesis(name="axes", judge=forces.axes, hides=("delay", "torque", "lever", "strength")),
+    Hypothesis(name="delay", judge=delay.delay_of_load_cell),
+    Hypothesis(name="lever", judge=forces.lever, hides=("torque",)),
+    Hypothesis(name="torque", judge=forces.unit_of_torque),
+    Hypothesis(name="strength", judge=forces.strength),
+)
+"""Every hypothesis that the doctor, a calibration and a replay judge, in the order of their findings."""
+
+
+def diagnose(evidence: Evidence) -> list[Finding]:
+    """The findings on a cell. A hypothesis that a true one hides is not judged."""
+    found, hidden = list[Finding](), set[str]() if len(evidence.time) else {"zero", "push", *_OF_FORCES}
+    for hypothesis in HYPOTHESES:
+        if hypothesis.name not in hidden:
+            own = list(hypothesis.judge(evidence))
+            found += own
+            if not all(finding.ok for finding in own):
+                hidden.update(hypothesis.hides)
+    return found
