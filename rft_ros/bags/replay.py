@@ -9,6 +9,7 @@ from rft_ros.bags.playback import play, reasons
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.bags.summary import Summary, statistics, summary_of
 from rft_ros.bags.writing import check_replaceable
+from rft_ros.diagnosis import SILENT, diagnose, evidence_of
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model, Reason, Settings, Wrench, WrenchSample
 from rft_ros.estimator.warm_up import needed, prepare
@@ -19,6 +20,7 @@ from rft_ros.parameters import Values, model_of, named_files, settings_of
 __all__ = ["replay", "replay_model", "results"]
 
 _SECOND_LAG = 0.005
+_JUDGED = 100_000  # rows on which hypotheses about the set-up are judged, so that a long recording needs no more memory
 _FILES = ("estimates", "estimates.csv", "summary.json", "report.html", "ground.csv")
 
 
@@ -83,8 +85,10 @@ def replay(
         write_estimates(run, rows, part, shift=recording.shift)
         if estimator.ground is not None:
             write_height_map(part / "ground.csv", estimator.ground)
+        evidence = evidence_of(rows[:_JUDGED], estimator, tare=options.tare)
         summary = summary_of(
             rows,
+            faults=[finding.text for finding in diagnose(evidence, told=SILENT) if not finding.ok],
             issues=run.issues,
             bag=bag_name(bag),
             topics=topics,

@@ -116,11 +116,11 @@ class Summary(Group):
         return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
-def summary_of(rows: Rows, *, issues: Counter[str], tared: bool, **about: Any) -> Summary:
+def summary_of(rows: Rows, *, issues: Counter[str], tared: bool, faults: Sequence[str] = (), **about: Any) -> Summary:
     """The summary of rows, shape [n]. `about`: the other fields of `Summary`.
 
     `issues`: for each issue of the estimator, the number of poses at which it was present. `tared`: the bias is a tare
-    over the first seconds of the recording.
+    over the first seconds of the recording. `faults`: sentences on faults of the set-up.
     """
     whole, phases = statistics(rows)
     flags = rows["quality_flags"][rows["reason"] < 0]
@@ -131,7 +131,7 @@ def summary_of(rows: Rows, *, issues: Counter[str], tared: bool, **about: Any) -
     told = {OFFSET_SENTENCE} if of_offset else set()  # left out below: `of_offset` says it in the words for a recording
     warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items() if issue not in told]
     warnings += of_offset + _warnings_of_error(whole)
-    warnings += _warnings_of_poses(rows)
+    warnings += [*_warnings_of_poses(rows), *faults]
     return Summary(**vars(whole), quality_flags=by_flag, trust=by_trust, warnings=warnings, phases=phases, **about)
 
 

@@ -2,6 +2,6 @@
 
 from rft_ros.diagnosis.evidence import Evidence, evidence_of
 from rft_ros.diagnosis.finding import Finding
-from rft_ros.diagnosis.table import HYPOTHESES, Hypothesis, diagnose
+from rft_ros.diagnosis.table import HYPOTHESES, SILENT, Hypothesis, diagnose
 
-__all__ = ["HYPOTHESES", "Evidence", "Finding", "Hypothesis", "diagnose", "evidence_of"]
+__all__ = ["HYPOTHESES", "SILENT", "Evidence", "Finding", "Hypothesis", "diagnose", "evidence_of"]

@@ -68,7 +68,7 @@ def _events(e: Evidence) -> list[float]:
 
 
 def _misfits(e: Evidence, at: float) -> Array | None:
-    """The share of the force's square that remains about a time [s], for each delay; None if too little was recorded."""
+    """The share of the force's square that remains about a time [s], for each delay; None if too little is known."""
     rows = np.flatnonzero((np.abs(e.time - at) <= _WINDOW) & e.in_grains)
     if len(rows) < ENOUGH:
         return None

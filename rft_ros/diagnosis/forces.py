@@ -120,9 +120,7 @@ def saturation(e: Evidence) -> Iterator[Finding]:
             spread = np.quantile(beyond, 0.9) - np.quantile(beyond, 0.1)
             if ratio > 0.0 and np.quantile(beyond, 0.2) > 0.9 and np.quantile(beyond, 0.9) > 1.15 and spread > 0.1:
                 limit = f"{side * top + zero_there:.3g} N"
-                said = (
-                    f"the force along {name} stays at {limit}; the model's grows to {np.max(beyond):.2g} times it"
-                )
+                said = f"the force along {name} stays at {limit}; the model's grows to {np.max(beyond):.2g} times it"
                 advice = "set a larger range in the load cell or its driver, or press less"
                 yield Finding(False, f"saturation: {said}; {advice}")
 
@@ -242,9 +240,7 @@ def lever(e: Evidence) -> Iterator[Finding]:
         return
     turned = Rotation.from_quat(e.load_cell.quaternion).apply(shift)
     place = listed(np.round(np.array(e.load_cell.position) + turned, 3))
-    said = (
-        f"a sensor {1e3 * moved:.0f} mm away explains the torque; {100.0 * np.sqrt(left):.0f} % of the misfit remain"
-    )
+    said = f"a sensor {1e3 * moved:.0f} mm away explains the torque; {100.0 * np.sqrt(left):.0f} % of the misfit remain"
     what = f"correct {e.place_parameter} to position" if e.place_parameter else "set sensor.position:"
     note = "; it is not known along the force" if np.linalg.cond(across[part].reshape(-1, 3)) > 10.0 else ""
     yield Finding(False, f"lever: {said}; {what} {place}{note}")

@@ -1,13 +1,13 @@
 """The table of hypotheses about a cell's set-up. A cause comes before its effects, and hides them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 
 from rft_ros.diagnosis import delay, forces, poses
 from rft_ros.diagnosis.evidence import Evidence
 from rft_ros.diagnosis.finding import Finding
 
-__all__ = ["HYPOTHESES", "Hypothesis", "diagnose"]
+__all__ = ["HYPOTHESES", "SILENT", "Hypothesis", "diagnose"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -31,7 +31,9 @@ HYPOTHESES = (
         judge=poses.unit_of_poses,
         hides=("noise", "repeats", "surface", "unseen surface", "zero", "motion", *_OF_FORCES),
     ),
-    Hypothesis(name="size", judge=poses.size_of_tool, hides=("surface", "unseen surface", "zero", "motion", *_OF_FORCES)),
+    Hypothesis(
+        name="size", judge=poses.size_of_tool, hides=("surface", "unseen surface", "zero", "motion", *_OF_FORCES)
+    ),
     Hypothesis(name="noise", judge=poses.noise_of_poses, hides=("surface", *_OF_FORCES)),
     Hypothesis(name="repeats", judge=poses.repeated_poses),
     Hypothesis(name="motion", judge=forces.zero_that_moves, hides=("surface", "zero", *_OF_FORCES)),
@@ -50,13 +52,21 @@ HYPOTHESES = (
 """Every hypothesis that the doctor, a calibration and a replay judge, in the order of their findings."""
 
 
-def diagnose(evidence: Evidence) -> list[Finding]:
-    """The findings on a cell. A hypothesis that a true one hides is not judged."""
+SILENT = frozenset({"unit of poses", "repeats", "motion", "saturation", "delay", "lever", "torque"})
+"""Causes of wrong numbers that the statistics and warnings of a replay or a calibration do not show by themselves."""
+
+
+def diagnose(evidence: Evidence, *, told: Container[str] | None = None) -> list[Finding]:
+    """The findings on a cell. A hypothesis that a true one hides is not judged.
+
+    `told`: the names of the hypotheses whose findings are returned; all of them without it.
+    """
     found, hidden = list[Finding](), set[str]() if len(evidence.time) else {"zero", "push", *_OF_FORCES}
     for hypothesis in HYPOTHESES:
         if hypothesis.name not in hidden:
             own = list(hypothesis.judge(evidence))
-            found += own
+            if told is None or hypothesis.name in told:
+                found += own
             if not all(finding.ok for finding in own):
                 hidden.update(hypothesis.hides)
     return found
