@@ -18,7 +18,7 @@ share of the plate that leads, the strength σ of the law (ζ times 1 N/cm³), a
     τ1 = τ + k v n - k min(a, h) u                       spring, for h > 0                                      (10d)
     p  = max(h - a, 0)                                   plastic path: τ approaches t, and y approaches |τ|
     τ2 = t + (τ1 - t) e^(-(1 + f) p / λ),   y <- |τ2| + (y - |τ1|) e^(-(1 + f) p / λ)                           (10e)
-    τ <- τ2 max(1 - k max(-h, 0) / |τ2|, 0),   y <- max(y e^(-r / F λ), |τ|),   g <- g - c + q + G r            (10f)
+    τ <- τ2 max(1 - k max(-h, 0) / |τ2|, 0),   y <- max(y (1 - r / F λ), |τ|),   g <- g - c + q + G r            (10f)
 
 In words: within its yield surface a plate is a spring. Beyond, it yields: its traction approaches the law's over the
 path λ, and up to twice as fast where it falls; f is the positive part of τ1·(τ1 - t) / (|τ1 - t| max(|τ1|, |τ1 - t|)).
@@ -268,16 +268,19 @@ def _moved(motion, place):
 
 
 @inlined
-def advance(past, normal, width, moved, target, modulus, per_span):
+def advance(past, normal, width, moved, target, span, strength):
     """A plate's traction τ, yield radius y and gap g after one step, Eqs. (10a) to (10f), and its tangent [N/m⁴].
 
-    `past`: the three before. `width`: sin θ. `moved`: the displacement D [m]. `target`: t [N/m³]. `modulus`: k [N/m⁴].
-    `per_span`: 1 / λ [1/m]. The tangent: the modulus of the change of the traction with the displacement.
+    `past`: the three before. `width`: sin θ. `moved`: the displacement D [m]. `target`: t [N/m³]. `span`: λ [m].
+    `strength`: σ [N/m³]. The tangent: the modulus of the change of the traction with the displacement.
     """
     (tau_x, tau_y, tau_z), radius, gap = past
     nx, ny, nz = normal
     dx, dy, dz = moved
     tx, ty, tz = target
+    per_span = 1.0 / span
+    modulus, per_modulus = STIFF * strength * per_span, span * (1.0 / (STIFF * strength))
+
     outward = dx * nx + dy * ny + dz * nz
     closed = min(max(outward, 0.0), gap)
     drop = min(outward, closed)
@@ -286,10 +289,10 @@ def advance(past, normal, width, moved, target, modulus, per_span):
     per_way = 1.0 / max(way, _TINY)
     ux, uy, uz = dx * per_way, dy * per_way, dz * per_way
 
-    pressure = max(-(tau_x * nx + tau_y * ny + tau_z * nz), 0.0) / modulus
+    pressure = max(-(tau_x * nx + tau_y * ny + tau_z * nz), 0.0) * per_modulus
     along = ux * tau_x + uy * tau_y + uz * tau_z
     tau = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
-    reach = (2.0 * max(along, 0.0) + max(radius - tau, 0.0)) / modulus
+    reach = (2.0 * max(along, 0.0) + max(radius - tau, 0.0)) * per_modulus
 
     retreat = max(-outward - width * way, 0.0)
     slips = min(retreat, max(way - closed - reach, 0.0))
@@ -305,17 +308,16 @@ def advance(past, normal, width, moved, target, modulus, per_span):
     tau_x, tau_y, tau_z = tau_x - fall * ux, tau_y - fall * uy, tau_z - fall * uz
 
     cx, cy, cz = tx - tau_x, ty - tau_y, tz - tau_z
-    change2, tau2 = cx * cx + cy * cy + cz * cz, tau_x * tau_x + tau_y * tau_y + tau_z * tau_z
-    falls = max(-(cx * tau_x + cy * tau_y + cz * tau_z), 0.0) / max(sqrt(change2 * max(change2, tau2)), _TINY)
+    change, tried = sqrt(cx * cx + cy * cy + cz * cz), sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
+    falls = max(-(cx * tau_x + cy * tau_y + cz * tau_z), 0.0) / max(change * max(change, tried), _TINY)
     approach = 1.0 - _exp_minus(plastic * per_span * (1.0 + falls))
     tau_x, tau_y, tau_z = tau_x + approach * cx, tau_y + approach * cy, tau_z + approach * cz
-    size, tried = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z), sqrt(tau2)
+    size = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
     radius += (size - tried) - approach * max(radius - tried, 0.0)
 
-    keeps = max(size - modulus * max(-contact, 0.0), 0.0) / max(size, _TINY)
-    radius = max(radius * _exp_minus(beyond * per_span * (1.0 / FADES)), keeps * size)
-    yields = plastic * per_way
-    tangent = modulus + yields * (max(size, sqrt(tx * tx + ty * ty + tz * tz)) * per_span - modulus)
+    keeps = 1.0 - min(modulus * max(-contact, 0.0), size) / max(size, _TINY)
+    radius = max(radius * max(1.0 - beyond * per_span * (1.0 / FADES), 0.0), keeps * size)
+    tangent = modulus + plastic * per_way * (max(size, change) * per_span - modulus)
     return (keeps * tau_x, keeps * tau_y, keeps * tau_z), radius, gap - closed + slack + OPEN * beyond, tangent
 
 
@@ -336,13 +338,12 @@ def _add_memory(chunk, count, memory, motion, below, slope, grains):
             # the depth half a step before
             depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
             ratio = min(max(depth * depth * (1.0 / (DEPTH * DEPTH)), LEAST), GREATEST)
-            per_span = (1.0 / max(length, 1.0 / _FAR)) / ratio
-            modulus = STIFF * strength * per_span
+            span = max(length, 1.0 / _FAR) * ratio
             target = _times(chunk[at(row.SHARE, i)], triple(chunk, row.TRACTION, i))
             kept = triple(memory, first + IN_MEMORY.traction, j, BLOCK)
             past = kept, memory[at(first + IN_MEMORY.radius, j)], memory[at(first + IN_MEMORY.gap, j)]
             traction, radius, gap, tangent = advance(
-                past, triple(chunk, row.NORMAL, i), chunk[at(row.WIDTH, i)], moved, target, modulus, per_span
+                past, triple(chunk, row.NORMAL, i), chunk[at(row.WIDTH, i)], moved, target, span, strength
             )
             load = chunk[at(row.LOAD, i)]
             wet = 1.0 if load > 0.0 else 0.0

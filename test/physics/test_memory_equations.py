@@ -46,7 +46,7 @@ class Plate:
         self.y = np.linalg.norm(tau) + (self.y - size) * left
         size = np.linalg.norm(tau)
         self.tau = tau * (max(size - k * max(-contact, 0.0), 0.0) / size if size > 0.0 else 0.0)
-        self.y = max(self.y * np.exp(-beyond / (3.0 * length)), np.linalg.norm(self.tau))
+        self.y = max(self.y * (1.0 - beyond / (3.0 * length)), np.linalg.norm(self.tau))
         self.gap += slack - closed + 0.2 * beyond
         return self.tau * depth * AREA
 
