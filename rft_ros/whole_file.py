@@ -16,10 +16,13 @@ _LENGTH = _CHECKSUM().digest_size
 def replacing(file: Path) -> Iterator[Path]:
     """Yield a path beside `file`, to be written; at the end of the block this new file takes the place of `file`.
 
-    No process ever reads half a file. After an exception `file` stays as it was. Makes the folder. Raises OSError.
+    No process ever reads half a file. After an exception `file` stays as it was. Makes the folder. The part is created
+    anew and follows no link, also in a folder that others may write. Raises OSError.
     """
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_name(f".{file.stem}.{os.getpid()}.part{file.suffix}")
+    part.unlink(missing_ok=True)  # of a process that was killed
+    os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0), 0o666))
     try:
         yield part
         part.replace(file)

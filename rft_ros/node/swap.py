@@ -3,11 +3,11 @@
 The node keeps answering with the old model meanwhile.
 """
 
+import logging
 import threading
 import time
 from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor
-from contextlib import suppress
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -30,6 +30,8 @@ from rft_ros.parameters import (
 )
 from rft_ros.rft import Medium, Table
 from rft_ros.tool import locate_mesh
+
+_log = logging.getLogger(__name__)
 
 __all__ = ["Failed", "Loaded", "Prepared", "Swap"]
 
@@ -207,9 +209,11 @@ class Swap:
 
 
 def _load_code(parts: frozenset[str]) -> None:
-    with suppress(Exception):  # code that is missing compiles at its first use
+    try:
         prepare(parts, at_low_priority=True)
         _prepare_clouds(parts)
+    except Exception as error:  # of any kind; what is missing compiles at its first use
+        _log.warning("machine code was not loaded ahead, so a pose may wait for it: %s: %s", type(error).__name__, error)
 
 
 def _prepare_clouds(parts: frozenset[str]) -> None:

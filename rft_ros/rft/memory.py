@@ -59,8 +59,8 @@ __all__ += ["add_memory", "displacement", "follow_gap", "is_elastic"]
 DEPTH = 0.03
 """Depth [m] at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
 
-LEAST, GREATEST = 1.0 / 6.0, 2.25
-"""The least and the greatest λ(d), over the mobilization length: those of 12 and 45 mm of depth."""
+LEAST, GREATEST = 0.1, 2.25
+"""The least and the greatest λ(d), over the mobilization length: those of 9.5 and 45 mm of depth."""
 
 STIFF = 12.0
 """E: modulus of the spring, over the strength of the law and λ."""

@@ -23,7 +23,7 @@ class Plate:
         if depth <= 0.0:
             self.__init__()
             return np.zeros(3)
-        length = LENGTH * np.clip(((depth + 0.5 * moved[2]) / 0.03) ** 2, 1 / 6, 2.25)  # half-way
+        length = LENGTH * np.clip(((depth + 0.5 * moved[2]) / 0.03) ** 2, 0.1, 2.25)  # half-way
         k = 12.0 * 1e6 / length  # at zeta 1
         outward, pressure = moved @ n, max(-self.tau @ n, 0.0) / k
         closed = min(max(outward, 0.0), self.gap)

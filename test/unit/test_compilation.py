@@ -94,6 +94,36 @@ def test_a_damaged_file_of_the_cache_counts_as_absent_and_is_replaced(cache):
     assert answer() == (number, 1)
 
 
+@pytest.mark.parametrize("part", ["file", "folder", "link"])
+def test_machine_code_that_others_could_have_written_is_not_loaded(cache, tmp_path, part):
+    number, _ = answer()
+    (file,) = kept(cache)
+    if part == "link":
+        file.rename(tmp_path / "elsewhere")
+        file.symlink_to(tmp_path / "elsewhere")
+    else:
+        (file if part == "file" else file.parent).chmod(0o777)
+    assert answer() == (number, 1)
+
+
+def test_a_planted_link_in_place_of_a_part_file_is_not_followed(tmp_path):
+    victim = tmp_path / "victim"
+    victim.write_text("mine")
+    (tmp_path / f".code.{os.getpid()}.part.nbc").symlink_to(victim)
+    with replacing(tmp_path / "code.nbc") as part:
+        part.write_text("new")
+    assert (victim.read_text(), (tmp_path / "code.nbc").read_text()) == ("mine", "new")
+
+
+def test_numba_disable_jit_leaves_forces_as_they_are():
+    script = "from rft_ros.rft import *; p = Plates.from_arrays([[0, 0, -1]], [[0, 0, -1]], [1])\n"
+    script += "print(wrenches(p, agarwal2023(), [0, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0])[0, 2] > 0)"
+    found = subprocess.run(
+        [sys.executable, "-c", script], env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True
+    )
+    assert found.stdout == "True\n", found.stderr
+
+
 def test_a_cache_that_cannot_be_written_does_not_fail_a_call(cache):
     number, _ = answer()
     (file,) = kept(cache)

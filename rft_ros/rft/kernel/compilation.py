@@ -3,7 +3,8 @@
 LLVM inlines small functions (`inlined`) into loops (`compiled`). The cache has one file for each loop, argument types,
 code and processor. Its key is made from the bytecode and the constants of the loop and of all that it calls, so that a
 change of a comment, or of a function beside them, does not change it. If a file is missing, damaged or cannot be
-written, or if numba cannot save the code, the loop is compiled; no call fails for that.
+written, or if numba cannot save the code, the loop is compiled; no call fails for that. Machine code runs with the
+rights of who loads it: only files and folders that nobody else can write are used.
 
 What is used of numba beyond its documented interface, which a new version may change:
 
@@ -29,6 +30,7 @@ from contextlib import suppress
 from enum import Enum
 from functools import cache
 from pathlib import Path
+from stat import S_ISLNK
 from types import CodeType, FunctionType, ModuleType
 from typing import Any, ParamSpec, TypeVar
 
@@ -72,7 +74,11 @@ def compiled(function: Callable[_P, _R], **options: Any) -> Callable[_P, _R]:
     not follow a `numba.extending.overload`: its Python function must name what it calls (see `chunk.wide_vectors`).
     `options`: passed to `numba.njit`.
     """
-    made = numba.njit(nogil=True, **{"error_model": "numpy", **options})(function)
+    disabled, numba.config.DISABLE_JIT = numba.config.DISABLE_JIT, 0  # the loops cannot run as Python
+    try:
+        made = numba.njit(nogil=True, **{"error_model": "numpy", **options})(function)
+    finally:
+        numba.config.DISABLE_JIT = disabled
     made._cache = _Cache(made.py_func, options)  # numba's `cache=True` sets its own `FunctionCache` here
     return made
 
@@ -136,7 +142,7 @@ class _Cache(NullCache):
         rtsys.initialize(target_context)
         for file in self._files(sig, target_context.codegen()):
             with suppress(Exception):  # unpickling another numba's file can raise almost anything
-                content = without_checksum(file.read_bytes())
+                content = without_checksum(file.read_bytes()) if _is_safe(file.parent) and _is_safe(file) else None
                 if content is not None:
                     return CompileResult._rebuild(target_context, *pickle.loads(content))
         return None
@@ -149,13 +155,28 @@ class _Cache(NullCache):
             return
         for file in self._files(sig, data.codegen):
             with suppress(OSError):
+                file.parent.mkdir(mode=0o755, parents=True, exist_ok=True)
+                if not _is_safe(file.parent):
+                    continue
                 with replacing(file) as part:
                     part.write_bytes(with_checksum(content))
+                    part.chmod(0o644)  # whatever the umask: a file that a group may write is not loaded
                 code = file.name.split(".")[-3]
                 for other in file.parent.glob(f"{self._name}.*.nbc"):
                     if other.name.split(".")[-3] != code:
                         other.unlink(missing_ok=True)
                 return
+
+
+def _is_safe(path: Path) -> bool:
+    """Whether nobody but this user, or root, can have written it: what is loaded runs with the rights of this user.
+
+    A link counts as what its owner made it: unsafe.
+    """
+    if not hasattr(os, "geteuid"):  # Windows: a user's folders are closed to others
+        return True
+    status = path.lstat()
+    return not S_ISLNK(status.st_mode) and status.st_uid in (0, os.geteuid()) and not status.st_mode & 0o022
 
 
 @cache
