@@ -31,9 +31,9 @@ from rft_ros.parameters import (
 from rft_ros.rft import Medium, Table
 from rft_ros.tool import locate_mesh
 
-_log = logging.getLogger(__name__)
-
 __all__ = ["Failed", "Loaded", "Prepared", "Swap"]
+
+_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -213,7 +213,9 @@ def _load_code(parts: frozenset[str]) -> None:
         prepare(parts, at_low_priority=True)
         _prepare_clouds(parts)
     except Exception as error:  # of any kind; what is missing compiles at its first use
-        _log.warning("machine code was not loaded ahead, so a pose may wait for it: %s: %s", type(error).__name__, error)
+        _log.warning(
+            "machine code was not loaded ahead, so a pose may wait for it: %s: %s", type(error).__name__, error
+        )
 
 
 def _prepare_clouds(parts: frozenset[str]) -> None:

@@ -17,6 +17,7 @@ from numba.core.compiler import CompileResult
 
 from rft_ros.rft.frames import rotation
 from rft_ros.rft.kernel.compilation import compiled, inlined
+from rft_ros.whole_file import replacing
 
 PACKAGE = Path(__file__).resolve().parents[2] / "rft_ros"
 QUATERNION = np.array([0.1, 0.2, 0.3, 0.9])

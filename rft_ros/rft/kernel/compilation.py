@@ -54,6 +54,8 @@ for many. NaN and infinity keep their meaning."""
 STEP: dict[str, Any] = {**OPTIONS, "forceinline": True, "no_cfunc_wrapper": True}
 """Options of a function that LLVM inlines into the loop which calls it, and that C never calls."""
 
+numba.config.DISABLE_JIT = 0  # whatever NUMBA_DISABLE_JIT says: with their intrinsics the loops cannot run as Python
+
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
 
@@ -74,11 +76,7 @@ def compiled(function: Callable[_P, _R], **options: Any) -> Callable[_P, _R]:
     not follow a `numba.extending.overload`: its Python function must name what it calls (see `chunk.wide_vectors`).
     `options`: passed to `numba.njit`.
     """
-    disabled, numba.config.DISABLE_JIT = numba.config.DISABLE_JIT, 0  # the loops cannot run as Python
-    try:
-        made = numba.njit(nogil=True, **{"error_model": "numpy", **options})(function)
-    finally:
-        numba.config.DISABLE_JIT = disabled
+    made = numba.njit(nogil=True, **{"error_model": "numpy", **options})(function)
     made._cache = _Cache(made.py_func, options)  # numba's `cache=True` sets its own `FunctionCache` here
     return made
 
