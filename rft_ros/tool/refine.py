@@ -26,6 +26,8 @@ more than `_TIP` of the squared tilt is left over, and if the sine of the tilt e
 
 _STEEPEST = 0.1  # divisions take a smaller cosine between a facet's normal and those at its corners as this
 
+_ROUNDING = 1e-9  # of the greatest growth of area by a corner's shift: a smaller one is zero
+
 _WELD = 1e-6  # of the tool's size: closer corners become one
 
 Array = NDArray[np.float64]
@@ -123,7 +125,9 @@ def _with_area_of_surface(
         opposite = np.roll(moved, -2, axis=1) - np.roll(moved, -1, axis=1)
         growth = np.einsum("fck,fck->fc", 0.5 * np.cross(_unit(doubled)[:, None], opposite), normals)
         need, rate = np.bincount(group.ravel(), np.repeat(lacking / 3.0, 3)), np.bincount(group.ravel(), growth.ravel())
-        shift = np.clip(np.divide(need, rate, out=np.zeros(len(need)), where=rate != 0.0), -limit, limit)
+        # between two creases a normal lies in the facets beside it: its rate is rounding, and the corner stays
+        grows = np.abs(rate) > _ROUNDING * np.abs(rate).max()
+        shift = np.clip(np.divide(need, rate, out=np.zeros(len(need)), where=grows), -limit, limit)
         by_point = np.zeros(points.shape)
         np.add.at(by_point, place, shift[:, None] * normal)
         by_point[faces[tips]] = 0.0

@@ -8,11 +8,12 @@ import pytest
 import trimesh
 from recordings import moments, write_ros2
 from refusals import refusal
+from scipy.spatial.transform import Rotation
 from test_cli import HEADER, refused, rft
 
 from rft_ros.cli import main
 from rft_ros.errors import InputError
-from rft_ros.rft import MEDIA, Plates, alpha_y_model, checked_states, treers2021, wrenches
+from rft_ros.rft import MEDIA, Memory, Plates, alpha_y_model, checked_states, treers2021, wrenches, wrenches_in_time
 from rft_ros.sweeps.motions import circumnutation, oscillating_insertion, sample
 from rft_ros.tool import load_tool
 from rft_ros.tool.reduce import merged_plates, random_motions, reduced_for_scene
@@ -35,6 +36,32 @@ def test_a_reduced_tool_keeps_the_tolerance_in_motions_that_it_was_not_chosen_by
     assert np.percentile(off[size > 0.0] / size[size > 0.0], 95.0) < 0.055
     said = f"{len(tool.facets):,} facets -> {len(tool.plates):,} plates, "
     assert re.fullmatch(rf"{said}(4\.\d|5\.0) % at the 95th percentile of any motion", tool.reduction)
+
+
+def reversing_path(tool, random):
+    """States from the surface to 0.8 of a depth, back to 0.6, and on to all of it; and that the tool goes down."""
+    about = Rotation.from_quat(random.normal(size=4))
+    heights = (about.as_matrix() @ tool.corners.T)[2]
+    fall, azimuth = random.uniform(np.pi / 6.0, np.pi / 2.0), random.uniform(0.0, 2.0 * np.pi)
+    along = np.array([np.cos(fall) * np.cos(azimuth), np.cos(fall) * np.sin(azimuth), -np.sin(fall)])
+    way = np.concatenate([np.linspace(0.0, 0.8, 80), np.linspace(0.8, 0.6, 30), np.linspace(0.6, 1.0, 40)])
+    states = np.zeros((len(way), 13))
+    states[:, :3] = [0.0, 0.0, -heights.min()] + (np.ptp(heights) / np.sin(fall) * way)[:, None] * along
+    states[:, 3:7] = about.as_quat()
+    states[:, 7:10] = np.where(np.diff(way, prepend=0.0) < 0.0, -0.01, 0.01)[:, None] * along
+    return states
+
+
+@pytest.mark.parametrize("name", ["sphere", "plate", "ellipsoid", "root_tip", "scoop"])
+def test_with_memory_a_reduced_tool_keeps_the_tolerance_over_the_peak_of_paths_that_reverse(name):
+    full, few = (load_tool(name, tolerance=tolerance).plates for tolerance in (0.0, 0.025))
+    law = treers2021(MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), mobilization_length=0.003)
+    random, errors = np.random.default_rng(2), []
+    for _ in range(12):
+        states = reversing_path(load_tool(name), random)
+        exact, reduced = (wrenches_in_time(p, law, states, Memory(p))[:, :3] for p in (full, few))
+        errors.append(np.linalg.norm(reduced - exact, axis=1) / np.linalg.norm(exact, axis=1).max())
+    assert np.percentile(errors, 95.0) < 0.03
 
 
 def test_a_smaller_tolerance_takes_more_plates_and_zero_all_of_them():
