@@ -88,4 +88,4 @@ def _misfits(e: Evidence, at: float) -> Array | None:
         predicted = bent(np.stack([np.interp(time - delay, e.time, p) for p in e.predicted[:, :3].T], axis=1))
         shared = np.maximum((measured * predicted).sum(axis=0), 0.0)
         misfits.append((whole - shared**2 / np.maximum((predicted**2).sum(axis=0), 1e-12)).sum())
-    return np.array(misfits) / max(float(whole.sum()), 1e-12)
+    return np.maximum(misfits, 0.0) / max(float(whole.sum()), 1e-12)

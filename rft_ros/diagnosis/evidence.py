@@ -26,6 +26,8 @@ ENOUGH = 20
 LEAST_FORCE = 0.2
 """Smaller forces [N] are not judged."""
 
+_SAME = 0.95  # correlation beyond which a tiny reading is that of the grains in another unit, such as kN
+
 
 @dataclass(frozen=True, kw_only=True)
 class Evidence:
@@ -92,9 +94,10 @@ class Evidence:
     def push_is_seen(self) -> bool:
         """Whether grains push the tool in the model and in the load cell."""
         predicted, measured = self.predicted[self.pushed, :3], self.without_air(self.measured)[self.pushed, :3]
-        if len(predicted) < ENOUGH:
+        if len(predicted) < ENOUGH or np.abs(predicted).max() < LEAST_FORCE:
             return False
-        return bool(np.abs(predicted).max() >= LEAST_FORCE and np.abs(measured).max() >= 0.1 * LEAST_FORCE)
+        alike = (predicted * measured).sum() > _SAME * np.sqrt((predicted**2).sum() * (measured**2).sum())
+        return bool(alike or np.abs(measured).max() >= 0.1 * LEAST_FORCE)
 
     def without_air(self, readings: Array) -> Array:
         """Readings, shape [n, k], less their mean in the air, if the air was seen."""

@@ -54,7 +54,8 @@ def zero_that_moves(e: Evidence) -> Iterator[Finding]:
     if len(rows) < 2 * ENOUGH:
         return
     velocity, force, time = e.velocity[rows], e.force[rows], e.time[rows] - e.time[rows].mean()
-    main = np.linalg.svd(velocity, full_matrices=False)[2][0]
+    size = np.linalg.norm(velocity, axis=1, keepdims=True)
+    main = np.linalg.svd(velocity / np.maximum(size, e.settings.rest_speed), full_matrices=False)[2][0]
     main = main if main[2] >= 0.0 else -main  # up
     way = np.where(e.speed[rows] > e.settings.rest_speed, np.sign(np.round(velocity @ main, 6)), 0.0)
     groups = {name: way == side for name, side in (("at rest", 0.0), ("one way", -1.0), ("back", 1.0))}

@@ -46,8 +46,9 @@ def loads(states: NDArray[np.float64], *, zeta: float = ZETA) -> NDArray[np.floa
     world = wrenches(model.tool.plates, model.law, states, surface_height=SURFACE)[:, :6].copy()
     for k in np.flatnonzero((states[1:, 7:] == 0.0).all(axis=1)) + 1:
         world[k] = world[k - 1]
-    to_cell = MOUNT.inverse()
-    return np.array([to_cell.wrench(tuple(row)) for row in world])
+    to_tool, to_cell = Rotation.from_quat(states[:, QUATERNION]).inv(), MOUNT.inverse()
+    in_tool = np.hstack([to_tool.apply(world[:, :3]), to_tool.apply(world[:, 3:])])
+    return np.array([to_cell.wrench(tuple(row)) for row in in_tool.tolist()])
 
 
 def record(
