@@ -66,7 +66,7 @@ def test_a_delay_is_found_at_stops_and_turns_with_the_parameter_that_mends_it(de
     assert float(re.search(r"set sensor\.delay: (-?[\d.]+)", said[0])[1]) == pytest.approx(side * delay, abs=0.012)
 
 
-@given(st.floats(0.1, 0.4), SOURCES)
+@given(st.floats(0.15, 0.4), SOURCES)
 @few
 def test_friction_in_the_air_is_a_zero_that_moves_and_nothing_else(share, source):
     readings = LOADS + NOISE
