@@ -187,12 +187,11 @@ def lifted(
     *,
     by: str = "servo",
     mass: float = 2.0,
-    held: bool = False,
 ) -> Numbers:
     """A tool is pressed with 99 N and lifted at a speed [m/s], by one of `LIFTS` with a stiffness [N/m].
 
     In shares of the press: ``error``, the greatest distance of the wrench from the memory's at the end of the step, and
-    the greatest pulls. ``limited``: of the grains, which are told that the tool is `held`.
+    the greatest pulls.
     """
     damping = 2.0 * np.sqrt(stiffness * mass)
     slide = '<joint name="z" type="slide" axis="0 0 1"/>'
@@ -205,8 +204,6 @@ def lifted(
         reference = f"{-stiffness / mass} {-damping / mass}"
         more = f'<equality><weld body1="hand" body2="tool" solref="{reference}" solimp="0.9 0.9 0.001"/></equality>'
     scene = Scene(tree, step, integrator, more=more)
-    if held:
-        scene.grains = MujocoGrains(scene.model, body="tool", law=law(), held=True)
     data, command, lifts, rows = scene.data, 0.003, np.inf, []
     height = data.xpos[scene.body]
     data.qpos[-1 if by != "weld" else 2] = command
@@ -228,7 +225,7 @@ def lifted(
     time, wrenches, memory = np.array(rows).T
     after = (time >= lifts)[:-1]
     if not after.any():  # the servo is unstable by itself
-        return dict.fromkeys(("press", "error", "pull", "memory's pull", "failures", "limited"), np.nan)
+        return dict.fromkeys(("press", "error", "pull", "memory's pull", "failures"), np.nan)
     press = wrenches[:-1][~after][-1]
     return {
         "press": float(press),
@@ -236,7 +233,6 @@ def lifted(
         "pull": float(-wrenches[:-1][after].min() / press),
         "memory's pull": float(-memory[1:][after].min() / press),
         "failures": scene.grains.failures,
-        "limited": scene.grains.limited,
     }
 
 
@@ -255,7 +251,6 @@ def released(mass: float, step: float, integrator: str = "Euler", *, mesh: str =
         "rise": 1e3 * float(top - low),
         "back": 100.0 * gave / took,
         "failures": scene.grains.failures,
-        "limited": scene.grains.limited,
     }
 
 
@@ -384,5 +379,4 @@ def gait(step: float, integrator: str = "Euler", *, trots: float = 0.0, stands: 
         "net back": 100.0 * float((given + np.maximum(-net, 0.0)).sum()) / took,
         "tilt": tilt,
         "failures": grains.failures,
-        "limited": grains.limited,
     }

@@ -9,13 +9,13 @@ from numpy.typing import NDArray
 from rft_ros.rft import Law, Memory, Plates
 from rft_ros.rft.arguments import number
 from rft_ros.rft.grains import PackedLaw
-from rft_ros.rft.kernel.compilation import inlined
+from rft_ros.rft.kernel.compilation import compiled, inlined
 from rft_ros.rft.kernel.loops import sums
 from rft_ros.rft.memory import IN_STIFFNESS
 from rft_ros.rft.plates import BOUNDS
 from rft_ros.rft.traction import packed_law
 
-__all__ = ["Beds", "evaluate", "make_beds", "stiffness_matrix", "use_law"]
+__all__ = ["Beds", "evaluate", "forces_on_plates", "make_beds", "stiffness_matrix", "use_law"]
 
 Array = NDArray[np.float64]
 
@@ -102,6 +102,13 @@ def evaluate(beds, b, memory, states, out):
     law = PackedLaw(beds.law, beds.alpha_y, beds.numbers[b], beds.table)
     past = True, memory
     sums(form, law, p.height, (p.slope_x, p.slope_y), states, past, out)
+
+
+@compiled
+def forces_on_plates(beds, body, states, forces):
+    """Write the force on each plate of a body at its last state, shape [1, 13]: shape [plates, 3], kernel's order."""
+    forces[:] = 0.0
+    evaluate(beds, body, beds.memory[body : body + 1].copy(), states, forces)
 
 
 @inlined

@@ -18,8 +18,8 @@ from rft_ros.rft.frames import rotation_matrix
 from rft_ros.rft.kernel.compilation import machine_code
 from rft_ros.rft.memory import MOST_BODIES
 from rft_ros.rft.plates import BLOCK
-from rft_ros.simulation.beds import make_beds, stiffness_matrix, use_law
-from rft_ros.simulation.coupling import COUPLED, advance, forces_on_plates, hold_each
+from rft_ros.simulation.beds import forces_on_plates, make_beds, stiffness_matrix, use_law
+from rft_ros.simulation.step import BODY, advance, hold_each, no_constraints
 from rft_ros.tool import Tool
 
 __all__ = ["Grains", "GrainsBatch", "GrainsState", "free_body"]
@@ -27,6 +27,7 @@ __all__ = ["Grains", "GrainsBatch", "GrainsState", "free_body"]
 Array = NDArray[np.float64]
 
 _LONGEST = 0.02  # m; a body that slides or falls further in one step stops too soon
+_FREE = no_constraints(6)
 _FARTHEST = 1e6  # m or rad; the wrenches of a longer step would overflow
 
 GrainsState = dict[str, NDArray[Any]]
@@ -70,29 +71,27 @@ class GrainsBatch:
         self.beds, self._law = make_beds([one.plates for one in self.tools], law), law
         self._ground = None if ground is None else ground.filled()
         self._supports = {id(one): Support(one.corners) for one in self.tools}
-        self.coupled, self._surfaces = np.zeros(n, COUPLED), np.zeros(n, LAST_SURFACE)
+        self.bodies, self._surfaces = np.zeros(n, BODY), np.zeros(n, LAST_SURFACE)
         self._duration, self._states = np.zeros(1), np.zeros((n, 13))
         self._remembered: GrainsState = {
             "memory": self.beds.memory,
-            "bodies": self.coupled,
+            "bodies": self.bodies,
             "surfaces": self._surfaces,
             "duration": self._duration,
             "states": self._states,
         }
         self.rows = np.zeros((n, 19))
         """Rows of `wrenches_in_time` at the last states, in its units, shape [n, 19]."""
-        self.last = self.coupled["wrench"]
+        self.last = self.bodies["wrench"]
         """The wrenches of the last step, as it returned them, shape [n, 6]."""
         self.failures = 0
         """Number of steps of a body in which Newton's method did not converge."""
-        self.limited = 0
-        """Number of steps of a body in which the grains pushed it back by less than the memory's wrench."""
         # Each thread takes the next part of the bodies when it has finished one.
         parts = 1 if threads == 1 else min(n, 2 * self._threads)
         self._parts = [slice(a, b) for a, b in itertools.pairwise(np.linspace(0, n, parts + 1).astype(int).tolist())]
         self._pool = ThreadPoolExecutor(self._threads)
         self._advance: Any = machine_code(advance, self._advanced(slice(0, n), 0.1, self._states))
-        self._hold: Any = None
+        self._hold: Any = None  # compiled for the first implicit step
         self.reset(strength=strength, surface_height=surface_height)
 
     def __reduce__(self) -> tuple[Any, ...]:
@@ -106,7 +105,6 @@ class GrainsBatch:
         *,
         inverse_inertia: ArrayLike | None = None,
         free_acceleration: ArrayLike | None = None,
-        held: ArrayLike = False,
     ) -> Array:
         """The wrench on each body to hold over the next `dt` [s]: force [N], torque [N m], shape [n, 6], world axes.
 
@@ -115,10 +113,8 @@ class GrainsBatch:
         `inverse_inertia`: A, shape [n, 6, 6] or [6, 6] for all: how a wrench accelerates a body, in the same axes and
         about the same point (`free_body`). `free_acceleration` [m/s², rad/s²]: of the body frame without the grains,
         shape [n, 6] or [6]. With both the step is implicit, for a simulator that adds `dt` times the acceleration to
-        the twist and moves the body by `dt` times the new twist. The grains push a body back slowly, so that none is
-        thrown, unless it is `held` by a servo or another stiff support: True or False, for each body or for all.
-        Without both the wrench is the grains' own at `states`. Raises ValueError, and forgets nothing, for values that
-        cannot be used.
+        the twist and moves the body by `dt` times the new twist: the wrench is that where the body is then. Without
+        both it is the grains' own at `states`. Raises ValueError, and forgets nothing, for values that cannot be used.
         """
         given = checked_states(states)
         n = len(self.rows)
@@ -135,29 +131,22 @@ class GrainsBatch:
             inverse = _each("inverse_inertia", inverse_inertia, (n, 6, 6))
             free = _each("free_acceleration", free_acceleration, (n, 6))
             _refuse_without_bound(duration, given[:, 7:], free, inverse)
-            self.coupled["held"] = each_flag("held", held, n)
             self.advance(given, duration)
             wrenches = np.empty((n, 6))
 
-            def hold(part: slice) -> tuple[int, float, int]:
-                failed, path, limited = self._hold(*self._held(part, inverse, free, duration, wrenches))
-                return int(failed), float(path), int(limited)
+            def hold(part: slice) -> tuple[int, float]:
+                failed, path = self._hold(*self._held(part, inverse, free, duration, wrenches))
+                return int(failed), float(path)
 
             self._hold = self._hold or machine_code(hold_each, self._held(slice(0, n), inverse, free, 0.1, wrenches))
-            failed, paths, limited = zip(*self._in_parts(hold), strict=True)
+            failed, paths = zip(*self._in_parts(hold), strict=True)
             self.failed(sum(failed), dt=duration, path=max(paths))
-            if sum(limited) and not self.limited:
-                _log.info(
-                    "a body without support is pushed back more slowly than by the memory, so that it is not thrown; "
-                    "pass held=True if a servo holds it"
-                )
-            self.limited += sum(limited)
         self.last[:] = wrenches
         return wrenches
 
     def _held(self, part: slice, inverse: Array, free: Array, dt: float, wrenches: Array) -> tuple[Any, ...]:
-        one = self._states[part], self.rows[part], inverse[part], free[part]
-        return self.beds, part.start, self.coupled[part], *one, dt, wrenches[part]
+        given = self._states, self.rows, inverse[part], free[part], _FREE
+        return self.beds, part.start, *given, dt, wrenches[part]
 
     def advance(self, states: Array, dt: float) -> None:
         """Bring the memory, `rows` and the energy to checked states, after which a step of `dt` begins."""
@@ -165,12 +154,12 @@ class GrainsBatch:
             self._find_surfaces(states, self._ground)
         before, self._duration[0] = float(self._duration[0]), dt
         if len(self._parts) == 1:
-            self._advance(self.beds, 0, self.coupled, before, states, self._states, self.rows)
+            self._advance(self.beds, 0, self.bodies, before, states, self._states, self.rows)
         else:
             self._in_parts(lambda s: self._advance(*self._advanced(s, before, states)))
 
     def _advanced(self, part: slice, before: float, states: Array) -> tuple[Any, ...]:
-        return self.beds, part.start, self.coupled[part], before, states[part], self._states[part], self.rows[part]
+        return self.beds, part.start, self.bodies[part], before, states[part], self._states[part], self.rows[part]
 
     def _in_parts(self, work: Callable[[slice], Any]) -> list[Any]:
         """What `work` returns of each part of the bodies."""
@@ -184,8 +173,7 @@ class GrainsBatch:
 
     def failed(self, times: int, *, dt: float, path: float) -> None:
         """Count the steps that did not converge, or in which a body moved too far [m]. Logs the first of them."""
-        if path > _LONGEST and self.rows[:, :6].any():
-            times += 1
+        times += path > _LONGEST
         if times and not self.failures:
             why = "moves a body too far in grains" if path > _LONGEST else "does not converge"
             _log.warning("a step of %g s %s (%.2g m), so the wrench is a guess; take shorter steps", dt, why, path)
@@ -200,7 +188,7 @@ class GrainsBatch:
     @property
     def energy(self) -> Array:
         """Energy that the grains have taken from each body since the last reset [J], shape [n]."""
-        return np.array(self.coupled["energy"])
+        return np.array(self.bodies["energy"])
 
     @property
     def stiffness(self) -> Array:
@@ -243,23 +231,23 @@ class GrainsBatch:
         form = (len(which),)
         factors = None if strength is None else _each("strength", strength, form, positive=True)
         heights = None if surface_height is None else _each("surface_height", surface_height, form)
-        kept = self.coupled[which].copy()
+        kept = self.bodies[which].copy()
         for array in self._remembered.values():
-            if len(array) == len(self.coupled):
+            if len(array) == len(self.bodies):
                 array[which] = np.zeros((), array.dtype)
-        self.coupled["strength"][which] = kept["strength"] if factors is None else factors
-        self.coupled["height"][which] = kept["height"] if heights is None else heights
+        self.bodies["strength"][which] = kept["strength"] if factors is None else factors
+        self.bodies["height"][which] = kept["height"] if heights is None else heights
         self._lay(which)
 
     def _lay(self, which: NDArray[np.int64]) -> None:
         """Give these bodies' beds their strengths and heights."""
         for k in which.tolist():
-            one = self.coupled[k]
+            one = self.bodies[k]
             use_law(self.beds, k, replace(self._law, zeta=self._law.zeta * float(one["strength"])))
             self.beds.bodies[k]["height"] = one["height"]
 
     def _indices(self, bodies: ArrayLike | None) -> NDArray[np.int64]:
-        n = len(self.coupled)
+        n = len(self.bodies)
         if bodies is None:
             return np.arange(n)
         given = np.atleast_1d(np.asarray(bodies))
@@ -284,7 +272,7 @@ class GrainsBatch:
                 raise ValueError(f"state has values in '{name}' that are not finite; restore what state() returned")
         for name, array in state.items():
             np.copyto(self._remembered[name], array)
-        self._lay(np.arange(len(self.coupled)))
+        self._lay(np.arange(len(self.bodies)))
 
     __setstate__ = restore  # of a copy
 
@@ -304,14 +292,6 @@ def _each(name: str, values: ArrayLike, form: tuple[int, ...], *, positive: bool
     if bad.any():
         raise ValueError(f"{name} has the value {array[bad][0]:g}; it must be {'positive' if positive else 'finite'}")
     return array
-
-
-def each_flag(name: str, values: ArrayLike, n: int) -> NDArray[np.bool_]:
-    """True or False for each of n bodies, from as many or from one. Raises ValueError."""
-    given = np.asarray(values)
-    if given.dtype != np.bool_ or given.shape not in ((), (n,)):
-        raise ValueError(f"{name} is {values!r}; give True or False, or {n} of them, one for each body")
-    return np.broadcast_to(given, n)
 
 
 def _refuse_without_bound(dt: float, twists: Array, free: Array, inverse: Array) -> None:
@@ -339,7 +319,6 @@ class Grains:
         *,
         inverse_inertia: ArrayLike | None = None,
         free_acceleration: ArrayLike | None = None,
-        held: bool = False,
     ) -> Array:
         """The wrench to hold over the next `dt` [s]: force [N] and torque [N m], shape [6], world axes.
 
@@ -348,7 +327,7 @@ class Grains:
         """
         given = ("position", position, 3), ("quaternion", quaternion, 4), ("twist", twist, 6)
         state = np.concatenate([numbers(name, v, rows=n) for name, v, n in given])
-        response: Any = {"inverse_inertia": inverse_inertia, "free_acceleration": free_acceleration, "held": held}
+        response: Any = {"inverse_inertia": inverse_inertia, "free_acceleration": free_acceleration}
         return np.asarray(self._one.step(state, dt, **response)[0])
 
     @property

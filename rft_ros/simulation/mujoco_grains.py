@@ -16,10 +16,10 @@ from rft_ros.ground import HeightMap
 from rft_ros.rft import MEDIA, Law, alpha_y_model, treers2021
 from rft_ros.rft.arguments import number
 from rft_ros.rft.kernel.compilation import compiled, machine_code
-from rft_ros.simulation.coupling import hold
-from rft_ros.simulation.grains import GrainsBatch, GrainsState, each_flag
+from rft_ros.simulation.grains import GrainsBatch, GrainsState
 from rft_ros.simulation.mechanism import Mechanism, import_mujoco
-from rft_ros.simulation.shapes import check_size, tool_of_body
+from rft_ros.simulation.shapes import check_size, ground_of_field, tool_of_body
+from rft_ros.simulation.step import Joints, Trial, begin, reachable, search, solve, trial_of
 from rft_ros.tool import load_tool
 
 __all__ = ["MujocoGrains"]
@@ -29,20 +29,9 @@ _Path = str | PathLike[str]
 
 _LENGTH = 0.003  # m
 
-_ROUNDS, _SETTLED = 12, 1e-3
-"""The grains and MuJoCo's constraints are solved in turn: for at most `_ROUNDS` rounds, or until the wrench changes by
-a smaller share than `_SETTLED`."""
-
-_HELD = 0.1
-"""A body is held if the other forces take up a larger share of the grains' elastic energy."""
-
-_LOADED, _RELEASED = 0.05, 0.02
-"""Force of actuators and of the user's on a body that may hold it, and its decrease in a step, over the grains' push.
-"""
-
 _LONGEST_RK4 = 0.002  # s; in longer steps of RK4 bodies may not come to rest
-
-_LEAST, _TINY = 0.05, 1e-290  # share of the change that a round takes; avoids 0 / 0
+_SAME = 1e-9  # relative difference of a force in xfrc_applied from what was written there, below which it is that
+_AHEAD = 1.5  # steps; data that moved on by more since the last call was stepped without the grains
 
 _log = logging.getLogger("rft_ros.simulation")
 
@@ -50,37 +39,36 @@ _log = logging.getLogger("rft_ros.simulation")
 class MujocoGrains:
     """Grains around bodies of a MuJoCo model.
 
-    `body`: its name; or `bodies`: names of several, whose step is solved in common. Their shapes: the bodies' geoms
-    (meshes, boxes, spheres, capsules, cylinders, ellipsoids; those that collide, if any do), or `mesh`, a file as for
-    `load_tool`, in the body frame, with `scale` in metres per unit; for several bodies, a file, or None, for each.
+    `body`: its name or id; or `bodies`: those of several, whose step is solved in common. Their shapes: the geoms of
+    the body and of its jointless children (meshes, boxes, spheres, capsules, cylinders, ellipsoids; those that collide,
+    if any do), or `mesh`, a file as for `load_tool`, in the body frame, with `scale` in metres per unit; for several
+    bodies, a file, or None, for each.
     Reduced to fewer plates within `tolerance` of the force (0: not reduced). The grains: `zeta`, `alpha_y` (a model's
     name) of the generic medium and `mobilization_length` [m] (3 mm), or a `law` of your own; `surface_height` [m], or
-    `ground`, as for `GrainsBatch`. `held`: True, or a sequence with True for each body that a controller of your own
-    holds, whose stiffness MuJoCo does not know; see `limited`. One object serves one `MjData`. It starts anew when the
-    data's time goes back, as after `mj_resetData`; call `reset` after other jumps. Raises ValueError or TypeError.
+    `ground`, as for `GrainsBatch`, or the name of a geom of type hfield. One object serves one `MjData`. It starts anew
+    when the data's time goes back, as after `mj_resetData`; call `reset` after other jumps. Raises ValueError or
+    TypeError.
     """
 
     def __init__(
         self,
         model: Any,
         *,
-        body: str | None = None,
-        bodies: Sequence[str] | None = None,
+        body: str | int | None = None,
+        bodies: Sequence[str | int] | None = None,
         zeta: float = 1.0,
         alpha_y: str = "linear",
         mobilization_length: float | None = None,
         law: Law | None = None,
         surface_height: float = 0.0,
-        ground: HeightMap | None = None,
+        ground: HeightMap | str | None = None,
         mesh: _Path | Sequence[_Path | None] | None = None,
         scale: float = 0.001,
         tolerance: float = 0.025,
-        held: bool | Sequence[bool] = False,
     ) -> None:
         self._given = partial(
             MujocoGrains, body=body, bodies=bodies, zeta=zeta, alpha_y=alpha_y, mobilization_length=mobilization_length,
             law=law, surface_height=surface_height, ground=ground, mesh=mesh, scale=scale, tolerance=tolerance,
-            held=held,
         )  # fmt: skip
         mujoco = import_mujoco()
         if not isinstance(model, mujoco.MjModel):
@@ -104,25 +92,28 @@ class MujocoGrains:
             raise InputError(f"mesh has {len(files)} files; there are {len(names)} bodies")
         tools = []
         for k, file in zip(self._ids, files, strict=True):
-            made = (
-                tool_of_body(model, k, tolerance) if file is None else load_tool(file, scale=scale, tolerance=tolerance)
-            )
+            if file is None:
+                made = tool_of_body(model, k, tolerance, frozenset(self._ids))
+            else:
+                made = load_tool(file, scale=scale, tolerance=tolerance)
             check_size(made, model, k, law.mobilization_length)
             tools.append(made)
         self.tools, self.tool = tools, tools[0]
         """The bodies' shapes, and that of the first."""
+        if isinstance(ground, str):
+            ground = ground_of_field(model, ground)
         self._grains = GrainsBatch(tools, law, bodies=len(tools), surface_height=surface_height, ground=ground)
-        self._option, self._single, self._time = model.opt, bodies is None, -math.inf
-        self._model, self._mechanism = model, Mechanism(model, self._ids)
-        self._held = each_flag("held", held, len(tools))
-        n = len(tools)
-        self._wrench, self._before, self._after = np.zeros((3, 6 * n))
+        self._model, self._single, self._mechanism = model, bodies is None, Mechanism(model, self._ids)
+        self._last: tuple[float, float] | None = None  # time of the data at the last call, and its step
+        n, nv = len(tools), int(model.nv)
         self._own, self._written = np.zeros((2, n, 6))  # forces of the user's, and those with the grains'
-        self._earlier: tuple[Array, Array] | None = None
+        self._trial, self._found = trial_of(n, nv), np.zeros(n, np.int64)
         self._told = False  # that the steps are long for RK4
         self._bind(mujoco.MjData(model))
-        self._hold: Any = machine_code(hold, self._arguments(0.1))
-        self._add: Any = machine_code(_add, self._forces)
+        self._find: Any = machine_code(reachable, (self._grains.beds, self._mechanism.states, 0.1, self._found))
+        self._solve, self._begin, self._search = (machine_code(f, a) for f, a in self._compiled())
+        self._take_away: Any = machine_code(_take_away, self._forces)
+        self._write: Any = machine_code(_write, (*self._wrenches, *self._forces))
 
     def __reduce__(self) -> tuple[Any, ...]:
         # neither machine code nor views of the data's arrays can be copied or pickled
@@ -131,107 +122,90 @@ class MujocoGrains:
     def _bind(self, data: Any) -> None:
         """Take the arrays of `data`, which stay where they are."""
         self._mechanism.bind(data)
-        self._forces = (
-            self._wrench,
-            np.array(self._ids),
-            data.xpos,
-            data.xipos,
-            self._own,
-            self._written,
-            data.xfrc_applied,
-        )
-
-    def _arguments(self, h: float) -> tuple[Any, ...]:
-        m, g = self._mechanism, self._grains
-        return g.beds, 0, g.coupled, m.states, g.rows, m.inverse, m.ahead, h, self._wrench, self._after
+        ids, last = np.array(self._ids), self._grains.last
+        self._forces = ids, self._own, self._written, data.xfrc_applied
+        self._wrenches = last, data.xpos, data.xipos
 
     def apply(self, data: Any) -> Array:
         """Add the wrenches of the grains for the next step to ``data.xfrc_applied``; returns `wrench`.
 
         Call it before each `mj_step`, with any integrator. Forces of your own on the bodies act beside it; set them
-        there with ``=``. Raises ValueError for data that is not finite, or that moves without bound.
+        there with ``=``. Raises ValueError for data that is not finite or that moves without bound, and InputError for
+        data that was stepped without the grains.
         """
-        mechanism, wrench = self._mechanism, self._wrench
-        if data is not mechanism.data:
-            self._bind(data)
-        h = number("model.opt.timestep", self._option.timestep, positive=True)
-        if h > _LONGEST_RK4 and mechanism.holds_over_stages and not self._told:
-            self._told = True
-            _log.warning("RK4 in steps of %g s: bodies in grains may not lie still; take 0.002 s or Euler", h)
-        if data.time < self._time:
-            self.reset()
-        self._time = data.time
-        if self._earlier is not None and (data.xfrc_applied[self._ids] == self._earlier[1]).all():
-            self._own[:], self._written[:] = self._earlier
-        self._earlier = None
-        mechanism.move()
-        wrench[:] = self._grains.last.ravel()
-        self._add(*self._forces)
-        mechanism.accelerate()
-        if not mechanism.measure(wrench, h):
-            raise self._without_bound(data)
-        self._grains.advance(mechanism.states, h)
-        self._grains.coupled["held"] = self._held
-        share, last = 1.0, None
-        for _ in range(_ROUNDS):
-            self._before[:] = wrench
-            found, path, limited = self._hold(*self._arguments(h))
-            if limited and self._find_held():
-                found, path, limited = self._hold(*self._arguments(h))
-            settled = not data.nefc
-            if not settled:
-                change = wrench - self._before
-                settled = _size(change) <= _SETTLED * _size(wrench)
-                if last is not None and not settled:  # Aitken's relaxation, for constraints that act by turns
-                    turn = change - last
-                    share = min(max(-share * float(last @ turn) / max(float(turn @ turn), _TINY), _LEAST), 1.0)
-                    wrench[:] = self._before + share * change
-                last = change
-            self._add(*self._forces)
-            if settled:
-                break
-            mechanism.accelerate()
-            if not mechanism.measure(wrench, h):
-                raise self._without_bound(data)
-        self._grains.last[:] = wrench.reshape(-1, 6)
-        self._grains.failed(0 if found and settled else 1, dt=h, path=path)
-        if limited:
-            self._tell_limits()
+        mechanism, grains, h = self._mechanism, self._grains, self._step_of(data)
+        self._take_away(*self._forces)
+        if not mechanism.move():
+            raise self._without_bound(data, h)
+        grains.advance(mechanism.states, h)
+        bodies = self._found[: self._find(grains.beds, mechanism.states, h, self._found)]
+        grains.last[:], found, path = 0.0, True, 0.0
+        if len(bodies):
+            trial = self._search_for(mechanism.joints(bodies, h), h)
+            if not math.isfinite(trial.wrench.sum()):
+                raise self._without_bound(data, h)
+            grains.last[bodies] = trial.wrench.reshape(-1, 6)
+            found, path = bool(trial.at["found"][0]), float(trial.at["path"][0])
+        self._write(*self._wrenches, *self._forces)
+        self._last = data.time, h
+        grains.failed(0 if found else 1, dt=h, path=path)
         return self.wrench
 
-    def _limited_pushes(self) -> Iterator[tuple[int, Array]]:
-        """Each body whose push-back is limited, and the grains' own wrench on it at the beginning of the step."""
-        for b in np.flatnonzero(self._grains.coupled["limited"]).tolist():
-            yield b, self._grains.rows[b, :6]
+    def _step_of(self, data: Any) -> float:
+        """The step that begins now [s]; starts anew if the time went back, and raises InputError for other jumps."""
+        h = number("model.opt.timestep", self._model.opt.timestep, positive=True)
+        if h > _LONGEST_RK4 and self._mechanism.holds_over_stages and not self._told:
+            self._told = True
+            _log.warning("RK4 in steps of %g s: bodies in grains may not lie still; take 0.002 s or Euler", h)
+        other = data is not self._mechanism.data
+        if self._last is not None:
+            time, step = self._last
+            if data.time < time:
+                self.reset()
+            elif other:
+                raise InputError(
+                    "this MjData is not that of the last apply, and one MujocoGrains serves one MjData; make one for "
+                    "each, or call restore(state) or reset() before apply"
+                )
+            elif data.time > time + _AHEAD * step:
+                raise InputError(
+                    f"the data moved on by {(data.time - time) / step:.3g} steps since the last apply; call apply "
+                    "before each mj_step (no nstep= or frame_skip), or reset() or restore(state) after a jump in time"
+                )
+        if other:
+            self._bind(data)
+        return h
 
-    def _find_held(self) -> bool:
-        """Mark the bodies with a limit that something holds; returns whether there are any."""
-        stiffness, found = self._grains.stiffness, False
-        for b, push in self._limited_pushes():
-            if self._mechanism.share_held(b, push, stiffness[b]) > _HELD:
-                self._grains.coupled["held"][b] = found = True
-        return found
+    def _search_for(self, joints: Joints, h: float) -> Trial:
+        """Solve the step; the trial with which it ended."""
+        mechanism, beds, rows = self._mechanism, self._grains.beds, self._grains.rows
+        count = len(joints.bodies)
+        trial: Trial = self._trial
+        if count < len(self._ids):
+            wrench, after, at_begin = (a[: 6 * count] for a in (trial.wrench, trial.after, trial.begin))
+            trial = trial._replace(wrench=wrench, after=after, begin=at_begin, stiffness=trial.stiffness[:count])
+        x = trial.acceleration
+        x[:] = mechanism.data.qacc_warmstart
+        if not mechanism.data.nefc:
+            self._solve(beds, joints, mechanism.unconstrained, rows, h, trial)
+            return trial
+        self._begin(beds, joints, mechanism.constraints(x), rows, h, trial)
+        while not self._search(beds, joints, mechanism.constraints(x), h, trial):
+            pass
+        return trial
 
-    def _tell_limits(self) -> None:
-        """Count the bodies whose push-back is limited while forces that may hold them decrease. Logs the first."""
-        for b, push in self._limited_pushes():
-            body = self._grains.coupled[b]
-            load, decrease = self._mechanism.loaded(b, push, self._before, body["free"] - body["last_free"])
-            if load > _LOADED and decrease > _RELEASED:
-                if not self.limited:
-                    _log.warning(
-                        "body '%s' is pushed back more slowly than by the memory, at %g s, as nothing in the model "
-                        "holds it; if a controller of your own does, pass held=True to MujocoGrains",
-                        self._model.body(self._ids[b]).name,
-                        self._time,
-                    )
-                self._grains.limited += 1
+    def _compiled(self) -> Iterator[tuple[Any, tuple[Any, ...]]]:
+        """The compiled parts of the step, with arguments of their types."""
+        beds, rows, none = self._grains.beds, self._grains.rows, self._mechanism.unconstrained
+        joints = self._mechanism.joints(self._found, 0.1)
+        yield solve, (beds, joints, none, rows, 0.1, self._trial)
+        yield begin, (beds, joints, none, rows, 0.1, self._trial)
+        yield search, (beds, joints, none, 0.1, self._trial)
 
-    def _without_bound(self, data: Any) -> ValueError:
-        """Take the grains' wrench away; the error that says why."""
-        data.xfrc_applied[self._ids] = self._own
-        h, speed = self._option.timestep, float(np.abs(data.qvel).max(initial=0.0))
-        where = f"at {data.time:g} s, in steps of {h:g} s, with speeds to {speed:g} in qvel"
+    def _without_bound(self, data: Any, h: float) -> ValueError:
+        where = (
+            f"at {data.time:g} s, in steps of {h:g} s, with speeds to {np.abs(data.qvel).max(initial=0.0):g} in qvel"
+        )
         return ValueError(
             f"the bodies' motion or acceleration is not finite, or without bound, {where}; reset the data"
         )
@@ -260,10 +234,10 @@ class MujocoGrains:
     def tractions(self, body: str | int = 0) -> Array:
         """`GrainsBatch.tractions` of a body, by its name or its place in `bodies`, at the begin of the current step."""
         if isinstance(body, str):
-            k = _body_id(import_mujoco(), self._mechanism.model, body)
+            k = _body_id(import_mujoco(), self._model, body)
             if k not in self._ids:
                 raise InputError(f"body '{body}' has no grains; name one of those given to MujocoGrains")
-            return self._grains.tractions(self._ids.index(k))
+            body = self._ids.index(k)
         return self._grains.tractions(body)
 
     @property
@@ -271,68 +245,60 @@ class MujocoGrains:
         """Steps that did not converge; the first is logged."""
         return self._grains.failures
 
-    @property
-    def limited(self) -> int:
-        """Steps in which the grains push a body back more slowly than by the memory, though something may hold it.
-
-        The grains limit the push-back of bodies that nothing holds, so that none is thrown. They know the servos and
-        constraints of the model, but not the stiffness of forces of your own (`qfrc_applied`, `xfrc_applied`, `ctrl` of
-        motors). This counts the steps in which such forces decrease on a body whose push-back is limited; the first is
-        logged.
-        """
-        return self._grains.limited
-
     def reset(self) -> None:
         """Start with level beds, without hysteresis."""
         self._grains.reset()
+        self._last = None
 
     def state(self) -> GrainsState:
         """A copy of the state of the grains, which can be pickled. For rollouts, beside `mj_getState`."""
         return {**self._grains.state(), "own": self._own.copy(), "written": self._written.copy()}
 
     def restore(self, state: GrainsState) -> None:
-        """Go back to what `state` returned."""
+        """Go back to what `state` returned; before or after `mj_setState`."""
         forces = [] if not isinstance(state, dict) else [np.shape(state.get(name, ())) for name in ("own", "written")]
         if forces != [self._own.shape] * 2:
             raise ValueError("state is of other grains; restore what state() of grains like these returned")
         self._grains.restore({name: array for name, array in state.items() if name not in ("own", "written")})
-        # xfrc_applied is restored with the data, or it is as it is now
-        self._earlier, self._time = (state["own"].copy(), state["written"].copy()), -math.inf
+        self._take_away(*self._forces)  # or the wrenches there would be taken for the user's
+        self._own[:], self._written[:] = state["own"], state["written"]
+        self._last = None
 
     __setstate__ = restore  # of a copy
 
 
-def _body_id(mujoco: Any, model: Any, name: object) -> int:
-    # MuJoCo reads address 0 for a name that is None
-    found = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name)) if isinstance(name, str) else 0
+def _body_id(mujoco: Any, model: Any, given: object) -> int:
+    found = 0  # the world, which is none
+    if isinstance(given, str):
+        found = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, given))
+    elif isinstance(given, int | np.integer) and 0 < given < model.nbody:
+        found = int(given)
     if found < 1:
-        names = ", ".join(model.body(k).name for k in range(1, model.nbody))
-        raise InputError(f"body '{name}' is not in the model; it has {names}")
+        names = ", ".join(model.body(k).name or str(k) for k in range(1, model.nbody))
+        raise InputError(f"body '{given}' is not in the model; it has {names}")
     if not model.body_dofnum[model.body_weldid[found]]:
-        raise InputError(f"body '{name}' has no joint, so MuJoCo gives it no velocity; give it one")
+        raise InputError(f"body '{given}' has no joint, so MuJoCo gives it no velocity; give it one")
     return found
 
 
-def _size(wrench: Array) -> float:
-    return float(np.abs(wrench).max())
+@compiled
+def _take_away(ids, own, written, applied):
+    """Leave the user's forces: what differs from what was written, or else what they were then."""
+    for b in range(len(ids)):
+        for k in range(6):
+            if not abs(applied[ids[b], k] - written[b, k]) <= _SAME * abs(written[b, k]):
+                own[b, k] = applied[ids[b], k]
+            applied[ids[b], k] = own[b, k]
 
 
 @compiled
-def _add(wrench, ids, origins, centers, own, written, applied):
-    """Apply wrenches about the bodies' origins, beside the user's own forces, about the centres of mass.
-
-    `written`: what was applied last; what has been set since is the user's.
-    """
+def _write(wrenches, origins, centers, ids, own, written, applied):
+    """Apply wrenches about the bodies' origins, beside the user's own forces, about the centres of mass."""
     for b in range(len(ids)):
         i = ids[b]
-        for k in range(6):
-            if applied[i, k] != written[b, k]:
-                own[b, k] = applied[i, k]
-        fx, fy, fz = wrench[6 * b], wrench[6 * b + 1], wrench[6 * b + 2]
         x, y, z = centers[i] - origins[i]
+        fx, fy, fz, tx, ty, tz = wrenches[b]
         written[b, 0], written[b, 1], written[b, 2] = fx, fy, fz
-        written[b, 3] = wrench[6 * b + 3] - (y * fz - z * fy)
-        written[b, 4] = wrench[6 * b + 4] - (z * fx - x * fz)
-        written[b, 5] = wrench[6 * b + 5] - (x * fy - y * fx)
+        written[b, 3], written[b, 4], written[b, 5] = tx - y * fz + z * fy, ty - z * fx + x * fz, tz - x * fy + y * fx
         written[b] += own[b]
         applied[i] = written[b]

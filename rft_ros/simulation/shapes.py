@@ -1,5 +1,6 @@
-"""The shape of a body of a MuJoCo model, from its geoms: meshes and primitives."""
+"""The shape of a body of a MuJoCo model, from its geoms: meshes and primitives; and ground from its height field."""
 
+from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
 
@@ -7,61 +8,193 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
+from rft_ros.ground import HeightMap
 from rft_ros.rft import rotation_matrix
 from rft_ros.simulation.mechanism import import_mujoco
 from rft_ros.tool import Tool, tool_of_mesh
 
-__all__ = ["check_size", "tool_of_body"]
+__all__ = ["check_size", "ground_of_field", "tool_of_body"]
 
 Array = NDArray[np.float64]
 
 _FINEST = 3  # times that each face of an icosahedron is divided into four: a sphere of 1,280 triangles
+_SEGMENTS = 32  # around a cylinder or capsule
+_CELLS = 8  # along the longest side of a primitive: on larger plates the speed of a body that turns varies too much
 _MISTAKEN = 100.0  # times the size of the body's geoms: units are mistaken by 1,000
 _SMALLEST = 1.0 / 30.0  # of the mobilization length
+_BESIDE = 1e-3  # of the body's size: distance from a face of the two points that say whether another geom covers it
+_AT_ONCE = 2_000_000  # pairs of point and triangle
 
 
-def tool_of_body(model: Any, body: int, tolerance: float) -> Tool:
-    """The body's geoms as one tool in the body frame; those that collide, if there are any, else all.
+def tool_of_body(model: Any, body: int, tolerance: float, apart: frozenset[int] = frozenset()) -> Tool:
+    """The geoms of the body, and of its jointless children that are not `apart`, as one tool in the body frame.
 
-    `tolerance`: as for `load_tool`. Raises InputError if there is none of a known shape.
+    Those geoms that collide, if there are any, else all; without the faces that lie within another geom. `tolerance`:
+    as for `load_tool`. Raises InputError if there is none of a known shape.
     """
-    first, count = model.body_geomadr[body], model.body_geomnum[body]
-    geoms = range(first, first + count)
-    colliding = [g for g in geoms if model.geom_contype[g] or model.geom_conaffinity[g]]
-    triangles = [placed for g in colliding or geoms if (placed := _triangles(model, g)) is not None]
-    if not triangles:
+    paired = {*model.pair_geom1.tolist(), *model.pair_geom2.tolist()}
+    placed = list(_geoms(model, body, apart, np.zeros(3), np.eye(3)))
+    collide = [g for g in placed if model.geom_contype[g[0]] or model.geom_conaffinity[g[0]] or g[0] in paired]
+    shapes = [
+        triangles @ axes.T + place
+        for g, place, axes in collide or placed
+        if (triangles := _triangles(model, g)) is not None
+    ]
+    if not shapes:
         kinds = "a mesh, box, sphere, capsule, cylinder or ellipsoid"
-        raise InputError(f"body '{model.body(body).name}' has no geoms of {kinds}; give its shape as mesh=FILE")
-    return _tool_of_triangles(np.concatenate(triangles).tobytes(), tolerance)
+        name = model.body(body).name or body
+        raise InputError(f"body '{name}' has no geoms of {kinds}; give its shape as mesh=FILE")
+    return _tool_of_triangles(np.concatenate(_uncovered(shapes)).tobytes(), tolerance)
+
+
+def _geoms(
+    model: Any, body: int, apart: frozenset[int], place: Array, axes: Array
+) -> Iterator[tuple[int, Array, Array]]:
+    """Each geom of the body and of those fixed to it: its number, place [m] and axes."""
+    first = int(model.body_geomadr[body])
+    for g in range(first, first + int(model.body_geomnum[body])):
+        yield g, place + axes @ model.geom_pos[g], axes @ rotation_matrix(np.roll(model.geom_quat[g], -1))
+    for child in np.flatnonzero((model.body_parentid == body) & (model.body_jntnum == 0)).tolist():
+        if child not in apart and child != body:
+            turn = rotation_matrix(np.roll(model.body_quat[child], -1))
+            yield from _geoms(model, child, apart, place + axes @ model.body_pos[child], axes @ turn)
 
 
 def _triangles(model: Any, geom: int) -> Array | None:
-    """A geom's triangles in the body frame [m], shape [n, 3, 3]; None for a shape without a volume."""
+    """A geom's triangles in its own frame [m], shape [n, 3, 3]; None for a shape without a volume."""
     import trimesh
 
     kinds = import_mujoco().mjtGeom
     kind, (a, b, c) = model.geom_type[geom], model.geom_size[geom].tolist()
-    make = trimesh.creation
     if kind == kinds.mjGEOM_MESH:
         mesh = model.geom_dataid[geom]
         first, faces = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
         vertices = np.array(model.mesh_vert[first : first + model.mesh_vertnum[mesh]], dtype=np.float64)
-        corners = vertices[model.mesh_face[faces : faces + model.mesh_facenum[mesh]]]
-    elif kind == kinds.mjGEOM_BOX:
-        corners = make.box(extents=(2.0 * a, 2.0 * b, 2.0 * c)).triangles
-    elif kind == kinds.mjGEOM_SPHERE:
-        corners = make.icosphere(subdivisions=_FINEST, radius=a).triangles
-    elif kind == kinds.mjGEOM_ELLIPSOID:
-        corners = make.icosphere(subdivisions=_FINEST).triangles * (a, b, c)
-    elif kind == kinds.mjGEOM_CYLINDER:
-        corners = make.cylinder(radius=a, height=2.0 * b).triangles
-    elif kind == kinds.mjGEOM_CAPSULE:
-        mesh = make.capsule(radius=a, height=2.0 * b)
-        corners = mesh.triangles - (mesh.bounds.mean(axis=0))
-    else:
-        return None
-    axes = rotation_matrix(np.roll(model.geom_quat[geom], -1))
-    return np.asarray(corners @ axes.T + model.geom_pos[geom])
+        return np.asarray(vertices[model.mesh_face[faces : faces + model.mesh_facenum[mesh]]])
+    if kind == kinds.mjGEOM_SPHERE:
+        return np.asarray(trimesh.creation.icosphere(subdivisions=_FINEST, radius=a).triangles)
+    if kind == kinds.mjGEOM_ELLIPSOID:
+        return np.asarray(trimesh.creation.icosphere(subdivisions=_FINEST).triangles * (a, b, c))
+    if kind == kinds.mjGEOM_BOX:
+        return _box(np.array([a, b, c]))
+    quarter = np.linspace(0.0, 0.5 * np.pi, _SEGMENTS // 4 + 1)
+    if kind == kinds.mjGEOM_CYLINDER:
+        disk = np.linspace(0.0, a, _SEGMENTS // 8 + 1)
+        return _revolved(np.column_stack([disk, np.full(len(disk), b)]), max(a, b))
+    if kind == kinds.mjGEOM_CAPSULE:
+        return _revolved(np.column_stack([a * np.sin(quarter), b + a * np.cos(quarter)]), a + b)
+    return None
+
+
+def _box(half: Array) -> Array:
+    """A box's triangles; `half`: half of its sides [m]."""
+    lines = [_divided(h, half.max()) for h in half]
+    faces = []
+    for k in range(3):
+        u, v = np.meshgrid(lines[k - 2], lines[k - 1], indexing="ij")
+        for side in (-half[k], half[k]):
+            grid = np.empty((*u.shape, 3))
+            grid[..., k], grid[..., k - 2], grid[..., k - 1] = side, u, v
+            faces.append(_halved(grid))
+    return np.concatenate(faces)
+
+
+def _revolved(end: Array, longest: float) -> Array:
+    """A body of revolution about z from the radii and heights of its upper end, from the axis outwards, shape [n, 2].
+
+    Its lower end is the same, and between both it is a cylinder. `longest`: half of its longest side [m].
+    """
+    radius, top = end[-1]
+    side = np.column_stack([np.full(len(z := _divided(top, longest)), radius), z[::-1]])
+    outline = np.concatenate([end[:-1], side, end[-2::-1] * (1.0, -1.0)])
+    angle = np.linspace(0.0, 2.0 * np.pi, _SEGMENTS + 1)
+    angle[-1] = 0.0
+    r, z = outline.T
+    heights = np.broadcast_to(z[:, None], (len(z), len(angle)))
+    return _halved(np.stack([np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle)), heights], axis=-1))
+
+
+def _divided(half: float, longest: float) -> Array:
+    """Places from -half to half in an even number of cells, the longest side of the body in `_CELLS`."""
+    return np.linspace(-half, half, 2 * max(1, int(np.ceil(0.5 * _CELLS * half / longest - 1e-9))) + 1)
+
+
+def _halved(grid: Array) -> Array:
+    """Triangles of a grid of points on a convex body about the origin, shape [n, m, 3], that face outwards.
+
+    The diagonals alternate, or they would turn a body that moves straight.
+    """
+    a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
+    even = (np.add.outer(np.arange(len(a)), np.arange(a.shape[1])) % 2 == 0)[..., None, None]
+    one = np.where(even, np.stack([a, b, c], axis=-2), np.stack([a, b, d], axis=-2)).reshape(-1, 3, 3)
+    two = np.where(even, np.stack([a, c, d], axis=-2), np.stack([b, c, d], axis=-2)).reshape(-1, 3, 3)
+    triangles = np.concatenate([one, two])
+    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    size = np.linalg.norm(normals, axis=1)
+    inwards = (normals * triangles.mean(axis=1)).sum(axis=1) < 0.0
+    triangles[inwards] = triangles[inwards, ::-1]
+    return np.asarray(triangles[size > 1e-9 * size.max()])
+
+
+def _uncovered(shapes: list[Array]) -> list[Array]:
+    """The triangles of each shape that lie on the surface of all shapes together: not within another one.
+
+    Of two faces that lie on each other, back to back, none does; of two that face the same way, the first.
+    """
+    corners = np.concatenate(shapes).reshape(-1, 3)
+    beside, kept = _BESIDE * float(np.ptp(corners, axis=0).max()), []
+    for k, triangles in enumerate(shapes):
+        normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+        out = beside * normals / np.linalg.norm(normals, axis=1, keepdims=True).clip(1e-300)
+        middle, covered = triangles.mean(axis=1), np.zeros(len(triangles), dtype=bool)
+        for j, other in enumerate(shapes):
+            if j != k:
+                covered |= _inside(middle + out, other)
+            if j < k:
+                covered |= _inside(middle - out, other)
+        kept.append(triangles[~covered])
+    return kept
+
+
+def _inside(points: Array, triangles: Array) -> NDArray[np.bool_]:
+    """Whether the triangles surround each point, by their winding number."""
+    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
+    inside = ((points > low) & (points < high)).all(axis=1)
+    near = np.flatnonzero(inside)
+    for part in np.array_split(near, 1 + len(near) * len(triangles) // _AT_ONCE):
+        a, b, c = (triangles[:, i] - points[part, None] for i in range(3))
+        x, y, z = (np.linalg.norm(v, axis=2) for v in (a, b, c))
+        volume = (a * np.cross(b, c)).sum(axis=2)
+        cosine = x * y * z + (a * b).sum(axis=2) * z + (b * c).sum(axis=2) * x + (c * a).sum(axis=2) * y
+        inside[part] = np.arctan2(volume, cosine).sum(axis=1) > np.pi  # half of the solid angle 4 pi
+    return np.asarray(inside)
+
+
+def ground_of_field(model: Any, name: str) -> HeightMap:
+    """The height map of a geom of type hfield. Raises InputError for another geom, and for one that moves or leans."""
+    from scipy.ndimage import map_coordinates
+
+    mujoco = import_mujoco()
+    geom = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name))
+    if geom < 0 or model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_HFIELD:
+        raise InputError(f"ground '{name}' is not a geom of type hfield; name one, or give a HeightMap")
+    data = mujoco.MjData(model)
+    mujoco.mj_kinematics(model, data)
+    axes, (x, y, z) = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
+    if model.body_weldid[model.geom_bodyid[geom]] != 0 or axes[2, 2] < 1.0 - 1e-9:
+        raise InputError(f"ground '{name}' moves, or is not level; the grains need a fixed height field whose z is up")
+    field = model.geom_dataid[geom]
+    rows, columns, first = model.hfield_nrow[field], model.hfield_ncol[field], model.hfield_adr[field]
+    half_x, half_y, height, _ = model.hfield_size[field]
+    heights = z + height * model.hfield_data[first : first + rows * columns].reshape(rows, columns)
+    cell = float(min(2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1)))
+    reach = np.abs(axes[:2, :2]) @ (half_x, half_y)
+    (low_x, low_y), (high_x, high_y) = (np.floor(((x, y) + s * reach) / cell).astype(int) for s in (-1.0, 1.0))
+    u, v = np.meshgrid(np.arange(low_x, high_x + 1), np.arange(low_y, high_y + 1), indexing="ij")
+    along, across = np.tensordot(axes[:2, :2].T, [cell * (u + 0.5) - x, cell * (v + 0.5) - y], axes=1)
+    places = (across / half_y + 1.0) * (rows - 1) / 2.0, (along / half_x + 1.0) * (columns - 1) / 2.0
+    found = map_coordinates(heights.astype(np.float64), places, order=1, cval=np.nan)
+    return HeightMap(cell=cell, corner=(float(low_x), float(low_y)), heights=found)
 
 
 def check_size(tool: Tool, model: Any, body: int, length: float) -> None:

@@ -1,0 +1,414 @@
+"""The implicit step of bodies in grains: backward Euler in the coordinates of the joints, by Newton's method.
+
+The wrenches w to hold over a step of h are the grains' own where the step ends. Let x be the acceleration of the joints
+that the integrator takes, M_i their inertia, f the forces on them of all but grains and constraints, c those of the
+constraints, which depend on P x, J the Jacobian of the bodies, and V their twists at the end of the step for x = 0. Then
+
+    M_i x = f + c(P x) + J^T w,    w the grains' wrenches after a motion by h (V + h J x)
+
+Newton's method solves (M_i + Jc^T D Jc P + h² J^T B J) dx = -residual, with the stiffness B of the grains, and the
+Jacobian Jc and the stiffness D of the constraints that act. Without constraints the matrix has the zeros of the inertia,
+and elimination from the last joint on fills none of them. Twists and wrenches of bodies are stacked: linear then
+angular, force then torque, at the body frames' origins, world axes.
+"""
+
+from math import sqrt
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.rft.kernel.compilation import compiled, inlined
+from rft_ros.simulation.beds import evaluate, stiffness_matrix
+
+__all__ = ["BODY", "SEARCH", "Constraints", "Joints", "Trial", "advance", "begin", "dot", "eliminate", "hold_each"]
+__all__ += ["no_constraints", "product", "reachable", "search", "solve", "trial_of"]
+
+Array = NDArray[np.float64]
+
+MOST = 32
+"""Most evaluations of Newton's method."""
+
+_WHOLE, _CLOSE = 12, 0.01
+"""Evaluations after which the steps are halved, since whole ones may go round in a circle where plates turn; and the
+relative change of the wrench at which the method ends, after that change."""
+
+_OVERSHOT, _LEVEL = 0.5, 0.1
+"""Residual along a step of Newton's method at its end, over that at its beginning. The step is too long if the sign has
+changed and the ratio is over the first number. It is short enough if the ratio is below the second."""
+
+_ROUNDED, _STILL = 1e-9, 1e-7
+"""Wrench of a body, as a share of the greatest of all bodies, below which it is rounding; and change of the path of a
+point, in mobilization lengths, below which the wrench does not matter."""
+
+_NEAR = 1e-3
+"""Distance from the surface [m], beside twice its path in the step, at which a body may reach it."""
+
+_QUADRATIC, _CONE = 1, 4  # of mjtConstraintState
+
+BODY = np.dtype([("wrench", np.float64, 6), ("energy", np.float64), ("strength", np.float64), ("height", np.float64)])
+"""State of a body: the wrench of the last step, the energy that the grains have taken [J], the factor of its law's
+stresses, the height of its surface [m]."""
+
+SEARCH = np.dtype(
+    [(name, np.float64) for name in ("slope", "share", "low", "high", "at_low", "at_high", "path")]
+    + [("turn", np.int64), ("within", np.bool_), ("found", np.bool_)],
+    align=True,
+)
+"""Where Newton's method is.
+
+`slope`: the residual along its step at the beginning. `share` of the step that is tried. `low`, `high`, `at_low`,
+`at_high`: shares between which the residual changes its sign, and the residuals there. `path`: the longest of a point of
+a body in grains [m]. `turn`: number of evaluations. `within`: whether a step is being divided. `found`: whether the
+method has come to an end.
+"""
+
+
+class Joints(NamedTuple):
+    """Bodies that may reach the grains, and their joints. `bodies`: their numbers in the beds, shape [m].
+
+    `states`: shape [n, 13] of all bodies. `twists`: V, shape [6 m]. `jacobian`: J, shape [6 m, nv]. `inertia`: M_i.
+    `force`: f, shape [nv].
+    """
+
+    bodies: NDArray[np.int64]
+    states: Array
+    twists: Array
+    jacobian: Array
+    inertia: Array
+    force: Array
+
+
+class Constraints(NamedTuple):
+    """The rows of constraints: Jacobian Jc, state, D; and contacts with elliptic cones; at the last trial.
+
+    `cones`: their first rows and dimensions, shape [2, n]; `cone_hessians`: shape [n, 36]. `force`: c, shape [nv].
+    `response`: P, shape [nv, nv], or [0, 0] where it is 1.
+    """
+
+    jacobian: Array
+    state: NDArray[np.int32]
+    stiffness: Array
+    cones: NDArray[np.int32]
+    cone_hessians: Array
+    force: Array
+    response: Array
+
+
+class Trial(NamedTuple):
+    """An iterate: x, where Newton's step began and the step, shape [nv]; wrenches and twists at the end, shape [6 m].
+
+    `stiffness`: B of each body, shape [m, 6, 6]. `begin`: wrenches at the beginning of the step. `at`: of `SEARCH`.
+    """
+
+    acceleration: Array
+    start: Array
+    change: Array
+    wrench: Array
+    after: Array
+    stiffness: Array
+    begin: Array
+    at: NDArray[np.void]
+
+
+def no_constraints(nv: int) -> Constraints:
+    """Those of joints that nothing else bears on."""
+    none = np.zeros((0, nv))
+    cones = np.zeros((2, 0), np.int32), np.zeros((0, 36))
+    return Constraints(none, np.zeros(0, np.int32), np.zeros(0), *cones, np.zeros(nv), np.zeros((0, 0)))
+
+
+@inlined
+def trial_of(bodies, nv):
+    """Room for the trials of some bodies."""
+    six = np.zeros((3, 6 * bodies))
+    joints = np.zeros((3, nv))
+    springs = np.zeros((bodies, 6, 6))
+    return Trial(joints[0], joints[1], joints[2], six[0], six[1], springs, six[2], np.zeros(1, SEARCH))
+
+
+@inlined
+def dot(a, b):
+    """The sum of products of two vectors."""
+    s = 0.0
+    for k in range(len(a)):
+        s += a[k] * b[k]
+    return s
+
+
+@inlined
+def product(a, b, out):
+    """Add the product of two matrices, in which many numbers may be zero."""
+    for i in range(a.shape[0]):
+        for k in range(a.shape[1]):
+            if a[i, k] != 0.0:
+                for j in range(b.shape[1]):
+                    out[i, j] += a[i, k] * b[k, j]
+
+
+@inlined
+def eliminate(a, x):
+    """Solve a x = x in place for the columns of x, from the last row on; a is overwritten too."""
+    for i in range(len(a) - 1, -1, -1):
+        for j in range(i):
+            if a[j, i] != 0.0:
+                f = a[j, i] / a[i, i]
+                for k in range(i):
+                    a[j, k] -= f * a[i, k]
+                for k in range(x.shape[1]):
+                    x[j, k] -= f * x[i, k]
+    for i in range(len(a)):
+        for k in range(i):
+            if a[i, k] != 0.0:
+                for j in range(x.shape[1]):
+                    x[i, j] -= a[i, k] * x[k, j]
+        for j in range(x.shape[1]):
+            x[i, j] /= a[i, i]
+
+
+@compiled
+def advance(beds, first, bodies, before, given, states, rows):
+    """Bring the memory of bodies from `first` on to `given` states, shape [n, 13]; write their rows, shape [n, 19].
+
+    `bodies`: of `BODY`. `before`: duration of the last step [s], in which the last wrenches took energy. `states`: the
+    last states; takes a copy of `given`.
+    """
+    for b in range(len(given)):
+        bodies[b].energy -= before * dot(bodies[b].wrench, given[b, 7:])
+        states[b] = given[b]
+        evaluate(beds, first + b, beds.memory[first + b : first + b + 1], states[b : b + 1], rows[b : b + 1])
+
+
+@compiled
+def reachable(beds, states, h, found):
+    """Write the numbers of the bodies that may reach the surface within a step of h [s]; returns how many there are."""
+    count = 0
+    for b in range(len(states)):
+        if _may_reach(beds.bodies[b], states[b], h):
+            found[count] = b
+            count += 1
+    return count
+
+
+@inlined
+def _may_reach(bed, state, h):
+    surface = bed.height + bed.slope_x * state[0] + bed.slope_y * state[1]
+    steep = 1.0 + abs(bed.slope_x) + abs(bed.slope_y)
+    return not state[2] - surface > steep * (bed.reach + _NEAR + 2.0 * h * _path(state[7:], bed.reach))
+
+
+@inlined
+def _part(b):
+    return slice(6 * b, 6 * b + 6)
+
+
+@inlined
+def _path(twist, reach):
+    """Path per second of the fastest point within `reach` [m/s], at most."""
+    return sqrt(dot(twist[:3], twist[:3])) + reach * sqrt(dot(twist[3:], twist[3:]))
+
+
+@inlined
+def _size(wrench, reach):
+    return sqrt(dot(wrench[:3], wrench[:3])) + sqrt(dot(wrench[3:], wrench[3:])) / reach
+
+
+@inlined
+def _move(state, twist, h):
+    """Move a state, shape [13], in place: it takes this twist for h [s], in which it turns little."""
+    state[:3] += h * twist[:3]
+    state[7:] = twist
+    a, b, c = 0.5 * h * twist[3], 0.5 * h * twist[4], 0.5 * h * twist[5]
+    x, y, z, w = state[3], state[4], state[5], state[6]
+    state[3] += a * w + b * z - c * y
+    state[4] += b * w + c * x - a * z
+    state[5] += c * w + a * y - b * x
+    state[6] -= a * x + b * y + c * z
+    state[3:7] /= sqrt(dot(state[3:7], state[3:7]))
+
+
+@inlined
+def _follow(joints, trial, h):
+    """Write the twists at the end of the step."""
+    for i in range(len(trial.after)):
+        trial.after[i] = joints.twists[i] + h * dot(joints.jacobian[i], trial.acceleration)
+
+
+@inlined
+def _residual(joints, constraints, trial):
+    """M_i x - f - c - J^T w, shape [nv]."""
+    residual = np.empty(len(joints.force))
+    for i in range(len(residual)):
+        residual[i] = dot(joints.inertia[i], trial.acceleration) - joints.force[i] - constraints.force[i]
+    for i in range(len(trial.wrench)):
+        for k in range(len(residual)):
+            residual[k] -= joints.jacobian[i, k] * trial.wrench[i]
+    return residual
+
+
+@inlined
+def _add_constraints(matrix, constraints):
+    """Add Jc^T D Jc P of the constraints that act, and of contacts that slide within elliptic cones."""
+    jacobian, state, stiffness, cones, cone_hessians, _, response = constraints
+    weighted = np.zeros_like(jacobian)
+    for i in range(len(state)):
+        if state[i] == _QUADRATIC:
+            weighted[i] = stiffness[i] * jacobian[i]
+    for c in range(cones.shape[1]):
+        first, size = cones[0, c], cones[1, c]
+        if first >= 0 and state[first] == _CONE:
+            hessian = cone_hessians[c, : size * size].copy().reshape(size, size)
+            product(hessian, jacobian[first : first + size], weighted[first : first + size])
+    if len(response):
+        weighted_by_p = np.zeros_like(jacobian)
+        product(weighted, response, weighted_by_p)
+        weighted[:] = weighted_by_p
+    product(jacobian.T, weighted, matrix)
+
+
+@inlined
+def _newton(joints, constraints, trial, residual, h):
+    """Write Newton's step from a residual; returns how the wrenches change along it, shape [6 m]."""
+    matrix, stiff = joints.inertia.copy(), np.zeros_like(joints.jacobian)
+    for b in range(len(joints.bodies)):
+        product(trial.stiffness[b], joints.jacobian[_part(b)], stiff[_part(b)])
+    stiff *= h * h
+    product(joints.jacobian.T, stiff, matrix)
+    if len(constraints.state):
+        _add_constraints(matrix, constraints)
+    trial.change[:] = residual
+    eliminate(matrix, trial.change.reshape(-1, 1))
+    trial.change[:] = -trial.change
+    by_wrench = np.empty(len(stiff))
+    for i in range(len(stiff)):
+        by_wrench[i] = -dot(stiff[i], trial.change)
+    return by_wrench
+
+
+@compiled
+def begin(beds, joints, constraints, rows, h, trial):
+    """First step of Newton's method: from `trial.acceleration`, with the grains linear about the beginning of the step.
+
+    `rows`: of `advance`, shape [n, 19] of all bodies.
+    """
+    for k, b in enumerate(joints.bodies):
+        stiffness_matrix(beds.memory[b], trial.stiffness[k])
+        trial.begin[_part(k)] = rows[b, :6]
+    _follow(joints, trial, h)
+    for i in range(len(trial.wrench)):
+        trial.wrench[i] = trial.begin[i] - h * dot(trial.stiffness[i // 6, i % 6], trial.after[_part(i // 6)])
+    trial.at[0].slope, trial.at[0].turn, trial.at[0].within, trial.at[0].found = 0.0, 0, False, False
+    trial.start[:] = trial.acceleration
+    _newton(joints, constraints, trial, _residual(joints, constraints, trial), h)
+    trial.acceleration[:] = trial.start + trial.change
+    _follow(joints, trial, h)
+
+
+@inlined
+def _small(beds, joints, trial, change, h):
+    """Whether the step of Newton's method changes all wrenches by small shares of themselves, or hardly moves a body.
+
+    Shares of the wrench now or at the beginning of the step.
+    """
+    greatest, small, moved = 0.0, True, np.empty(6)
+    for turn in range(2):
+        for k, b in enumerate(joints.bodies):
+            part, reach = _part(k), beds.bodies[b].reach
+            largest = max(_size(trial.wrench[part], reach), _size(trial.begin[part], reach))
+            greatest = max(greatest, largest)
+            if turn == 1 and _size(change[part], reach) > _CLOSE * max(largest, _ROUNDED * greatest):
+                for i in range(6):
+                    moved[i] = h * h * dot(joints.jacobian[6 * k + i], trial.change)
+                small &= _path(moved, reach) < _STILL * beds.length
+    return small
+
+
+@compiled
+def search(beds, joints, constraints, h, trial):
+    """Evaluate the grains where the step ends and go on from there; returns whether the method has come to an end.
+
+    A step of Newton's method goes too far where the grains stiffen on the way. Its length is then found by the rule of
+    false position (Illinois) for the residual along it.
+    """
+    at, state, row = trial.at[0], np.empty((1, 13)), np.empty((1, 19))
+    at.path = 0.0
+    for k, b in enumerate(joints.bodies):
+        part = _part(k)
+        state[0] = joints.states[b]
+        _move(state[0], trial.after[part], h)
+        memory = beds.memory[b : b + 1].copy()
+        evaluate(beds, b, memory, state, row)
+        stiffness_matrix(memory[0], trial.stiffness[k])
+        trial.wrench[part] = row[0, :6]
+        if _size(row[0, :6], 1.0) > 0.0:
+            at.path = max(at.path, h * _path(trial.after[part], beds.bodies[b].reach))
+    residual = _residual(joints, constraints, trial)
+    along = -dot(residual, trial.change)
+    whole = at.turn < _WHOLE
+    if whole and not at.within and along < -_OVERSHOT * at.slope < 0.0:
+        at.within, at.low, at.high, at.at_low, at.at_high = True, 0.0, 1.0, at.slope, along
+    elif at.within and along > 0.0:
+        at.low, at.at_low, at.at_high = at.share, along, 0.5 * at.at_high
+    elif at.within:
+        at.high, at.at_high, at.at_low = at.share, along, 0.5 * at.at_low
+    at.within = at.within and abs(along) > _LEVEL * at.slope
+    at.turn += 1
+    if at.within:
+        at.share = (at.low * at.at_high - at.high * at.at_low) / (at.at_high - at.at_low)
+        trial.acceleration[:] = trial.start + at.share * trial.change
+    else:
+        change = _newton(joints, constraints, trial, residual, h)
+        at.slope, at.share = -dot(residual, trial.change), 1.0
+        at.found = _small(beds, joints, trial, change, h)
+        if at.found:
+            trial.wrench[:] = trial.wrench + change
+        trial.start[:] = trial.acceleration
+        trial.acceleration[:] = trial.start + (1.0 if whole else 0.5) * trial.change
+    _follow(joints, trial, h)
+    return at.found or at.turn == MOST
+
+
+@compiled
+def solve(beds, joints, constraints, rows, h, trial):
+    """The whole of Newton's method, where no constraint acts."""
+    begin(beds, joints, constraints, rows, h, trial)
+    while not search(beds, joints, constraints, h, trial):
+        pass
+
+
+@inlined
+def _root(matrix):
+    """L of a symmetric matrix L L^T, shape [6, 6], which may have directions without motion. It is overwritten."""
+    for i in range(6):
+        least = 1e-12 * matrix[i, i]
+        for k in range(i):
+            for j in range(k):
+                matrix[i, k] -= matrix[i, j] * matrix[k, j]
+            matrix[i, k] = matrix[i, k] / matrix[k, k] if matrix[k, k] > 0.0 else 0.0
+            matrix[i, i] -= matrix[i, k] ** 2
+        matrix[i, i] = sqrt(matrix[i, i]) if matrix[i, i] > least else 0.0
+        matrix[i, i + 1 :] = 0.0
+
+
+@compiled
+def hold_each(beds, first, states, rows, inverse, free, constraints, h, wrenches):
+    """Write the wrenches of bodies from `first` on that do not meet, shape [n, 6].
+
+    `states`, `rows`: of all bodies. `inverse`: A, shape [n, 6, 6]; `free`: acceleration, shape [n, 6]. The coordinates
+    of each are such that its inertia is 1 and its Jacobian L, A = L L^T. `constraints`: none. Returns how many times
+    Newton's method did not come to an end, and the longest path of a point [m].
+    """
+    trial, failed, longest = trial_of(1, 6), 0, 0.0
+    unit, none = np.eye(6), np.zeros(6)
+    for k in range(len(wrenches)):
+        b, wrench = first + k, wrenches[k]
+        wrench[:] = 0.0
+        if _may_reach(beds.bodies[b], states[b], h):
+            root = inverse[k].copy()
+            _root(root)
+            joints = Joints(np.array([b]), states, states[b, 7:] + h * free[k], root, unit, none)
+            trial.acceleration[:] = 0.0
+            solve(beds, joints, constraints, rows, h, trial)
+            wrench[:] = trial.wrench
+            failed, longest = failed + (not trial.at[0].found), max(longest, trial.at[0].path)
+    return failed, longest
