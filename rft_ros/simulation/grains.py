@@ -145,7 +145,7 @@ class GrainsBatch:
         return wrenches
 
     def _held(self, part: slice, inverse: Array, free: Array, dt: float, wrenches: Array) -> tuple[Any, ...]:
-        given = self._states, self.rows, inverse[part], free[part], _FREE
+        given = self.bodies[part], self._states, inverse[part], free[part], _FREE
         return self.beds, part.start, *given, dt, wrenches[part]
 
     def advance(self, states: Array, dt: float) -> None:

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from os import PathLike
@@ -111,7 +111,8 @@ class MujocoGrains:
         self._told = False  # that the steps are long for RK4
         self._bind(mujoco.MjData(model))
         self._find: Any = machine_code(reachable, (self._grains.beds, self._mechanism.states, 0.1, self._found))
-        self._solve, self._begin, self._search = (machine_code(f, a) for f, a in self._compiled())
+        given = self._grains.beds, self._mechanism.joints(self._found, 0.1), self._mechanism.unconstrained, 0.1
+        self._solve, self._search = (machine_code(f, (*given, self._trial)) for f in (solve, search))
         self._take_away: Any = machine_code(_take_away, self._forces)
         self._write: Any = machine_code(_write, (*self._wrenches, *self._forces))
 
@@ -178,29 +179,16 @@ class MujocoGrains:
 
     def _search_for(self, joints: Joints, h: float) -> Trial:
         """Solve the step; the trial with which it ended."""
-        mechanism, beds, rows = self._mechanism, self._grains.beds, self._grains.rows
-        count = len(joints.bodies)
-        trial: Trial = self._trial
-        if count < len(self._ids):
-            wrench, after, at_begin = (a[: 6 * count] for a in (trial.wrench, trial.after, trial.begin))
-            trial = trial._replace(wrench=wrench, after=after, begin=at_begin, stiffness=trial.stiffness[:count])
+        mechanism, beds = self._mechanism, self._grains.beds
+        trial: Trial = begin(self._trial, len(joints.bodies))
         x = trial.acceleration
         x[:] = mechanism.data.qacc_warmstart
         if not mechanism.data.nefc:
-            self._solve(beds, joints, mechanism.unconstrained, rows, h, trial)
-            return trial
-        self._begin(beds, joints, mechanism.constraints(x), rows, h, trial)
-        while not self._search(beds, joints, mechanism.constraints(x), h, trial):
-            pass
+            self._solve(beds, joints, mechanism.unconstrained, h, trial)
+        else:
+            while not self._search(beds, joints, mechanism.constraints(x), h, trial):
+                pass
         return trial
-
-    def _compiled(self) -> Iterator[tuple[Any, tuple[Any, ...]]]:
-        """The compiled parts of the step, with arguments of their types."""
-        beds, rows, none = self._grains.beds, self._grains.rows, self._mechanism.unconstrained
-        joints = self._mechanism.joints(self._found, 0.1)
-        yield solve, (beds, joints, none, rows, 0.1, self._trial)
-        yield begin, (beds, joints, none, rows, 0.1, self._trial)
-        yield search, (beds, joints, none, 0.1, self._trial)
 
     def _without_bound(self, data: Any, h: float) -> ValueError:
         where = (

@@ -1,15 +1,15 @@
 """The implicit step of bodies in grains: backward Euler in the coordinates of the joints, by Newton's method.
 
-The wrenches w to hold over a step of h are the grains' own where the step ends. Let x be the acceleration of the joints
-that the integrator takes, M_i their inertia, f the forces on them of all but grains and constraints, c those of the
-constraints, which depend on P x, J the Jacobian of the bodies, and V their twists at the end of the step for x = 0. Then
+The wrenches w to hold over a step of h are the grains' own where the step ends. Let x be the joints' acceleration that
+the integrator takes, M_i their inertia, f the forces of all but grains and constraints, c those of the constraints,
+which depend on P x, J the Jacobian of the bodies, and V their twists at the end of the step if x were 0. Then
 
     M_i x = f + c(P x) + J^T w,    w the grains' wrenches after a motion by h (V + h J x)
 
 Newton's method solves (M_i + Jc^T D Jc P + h² J^T B J) dx = -residual, with the stiffness B of the grains, and the
-Jacobian Jc and the stiffness D of the constraints that act. Without constraints the matrix has the zeros of the inertia,
-and elimination from the last joint on fills none of them. Twists and wrenches of bodies are stacked: linear then
-angular, force then torque, at the body frames' origins, world axes.
+Jacobian Jc and the stiffness D of the constraints that act. Without these the matrix has the zeros of the inertia, and
+elimination from the last joint on fills none of them. Twists and wrenches of bodies are stacked: linear then angular,
+force then torque, at the body frames' origins, world axes.
 """
 
 from math import sqrt
@@ -26,24 +26,21 @@ __all__ += ["no_constraints", "product", "reachable", "search", "solve", "trial_
 
 Array = NDArray[np.float64]
 
-MOST = 32
-"""Most evaluations of Newton's method."""
-
-_WHOLE, _CLOSE = 12, 0.01
-"""Evaluations after which the steps are halved, since whole ones may go round in a circle where plates turn; and the
-relative change of the wrench at which the method ends, after that change."""
+_MOST, _WHOLE, _CLOSE = 32, 12, 0.01
+"""Most evaluations of Newton's method; those after which its steps are halved, since whole ones may go round in a
+circle where plates turn; and the relative change of the wrench at which it ends, after that change."""
 
 _OVERSHOT, _LEVEL = 0.5, 0.1
 """Residual along a step of Newton's method at its end, over that at its beginning. The step is too long if the sign has
 changed and the ratio is over the first number. It is short enough if the ratio is below the second."""
 
-_ROUNDED, _STILL = 1e-9, 1e-7
-"""Wrench of a body, as a share of the greatest of all bodies, below which it is rounding; and change of the path of a
-point, in mobilization lengths, below which the wrench does not matter."""
+_STILL = 1e-7
+"""Change of the path of a point, in mobilization lengths, below which the wrench does not matter."""
 
 _NEAR = 1e-3
 """Distance from the surface [m], beside twice its path in the step, at which a body may reach it."""
 
+_ROUNDING = 1e-12  # relative, of the inverse inertia that a user gives
 _QUADRATIC, _CONE = 1, 4  # of mjtConstraintState
 
 BODY = np.dtype([("wrench", np.float64, 6), ("energy", np.float64), ("strength", np.float64), ("height", np.float64)])
@@ -58,8 +55,8 @@ SEARCH = np.dtype(
 """Where Newton's method is.
 
 `slope`: the residual along its step at the beginning. `share` of the step that is tried. `low`, `high`, `at_low`,
-`at_high`: shares between which the residual changes its sign, and the residuals there. `path`: the longest of a point of
-a body in grains [m]. `turn`: number of evaluations. `within`: whether a step is being divided. `found`: whether the
+`at_high`: shares between which the residual changes its sign, and the residuals there. `path`: the longest of a point
+of a body in grains [m]. `turn`: number of evaluations. `within`: whether a step is being divided. `found`: whether the
 method has come to an end.
 """
 
@@ -98,7 +95,7 @@ class Constraints(NamedTuple):
 class Trial(NamedTuple):
     """An iterate: x, where Newton's step began and the step, shape [nv]; wrenches and twists at the end, shape [6 m].
 
-    `stiffness`: B of each body, shape [m, 6, 6]. `begin`: wrenches at the beginning of the step. `at`: of `SEARCH`.
+    `stiffness`: B of each body, shape [m, 6, 6]. `at`: of `SEARCH`, shape [1].
     """
 
     acceleration: Array
@@ -107,7 +104,6 @@ class Trial(NamedTuple):
     wrench: Array
     after: Array
     stiffness: Array
-    begin: Array
     at: NDArray[np.void]
 
 
@@ -121,10 +117,19 @@ def no_constraints(nv: int) -> Constraints:
 @inlined
 def trial_of(bodies, nv):
     """Room for the trials of some bodies."""
-    six = np.zeros((3, 6 * bodies))
-    joints = np.zeros((3, nv))
-    springs = np.zeros((bodies, 6, 6))
-    return Trial(joints[0], joints[1], joints[2], six[0], six[1], springs, six[2], np.zeros(1, SEARCH))
+    joints, wrenches = np.zeros((3, nv)), np.zeros((2, 6 * bodies))
+    stiffness, at = np.zeros((bodies, 6, 6)), np.zeros(1, SEARCH)
+    return Trial(joints[0], joints[1], joints[2], wrenches[0], wrenches[1], stiffness, at)
+
+
+@inlined
+def begin(trial, bodies):
+    """A trial for the first of those bodies, whose acceleration the caller gives."""
+    at, six = trial.at[0], 6 * bodies
+    at["slope"], at["turn"], at["within"], at["found"] = 0.0, 0, False, False
+    trial.change[:] = 0.0
+    x, start, change, wrench, after, stiffness, _ = trial
+    return Trial(x, start, change, wrench[:six], after[:six], stiffness[:bodies], trial.at)
 
 
 @inlined
@@ -228,13 +233,6 @@ def _move(state, twist, h):
 
 
 @inlined
-def _follow(joints, trial, h):
-    """Write the twists at the end of the step."""
-    for i in range(len(trial.after)):
-        trial.after[i] = joints.twists[i] + h * dot(joints.jacobian[i], trial.acceleration)
-
-
-@inlined
 def _residual(joints, constraints, trial):
     """M_i x - f - c - J^T w, shape [nv]."""
     residual = np.empty(len(joints.force))
@@ -285,53 +283,30 @@ def _newton(joints, constraints, trial, residual, h):
     return by_wrench
 
 
-@compiled
-def begin(beds, joints, constraints, rows, h, trial):
-    """First step of Newton's method: from `trial.acceleration`, with the grains linear about the beginning of the step.
-
-    `rows`: of `advance`, shape [n, 19] of all bodies.
-    """
-    for k, b in enumerate(joints.bodies):
-        stiffness_matrix(beds.memory[b], trial.stiffness[k])
-        trial.begin[_part(k)] = rows[b, :6]
-    _follow(joints, trial, h)
-    for i in range(len(trial.wrench)):
-        trial.wrench[i] = trial.begin[i] - h * dot(trial.stiffness[i // 6, i % 6], trial.after[_part(i // 6)])
-    trial.at[0].slope, trial.at[0].turn, trial.at[0].within, trial.at[0].found = 0.0, 0, False, False
-    trial.start[:] = trial.acceleration
-    _newton(joints, constraints, trial, _residual(joints, constraints, trial), h)
-    trial.acceleration[:] = trial.start + trial.change
-    _follow(joints, trial, h)
-
-
 @inlined
 def _small(beds, joints, trial, change, h):
-    """Whether the step of Newton's method changes all wrenches by small shares of themselves, or hardly moves a body.
-
-    Shares of the wrench now or at the beginning of the step.
-    """
-    greatest, small, moved = 0.0, True, np.empty(6)
-    for turn in range(2):
-        for k, b in enumerate(joints.bodies):
-            part, reach = _part(k), beds.bodies[b].reach
-            largest = max(_size(trial.wrench[part], reach), _size(trial.begin[part], reach))
-            greatest = max(greatest, largest)
-            if turn == 1 and _size(change[part], reach) > _CLOSE * max(largest, _ROUNDED * greatest):
-                for i in range(6):
-                    moved[i] = h * h * dot(joints.jacobian[6 * k + i], trial.change)
-                small &= _path(moved, reach) < _STILL * beds.length
+    """Whether Newton's step changes all wrenches by small shares of themselves, or hardly moves a body."""
+    moved, small = np.empty(6), True
+    for k, b in enumerate(joints.bodies):
+        part, reach = _part(k), beds.bodies[b].reach
+        if _size(change[part], reach) > _CLOSE * _size(trial.wrench[part], reach):
+            for i in range(6):
+                moved[i] = h * h * dot(joints.jacobian[6 * k + i], trial.change)
+            small &= _path(moved, reach) < _STILL * beds.length
     return small
 
 
 @compiled
 def search(beds, joints, constraints, h, trial):
-    """Evaluate the grains where the step ends and go on from there; returns whether the method has come to an end.
+    """Evaluate the grains where the step ends, and go on from there; returns whether the method has come to an end.
 
     A step of Newton's method goes too far where the grains stiffen on the way. Its length is then found by the rule of
     false position (Illinois) for the residual along it.
     """
     at, state, row = trial.at[0], np.empty((1, 13)), np.empty((1, 19))
     at.path = 0.0
+    for i in range(len(trial.after)):
+        trial.after[i] = joints.twists[i] + h * dot(joints.jacobian[i], trial.acceleration)
     for k, b in enumerate(joints.bodies):
         part = _part(k)
         state[0] = joints.states[b]
@@ -344,43 +319,39 @@ def search(beds, joints, constraints, h, trial):
             at.path = max(at.path, h * _path(trial.after[part], beds.bodies[b].reach))
     residual = _residual(joints, constraints, trial)
     along = -dot(residual, trial.change)
-    whole = at.turn < _WHOLE
-    if whole and not at.within and along < -_OVERSHOT * at.slope < 0.0:
+    if not at.within and along < -_OVERSHOT * at.slope < 0.0 and at.turn < _WHOLE:
         at.within, at.low, at.high, at.at_low, at.at_high = True, 0.0, 1.0, at.slope, along
     elif at.within and along > 0.0:
         at.low, at.at_low, at.at_high = at.share, along, 0.5 * at.at_high
     elif at.within:
         at.high, at.at_high, at.at_low = at.share, along, 0.5 * at.at_low
     at.within = at.within and abs(along) > _LEVEL * at.slope
-    at.turn += 1
     if at.within:
         at.share = (at.low * at.at_high - at.high * at.at_low) / (at.at_high - at.at_low)
-        trial.acceleration[:] = trial.start + at.share * trial.change
     else:
         change = _newton(joints, constraints, trial, residual, h)
-        at.slope, at.share = -dot(residual, trial.change), 1.0
         at.found = _small(beds, joints, trial, change, h)
         if at.found:
             trial.wrench[:] = trial.wrench + change
-        trial.start[:] = trial.acceleration
-        trial.acceleration[:] = trial.start + (1.0 if whole else 0.5) * trial.change
-    _follow(joints, trial, h)
-    return at.found or at.turn == MOST
+        trial.start[:], at.slope = trial.acceleration, -dot(residual, trial.change)
+        at.share = 1.0 if at.turn < _WHOLE else 0.5
+    trial.acceleration[:] = trial.start + at.share * trial.change
+    at.turn += 1
+    return at.found or at.turn == _MOST
 
 
 @compiled
-def solve(beds, joints, constraints, rows, h, trial):
+def solve(beds, joints, constraints, h, trial):
     """The whole of Newton's method, where no constraint acts."""
-    begin(beds, joints, constraints, rows, h, trial)
     while not search(beds, joints, constraints, h, trial):
         pass
 
 
 @inlined
 def _root(matrix):
-    """L of a symmetric matrix L L^T, shape [6, 6], which may have directions without motion. It is overwritten."""
+    """Write L over a symmetric matrix L L^T, shape [6, 6], in some of whose directions a body may not move."""
     for i in range(6):
-        least = 1e-12 * matrix[i, i]
+        least = _ROUNDING * matrix[i, i]
         for k in range(i):
             for j in range(k):
                 matrix[i, k] -= matrix[i, j] * matrix[k, j]
@@ -391,12 +362,12 @@ def _root(matrix):
 
 
 @compiled
-def hold_each(beds, first, states, rows, inverse, free, constraints, h, wrenches):
+def hold_each(beds, first, bodies, states, inverse, free, constraints, h, wrenches):
     """Write the wrenches of bodies from `first` on that do not meet, shape [n, 6].
 
-    `states`, `rows`: of all bodies. `inverse`: A, shape [n, 6, 6]; `free`: acceleration, shape [n, 6]. The coordinates
-    of each are such that its inertia is 1 and its Jacobian L, A = L L^T. `constraints`: none. Returns how many times
-    Newton's method did not come to an end, and the longest path of a point [m].
+    `bodies`: of `BODY`, with the last wrenches. `states`: of all bodies. `inverse`: A, shape [n, 6, 6]; `free`:
+    acceleration, shape [n, 6]. The coordinates of each are such that its inertia is 1 and its Jacobian L, A = L L^T.
+    `constraints`: none. Returns how many times Newton's method did not come to an end, and the longest path [m].
     """
     trial, failed, longest = trial_of(1, 6), 0, 0.0
     unit, none = np.eye(6), np.zeros(6)
@@ -407,8 +378,9 @@ def hold_each(beds, first, states, rows, inverse, free, constraints, h, wrenches
             root = inverse[k].copy()
             _root(root)
             joints = Joints(np.array([b]), states, states[b, 7:] + h * free[k], root, unit, none)
-            trial.acceleration[:] = 0.0
-            solve(beds, joints, constraints, rows, h, trial)
+            for i in range(6):
+                trial.acceleration[i] = dot(root[:, i], bodies[k].wrench)
+            solve(beds, joints, constraints, h, begin(trial, 1))
             wrench[:] = trial.wrench
             failed, longest = failed + (not trial.at[0].found), max(longest, trial.at[0].path)
     return failed, longest
