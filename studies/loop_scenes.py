@@ -87,7 +87,7 @@ class Scene:
         return np.concatenate([linear @ self.data.qvel, angular @ self.data.qvel])
 
     def remembered(self) -> Array:
-        """The wrench of the memory at this pose, and the poses before; call it at each step, after `apply`."""
+        """The wrench of the memory at this pose, after those before; call it at each step, before `mj_step`."""
         data, b = self.data, self.body
         return self._memory.step(data.xpos[b], np.roll(data.xquat[b], -1), self.twist(), self.step)
 
@@ -96,9 +96,11 @@ class Scene:
         self.mujoco.mj_kinematics(self.model, self.data)
         self.data.qpos[2] = height - self.grains.tool.lowest_point(self.data.xmat[self.body].reshape(3, 3))
 
-    def advance(self) -> float:
-        """Take a step; returns the work of the grains on the tool [J]."""
+    def advance(self, *, remember: bool = False) -> float:
+        """Take a step; returns the work of the grains on the tool [J]. `remember`: follow the memory alone too."""
         wrench = self.grains.apply(self.data)
+        if remember:
+            self.memory = self.remembered()
         self.mujoco.mj_step(self.model, self.data)
         return self.step * float(wrench @ self.twist())
 
@@ -126,8 +128,8 @@ def block(step: float, integrator: str = "Euler", *, option: str = "", as_one: b
     scene = Scene(bodies, step, integrator, option=option)
     heights, felt, remembered = [], 0.0, 1.0
     for _ in range(round(2.0 / step)):
-        scene.advance()
-        felt, remembered = scene.grains.wrench[2], scene.remembered()[2]
+        scene.advance(remember=True)
+        felt, remembered = scene.grains.wrench[2], scene.memory[2]
         heights.append(1e3 * scene.data.qpos[2])
     return {
         "depth": 1.5 - heights[-1],
@@ -165,9 +167,9 @@ def pressed(kind: str, step: float, integrator: str = "Euler", *, option: str = 
     felt, remembered, heights = [], 1.0, []
     for _ in range(round(2.5 / step)):
         push[kind](min(data.time, 1.0))
-        scene.advance()
+        scene.advance(remember=True)
         felt.append(scene.grains.wrench[2])
-        remembered = scene.remembered()[2]
+        remembered = scene.memory[2]
         heights.append(1e3 * data.xpos[scene.body, 2])
     late = felt[-round(0.5 / step) :]
     return {

@@ -318,6 +318,7 @@ def advance(past, normal, width, moved, target, span, strength):
     keeps = 1.0 - min(modulus * max(-contact, 0.0), size) / max(size, _TINY)
     radius = max(radius * max(1.0 - beyond * per_span * (1.0 / FADES), 0.0), keeps * size)
     tangent = modulus + plastic * per_way * (max(size, change) * per_span - modulus)
+    tangent *= 1.0 if keeps * size > 0.0 else 0.0  # without traction nothing is stiff
     return (keeps * tau_x, keeps * tau_y, keeps * tau_z), radius, gap - closed + slack + OPEN * beyond, tangent
 
 

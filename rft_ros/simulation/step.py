@@ -30,9 +30,9 @@ _MOST, _WHOLE, _CLOSE = 32, 12, 0.01
 """Most evaluations of Newton's method; those after which its steps are halved, since whole ones may go round in a
 circle where plates turn; and the relative change of the wrench at which it ends, after that change."""
 
-_OVERSHOT, _LEVEL = 0.5, 0.1
-"""Residual along a step of Newton's method at its end, over that at its beginning. The step is too long if the sign has
-changed and the ratio is over the first number. It is short enough if the ratio is below the second."""
+_OFF, _LEVEL, _LONGER = 0.5, 0.1, 10.0
+"""Residual along a step of Newton's method at its end, over that at its beginning: the length of the step is wrong if it
+is over the first number, and right again below the second. `_LONGER`: the greatest factor of the length at once."""
 
 _STILL = 1e-7
 """Change of the path of a point, in mobilization lengths, below which the wrench does not matter."""
@@ -300,8 +300,8 @@ def _small(beds, joints, trial, change, h):
 def search(beds, joints, constraints, h, trial):
     """Evaluate the grains where the step ends, and go on from there; returns whether the method has come to an end.
 
-    A step of Newton's method goes too far where the grains stiffen on the way. Its length is then found by the rule of
-    false position (Illinois) for the residual along it.
+    A step of Newton's method goes too far where the grains stiffen on the way, and not far enough where they let go. Its
+    length is then found by the rule of false position (Illinois) for the residual along it.
     """
     at, state, row = trial.at[0], np.empty((1, 13)), np.empty((1, 19))
     at.path = 0.0
@@ -319,21 +319,23 @@ def search(beds, joints, constraints, h, trial):
             at.path = max(at.path, h * _path(trial.after[part], beds.bodies[b].reach))
     residual = _residual(joints, constraints, trial)
     along = -dot(residual, trial.change)
-    if not at.within and along < -_OVERSHOT * at.slope < 0.0 and at.turn < _WHOLE:
-        at.within, at.low, at.high, at.at_low, at.at_high = True, 0.0, 1.0, at.slope, along
-    elif at.within and along > 0.0:
+    if along > 0.0:
         at.low, at.at_low, at.at_high = at.share, along, 0.5 * at.at_high
-    elif at.within:
+    else:
         at.high, at.at_high, at.at_low = at.share, along, 0.5 * at.at_low
-    at.within = at.within and abs(along) > _LEVEL * at.slope
-    if at.within:
-        at.share = (at.low * at.at_high - at.high * at.at_low) / (at.at_high - at.at_low)
+    if abs(along) > (_LEVEL if at.within else _OFF) * at.slope and 0 < at.turn < _WHOLE:
+        at.within = True
+        if at.high < np.inf:
+            at.share = (at.low * at.at_high - at.high * at.at_low) / (at.at_high - at.at_low)
+        else:
+            at.share *= min(at.slope / max(at.slope - along, _ROUNDING * at.slope), _LONGER)
     else:
         change = _newton(joints, constraints, trial, residual, h)
         at.found = _small(beds, joints, trial, change, h)
         if at.found:
             trial.wrench[:] = trial.wrench + change
-        trial.start[:], at.slope = trial.acceleration, -dot(residual, trial.change)
+        trial.start[:], at.slope, at.within = trial.acceleration, -dot(residual, trial.change), False
+        at.low, at.at_low, at.high, at.at_high = 0.0, at.slope, np.inf, 0.0
         at.share = 1.0 if at.turn < _WHOLE else 0.5
     trial.acceleration[:] = trial.start + at.share * trial.change
     at.turn += 1
