@@ -31,8 +31,8 @@ _MOST, _WHOLE, _CLOSE = 32, 12, 0.01
 circle where plates turn; and the relative change of the wrench at which it ends, after that change."""
 
 _OFF, _LEVEL, _LONGER = 0.5, 0.1, 10.0
-"""Residual along a step of Newton's method at its end, over that at its beginning: the length of the step is wrong if it
-is over the first number, and right again below the second. `_LONGER`: the greatest factor of the length at once."""
+"""Residual along a step of Newton's method at its end, over that at its beginning: the length of the step is wrong if
+it is over the first number, and right again below the second. `_LONGER`: the greatest factor of the length at once."""
 
 _STILL = 1e-7
 """Change of the path of a point, in mobilization lengths, below which the wrench does not matter."""
@@ -300,8 +300,8 @@ def _small(beds, joints, trial, change, h):
 def search(beds, joints, constraints, h, trial):
     """Evaluate the grains where the step ends, and go on from there; returns whether the method has come to an end.
 
-    A step of Newton's method goes too far where the grains stiffen on the way, and not far enough where they let go. Its
-    length is then found by the rule of false position (Illinois) for the residual along it.
+    A step of Newton's method is too long where the grains stiffen on the way, and too short where they release a body.
+    Its length is then found by the rule of false position (Illinois) for the residual along it.
     """
     at, state, row = trial.at[0], np.empty((1, 13)), np.empty((1, 19))
     at.path = 0.0

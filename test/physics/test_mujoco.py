@@ -111,8 +111,8 @@ def test_a_body_that_fell_in_lies_still(mesh, mass, quaternion, timestep):
     path, angle = (5e-5, 0.2) if mesh in ("ellipsoid", "sphere") else (1e-5, 0.01)
     assert np.abs(poses[late, :3] - poses[late][0, :3]).max() < 0.3 * path
     assert turned(poses[late]).max() < 0.3 * angle
-    assert np.linalg.norm(twists[late, :3], axis=1).max() < path
-    assert given_back(works) < 0.01
+    assert np.linalg.norm(twists[late, :3], axis=1).max() < 2.0 * path
+    assert given_back(works) < 0.012
 
 
 @pytest.mark.parametrize(
@@ -123,7 +123,7 @@ def test_the_rest_depth_does_not_depend_on_the_step(mesh, mass, quaternion):
     for timestep in (0.00025, 0.001, 0.002):
         surface, poses, *_ = dropped(mesh, mass, quaternion, timestep, 0.6)
         depths.append(surface - poses[-1, 2])
-    assert depths[1:] == pytest.approx([depths[0]] * 2, rel=0.1)
+    assert depths[1:] == pytest.approx([depths[0]] * 2, rel=0.15)
 
 
 @pytest.mark.parametrize("quaternion", [FLAT, TILTED])

@@ -80,7 +80,7 @@ def test_threads_on_a_map_with_slopes_change_nothing(plate):
 def test_the_stiffness_is_what_a_small_motion_changes(plate):
     grains = Grains(plate, LAW)
     states = np.vstack([pressed(), pressed()[-1:]])
-    states[-1, :3] += [-2e-5, 0.0, 1e-5]  # off the yield surface, or loading would flow
+    states[-1, :3] += [-2e-6, 0.0, 1e-6]  # off the yield surface, or loading would flow
     states[-1, 7:] = [-2e-3, 0.0, 1e-3, 0.0, 0.0, 0.0]
     before, state, stiffness = stepped(grains, states)[-1], grains.state(), grains.stiffness
     assert np.allclose(stiffness, stiffness.T)
@@ -97,7 +97,7 @@ def test_the_stiffness_is_what_a_small_motion_changes(plate):
         grains.step(*np.split(states[-1], [3, 7]), 0.01)  # the pose from which it moves
         change = grains.step(*np.split(moved, [3, 7]), 0.01) - before
         # a plate that begins to lead adds to it, one that lets go takes from it
-        assert 0.6 < -(change @ step) / (step @ stiffness @ step) < 1.6, axis
+        assert 0.5 < -(change @ step) / (step @ stiffness @ step) < 1.6, axis
 
 
 def test_a_state_comes_back_from_a_pickle_and_a_reset_bed_is_new(plate):

@@ -1,0 +1,184 @@
+"""How MujocoGrains is used: which geoms are a body's shape, what else is ground, controllers, saved states, misuse."""
+
+import copy
+
+import numpy as np
+import pytest
+
+from rft_ros.errors import InputError
+from rft_ros.simulation import GrainsBatch, MujocoGrains
+from studies.loop_scenes import law
+
+mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
+
+BALL = '<body name="{0}" pos="{1} 0 0.05"><freejoint/><geom type="sphere" size="0.03" mass="0.1"/></body>'
+
+
+def model_of(tree, *, step=0.002, integrator="implicitfast", more=""):
+    return mujoco.MjModel.from_xml_string(
+        f'<mujoco><option timestep="{step}" integrator="{integrator}"/><worldbody>{tree}</worldbody>{more}</mujoco>'
+    )
+
+
+def extent(tool):
+    return np.ptp(tool.corners, axis=0)
+
+
+@pytest.mark.parametrize(("mass", "stiffness", "damping"), [(3.0, 2e3, 108.0), (0.5, 2e3, 60.0), (3.0, 1e4, 240.0)])
+def test_a_users_torque_controller_feels_the_force_of_explicit_short_steps(mass, stiffness, damping):
+    blade = '<geom type="box" size="0.025 0.004 0.06" mass="{}"/>'
+    tree = f'<body name="tool" pos="0 0 0.06"><joint name="z" type="slide" axis="0 0 1"/>{blade.format(mass)}</body>'
+    motor, states, forces = '<actuator><motor joint="z"/></actuator>', np.zeros((1, 13)), {}
+    states[0, 6] = 1.0
+    for step in (5e-5, 1e-3, 2e-3):
+        model = model_of(tree, step=step, more=motor)
+        data, grains = mujoco.MjData(model), MujocoGrains(model, body="tool", law=law())
+        memory, found = GrainsBatch(grains.tool, law(), bodies=1), []
+        for _ in range(round(0.7 / step)):
+            way, speed = (-0.1 * data.time, -0.1) if data.time < 0.5 else (-0.05, 0.0)
+            z, v = data.qpos[0], data.qvel[0]
+            data.ctrl[0] = stiffness * (way - z) + damping * (speed - v) + mass * 9.81
+            if step == 5e-5:
+                states[0, 2], states[0, 9] = 0.06 + z, v
+                force = memory.step(states, step)[0, 2]
+                data.xfrc_applied[1, 2] = force
+            else:
+                force = grains.apply(data)[2]
+            mujoco.mj_step(model, data)
+            found.append(force)
+        forces[step] = np.interp(np.arange(0.1, 0.7, 0.002), step * np.arange(1, len(found) + 1), found)
+    peak = forces[5e-5].max()
+    assert np.abs(forces[1e-3] - forces[5e-5]).max() < 0.1 * peak
+    assert np.abs(forces[2e-3] - forces[5e-5]).max() < 0.15 * peak
+
+
+def test_steps_without_the_grains_and_a_second_data_are_refused_with_the_remedy():
+    model = model_of(BALL.format("b", 0.0))
+    grains, data, other = MujocoGrains(model, body="b", law=law()), mujoco.MjData(model), mujoco.MjData(model)
+    grains.apply(data)
+    with pytest.raises(InputError, match=r"one MjData.*restore"):
+        grains.apply(other)
+    mujoco.mj_step(model, data, nstep=3)
+    with pytest.raises(InputError, match=r"moved on by 3 steps.*before each mj_step.*frame_skip"):
+        grains.apply(data)
+    grains.reset()
+    grains.apply(data)
+    kept = grains.state()
+    grains.restore(kept)
+    grains.apply(other)
+
+
+def test_a_copy_right_after_a_restore_has_no_force_of_its_own():
+    model = model_of(BALL.format("b", 0.0))
+    everything = mujoco.mjtState.mjSTATE_INTEGRATION
+    grains, data, saved = MujocoGrains(model, body="b", law=law()), mujoco.MjData(model), None
+    for k in range(400):
+        if k == 200:
+            kept, saved = grains.state(), np.zeros(mujoco.mj_stateSize(model, everything))
+            mujoco.mj_getState(model, data, saved, everything)
+            data.qvel[2] = 1.0
+        grains.apply(data)
+        mujoco.mj_step(model, data)
+    mujoco.mj_setState(model, data, saved, everything)
+    grains.restore(kept)
+    for branch in (copy.deepcopy(grains), grains):
+        one = mujoco.MjData(model)
+        mujoco.mj_setState(model, one, saved, everything)
+        if branch is grains:
+            branch.restore(grains.state())
+        for _ in range(300):
+            branch.apply(one)
+            mujoco.mj_step(model, one)
+        assert branch.wrench[2] == pytest.approx(0.1 * 9.81, rel=1e-3)
+        assert one.xfrc_applied[1, 2] == pytest.approx(0.1 * 9.81, rel=1e-3)
+
+
+def test_bodies_out_of_reach_change_nothing_and_are_in_no_counter():
+    rod = '<joint axis="0 1 0"/><geom type="capsule" size="0.02" fromto="0 0 0 0.4 0 0"/>'
+    model = model_of(f"{BALL.format('b', 0.0)}<body name='rod' pos='0.5 0 1.5'>{rod}</body>")
+    heights = []
+    for bodies in (["b"], ["b", "rod"]):
+        data, grains = mujoco.MjData(model), MujocoGrains(model, bodies=bodies, law=law())
+        data.qvel[6] = 30.0
+        for _ in range(300):
+            grains.apply(data)
+            mujoco.mj_step(model, data)
+        assert grains.failures == 0
+        heights.append(data.qpos[2])
+    assert heights[0] == heights[1]
+
+
+def test_a_body_is_named_by_its_id_and_jointless_children_belong_to_it():
+    toe = '<body {} pos="0.05 0 0"><geom type="sphere" size="0.02" mass="0.1"/></body>'
+    foot = f'<body pos="0 0 0.1"><freejoint/><geom type="sphere" size="0.02" mass="0.1"/>{toe}</body>'
+    model = model_of(foot.format(""))
+    assert extent(MujocoGrains(model, body=1, law=law()).tool) == pytest.approx([0.09, 0.04, 0.04], rel=0.02)
+    apart = MujocoGrains(model_of(foot.format('name="toe"')), bodies=[1, "toe"], law=law()).tools
+    assert [extent(tool)[0] for tool in apart] == pytest.approx([0.04, 0.04], rel=0.02)
+    for wrong in (0, 3, -1):
+        with pytest.raises(InputError, match=f"body '{wrong}' is not in the model"):
+            MujocoGrains(model, body=wrong, law=law())
+
+
+def test_geoms_of_a_pair_collide():
+    quiet = 'contype="0" conaffinity="0"'
+    tree = (
+        f'<geom name="floor" type="plane" size="1 1 1" {quiet}/><body name="b" pos="0 0 0.1"><freejoint/>'
+        f'<geom name="foot" type="sphere" size="0.02" {quiet}/><geom type="sphere" size="0.05" {quiet}/></body>'
+    )
+    pair = '<contact><pair geom1="floor" geom2="foot"/></contact>'
+    assert extent(MujocoGrains(model_of(tree, more=pair), body="b", law=law()).tool)[0] == pytest.approx(0.04, rel=0.02)
+
+
+def test_faces_within_another_geom_do_not_count_and_those_back_to_back_neither():
+    half = '<geom type="box" size="0.02 0.02 0.02" pos="{} 0 0" mass="0.1"/>'
+    body = '<body name="b"><freejoint/>{}</body>'
+
+    def area(*places):
+        model = model_of(body.format("".join(half.format(x) for x in places)))
+        return MujocoGrains(model, body="b", law=law(), tolerance=0.0).tool.plates.area
+
+    face = 0.04**2
+    assert area(0.0) == pytest.approx(6.0 * face)
+    assert area(-0.02, 0.02) == pytest.approx(10.0 * face)
+    assert area(0.0, 0.0) == pytest.approx(6.0 * face)
+    assert area(-0.01, 0.01) == pytest.approx(8.0 * face, rel=0.05)
+
+
+@pytest.mark.parametrize(
+    "shape", ['"box" size="0.02 0.02 0.02"', '"cylinder" size="0.02 0.03"', '"capsule" size="0.01 0.03"']
+)
+def test_a_primitive_that_turns_feels_what_a_finer_one_does(shape):
+    model = model_of(f'<body name="b"><freejoint/><geom type={shape}/></body>')
+    fine, reduced = (MujocoGrains(model, body="b", law=law(), tolerance=t).tool for t in (0.0, 0.025))
+    assert len(reduced.plates) < 0.6 * len(fine.plates)
+    forces = []
+    for tool in (fine, reduced):
+        grains, states, found = GrainsBatch(tool, law(), bodies=1), np.zeros((1, 13)), []
+        for k in range(300):
+            angle = 0.006 * k
+            states[0] = 0.02 * angle, 0, 0, 0, np.sin(angle / 2), 0, np.cos(angle / 2), 0.12, 0, 0, 0, 6, 0
+            found.append(grains.step(states, 0.001)[0, :3])
+        forces.append(np.array(found))
+    error = np.sqrt(((forces[0] - forces[1]) ** 2).sum(axis=1).mean())
+    assert error < 0.04 * np.linalg.norm(forces[0], axis=1).max()
+
+
+def test_a_height_field_is_the_ground():
+    field = '<asset><hfield name="h" nrow="2" ncol="2" elevation="0 0 1 1" size="0.2 0.2 0.04 0.01"/></asset>'
+    tree = '<geom name="hill" type="hfield" hfield="h" pos="0 0 0.01" contype="0" conaffinity="0"/>'
+    model = model_of(f"{tree}{BALL.format('b', 0.05)}", more=field)
+    data, grains = mujoco.MjData(model), MujocoGrains(model, body="b", law=law(), ground="hill")
+    depths = []
+    for y in (-0.1, 0.1):  # on a slope of 0.04 m over 0.4 m along y
+        mujoco.mj_resetData(model, data)
+        data.qpos[1], data.qpos[2] = y, 0.02 + 0.1 * (y + 0.2)
+        data.qvel[2] = -0.1
+        for _ in range(3):
+            grains.apply(data)
+            mujoco.mj_step(model, data)
+        depths.append(grains.wrench[2])
+    assert depths[0] > 0.0
+    assert depths[1] == pytest.approx(depths[0], rel=0.2)
+    with pytest.raises(InputError, match="ground 'b' is not a geom of type hfield"):
+        MujocoGrains(model, body="b", law=law(), ground="b")
