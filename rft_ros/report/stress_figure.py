@@ -2,7 +2,6 @@
 
 import importlib.util
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,6 +14,7 @@ __all__ = ["check_figure", "write_stress_figure"]
 
 Array = NDArray[np.float64]
 
+_PANEL = 30_000.0  # area of a panel [pt²], which the cells of a full map fill
 _FORMATS = (".png", ".svg", ".pdf")
 
 
@@ -35,12 +35,15 @@ def write_stress_figure(file: Path, measured: StressMap, fit: MediumFit) -> None
     panels = figure.subplots(2, 3, sharex=True, sharey=True)
     modelled = fit.medium.stresses(measured.beta, measured.gamma)
     quantities = ((r"$\alpha_x$", measured.alpha_x, modelled[0]), (r"$\alpha_z$", measured.alpha_z, modelled[1]))
+    beta, gamma = np.rad2deg(measured.beta), np.rad2deg(measured.gamma)
+    style = {"cmap": "RdBu_r", "marker": "s", "s": _PANEL / len(beta), "linewidths": 0.0}
     for (name, stress, model), row in zip(reversed(quantities), panels, strict=True):
         seen = np.isfinite(stress)
         most = float(np.abs(np.concatenate([stress[seen], model])).max())
         pictures = {"measured": stress, "fitted": np.where(seen, model, np.nan), "measured - fitted": stress - model}
         for axes, (title, values) in zip(row, pictures.items(), strict=True):
-            drawn = _draw(axes, measured, values, most)
+            there = np.isfinite(values)
+            drawn = axes.scatter(beta[there], gamma[there], c=values[there], vmin=-most, vmax=most, **style)
             rms = f", RMS {np.sqrt(np.nanmean(values**2)):.3f}" if seen.any() else ""
             axes.set_title(f"{name} {title}{rms} N/cm³", fontsize=9)
             axes.set_facecolor("#d0d0d0")  # of missing cells
@@ -56,40 +59,3 @@ def write_stress_figure(file: Path, measured: StressMap, fit: MediumFit) -> None
     figure.suptitle(f"{fit.medium.name}: RMS of the fit {fit.misfit:.3f}{held}; grey: no cell", fontsize=10)
     with whole(file, "figure") as part:
         figure.savefig(part, dpi=120, metadata={"Date": None} if file.suffix.lower() == ".svg" else None)
-
-
-def _draw(axes: Any, measured: StressMap, values: Array, most: float) -> Any:
-    """Draw the cells of a grid, or points if the angles form no grid."""
-    beta: Array = np.rad2deg(measured.beta).round(1)
-    gamma: Array = np.rad2deg(measured.gamma).round(1)
-    style = {"cmap": "RdBu_r", "vmin": -most, "vmax": most}
-    betas, i = _lattice(beta)
-    gammas, j = _lattice(gamma)
-    if min(len(betas), len(gammas)) < 2 or len(beta) < 0.3 * len(betas) * len(gammas):
-        there = np.isfinite(values)
-        return axes.scatter(beta[there], gamma[there], c=values[there], edgecolors="black", linewidths=0.3, **style)
-    grid = np.full((len(gammas), len(betas)), np.nan)
-    grid[j, i] = values
-    return axes.pcolormesh(_edges(betas), _edges(gammas), np.ma.masked_invalid(grid), **style)
-
-
-def _lattice(angles: Array) -> tuple[Array, NDArray[np.int64]]:
-    """The centres of cells [deg], and the index of each angle's cell.
-
-    If the angles lie on an even grid, its missing cells are included.
-    """
-    centres, cells = np.unique(angles, return_inverse=True)
-    if len(centres) < 2:
-        return centres, cells
-    step = float(np.diff(centres).min())
-    places = (centres - centres[0]) / step
-    if np.abs(places - places.round()).max() > 0.1:
-        return centres, cells
-    even = places.round().astype(np.int64)
-    return centres[0] + step * np.arange(even[-1] + 1), even[cells]
-
-
-def _edges(centres: Array) -> Array:
-    """The edges of cells, halfway between their centres."""
-    between = 0.5 * (centres[1:] + centres[:-1])
-    return np.concatenate([[2.0 * centres[0] - between[0]], between, [2.0 * centres[-1] - between[-1]]])
