@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from rft_ros.bags.playback import read_replay_options
+from rft_ros.bags.options import read_replay_options
 from rft_ros.bags.replay import replay
 from rft_ros.parameters import read_parameter_file
 from studies.pictures import legend_below

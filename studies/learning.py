@@ -19,7 +19,7 @@ import yaml
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from rft_ros.bags.playback import ReplayOptions, read_replay_options
+from rft_ros.bags.options import ReplayOptions, read_replay_options
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.estimator.learning import Learning

@@ -92,7 +92,8 @@ def draw_demo(bag: Path, file: Path) -> None:
     """Draw the demo: the tool with the fixed model's traction, force over depth with and without learning, surprise."""
     from matplotlib.figure import Figure
 
-    from rft_ros.bags.playback import ReplayOptions, states_of
+    from rft_ros.bags.options import ReplayOptions
+    from rft_ros.bags.playback import states_of
     from rft_ros.bags.replay import replay
     from rft_ros.demo.virtual_arm import LAYER
     from rft_ros.installation import share_directory

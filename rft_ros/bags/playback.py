@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.options import ReplayOptions, read_replay_options, topics_of
+from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, Sample
@@ -17,8 +17,7 @@ from rft_ros.parameters import LoadCell, Values, settings_of
 from rft_ros.progress import bar
 from rft_ros.rft import FORCE, QUATERNION
 
-__all__ = ["Played", "ReplayOptions", "play", "read_replay_options", "reasons", "states_of", "topics_of"]
-__all__ += ["world_forces"]
+__all__ = ["Played", "play", "reasons", "states_of", "world_forces"]
 
 _BAR_PERIOD = 512  # samples between updates of the progress bar
 

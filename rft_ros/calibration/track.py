@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.playback import ReplayOptions, play, reasons
+from rft_ros.bags.options import ReplayOptions
+from rft_ros.bags.playback import play, reasons
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, LoadCell

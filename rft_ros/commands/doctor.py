@@ -4,7 +4,7 @@ import argparse
 import re
 from pathlib import Path
 
-from rft_ros.bags.playback import topics_of
+from rft_ros.bags.options import topics_of
 from rft_ros.commands import options
 from rft_ros.doctor.cell import Cell, compiled
 from rft_ros.doctor.recorded import examine_bag

@@ -7,7 +7,7 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from rft_ros.bags.playback import ReplayOptions, read_replay_options
+from rft_ros.bags.options import ReplayOptions, read_replay_options
 from rft_ros.files import refuse_overwriting
 from rft_ros.parameters import NODE, PARAMETERS, Values, defaults, read_parameter_file
 from rft_ros.parameters.short_names import SHORT_NAMES, parameters_of

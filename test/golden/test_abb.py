@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rft_ros.bags.playback import read_replay_options
+from rft_ros.bags.options import read_replay_options
 from rft_ros.bags.replay import replay
 from rft_ros.parameters import read_parameter_file
 

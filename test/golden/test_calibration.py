@@ -7,7 +7,7 @@ import pytest
 import trimesh
 import yaml
 
-from rft_ros.bags.playback import read_replay_options
+from rft_ros.bags.options import read_replay_options
 from rft_ros.bags.replay import replay
 from rft_ros.cli import main
 from rft_ros.parameters import read_parameter_file

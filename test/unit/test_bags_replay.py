@@ -10,7 +10,7 @@ from recordings import FRAMES, START, STEP, TOPICS, moments, plunge, rows_of, va
 from rosbags.highlevel import AnyReader
 
 from rft_ros.bags.estimates import COLUMNS, LEARNED_COLUMNS
-from rft_ros.bags.playback import ReplayOptions, read_replay_options
+from rft_ros.bags.options import ReplayOptions, read_replay_options
 from rft_ros.bags.replay import replay
 from rft_ros.cli import main
 from rft_ros.errors import InputError

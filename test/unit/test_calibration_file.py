@@ -9,7 +9,7 @@ import yaml
 from recordings import plunge, write_ros2, write_run
 from synthetic_track import LOAD_CELL, dragged, grain_wrenches, in_the_air, law, parameters, read_by, unknown
 
-from rft_ros.bags.playback import read_replay_options
+from rft_ros.bags.options import read_replay_options
 from rft_ros.calibration.calibrated_file import rounded
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main

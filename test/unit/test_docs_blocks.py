@@ -19,7 +19,7 @@ from synthetic_track import LOAD_CELL, TOOL_FILE, grain_wrenches, law, read_by
 from synthetic_track import Path as Way
 from test_cli import rft
 
-from rft_ros.bags.playback import read_replay_options
+from rft_ros.bags.options import read_replay_options
 from rft_ros.bags.summary import read_limits
 from rft_ros.estimator import LoadCell
 from rft_ros.parameters import read_parameter_file

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 from recordings import START, STEP
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.playback import topics_of
+from rft_ros.bags.options import topics_of
 from rft_ros.bags.reading import Recording
 from rft_ros.cli import main
 from rft_ros.doctor.checkup import Checkup
