@@ -78,7 +78,8 @@ def wrenches_in_time(
     plates: Plates,
     law: Law,
     states: ArrayLike,
-    memory: Memory,
+    durations: ArrayLike | Memory,
+    memory: Memory | None = None,
     *,
     surface_height: float = 0.0,
     slope: tuple[float, float] = LEVEL,
@@ -87,13 +88,15 @@ def wrenches_in_time(
     """`wrenches` of plates with memory, Eq. (10), at successive states, shape [n, 13].
 
     `law`: with its `mobilization_length`, λ at the depth `rft_ros.rft.memory.DEPTH` [m], positive. `memory`: of these
-    plates, updated in place; of many bodies, row i is of body i. Displacements count, whatever time they took.
+    plates, updated in place; of many bodies, row i is of body i. Displacements count, whatever time they took: the
+    `durations` between states [s] change nothing and may be left out, so that `memory` is the fourth argument.
     """
-    arguments, kept = _model_arguments(plates, law, surface_height, slope), _numbers_of(memory, plates)
+    arguments = _model_arguments(plates, law, surface_height, slope)
+    kept = _numbers_of(durations if memory is None else memory, plates)
     _require_memory(law)
     states = numbers("states", states, _ROW)
-    if memory.bodies not in (1, len(states)):
-        raise ValueError(f"memory is of {memory.bodies} bodies; states has {len(states)} rows")
+    if len(kept) not in (1, len(states)):
+        raise ValueError(f"memory is of {len(kept)} bodies; states has {len(states)} rows")
     result = _result(states, sensitivities)
     _loop()(*arguments, states, (True, kept), result)
     return result
@@ -180,7 +183,7 @@ def _require_memory(law: Law) -> None:
     number("mobilization_length of the law", law.mobilization_length, positive=True)
 
 
-def _numbers_of(memory: Memory, plates: Plates) -> Array:
+def _numbers_of(memory: object, plates: Plates) -> Array:
     """`Memory.numbers` of a memory of these plates."""
     if not isinstance(memory, Memory):
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")

@@ -277,3 +277,12 @@ def test_a_plate_gives_back_no_more_than_its_traction_stores_whatever_way_it_mov
         work = np.cumsum((0.5 * (force[1:] + force[:-1]) * moves).sum(axis=1))
         stored = 0.5 * np.linalg.norm(force[800]) ** 2 * LENGTH / (STIFF * law.stiffness * 0.03 * plate.area)
         assert work[800:].max() - work[799] <= 1.05 * stored + 1e-9 * np.abs(work).max()
+
+
+def test_durations_may_be_given_and_change_nothing():
+    plates = load_tool("plate").plates
+    states = np.zeros((6, 13))
+    states[:, 2], states[:, 6], states[:, 9] = -0.002 * np.arange(6), 1.0, -0.01
+    law = treers2021(GENERIC, alpha_y_model("constant", GENERIC), mobilization_length=0.003)
+    with_durations = wrenches_in_time(plates, law, states, np.zeros(6), Memory(plates))
+    assert np.array_equal(with_durations, wrenches_in_time(plates, law, states, Memory(plates)))
