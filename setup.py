@@ -44,7 +44,7 @@ setup(
     ],
     install_requires=[
         "numpy>=1.26",
-        "numba>=0.58.1",
+        "numba>=0.58.1,<0.70",  # `rft.kernel.compilation` names what it uses beyond the documented interface
         "scipy>=1.11",
         "trimesh>=4.4",
         "pycollada>=0.7.2",

@@ -10,7 +10,7 @@ from studies.result import StudyResult, write_tables
 
 __all__ = ["CHARTS", "STUDIES", "main", "run_study"]
 
-STUDIES = ("horizontal", "plates", "oscillation", "circumnutation", "convergence", "dem", "stability")
+STUDIES = ("horizontal", "plates", "oscillation", "circumnutation", "convergence", "dem", "stability", "memory")
 """The studies that `all` runs. A study is a module with ``study()``, which returns a `StudyResult` or several."""
 
 CHARTS = ("models", "learning", "coverage", "ground", "loop")

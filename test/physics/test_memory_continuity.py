@@ -13,6 +13,7 @@ from hypothesis import strategies as st
 from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, LINEAR, facing, seeds, unit
 
 from rft_ros.rft import Memory, Plates, Table, checked_states, rotation_matrix, treers2021, wrenches, wrenches_in_time
+from rft_ros.rft.memory import STIFF, advance
 
 LENGTH = 0.003
 SMALL = 1e-6
@@ -131,6 +132,52 @@ def test_the_force_without_memory_does_not_jump_between_states_near_the_surface(
         parts = np.linspace(parts[k], parts[k + 1], 9)
         found = forces(parts)
     assert np.linalg.norm(np.diff(found, axis=0), axis=1).max() <= SMALL * peak
+
+
+@given(seed=seeds)
+@settings(max_examples=300)
+def test_one_step_amplifies_no_change_of_motion_normal_law_or_state_by_more_than_8(seed):
+    """The bound of docs/method.md, also at singular places: on the yield surface, along the plate, with no gap."""
+    rng = np.random.default_rng(seed)
+    span, strength, tiny = LENGTH, 1e6, 1e-7
+    k = STIFF * strength / span
+
+    def inwards(vector, n):
+        return vector - max(vector @ n, 0.0) * n
+
+    n, width = unit(rng.normal(size=3)), rng.choice([0.0, 0.0175, 0.3])
+    past = {
+        "tau": inwards(unit(rng.normal(size=3)) * strength * rng.choice([0.0, rng.random()]), n),
+        "t": inwards(unit(rng.normal(size=3)) * strength * rng.choice([0.0, 0.3, 1.0]), n),
+        "moved": unit(rng.normal(size=3)) * 10.0 ** rng.uniform(-7.0, -2.0),
+        "gap": rng.choice([0.0, 1e-6, 1e-4, 1e-3]),
+        "n": n,
+    }
+    along = [n, past["tau"]][rng.integers(2)]
+    if rng.random() < 0.5 and along.any():
+        past["moved"] = past["moved"] - (past["moved"] @ along) * along / (along @ along)
+    past["y"] = np.linalg.norm(past["tau"]) * (1.0 + rng.choice([0.0, 1e-9, 0.5]))
+
+    def stepped(*, tau, y, gap, n, moved, t):
+        tau, y, gap, _ = advance((tau, y, gap), n, width, moved, t, span, strength)
+        return np.array([*tau, y, k * gap])
+
+    before, nudge = stepped(**past), tiny * unit(rng.normal(size=3))
+    outward = past["moved"] @ n
+    way = np.linalg.norm(past["moved"] - min(outward, max(min(outward, past["gap"]), 0.0)) * n)
+    per_metre = k + past["y"] / max(way, 1e-30)
+    turned, slid = unit(n + nudge), past["tau"] + strength * nudge
+    nudges = {
+        "tau": ({"tau": slid, "y": max(past["y"], np.linalg.norm(slid))}, tiny * strength),
+        "y": ({"y": past["y"] + tiny * strength}, tiny * strength),
+        "t": ({"t": past["t"] + strength * nudge}, tiny * strength),
+        "moved": ({"moved": past["moved"] + 1e-3 * nudge}, 1e-3 * tiny * per_metre),
+        "gap": ({"gap": past["gap"] + 1e-3 * tiny}, 1e-3 * tiny * per_metre),
+        "n": ({"n": turned}, tiny * (k * np.linalg.norm(past["moved"]) + np.linalg.norm(past["tau"]))),
+    }
+    for what, (changed, size) in nudges.items():
+        change = np.linalg.norm(stepped(**{**past, **changed}) - before)
+        assert change <= 8.0 * size + 1e-12 * strength, (what, change / max(size, 1e-300))
 
 
 PLATE = facing("refined", [[0.0, 0.0, 0.0]], [[0.0, 0.6, -0.8]])
