@@ -58,7 +58,8 @@ class Recording:
     ) -> None:
         self.bag, self.options = bag, options or ReplayOptions()
         self.values = values_for_table(bag, values) if is_table(bag) else values
-        self.topics = dict(topics_of(self.values, self.options.remap) if topics is None else topics)
+        given = None if is_table(bag) else topics  # the columns of a table have no names to choose
+        self.topics = dict(topics_of(self.values, self.options.remap) if given is None else given)
         self.mistyped: dict[Role, str] = {}  # without `refuse_types`: a sentence on each topic of another type
         self.counts: Counter[Role] = Counter()
         self.fixed: tuple[TransformSample, ...] = ()  # of the whole bag, from /tf_static

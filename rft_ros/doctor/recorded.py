@@ -13,9 +13,11 @@ __all__ = ["examine_bag"]
 
 def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
     """The findings on a recording of the cell. Raises InputError for a bag that cannot be used."""
-    checkup = Checkup(cell.values, cell.model, named=cell.named, topics=cell.topics, tare=options.tare, live=False)
     every = tuple(cell.topics)
-    with Recording(bag, cell.values, options, topics=cell.topics, optional=every, refuse_types=False) as recording:
+    recording = Recording(bag, cell.values, options, topics=cell.topics, optional=every, refuse_types=False)
+    values, topics = recording.values, recording.topics
+    checkup = Checkup(values, cell.model, named=cell.named, topics=topics, tare=options.tare, live=False)
+    with recording:
         for sample in recording:
             checkup.push(sample, recording.time)
     found = [Finding(False, f"{role}: {sentence}") for role, sentence in recording.mistyped.items()]

@@ -123,6 +123,19 @@ def test_the_command_takes_tables_with_a_tare_and_an_end(tmp_path):
     assert summary["bias"][:3] == pytest.approx([1.0, 2.0, 3.0])
 
 
+@pytest.mark.parametrize("twists", [True, False])
+def test_the_doctor_examines_a_table_as_a_recording(tmp_path, capsys, twists):
+    """The parameters name transforms and twists, and the table has poses, and velocities or none."""
+    roles = ("pose", "twist", "wrench") if twists else ("pose", "wrench")
+    table = write_table(tmp_path / "trial.csv", plunge(), roles=roles)
+    (tmp_path / "cell.yaml").write_text("rft: {ros__parameters: {mesh.file: plate, pose_source: tf}}")
+    main(["doctor", str(tmp_path / "cell.yaml"), "--bag", str(table)])
+    said = capsys.readouterr().out
+    assert "OK  pose: 100 Hz" in said
+    assert "OK  sign: " in said
+    assert "missing" not in said and "nothing on" not in said
+
+
 @settings(max_examples=20, deadline=None)
 @given(st.floats(3.0, 40.0), st.floats(-60.0, 60.0), st.integers(100, 400), st.floats(-1e3, 1e3))
 def test_states_without_velocities_have_those_of_their_poses(tmp_path_factory, tilt, rate, count, begin):
