@@ -129,40 +129,20 @@ def test_a_chunk_unpacks_to_its_content_or_is_refused(compression):
             unpacked(packed(b"abc" * 1000), compression, size)
 
 
-def decompressors():
-    from rosbags.rosbag1 import reader as rosbag1
-    from rosbags.rosbag2 import storage_mcap
+def test_the_readers_of_rosbags_are_limited_while_a_recording_is_open_and_not_afterwards(tmp_path, monkeypatch):
+    """Other code in this process may read larger bags by rosbags; a rosbags without what is limited is refused."""
+    from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
 
-    chunks = [storage_mcap.DECOMPRESSORS[name] for name in ("lz4", "zstd")]
-    return [*chunks, *(rosbag1.decompressors[name] for name in ("lz4", "bz2"))]
-
-
-def test_the_readers_of_rosbags_are_limited_while_a_recording_is_open_and_not_afterwards(tmp_path):
-    """Other code in this process may read larger bags by rosbags."""
-    write_ros2(tmp_path / "bag", moments(4))
-    before = decompressors()
-    with Recording(tmp_path / "bag", defaults(), topics=TOPICS):
-        with Recording(tmp_path / "bag", defaults(), topics=TOPICS):
+    bag, before = write_ros2(tmp_path / "bag", moments(4)), dict(DECOMPRESSORS)
+    with Recording(bag, defaults()):
+        with Recording(bag, defaults()):
             pass
-        assert {function.__module__ for function in decompressors()} == {"rft_ros.bags.limits"}
-    assert decompressors() == before
-    with (
-        pytest.raises(ValueError, match="has no pose"),
-        Recording(tmp_path / "bag", defaults(), topics={"pose": "/none"}),
-    ):
+        assert {DECOMPRESSORS[name].__module__ for name in ("lz4", "zstd")} == {"rft_ros.bags.limits"}
+    with pytest.raises(ValueError, match="has no pose"), Recording(bag, defaults(), topics={"pose": "/none"}):
         pass
-    assert decompressors() == before
-
-
-def test_a_rosbags_without_what_is_limited_is_refused_and_does_not_read_without_limits(tmp_path, monkeypatch):
-    from rosbags.rosbag2 import storage_mcap
-
-    write_ros2(tmp_path / "bag", moments(4))
-    monkeypatch.delitem(storage_mcap.DECOMPRESSORS, "zstd")
-    with (
-        pytest.raises(RuntimeError, match="rosbags has no zstd"),
-        Recording(tmp_path / "bag", defaults(), topics=TOPICS),
-    ):
+    assert before == DECOMPRESSORS
+    monkeypatch.delitem(DECOMPRESSORS, "zstd")
+    with pytest.raises(RuntimeError, match="rosbags has no zstd"), Recording(bag, defaults()):
         pass
 
 
