@@ -1,4 +1,4 @@
-"""``make bench-doctor``: what `rft doctor` says of a right cell and of eleven wrong ones, live, over loopback DDS.
+"""``make bench-doctor``: what `rft doctor` says of a right cell and of eighteen wrong ones, live, over loopback DDS.
 
 `--busy 2` asks beside two processes that keep two cores busy. For each cell: whether the fault is named (or, of the
 right cell, none), whether the machine was called too busy to judge, and what else was to be fixed. Only the lines under
@@ -16,6 +16,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import rclpy
 import yaml
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
@@ -29,7 +30,7 @@ import cells  # type: ignore[import-not-found]
 from recordings import cdr  # type: ignore[import-not-found]
 from scipy.spatial.transform import Rotation
 
-from rft_ros.rft import POSE, TWIST, VELOCITY
+from rft_ros.rft import POSE, POSITION, TWIST, VELOCITY
 
 RATE, HASTE = 100.0, 4  # Hz; the recorded motion takes 10 s
 TURNED = (Rotation.from_quat(cells.MOUNT.quaternion) * Rotation.from_euler("x", 180, degrees=True)).as_quat().tolist()
@@ -47,6 +48,12 @@ class Fault:
     scale: float = 1.0
     bias: float = 0.0
     old: int = 0
+    late: int = 0  # stamps of the load cell [ns]
+    friction: float = 0.0  # of the greatest force, against the motion
+    clipped: float = 1.0  # greatest reading, of the greatest force
+    repeated: int = 1  # how often each pose is sent
+    noise: float = 0.0  # of the poses [m]
+    torque: float = 1.0
 
 
 FAULTS = {
@@ -61,6 +68,13 @@ FAULTS = {
     "surface 100 mm too high": Fault(named="set it to about 0.1", parameters={"surface_height": cells.SURFACE + 0.1}),
     "load cell in kgf": Fault(named="measured over predicted force", scale=1.0 / 9.81),
     "not tared": Fault(named="load cell: it reads", bias=2.0),
+    "load cell 80 ms late": Fault(named="set sensor.delay: 0.0", late=80_000_000),
+    "friction in the air": Fault(named="zero that moves", friction=0.3),
+    "load cell clipped": Fault(named="saturation", clipped=0.5),
+    "poses repeated": Fault(named="each pose is sent", repeated=5),
+    "poses with noise": Fault(named="the poses have a noise", noise=2e-4),
+    "torque in N mm": Fault(named="not N mm", torque=1e3),
+    "sensor 150 mm away": Fault(named="set sensor.position", parameters={"sensor.position": [0.15, 0.0, 0.05]}),
     "clocks differ by 0.5 s": Fault(named="synchronise the clocks", old=500_000_000),
 }
 
@@ -72,7 +86,13 @@ def said_of(fault: Fault, folder: Path, seconds: float) -> list[str]:
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
     states = cells.motion(RATE / HASTE)
     states[:, VELOCITY] *= HASTE
-    loads = fault.scale * cells.loads(states) + [0.0, 0.0, fault.bias, 0.0, 0.0, 0.0]
+    loads = cells.loads(states)
+    peak = abs(loads[:, 2]).max()
+    loads[:, 2] += fault.friction * peak * np.sign(states[:, VELOCITY][:, 2])
+    loads = np.clip(loads, -fault.clipped * peak, fault.clipped * peak) if fault.clipped < 1.0 else loads
+    loads = fault.scale * loads * ([1.0] * 3 + [fault.torque] * 3) + [0.0, 0.0, fault.bias, 0.0, 0.0, 0.0]
+    states[:, POSITION] += np.random.default_rng(1).normal(0.0, fault.noise, (len(states), 3))
+    states[:, POSITION] = states[np.arange(len(states)) // fault.repeated * fault.repeated, POSITION]
     rows = list(zip(states.tolist(), loads.tolist(), strict=True))
     driver = rclpy.create_node("drivers")
     kinds = {"wrench_measured": WrenchStamped, "twist": TwistStamped, "pose": PoseStamped}
@@ -90,7 +110,7 @@ def said_of(fault: Fault, folder: Path, seconds: float) -> list[str]:
             now = driver.get_clock().now().nanoseconds - fault.old
             state, load = rows[k % len(rows)]
             messages = {
-                "wrench_measured": cdr("wrench", 0 if fault.unstamped else now, load),
+                "wrench_measured": cdr("wrench", 0 if fault.unstamped else now + fault.late, load),
                 "twist": cdr("twist", now, state[TWIST], fault.frame),
                 "pose": cdr("pose", now, state[POSE], fault.frame),
             }

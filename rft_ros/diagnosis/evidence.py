@@ -36,9 +36,9 @@ class Evidence:
     `time` [s] since the first, shape [n]; `state` [n, 13], columns `STATE`; `depth` of the lowest point [m], negative
     in the air; `speed` of the fastest plate [m/s]; `predicted` and `measured` (compensated) wrenches [n, 6], [N, N m],
     in the axes of the load cell about its origin. `pose_time` [s], shape [m], and `poses` [m, 7]: every pose, also
-    those without an estimate. `pose_noise`: standard deviation at the tool's farthest point [m]. `place_on_tf`: of the
-    sensor in the tool, by fixed transforms; `links`: their names. `named`: the parameters that the user has set.
-    `tare`: the length of a replay's tare [s]. `complete`: no message is missing.
+    those without an estimate. `place_on_tf`: of the sensor in the tool, by fixed transforms; `links`: their names.
+    `named`: the parameters that the user has set. `tare`: the length of a replay's tare [s]. `complete`: no message is
+    missing.
     """
 
     settings: Settings
@@ -52,7 +52,6 @@ class Evidence:
     measured: Array
     pose_time: Array
     poses: Array
-    pose_noise: float = 0.0
     place_on_tf: Placement | None = None
     links: str = ""
     named: Collection[str] = field(default=("surface_height",))
@@ -158,7 +157,6 @@ def evidence_of(
         poses=np.array(poses),
         **{name: np.array(rows[name]) for name in ("state", "depth", "speed", "predicted")},
         measured=np.array(rows["compensated"]),
-        pose_noise=estimator.pose_noise,
         place_on_tf=transforms.fixed(s.tool_frame, s.sensor_frame),
         links=", ".join(transforms.links(s.tool_frame, s.sensor_frame)) if s.sensor_source == "tf" else "",
         named=named,

@@ -190,6 +190,8 @@ class Checkup:
             told = reason in _EXPECTED or reason in named or reason in STAMP_ZERO
             told |= reason in OF_TRANSFORMS and self._transforms_unstamped()
             count = counts[reason] - self._at_start[reason]
+            if reason is Reason.WRENCH_MISSING:  # of the poses before the first reading
+                count -= sum(1 for stamp, *_ in self._poses if stamp - self._poses[0][0] < _START)
             if not told and count > _RARE * max(poses, 1):
                 yield Finding(False, f"{reason}: {count} times at {poses} poses: {reason.sentence}")
 

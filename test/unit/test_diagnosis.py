@@ -131,6 +131,14 @@ def test_noise_of_poses_is_named_and_nothing_is_blamed_on_the_load_cell(sigma, s
     assert said.startswith("noise: the poses have a noise of")
 
 
+@given(st.integers(0, 100), SOURCES)
+@few
+def test_stamps_that_jitter_on_a_busy_machine_are_no_noise_of_poses(seed, source):
+    late = np.abs(np.random.default_rng(seed).normal(0.0, 0.002, len(STATES)))[:, None]
+    poses = STATES[:, POSITION] + late * STATES[:, VELOCITY]  # where the tool is when the stamp is said
+    assert not any(text.startswith("noise") for text in faults(poses=poses, twist_source=source))
+
+
 UNITS = {
     "poses in mm": ("not millimetres", {"poses": 1e3 * STATES[:, POSITION]}),
     "twists in mm/s": ("not mm/s", {"twists": 1e3 * STATES[:, VELOCITY]}),
