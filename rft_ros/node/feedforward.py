@@ -4,6 +4,7 @@ It is ramped to zero when estimates stop.
 """
 
 import math
+import threading
 import time
 
 from geometry_msgs.msg import WrenchStamped
@@ -18,9 +19,9 @@ from rft_ros.parameters import Values
 from rft_ros.rft import FORCE, TORQUE
 from rft_ros.rft.placement import Placement
 
-FEEDFORWARD_PERIOD = 0.01  # s, between two outputs while there are no estimates
+_PERIOD = 0.01  # s, between two outputs while there are no estimates
 _ZERO: Wrench = (0.0,) * 6
-_LONGEST_STEP = 2.0 * FEEDFORWARD_PERIOD  # longest time of one step of the ramp, also after a pause
+_LONGEST_STEP = 2.0 * _PERIOD  # longest time of one step of the ramp, also after a pause
 _LEAST = 1e-9  # N, N m: least rate times rise time; with a limit of 0 the ramp to zero would not end
 _END = 0.25  # s: the longest ramp when the node ends
 
@@ -63,7 +64,8 @@ class FeedForward:
     """Publishes ``~/wrench_feedforward`` at each estimate. Without estimates it publishes a ramp to zero.
 
     Controllers apply the last wrench that they received, without a time limit. So the target is zero for an estimate
-    without trust, when no estimate has come for `max_input_age`, with a gain of 0, and when the node ends.
+    without trust, when no estimate has come for ``feedforward.timeout``, with a gain of 0, and when the node ends. A
+    thread of its own watches for this, so that nothing that blocks the node's callbacks holds a force.
     """
 
     def __init__(self, node: Node, estimator: Estimator, values: Values) -> None:
@@ -71,41 +73,54 @@ class FeedForward:
         self._clock, self._estimator, self._ramp = node.get_clock(), estimator, Ramp()
         self._moved = self._estimated = -math.inf
         self._active = False
+        self._lock, self._ended = threading.Lock(), threading.Event()
         self.use_parameters(values)
+        self._watchdog = threading.Thread(target=self._watch, daemon=True)
+        self._watchdog.start()
 
     def use_parameters(self, values: Values) -> None:
         """Apply new values of the parameters."""
-        self._gain, self._frame = values["feedforward.gain"], values["feedforward.frame"]
-        self._ramp.limit, self._ramp.rise_time = values["feedforward.limit"], values["feedforward.rise_time"]
-        self._serialise = wrench_cdr(values[self._frame])
+        with self._lock:
+            self._gain, self._timeout = values["feedforward.gain"], values["feedforward.timeout"]
+            self._ramp.limit, self._ramp.rise_time = values["feedforward.limit"], values["feedforward.rise_time"]
+            self._frame, self._axes = values["feedforward.frame"], values[values["feedforward.frame"]]
 
     def estimated(self, estimate: Estimate) -> None:
         """Publish the wrench for an estimate, with its stamp."""
-        if self._gain != 0.0:
+        if self._gain == 0.0:
+            return
+        target = _ZERO if trust(estimate.quality_flags) is Trust.NO else self._target(estimate.predicted)
+        with self._lock:
             self._active, self._estimated = True, time.monotonic()
-            trusted = trust(estimate.quality_flags) is not Trust.NO
-            self._publish(self._target(estimate.predicted) if trusted else _ZERO, estimate.stamp)
+            self._publish(target, estimate.stamp)
 
-    def without_estimate(self) -> None:
-        """Ramp to zero if no estimate has come for `max_input_age`. A timer calls this every `FEEDFORWARD_PERIOD`."""
-        late = time.monotonic() - self._estimated > self._estimator.settings.max_input_age
-        if self._active and (late or self._gain == 0.0):
-            self._publish(_ZERO, self._clock.now().nanoseconds)
-            self._active = self._gain != 0.0 or self._ramp.wrench != _ZERO
+    def _watch(self) -> None:
+        while not self._ended.wait(_PERIOD):
+            self._without_estimate()
+
+    def _without_estimate(self) -> None:
+        """Move towards zero if no estimate has come for ``feedforward.timeout``."""
+        with self._lock:
+            late = time.monotonic() - self._estimated > self._timeout
+            if self._active and (late or self._gain == 0.0):
+                self._publish(_ZERO, self._clock.now().nanoseconds)
+                self._active = self._gain != 0.0 or self._ramp.wrench != _ZERO
 
     def end(self) -> None:
         """Ramp to zero in at most 0.25 s, and wait until the subscribers have received it.
 
         On a machine so busy that the ramp takes twice as long, the last wrench is zero all the same.
         """
+        self._ended.set()
+        self._watchdog.join()
         self._ramp.rise_time = min(self._ramp.rise_time, _END)
         self._gain = 0.0
         latest = time.monotonic() + 2.0 * _END
         while self._active and time.monotonic() < latest:
-            self.without_estimate()
-            time.sleep(FEEDFORWARD_PERIOD)
+            self._without_estimate()
+            time.sleep(_PERIOD)
         if self._active:
-            self._ramp = Ramp()
+            self._active, self._ramp = False, Ramp()
             self._publish(_ZERO, self._clock.now().nanoseconds)
         self._publisher.wait_for_all_acked(Duration(seconds=0.1))
 
@@ -121,4 +136,5 @@ class FeedForward:
     def _publish(self, target: Wrench, stamp: int) -> None:
         before, self._moved = self._moved, time.monotonic()
         wrench = self._ramp.follow(target, min(self._moved - before, _LONGEST_STEP))
-        self._publisher.publish(self._serialise(stamp, wrench))
+        axes = self._estimator.wrench_frame if self._frame == "sensor_frame" else self._axes
+        self._publisher.publish(wrench_cdr(axes)(stamp, wrench))

@@ -18,7 +18,7 @@ from rft_ros.estimator import Estimate, Estimator, PoseSample, Reason, Sample, S
 from rft_ros.estimator.samples import Answer
 from rft_ros.messages import TOPICS, UNREADABLE, Role, decoder, wrench_cdr
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
-from rft_ros.node.feedforward import FEEDFORWARD_PERIOD, FeedForward
+from rft_ros.node.feedforward import FeedForward
 from rft_ros.node.markers import Markers
 from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.services import Services
@@ -56,7 +56,7 @@ class RftNode(Node):
         self._learned, self._learned_at = publisher(JointState, "~/medium_learned"), 0
         self.feedforward = FeedForward(self, self.estimator, values)
         self._markers = Markers(self, self.estimator)
-        self._serialise = wrench_cdr(values["sensor_frame"])
+        self._measured_frame = self.estimator.wrench_frame
 
         self._subscribe("wrench", partial(self._on_input, "wrench"))
         self._twists = self._subscribe("twist", self._on_twist)
@@ -72,7 +72,6 @@ class RftNode(Node):
 
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish, clock=steady)
-        self.create_timer(FEEDFORWARD_PERIOD, self.feedforward.without_estimate, clock=steady)
         self.create_timer(_MARKER_PERIOD, self._markers.publish, clock=steady)
         self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
 
@@ -93,6 +92,11 @@ class RftNode(Node):
             self._clouds = None
         elif self._clouds is None:
             self._clouds = self._subscribe("surface", partial(self._on_input, "surface"))
+
+    def destroy_node(self) -> None:
+        """Destroy the node, after the feed-forward has come to zero."""
+        self.feedforward.end()
+        super().destroy_node()
 
     def announce(self, event: str) -> None:
         """Log the current model and the issues of its mesh. `event`: the beginning of the sentence."""
@@ -150,9 +154,10 @@ class RftNode(Node):
     def _publish(self, answer: Answer, start: float) -> None:
         """Publish the answer to a pose. `start`: when its callback began, a time of `perf_counter` [s]."""
         if isinstance(answer, Estimate):
-            self._predicted.publish(self._serialise(answer.stamp, answer.predicted))
+            serialised = wrench_cdr(self.estimator.wrench_frame)
+            self._predicted.publish(serialised(answer.stamp, answer.predicted))
             self.feedforward.estimated(answer)
-            self._sigma.publish(self._serialise(answer.stamp, answer.sigma))
+            self._sigma.publish(serialised(answer.stamp, answer.sigma))
             self._publish_learned(answer.stamp)
             self._diagnostics.answered(answer, perf_counter() - start)
             self._markers.estimated(answer)
@@ -174,11 +179,15 @@ class RftNode(Node):
         self._learned.publish(message)
 
     def _publish_measurements(self) -> None:
+        serialised = wrench_cdr(
+            self._measured_frame
+        )  # comparisons that waited when the frame changed are in the old one
         for measurement in self.estimator.measurements():
             if measurement.compensated is not None and measurement.residual is not None:
-                self._compensated.publish(self._serialise(measurement.stamp, measurement.compensated))
-                self._residual.publish(self._serialise(measurement.stamp, measurement.residual))
+                self._compensated.publish(serialised(measurement.stamp, measurement.compensated))
+                self._residual.publish(serialised(measurement.stamp, measurement.residual))
             self._markers.measured = measurement.compensated
+        self._measured_frame = self.estimator.wrench_frame
 
     # --- parameters and swaps
 
@@ -194,8 +203,7 @@ class RftNode(Node):
             return
         self.feedforward.use_parameters(prepared.values)
         self._use(prepared)
-        self._publish_measurements()  # with a new sensor_frame, comparisons that waited in the old one are final
-        self._serialise = wrench_cdr(prepared.values["sensor_frame"])
+        self._publish_measurements()  # those that waited when the settings changed
 
     def _use(self, prepared: Prepared) -> None:
         before = self.estimator.model

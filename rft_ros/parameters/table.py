@@ -200,6 +200,13 @@ PARAMETERS = (
         (0.01, 1.0),
     ),
     Parameter(
+        "feedforward.timeout",
+        0.1,
+        "Without an estimate for this time, ~/wrench_feedforward goes to zero.",
+        "s",
+        (0.005, 1.0),
+    ),
+    Parameter(
         "surface_height", _SETTINGS.surface_height, "z of the undisturbed surface in world_frame.", "m", (-1e6, 1e6)
     ),
     Parameter(

@@ -69,7 +69,10 @@ def locate_mesh(file: str | os.PathLike[str]) -> Path:
         host, _, path = place.partition("/")
         if scheme == "package":
             with file_errors(f"mesh.file '{file}'", "read"):
-                return share_directory(host) / unquote(path)
+                share = share_directory(host)
+            if ".." in Path(unquote(path)).parts or Path(unquote(path)).is_absolute():
+                raise InputError(f"mesh.file '{file}' leaves its package; give the path of the file itself")
+            return share / unquote(path)
         if host not in ("", "localhost"):
             raise InputError(f"mesh.file '{file}' is on another machine, '{host}'; write file:///PATH")
         return Path(unquote(f"/{path}"))

@@ -2,6 +2,7 @@
 
 import math
 import signal
+import time
 from itertools import pairwise
 
 import numpy as np
@@ -95,3 +96,15 @@ def test_it_follows_the_prediction_and_returns_to_zero_whatever_ends_the_estimat
     assert at_zero()
     assert max(np.linalg.norm(b - a) for a, b in pairwise(forces())) <= LARGEST_STEP * (1.0 + 1e-6)
     assert np.linalg.norm(forces(), axis=1).max() <= LIMIT * (1.0 + 1e-9)
+
+
+def test_it_goes_to_zero_while_the_nodes_callbacks_are_blocked(start_node):
+    rft = start_node("-p", "mesh.file:=plate", "-p", "feedforward.gain:=-1.0").wait_ready()
+    got: list[WrenchStamped] = []
+    rft.node.create_subscription(WrenchStamped, f"{rft.name}/wrench_feedforward", got.append, 1000)
+    rft.until(lambda: rft.node.count_publishers(f"{rft.name}/wrench_feedforward") > 0)
+    rft.until(lambda: rft.send(rft.moment(), z=-0.02) or (got and numbers(got[-1]).any()))
+    rft.spin(0.05)
+    time.sleep(2.0)  # no callback runs: this is the thread that spins the node
+    rft.spin(0.02)
+    assert not numbers(got[-1]).any()

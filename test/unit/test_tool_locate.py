@@ -72,6 +72,9 @@ def test_shipped_mesh_by_name_and_by_uri_is_not_hidden_by_a_folder_of_that_name(
         ("file://nas/c.stl", "is on another machine, 'nas'"),
         ("package://gone/a.stl", "^package 'gone' has no share folder in AMENT_PREFIX_PATH .*overlay"),
         ("package:///a.stl", "^package '' has no share folder in AMENT_PREFIX_PATH .*overlay"),
+        ("package://gripper/../other/a.stl", "leaves its package"),
+        ("package://gripper/%2e%2e/other/a.stl", "leaves its package"),
+        ("package://gripper//etc/passwd", "leaves its package"),
         ("package://../a.stl", "^package '..' has no share folder in AMENT_PREFIX_PATH .*overlay"),
     ],
 )
