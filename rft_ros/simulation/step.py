@@ -26,7 +26,7 @@ __all__ += ["no_constraints", "product", "reachable", "search", "solve", "trial_
 
 Array = NDArray[np.float64]
 
-_MOST, _WHOLE, _CLOSE = 32, 12, 0.01
+_MOST, _WHOLE, _CLOSE = 64, 48, 0.01
 """Most evaluations of Newton's method; those after which its steps are halved, since whole ones may go round in a
 circle where plates turn; and the relative change of the wrench at which it ends, after that change."""
 
@@ -323,7 +323,7 @@ def search(beds, joints, constraints, h, trial):
         at.low, at.at_low, at.at_high = at.share, along, 0.5 * at.at_high
     else:
         at.high, at.at_high, at.at_low = at.share, along, 0.5 * at.at_low
-    if abs(along) > (_LEVEL if at.within else _OFF) * at.slope and 0 < at.turn < _WHOLE:
+    if abs(along) > (_LEVEL if at.within else _OFF) * at.slope and at.turn > 0:
         at.within = True
         if at.high < np.inf:
             at.share = (at.low * at.at_high - at.high * at.at_low) / (at.at_high - at.at_low)
