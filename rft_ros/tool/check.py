@@ -1,11 +1,11 @@
-"""Finds issues of a usable mesh, such as holes, winding, hollows and units, and describes each in a sentence."""
+"""Finds issues of a usable mesh, such as holes, winding, hollows, overlapping bodies and units, and describes each."""
 
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.tool.plausible_size import LARGEST_USUAL, SMALLEST
+from rft_ros.tool.plausible_size import LARGEST, LARGEST_USUAL, SMALLEST_USUAL
 from rft_ros.tool.refine import welded
 
 if TYPE_CHECKING:
@@ -18,9 +18,13 @@ _CLOSED = 0.01  # greatest sum of the area vectors, over the area, of a surface 
 _HOLLOW = 0.02  # of the largest extent: how far other parts may reach beyond a facet's plane
 _CONCAVE_SHARE = 0.05  # of the area: a tool with a larger share in hollows is concave
 _SAMPLED = 2000  # facets, and points, in the check for hollows
+_COVERED_SHARE = 0.005  # of the area: more of it inside other bodies is no rounding at an edge
+_COVERED_SAMPLES = 400  # points in the check for bodies in each other
+_MOST_ANGLES = 8_000_000  # solid angles in that check: under a second
+_OUTSIDE = 1e-4  # of the largest extent: distance in front of a facet at which another body covers it
 
 _Surface = Literal["not_closed", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"]
-MeshIssue = Literal[_Surface, "concave", "size"]
+MeshIssue = Literal[_Surface, "overlap", "concave", "size", "far"]
 """The kinds of issues of a mesh."""
 
 
@@ -55,18 +59,59 @@ def check_mesh(mesh: "trimesh.Trimesh") -> dict[MeshIssue, str]:
     repeated = len(same_start) - len(np.unique(same_start, axis=0))
     if repeated:
         issues["duplicate_facets"] = f"repeated facets, whose force counts more than once: {repeated:,}"
+    covered = 0.0 if volume < 0.0 or not joined.is_winding_consistent else _covered_share(joined)
+    if covered > _COVERED_SHARE:
+        counted = "whose force counts although no grains touch it"
+        inside = f"{100 * covered:.0f} % of the surface lies in or on other bodies of the mesh, {counted}"
+        issues["overlap"] = f"{inside}; export the union of the bodies"
     share = _hollow_share(mesh, ~degenerate, outward=-1.0 if volume < 0.0 else 1.0)
     if share > _CONCAVE_SHARE:
         hollow = f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores"
         issues["concave"] = f"{hollow}; if grains fill them, use the convex hull (rft check-mesh says how)"
     extent = float(mesh.extents.max())
     step, factor = (1e-3 if extent > LARGEST_USUAL else 1e3), 1.0
-    while not SMALLEST <= extent * factor <= LARGEST_USUAL:
+    while not SMALLEST_USUAL <= extent * factor <= LARGEST_USUAL:
         factor *= step
     if factor != 1.0:
         meant = f"if {extent * factor:.3g} m is meant, multiply mesh.scale (--scale) by {factor:g}"
         issues["size"] = f"the largest extent is {extent:.3g} m; {meant}"
+    away = float(np.linalg.norm(np.clip(0.0, *mesh.bounds)))
+    if away > LARGEST:
+        nearer = "set mesh.origin (--origin) to the place of the tool frame's origin in the mesh file"
+        issues["far"] = f"the mesh lies {away:.3g} m from the tool frame's origin; {nearer}"
     return issues
+
+
+def _covered_share(mesh: "trimesh.Trimesh") -> float:
+    """Share of the area that lies in or on other bodies of a mesh whose facets share vertices.
+
+    Just in front of a facet, the winding number of the whole surface is 0 in the open, and 1 or more in another body.
+    """
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+    from trimesh.sample import sample_surface
+
+    pairs, facets = mesh.face_adjacency, len(mesh.faces)
+    graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(facets, facets))
+    if connected_components(graph, directed=False)[0] < 2:
+        return 0.0
+    count = max(1, min(_COVERED_SAMPLES, _MOST_ANGLES // facets))
+    points, sampled = sample_surface(mesh, count, seed=0)[:2]
+    places = points + _OUTSIDE * float(mesh.extents.max()) * np.asarray(mesh.face_normals)[sampled]
+    triangles = np.asarray(mesh.triangles)
+    return float(np.mean([_winding_number(triangles - place) > 0.5 for place in places]))
+
+
+def _winding_number(triangles: NDArray[np.float64]) -> float:
+    """How often the triangles, shape [m, 3, 3], enclose the origin: the sum of their solid angles over 4 pi.
+
+    Source: van Oosterom and Strackee (1983), IEEE Trans. Biomed. Eng. 30(2), eq. 8.
+    """
+    a, b, c = triangles.transpose(1, 0, 2)
+    la, lb, lc = np.linalg.norm(triangles, axis=2).T
+    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
+    ab, bc, ca = (np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a)))
+    return float(np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum() / (2.0 * np.pi))
 
 
 def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:

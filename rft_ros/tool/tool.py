@@ -169,7 +169,7 @@ def describe_tool(tool: Tool) -> list[str]:
     lines.append(f"area: {_area(tool)}")
     if not {"not_closed", "inconsistent_winding"} & tool.issues.keys():
         volume = float(((tool.facets.centroids * tool.facets.normals).sum(axis=0) * tool.facets.areas).sum()) / 3.0
-        lines.append(f"volume: {volume * 1e9:.1f} mm³")
+        lines.append(f"volume: {_figure(volume * 1e9)} mm³")
     lines += [f"warning: {issue}" for kind, issue in tool.issues.items() if kind != "concave"]
     if "concave" in tool.issues:
         lines.append(f"note: {tool.issues['concave']}")
@@ -185,9 +185,14 @@ def _area(tool: Tool) -> str:
     mesh = float(centroid_plates(tool.vertices, tool.faces).area)
     restored = tool.facets.area
     if abs(restored - mesh) < _SAME_AREA * mesh:
-        return f"{mesh * 1e6:.1f} mm²"
-    curved = f"forces are computed with the {restored * 1e6:.1f} mm² of the curved surface that they approximate"
-    return f"{mesh * 1e6:.1f} mm² of facets; {curved}"
+        return f"{_figure(mesh * 1e6)} mm²"
+    curved = f"forces are computed with the {_figure(restored * 1e6)} mm² of the curved surface that they approximate"
+    return f"{_figure(mesh * 1e6)} mm² of facets; {curved}"
+
+
+def _figure(value: float) -> str:
+    """A number with one decimal, or with three digits if it is small."""
+    return f"{value:.1f}" if abs(value) >= 1.0 else f"{value:.3g}"
 
 
 def _hull_command(tool: Tool) -> list[str]:

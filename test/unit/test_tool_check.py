@@ -23,8 +23,8 @@ def soup(triangles):
     [
         BALL,
         soup(BALL.triangles),
-        *(soup(trimesh.creation.icosphere(2, radius).triangles) for radius in (6e-4, 2.4)),
-        *(trimesh.creation.box((extent,) * 3) for extent in (0.0011, 4.9)),
+        *(soup(trimesh.creation.icosphere(2, radius).triangles) for radius in (2.6e-3, 2.4)),
+        *(trimesh.creation.box((extent,) * 3) for extent in (0.0051, 4.9)),
     ],
 )
 def test_a_good_mesh_or_soup_of_any_usual_size_has_no_issue_and_stays_as_it_is(mesh):
@@ -80,9 +80,14 @@ CENTRES = BALL.triangles.mean(axis=1, keepdims=True)
         *(
             (
                 trimesh.creation.box((e, e / 2, e / 16)),
-                {"size": f"is {said} m; if 0.051 m is meant, multiply mesh.scale (--scale) by {by}"},
+                {"size": f"is {said} m; if {meant} m is meant, multiply mesh.scale (--scale) by {by}"},
             )
-            for e, said, by in ((51.0, "51", "0.001"), (51000.0, "5.1e+04", "1e-06"), (5.1e-5, "5.1e-05", "1000"))
+            for e, said, meant, by in (
+                (51.0, "51", "0.051", "0.001"),
+                (51000.0, "5.1e+04", "0.051", "1e-06"),
+                (5.1e-5, "5.1e-05", "0.051", "1000"),
+                (0.0015, "0.0015", "1.5", "1000"),
+            )
         ),
     ],
 )
@@ -91,3 +96,25 @@ def test_each_issue_is_named_with_numbers_and_no_other(mesh, issues):
     assert said.keys() == issues.keys()
     for kind, text in issues.items():
         assert text in said[kind]
+
+
+def boxes(*places, extents=(0.04, 0.02, 0.06)):
+    return trimesh.util.concatenate([trimesh.creation.box(extents).apply_translation(place) for place in places])
+
+
+@pytest.mark.parametrize("axis", range(3))
+@pytest.mark.parametrize(("distance", "meets"), [(1.0, True), (0.6, True), (1.1, False)])
+def test_bodies_that_touch_or_overlap_are_named_and_bodies_apart_are_not(axis, distance, meets):
+    at, side = np.array((0.03, -0.07, 0.01)), np.eye(3)[axis] * (0.04, 0.02, 0.06)
+    assert ("overlap" in check_mesh(boxes(at, at + distance * side))) is meets
+
+
+def test_a_cavity_is_no_body_inside_another():
+    inner = trimesh.creation.box((0.01,) * 3)
+    inner.invert()
+    assert "overlap" not in check_mesh(trimesh.util.concatenate([trimesh.creation.box((0.03,) * 3), inner]))
+
+
+def test_a_mesh_far_from_the_tool_frame_is_named_with_its_distance():
+    far = BALL.copy().apply_translation((3000.0, 4000.0, 0.0))
+    assert "5e+03 m" in check_mesh(far)["far"]
