@@ -96,10 +96,10 @@ def _files_of(bag: Path) -> tuple[list[Path], list[str]]:
         described = [bag / Path(name).name for name in names]
     except (InputError, LookupError, TypeError) as error:
         why = reason_of(error) if about.exists() else "it is missing"
-        plain = [file for file in files.values() if file.name.removesuffix(file.suffix) not in files]
+        plain = [f for f in files.values() if f.is_file() and f.name.removesuffix(f.suffix) not in files]
         return plain, [f"its files were read one by one, without metadata.yaml: {why}"]
-    missing = [f"{file.name} is missing" for file in described if not file.exists()]
-    return [file for file in described if file.exists()], missing
+    missing = [f"{file.name} is missing" for file in described if not file.is_file()]
+    return [file for file in described if file.is_file()], missing
 
 
 def _kind(file: Path) -> str:

@@ -19,13 +19,16 @@ READING = {
 
 ELSEWHERE = {
     "bags/estimates.py np.memmap": "a file that it made itself",
-    "bags/limits.py io.FileIO": "as `Path.open`, within limits; `Recording` has checked the file",
-    "bags/limits.py super().open": "as `Path.open`, within limits; `Recording` has checked the file",
-    "bags/reading.py LimitedPath(file).open": "a file that `Recording` has checked",
-    "bags/reading.py Reader1": "a file that `Recording` has checked; rosbags reads it within limits",
-    "bags/reading.py Reader2": "files that `Recording` has checked; rosbags reads them within limits",
-    "bags/reading.py StreamReader": "the stream of a file that `Recording` has checked",
-    "bags/reading.py reader.open": "the reader's own method, of files that were checked",
+    "bags/limits.py io.FileIO": "as `Path.open`, within limits; `sources_of` has checked the file",
+    "bags/limits.py super().open": "as `Path.open`, within limits; `sources_of` has checked the file",
+    "bags/limits.py file.open": "a file that `sources_of` has checked, unpacked within limits",
+    "bags/sources.py LimitedPath(file).open": "a file that `sources_of` has checked",
+    "bags/sources.py Reader1": "a file that `sources_of` has checked; rosbags reads it within limits",
+    "bags/sources.py Reader2": "files that `sources_of` has checked; rosbags reads them within limits",
+    "bags/sources.py StreamReader": "the stream of a file that `sources_of` has checked",
+    "bags/sources.py reader.open": "the reader's own method, of files that were checked",
+    "bags/sources.py shutil.copyfile": "a database that `sources_of` has checked, and the regular files beside it",
+    "bags/sources.py sqlite3.connect": "a copy that it made itself",
     "cli.py os.open": "/dev/null",
     "installation.py Path(__file__).resolve": "the package's own place",
     "node/swap.py worker.load": "asks the worker, which reads as `rft_ros.files` does",
@@ -33,6 +36,7 @@ ELSEWHERE = {
     "parameters/sections.py yaml.parse": "text that `read_text` gave",
     "simulation/six_axis_arm.py (share_directory('rft_ros') / 'config' / 'six_axis_arm.xml').read_text": "shipped",
     "tool/reduction_cache.py file.read_bytes": "the package's own sources",
+    "whole_file.py os.open": "creates a part file, and follows no link",
     "tool/mesh_file.py trimesh.load": "bytes that `read_file` gave",
 }
 """Calls that may stand outside, and why: what a user names passes `rft_ros.files` before."""
