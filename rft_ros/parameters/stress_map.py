@@ -23,6 +23,9 @@ _PART = 0.15  # least share in an open combination with which a coefficient is n
 _BETTER = 0.9  # a change of convention is named if it lowers the misfit below this share; n changes: its nth power
 _ENOUGH = 8  # cells, of which fewer say nothing about conventions
 _FEW = 20  # with fewer cells there is no check on left-out cells: each half would be too small
+_NO_MEDIUM = 0.4  # share of the stress (RMS) that a fit may leave without a doubt
+_OUTLIER = 5.0  # times the median residual; Gaussian noise reaches 3.5 in 5,000 cells
+_WORST = 3  # cells that a doubt lists
 _WEAKEST, _STRONGEST = 0.05, 5.0  # ζ of the generic medium; beyond, the stresses are probably in another unit
 
 
@@ -118,7 +121,7 @@ def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
             continue
         for group in part.open:
             remarks.append(_open_sentence(group, stress, zeta))
-    doubts = _conventions(measured) or _units(zeta)
+    doubts = _conventions(measured) or _units(zeta) or _far_cells(fitted, measured)
     if fitted.strength <= 0.0:
         reason = "with these stresses the force points along the motion, where it should resist"
         raise ValueError("; ".join([reason, *doubts]))
@@ -137,6 +140,25 @@ def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
         left_out=_left_out(measured, name),
         remarks=tuple(remarks),
     )
+
+
+def _far_cells(fitted: Medium, measured: StressMap) -> list[str]:
+    """A sentence on the worst cells, where the fit leaves much of the stress, or some cells stand out.
+
+    Both come of swapped columns, of copied cells and of wrong signs in a part of the map.
+    """
+    of_x, of_z = fitted.stresses(measured.beta, measured.gamma)
+    residual = np.hypot(np.nan_to_num(measured.alpha_x - of_x), np.nan_to_num(measured.alpha_z - of_z))
+    size, misfit = _rms(_scaled(0.0), measured), _rms(fitted, measured)
+    outlying = residual > max(_OUTLIER * float(np.median(residual)), _NO_MEDIUM * size)
+    if misfit <= _NO_MEDIUM * size and not outlying.any():
+        return []
+    cells = []
+    for k in np.argsort(residual)[::-1][:_WORST]:
+        beta, gamma = np.rad2deg([measured.beta[k], measured.gamma[k]])
+        cells.append(f"beta {beta:.4g}, gamma {gamma:.4g} (by {residual[k]:.3g} N/cm³)")
+    left = f"the fit leaves {misfit:.3g} of {size:.3g} N/cm³ (RMS)"
+    return [f"{left}; it is furthest from the cells {', '.join(cells)}: check these, and the order of the columns"]
 
 
 def _scaled(zeta: float) -> Medium:

@@ -134,6 +134,30 @@ def test_a_noisy_map_of_a_known_medium_raises_no_doubt_about_its_conventions(see
     assert not [doubt for doubt in fit.medium.doubts if "convention" in doubt]
 
 
+@settings(max_examples=40, deadline=None)
+@given(seed=st.integers(0, 2**32 - 1), noise=st.floats(0.0, 0.1), damage=st.sampled_from(["swap", "copy", "cell"]))
+def test_swapped_columns_copied_cells_and_one_wrong_cell_raise_a_doubt_and_a_right_map_does_not(seed, noise, damage):
+    random = np.random.default_rng(seed)
+    medium = random.choice(list(MEDIA.values()))
+    right = map_of(medium, noise=noise * 0.3 * medium.strength, seed=seed)
+    assert fit_medium(right, name="mine").medium.doubts == ()
+    alpha_x, alpha_z, beta, gamma = right.alpha_x.copy(), right.alpha_z.copy(), right.beta, right.gamma
+    if damage == "swap":
+        beta, gamma = gamma, beta
+    elif damage == "copy":
+        up, down = np.isclose(gamma, np.deg2rad(75.0)), np.isclose(gamma, np.deg2rad(-75.0))
+        alpha_x[up], alpha_z[up] = alpha_x[down], alpha_z[down]
+    else:
+        wrong = random.integers(len(beta))
+        alpha_z[wrong] += 2.0 * medium.strength
+    wrong_map = StressMap(beta=beta, gamma=gamma, alpha_x=alpha_x, alpha_z=alpha_z)
+    try:
+        doubts = fit_medium(wrong_map, name="mine").medium.doubts
+    except ValueError:
+        return
+    assert doubts
+
+
 def test_missing_cells_of_a_grid_are_counted():
     measured = map_of(MEDIA["generic"])
     alpha_x = measured.alpha_x.copy()
