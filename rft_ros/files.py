@@ -222,9 +222,9 @@ _Loader.add_implicit_resolver(
 )
 
 
-def read_yaml(file: Path, what: str) -> Any:
+def read_yaml(file: Path, what: str, *, limit: int = MAX_YAML) -> Any:
     """Content of a YAML file. Raises InputError, which calls the file `what`, if it cannot be read or is not YAML."""
-    text = read_text(file, what, limit=MAX_YAML)
+    text = read_text(file, what, limit=limit)
     try:
         return yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: the 99th day of a month

@@ -10,6 +10,8 @@ from rft_ros.rft import Table
 
 __all__ = ["read_alpha_y_table"]
 
+_MOST = 50.0  # N/cm³, as for a medium
+_RADIANS, _STEPS = 3.2, 4  # this many different values of beta, none beyond this, are in radians
 _MAX_TABLE = 4 * 2**20  # bytes; a grid of 180 x 360 pairs takes half of them
 
 
@@ -36,6 +38,12 @@ def read_alpha_y_table(file: str) -> Table:
         raise InputError(f"{name} has a value that is not finite; remove its row or give a number")
     if stresses.min() < 0.0:
         raise InputError(f"{name} has a negative alpha_y ({stresses.min():g}); give the size of a stress that resists")
+    if stresses.max() > _MOST:
+        unit = f"over {_MOST:g} N/cm³, which no grains have; check the order of the columns, and the unit"
+        raise InputError(f"{name} has alpha_y up to {stresses.max():.4g}, {unit} (1 N/cm³ = 1e6 Pa/m)")
+    widest = float(np.abs(angles).max())
+    if widest <= _RADIANS and len(np.unique(angles[0])) >= _STEPS:
+        raise InputError(f"{name} has no angle beyond {widest:.3g}; these seem to be radians: give degrees")
     beta, i = np.unique(angles[0], return_inverse=True)
     gamma, j = np.unique(angles[1] if len(angles) > 1 else np.zeros(len(rows)), return_inverse=True)
     pairs = len(beta) * len(gamma)

@@ -23,6 +23,7 @@ __all__ = ["is_medium_file", "read_medium", "read_stress_map", "write_medium"]
 Array = NDArray[np.float64]
 
 _YAML = (".yaml", ".yml")
+_MAX_COEFFICIENTS = 16 * 2**10  # bytes; YAML takes 12 s for 1 MB
 _MAX_MAP = 2 * 2**20  # bytes; a node reads it between two ticks
 _MAX_CELLS = 5_000
 _LEAST, _MOST = 1e-3, 50.0
@@ -56,7 +57,7 @@ def read_medium(file: str) -> Medium:
 
 def _of_yaml(file: Path) -> Medium:
     what = f"medium.file '{file}'"
-    content = read_yaml(file, "medium.file")
+    content = read_yaml(file, "medium.file", limit=_MAX_COEFFICIENTS)
     if not isinstance(content, Mapping):
         raise InputError(f"{what} has no coefficients; it needs {', '.join(MEDIA['generic'].coefficients)}")
     given = content.get("coefficients", content)

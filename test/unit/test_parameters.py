@@ -330,3 +330,22 @@ def test_each_number_of_a_law_is_a_parameter_that_reaches_the_law_and_can_be_var
 def test_a_number_that_no_law_has_is_refused_by_its_name():
     with pytest.raises(TypeError, match=r"'stiffness'.*zeta"):
         law_named("treers2021", MEDIA["generic"], Constant(0.1), stiffness=2.0)
+
+
+@pytest.mark.parametrize(
+    ("rows", "word"),
+    [
+        ("0,200000\n45,136000\n90,60000\n180,0\n", "N/cm³"),
+        ("alpha_y,beta\n0.2,0\n0.136,45\n0.06,90\n0,180\n", "order of the columns"),
+        ("0,0.2\n0.785,0.136\n1.571,0.06\n3.1416,0\n", "radians"),
+    ],
+    ids=["Pa/m", "swapped columns", "radians"],
+)
+def test_a_table_of_alpha_y_in_another_unit_or_order_is_refused(table, rows, word):
+    assert_says(refusal(table, rows), "alpha_y.table", word)
+
+
+def test_a_medium_file_is_small_since_the_node_reads_it_between_two_poses(tmp_path):
+    file = tmp_path / "large.yaml"
+    file.write_text("A00: 0.2\n" + "# filling\n" * 2_000)
+    assert_says(refusal(model_of, {**defaults(), "medium.file": str(file)}), "medium.file", str(file))
