@@ -8,11 +8,13 @@ import numpy as np
 
 from rft_ros.calibration.alpha_y import AlphaYFit, AlphaYModel, fit_alpha_y, plate_runs
 from rft_ros.calibration.contact import Contact, find_contacts
+from rft_ros.calibration.delay import fit_delay
 from rft_ros.calibration.fitting import FitResults, NotIdentifiable
 from rft_ros.calibration.grains import fit_grains
 from rft_ros.calibration.memory_length import LOST_MOTION
 from rft_ros.calibration.plausibility import refuse_implausible
-from rft_ros.calibration.recorded import BedValues
+from rft_ros.calibration.recorded import BedValues, recorded
+from rft_ros.calibration.suspicion import suspicions, without_repeats
 from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
@@ -24,7 +26,7 @@ from rft_ros.rft.placement import Placement
 __all__ = ["PARTS", "Calibration", "calibrate"]
 
 PARTS = ("sensor", "surface", "zeta", "mobilization", "alpha_y")
-"""What can be fitted: bias, mass and centre of mass; surface height; ζ; λ; α_y."""
+"""What can be fitted: delay, bias, mass and centre of mass; surface height; ζ; λ; α_y."""
 
 _ROUNDS = 5  # of contacts and force of inertia, each with the result of the other
 _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m] above the surface
@@ -48,6 +50,7 @@ def calibrate(
     for track in tracks:
         refuse_implausible(track)
     settings, result = settings_of(values), Calibration()
+    sent, tracks = tracks, [without_repeats(track) for track in tracks]
     sensor = Sensor(_placed_cell(settings, tracks))
     # only the law of this model is used, so any tool will do; fits assume level ground
     at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
@@ -65,6 +68,22 @@ def calibrate(
         if "surface" in parts:
             height = _mean_surface(contacts)
         air = max(height, *(contact.surface for contact in contacts))
+    with_memory = replace(law, mobilization_length=values["medium.mobilization_length"])
+    for as_sent, track in zip(sent, tracks, strict=True):
+        result.warnings += suspicions(as_sent, track, settings, sensor.cell, with_memory, surface=height)
+    given = BedValues(settings.surface_height, values["medium.mobilization_length"], LOST_MOTION)
+    delay, delay_error = 0.0, 0.0
+    if "sensor" in parts:
+        with result.or_reason("sensor.delay"):
+            quasi_static = [_without_inertia(t, sensor.cell, inertial, law, height) for t in tracks]
+            of_delay = [recorded(track, sensor.cell, law) for track in quasi_static]
+            fitted_delay = fit_delay(of_delay, height, given=settings.load_cell.delay)
+            result.fitted.append(fitted_delay)
+            delay, delay_error = fitted_delay.values[0] - settings.load_cell.delay, fitted_delay.errors[0]
+            tracks = [track.earlier(delay) for track in tracks]
+            if contacts:
+                contacts = _contacts(tracks, sensor.cell, inertial, law)
+                height = _mean_surface(contacts) if "surface" in parts else height
     tracks = [_without_inertia(t, sensor.cell, inertial, law, height) for t in tracks]
 
     if "sensor" in parts:
@@ -72,8 +91,7 @@ def calibrate(
             sensor, fitted, reasons = fit_tool_weight(tracks, sensor.cell, air=air + _CLEAR)
             result.fitted += fitted
             result.not_identifiable |= reasons
-    given = BedValues(settings.surface_height, values["medium.mobilization_length"], LOST_MOTION)
-    grains = fit_grains(tracks, sensor, law, contacts=contacts, given=given, parts=parts)
+    grains = fit_grains(tracks, sensor, law, contacts=contacts, given=given, parts=parts, delay_error=delay_error)
     result.fitted += grains.fitted
     result.not_identifiable |= grains.not_identifiable
     result.warnings += grains.warnings

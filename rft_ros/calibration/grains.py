@@ -64,12 +64,14 @@ _SURFACE, _LENGTH, _ZETA = range(3)
 class _Coupling(NamedTuple):
     """How errors reach the surface [m], log λ and ζ: from each other, from noise of the poses, from the cell's zero.
 
-    `by`: the derivative of each value's fit by the others, shape [3, 3]. `by_poses`: standard errors, shape [3].
+    `by`: the derivative of each value's fit by the others, shape [3, 3]. `by_poses`: standard errors, shape [3];
+    `by_delay`: what the standard error of the delay changes, shape [3].
     `by_zero`: the derivative by an offset of the load cell [1/N], shape [3, 3]. `ways_down`: those it was computed for.
     """
 
     by: Array
     by_poses: Array
+    by_delay: Array
     by_zero: Array
     ways_down: list[tuple[int, Indices]]
 
@@ -89,6 +91,7 @@ class _Fits:
     found_contacts: list[Measurement] = field(default_factory=list)
     found_turns: list[TurnFit] = field(default_factory=list)
     coupling: _Coupling | None = None
+    delay_error: float = 0.0  # [s]
 
     def surfaces(self, grains: BedValues) -> list[Measurement]:
         """The surface height at each contact."""
@@ -142,8 +145,8 @@ class _Fits:
         """Standard errors of the surface [m], log λ and ζ, from the own error of each; `zero_error` [N], one axis."""
         if self.coupling is None or len(self.coupling.ways_down) != len(self.ways_down):
             self.coupling = self._coupled(own)
-        by, by_poses, by_zero, _ = self.coupling
-        sources = np.hstack([np.diag(own), np.diag(by_poses), zero_error * by_zero])
+        by, by_poses, by_delay, by_zero, _ = self.coupling
+        sources = np.hstack([np.diag(own), np.diag(by_poses), by_delay[:, None], zero_error * by_zero])
         return np.asarray(np.linalg.norm(np.linalg.solve(np.eye(3) - by, sources), axis=1))
 
     def _coupled(self, own: Array) -> _Coupling:
@@ -164,7 +167,26 @@ class _Fits:
             by_zero[_LENGTH] = np.mean([turn.by_zero for turn in self.found_turns], axis=0)
         if self.ways_down:
             by_zero[_ZETA] = np.mean([way.by_zero for way in self.penetrations(self.grains)], axis=0)
-        return _Coupling(by, self._by_poses(surface, log_length), by_zero, self.ways_down)
+        return _Coupling(
+            by,
+            self._by_poses(surface, log_length),
+            self._by_delay(surface, log_length),
+            by_zero,
+            self.ways_down,
+        )
+
+    def _by_delay(self, surface: float, log_length: float) -> Array:
+        """The effect of a delay as large as its standard error, either way: half the difference of two fits."""
+        if self.delay_error == 0.0:
+            return np.zeros(3)
+        early, late = (
+            replace(self, recordings=[one.earlier(side * self.delay_error) for one in self.recordings])
+            for side in (1.0, -1.0)
+        )
+        change = early.values(surface=surface, log_length=log_length) - late.values(
+            surface=surface, log_length=log_length
+        )
+        return 0.5 * change
 
     def _by_poses(self, surface: float, log_length: float) -> Array:
         """The effect of pose noise on the fitted values: RMS change of fits to poses with twice the noise.
@@ -251,13 +273,16 @@ def fit_grains(
     contacts: Sequence[Contact],
     given: BedValues,
     parts: Collection[str],
+    delay_error: float = 0.0,
 ) -> FitResults:
     """Fit those of surface, zeta and mobilization that are in `parts`; the others are as `given`.
+
+    `delay_error`: standard error [s] of the delay of the load cell, which all errors include.
 
     `law`: at ζ = 1, without memory and inertia. `contacts`: of these tracks; the surface is fitted to them.
     """
     result, own = FitResults(), np.zeros(3)
-    fits = _Fits([recorded(track, sensor.cell, law) for track in tracks], given)
+    fits = _Fits([recorded(track, sensor.cell, law) for track in tracks], given, delay_error=delay_error)
     if "surface" in parts and contacts:
         fits.contacts = list(contacts)
         fits.grains = given._replace(surface=float(np.mean([contact.surface for contact in contacts])))

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.calibration.smoothing import FineMotion, fine_motion, noise_of_poses, shaken_states, smoothed_states
-from rft_ros.calibration.track import GAP, Indices, Track
+from rft_ros.calibration.track import GAP, Indices, Track, moved_back
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import FORCE, Law, Memory, wrenches, wrenches_in_time
 from rft_ros.rft.frames import ANGULAR_VELOCITY, TWIST, VELOCITY
@@ -70,6 +70,10 @@ class Recorded:
         """Standard deviation of one coordinate of the tool's fastest point [m]; 0 where the poses have no noise."""
         track = self.track
         return noise_of_poses(track.time, track.states, gap=GAP, reach=track.tool.plates.reach)
+
+    def earlier(self, delay: float) -> "Recorded":
+        """The recording with its forces moved back in time by `delay` [s]."""
+        return replace(self, forces=moved_back(self.track.time, self.forces, delay))
 
     def shaken(self, rng: np.random.Generator) -> "Recorded":
         """The recording with noise added, so that its deviation doubles; itself if the poses have no noise."""

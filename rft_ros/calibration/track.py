@@ -21,7 +21,7 @@ from rft_ros.rft.frames import ANGULAR_VELOCITY, POSE, POSITION, QUATERNION, TWI
 from rft_ros.rft.placement import Placement
 from rft_ros.tool import Tool
 
-__all__ = ["FEWEST", "GAP", "Indices", "Track", "Turn", "down_strokes", "level_runs", "read_track"]
+__all__ = ["FEWEST", "GAP", "Indices", "Track", "Turn", "down_strokes", "level_runs", "moved_back", "read_track"]
 __all__ += ["still_intervals", "turns_in_grains"]
 
 Array = NDArray[np.float64]
@@ -69,6 +69,14 @@ class Track:
     damage: str | None = None
     mount: Placement | None = None
 
+    def earlier(self, delay: float) -> "Track":
+        """The recording with the stamps of its readings moved back by `delay` [s]."""
+        return self if delay == 0.0 else replace(self, readings=moved_back(self.time, self.readings, delay))
+
+    def at(self, rows: Indices) -> "Track":
+        """The recording at some of its moments; `rows`: their indices, shape [m]."""
+        return replace(self, time=self.time[rows], states=self.states[rows], readings=self.readings[rows])
+
     def rotations(self) -> Array:
         """Rotation of the tool frame into the world at each moment, shape [n, 3, 3], no unit."""
         return np.asarray(Rotation.from_quat(self.states[:, QUATERNION]).as_matrix())
@@ -111,6 +119,11 @@ class Track:
         return np.asarray(np.einsum("nij,nj->ni", self.sensor_rotations(cell), in_sensor))
 
 
+def moved_back(time: Array, readings: Array, delay: float) -> Array:
+    """What a load cell read `delay` [s] after each moment; `time` [s], shape [n], `readings`, shape [n, k]."""
+    return np.column_stack([np.interp(time + delay, time, column) for column in readings.T])
+
+
 def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) -> Track:
     """Read a bag's poses, each with the twist and load-cell reading that the estimator uses for it; no tare.
 
@@ -119,10 +132,13 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     # the error of a reduced tool would bias every fit; the fits know level ground only
     values = {**values, "tolerance": 0.0, "ground.cell": 0.0, "ground.file": ""}
     recording, model = Recording(bag, values, options), model_of(values)
+    settings = settings_of(recording.values)
+    cell, in_world = settings.load_cell, settings.sensor_source == "world"
     settings = replace(
-        settings_of(recording.values),
-        load_cell=LoadCell(),  # without bias and weight the estimator's compensated wrench is the raw reading
-        sensor_source="parameters",
+        settings,
+        # without bias and weight the estimator's compensated wrench is the raw reading, in the axes of the cell
+        load_cell=LoadCell(position=cell.position, quaternion=cell.quaternion, delay=cell.delay),
+        sensor_source="world" if in_world else "parameters",
         surface_height=_BOTTOMLESS,
         max_rate=0.0,
     )

@@ -72,4 +72,10 @@ def calibrate(arguments: argparse.Namespace) -> int:
         return 1
     for path in write_calibrated(output, arguments.params, result, tracks):
         print(f"-> {path}")
+    if not arguments.fit and {f.name for f in result.fitted} == {"sensor.bias"}:
+        lacks = (
+            "push the tool straight down into the grains and pull it out, and tilt it in the air, as calibrate.md says"
+        )
+        print(f"only sensor.bias is identifiable from these bags; for the others {lacks}")
+        return 1
     return 1 if arguments.fit and result.not_identifiable else 0

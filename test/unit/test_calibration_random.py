@@ -26,13 +26,14 @@ from synthetic_track import (
 )
 
 from rft_ros.calibration.calibrate import calibrate
+from rft_ros.calibration.track import moved_back
 from rft_ros.estimator import PoseSample
 from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.rft import Memory, wrenches_in_time
 from rft_ros.tool import load_tool
 
 NAMES = ("surface_height", "medium.zeta", "medium.mobilization_length", "medium.calibrated_depth")
-NAMES += ("sensor.bias", "sensor.mass", "sensor.center_of_mass")
+NAMES += ("sensor.bias", "sensor.mass", "sensor.center_of_mass", "sensor.delay")
 FILE_ERROR = 0.002  # m, of the file's surface height, which is used where the recording does not show the surface
 
 
@@ -87,12 +88,14 @@ def recording(seed):
     some = slice(int(rng.integers(every)), None, every)
     time, states, force = time[some] - time[some][0], states[some].copy(), force[some]
     readings = read_by(LOAD_CELL, states, force, rng, noise=(noise, noise / 50.0))
+    delay = rng.uniform(-0.1, 0.1)
+    readings = moved_back(time, readings, -delay)
     if shakes and integration == "refined":
         states = shaken(states, rng, 3e-6, 3e-5)
     if difference:
         states = differenced(time, states)
     cell = LOAD_CELL
-    truth = (surface,), (zeta,), (length,), (depth,), cell.bias, (cell.mass,), cell.center_of_mass
+    truth = (surface,), (zeta,), (length,), (depth,), cell.bias, (cell.mass,), cell.center_of_mass, (delay,)
     given = surface + rng.normal(0.0, FILE_ERROR)
     return track_of(time, states, readings, tool=tool), dict(zip(NAMES, truth, strict=True)), given
 

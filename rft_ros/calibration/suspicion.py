@@ -1,0 +1,68 @@
+"""Hypotheses of `rft_ros.diagnosis` that a calibration would turn into wrong numbers, judged on each recording."""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.calibration.track import Track
+from rft_ros.diagnosis import Evidence, diagnose
+from rft_ros.errors import InputError
+from rft_ros.estimator import LoadCell
+from rft_ros.parameters import Settings
+from rft_ros.rft import FORCE, POSE, SLACK, TORQUE, VELOCITY, Law, Memory, wrenches_in_time
+from rft_ros.rft.frames import ANGULAR_VELOCITY
+
+__all__ = ["suspicions", "without_repeats"]
+
+Array = NDArray[np.float64]
+
+_TOLD = frozenset({"repeats", "saturation", "lever"})  # the fits go on, with a warning
+_REST = 0.1  # s between two changes of the pose; a longer time is a rest
+_REPEATED = 1.5  # poses per new pose while the tool moves, from which on repeats are left out
+
+
+def without_repeats(track: Track) -> Track:
+    """The recording without the moments at which a moving tool has the pose of the moment before.
+
+    A driver that publishes faster than it measures sends them. Their readings belong to poses that nobody measured.
+    """
+    new = np.append(True, (np.diff(track.states[:, POSE], axis=0) != 0.0).any(axis=1))
+    changed = np.flatnonzero(new)
+    short = np.diff(track.time[changed]) < _REST
+    counts = np.diff(changed)[short]
+    if not len(counts) or counts.mean() <= _REPEATED:
+        return track
+    inside = np.append(short, False)[np.cumsum(new) - 1]  # between two changes that follow each other closely
+    return track.at(np.flatnonzero(new | ~inside))
+
+
+def suspicions(sent: Track, track: Track, settings: Settings, cell: LoadCell, law: Law, *, surface: float) -> list[str]:
+    """What is probably wrong with a recording, as sentences. `sent`: with the repeats that `track` is without.
+
+    `law`: with memory. Raises InputError if the force in the air depends on the motion: every fit would believe it.
+    """
+    predicted = wrenches_in_time(
+        track.tool.plates, law, track.states, Memory(track.tool.plates, slack=SLACK), surface_height=surface
+    )[:, :6]
+    to_world, gravity = track.sensor_rotations(cell), track.gravity_in_sensor(cell)
+    weight = cell.mass * np.hstack([gravity, np.cross(cell.center_of_mass, gravity)])
+    place = track.rotations() @ np.array(cell.position)
+    torque = predicted[:, TORQUE] - np.cross(place, predicted[:, FORCE])
+    in_cell = [np.einsum("nji,nj->ni", to_world, part) for part in (predicted[:, FORCE], torque)]
+    speed, spin = (np.linalg.norm(track.states[:, part], axis=1) for part in (VELOCITY, ANGULAR_VELOCITY))
+    evidence = Evidence(
+        settings=settings,
+        load_cell=cell,
+        tool=track.tool,
+        time=track.time,
+        state=track.states,
+        depth=surface - track.heights(),
+        speed=speed + spin * track.tool.plates.reach,
+        predicted=np.hstack(in_cell),
+        measured=cell.sign * (track.readings - np.array(cell.bias)) - weight,
+        pose_time=sent.time,
+        poses=sent.states[:, POSE],
+    )
+    for finding in diagnose(evidence, told={"motion"}):
+        if not finding.ok:
+            raise InputError(f"{track.name}: {finding.text}")
+    return [f"{track.name}: {finding.text}" for finding in diagnose(evidence, told=_TOLD) if not finding.ok]
