@@ -8,7 +8,7 @@ from rft_ros.diagnosis import Evidence, diagnose
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell
 from rft_ros.parameters import Settings
-from rft_ros.rft import FORCE, POSE, SLACK, TORQUE, VELOCITY, Law, Memory, wrenches_in_time
+from rft_ros.rft import FORCE, POSE, SLACK, TORQUE, VELOCITY, Law, Memory, wrenches, wrenches_in_time
 from rft_ros.rft.frames import ANGULAR_VELOCITY
 
 __all__ = ["suspicions", "without_repeats"]
@@ -38,11 +38,15 @@ def without_repeats(track: Track) -> Track:
 def suspicions(sent: Track, track: Track, settings: Settings, cell: LoadCell, law: Law, *, surface: float) -> list[str]:
     """What is probably wrong with a recording, as sentences. `sent`: with the repeats that `track` is without.
 
-    `law`: with memory. Raises InputError if the force in the air depends on the motion: every fit would believe it.
+    `law`: of the parameters, with their λ. Raises InputError if the force in the air depends on the motion: every fit
+    would believe it.
     """
-    predicted = wrenches_in_time(
-        track.tool.plates, law, track.states, Memory(track.tool.plates, slack=SLACK), surface_height=surface
-    )[:, :6]
+    plates = track.tool.plates
+    if law.mobilization_length > 0.0:
+        memory = Memory(plates, slack=SLACK)
+        predicted = wrenches_in_time(plates, law, track.states, memory, surface_height=surface)[:, :6]
+    else:
+        predicted = wrenches(plates, law, track.states, surface_height=surface)[:, :6]
     to_world, gravity = track.sensor_rotations(cell), track.gravity_in_sensor(cell)
     weight = cell.mass * np.hstack([gravity, np.cross(cell.center_of_mass, gravity)])
     place = track.rotations() @ np.array(cell.position)
