@@ -62,7 +62,7 @@ def suspicions(sent: Track, track: Track, settings: Settings, cell: LoadCell, la
         depth=surface - track.heights(),
         speed=speed + spin * track.tool.plates.reach,
         predicted=np.hstack(in_cell),
-        measured=cell.sign * (track.readings - np.array(cell.bias)) - weight,
+        measured=cell.sign * (track.readings[:, :6] - np.array(cell.bias)) - weight,
         pose_time=sent.time,
         poses=sent.states[:, POSE],
     )
