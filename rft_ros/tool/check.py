@@ -20,7 +20,7 @@ _CONCAVE_SHARE = 0.05  # of the area: a tool with a larger share in hollows is c
 _SAMPLED = 2000  # facets, and points, in the check for hollows
 _COVERED_SHARE = 0.005  # of the area: more of it inside other bodies is no rounding at an edge
 _COVERED_SAMPLES = 400  # points in the check for bodies in each other
-_MOST_ANGLES = 8_000_000  # solid angles in that check: under a second
+_MOST_PAIRS = 10_000_000  # of a point and a facet in that check
 _OUTSIDE = 1e-4  # of the largest extent: distance in front of a facet at which another body covers it
 
 _Surface = Literal["not_closed", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"]
@@ -95,23 +95,29 @@ def _covered_share(mesh: "trimesh.Trimesh") -> float:
     graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(facets, facets))
     if connected_components(graph, directed=False)[0] < 2:
         return 0.0
-    count = max(1, min(_COVERED_SAMPLES, _MOST_ANGLES // facets))
+    count = max(1, min(_COVERED_SAMPLES, _MOST_PAIRS // facets))
     points, sampled = sample_surface(mesh, count, seed=0)[:2]
     places = points + _OUTSIDE * float(mesh.extents.max()) * np.asarray(mesh.face_normals)[sampled]
     triangles = np.asarray(mesh.triangles)
-    return float(np.mean([_winding_number(triangles - place) > 0.5 for place in places]))
+    lowest, highest = (np.ascontiguousarray(bound(triangles, axis=1).T) for bound in (np.min, np.max))
+    covered = 0
+    for x, y, z in places:
+        near = (lowest[0] <= x) & (x <= highest[0]) & (lowest[1] <= y) & (y <= highest[1]) & (highest[2] > z)
+        covered += _winding_number(triangles[near] - (x, y, z)) > 0
+    return covered / count
 
 
-def _winding_number(triangles: NDArray[np.float64]) -> float:
-    """How often the triangles, shape [m, 3, 3], enclose the origin: the sum of their solid angles over 4 pi.
+def _winding_number(triangles: NDArray[np.float64]) -> int:
+    """How often a closed surface encloses the origin, from its triangles that the ray along +z may meet.
 
-    Source: van Oosterom and Strackee (1983), IEEE Trans. Biomed. Eng. 30(2), eq. 8.
+    Those are shape [m, 3, 3]. Where the ray leaves the surface counts 1, and where it enters -1.
     """
     a, b, c = triangles.transpose(1, 0, 2)
-    la, lb, lc = np.linalg.norm(triangles, axis=2).T
-    volume = np.einsum("ij,ij->i", a, np.cross(b, c))
-    ab, bc, ca = (np.einsum("ij,ij->i", p, q) for p, q in ((a, b), (b, c), (c, a)))
-    return float(np.arctan2(volume, la * lb * lc + ab * lc + bc * la + ca * lb).sum() / (2.0 * np.pi))
+    x, y = 0, 1
+    u, v, w = (p[:, x] * q[:, y] - p[:, y] * q[:, x] for p, q in ((b, c), (c, a), (a, b)))
+    leaves, enters = (u > 0) & (v > 0) & (w > 0), (u < 0) & (v < 0) & (w < 0)
+    above = (u * a[:, 2] + v * b[:, 2] + w * c[:, 2]) * np.where(leaves, 1.0, -1.0) > 0
+    return int((leaves & above).sum()) - int((enters & above).sum())
 
 
 def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
