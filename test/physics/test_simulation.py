@@ -96,8 +96,8 @@ def test_the_stiffness_is_what_a_small_motion_changes(plate):
         grains.restore(state)
         grains.step(*np.split(states[-1], [3, 7]), 0.01)  # the pose from which it moves
         change = grains.step(*np.split(moved, [3, 7]), 0.01) - before
-        # a plate that begins to lead adds to it, one that lets go takes from it
-        assert 0.5 < -(change @ step) / (step @ stiffness @ step) < 1.6, axis
+        # a plate that begins to lead adds to it, one that lets go takes from it: upwards half of it lets go
+        assert 0.4 < -(change @ step) / (step @ stiffness @ step) < 1.6, axis
 
 
 def test_a_state_comes_back_from_a_pickle_and_a_reset_bed_is_new(plate):
