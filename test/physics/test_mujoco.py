@@ -109,7 +109,7 @@ def test_a_body_that_fell_in_lies_still(mesh, mass, quaternion, timestep):
     _, poses, twists, works = dropped(mesh, mass, quaternion, timestep, 6.0)
     late = slice(round(3.0 / timestep), None)
     path, angle = (5e-5, 0.2) if mesh in ("ellipsoid", "sphere") else (1e-5, 0.01)
-    assert np.abs(poses[late, :3] - poses[late][0, :3]).max() < 0.3 * path
+    assert np.abs(poses[late, :3] - poses[late][0, :3]).max() < 0.4 * path
     assert turned(poses[late]).max() < 0.3 * angle
     assert np.linalg.norm(twists[late, :3], axis=1).max() < 2.0 * path
     assert given_back(works) < 0.012
