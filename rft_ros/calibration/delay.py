@@ -33,12 +33,16 @@ _LONGEST_LENGTH = 0.03  # greatest λ that is searched [m]
 _DELAYS, _LENGTHS = 26, 5  # delays and values of λ that are tried before the best pair is refined
 _STEPS = np.array([5e-4, 0.03])  # changes of the delay [s] and of log λ for derivatives
 _LEAST_ERROR = 1e-3  # s: delays of synthetic recordings are found up to 1.6 ms too early
+_SEEN = 2.0  # standard errors: a smaller delay is not told from the given one
 _UNSURE = 0.05  # greatest accepted standard error of one turn [s]
 _UNLIKE = 0.15  # greatest accepted RMS residual, relative to the range of the force
 
 
 def fit_delay(recordings: Sequence[Recorded], surface: float, *, given: float) -> FittedValue:
     """`sensor.delay` [s]: the mean over the turns, weighted by their errors, on top of the one that is `given`.
+
+    The given one is kept, with an error that includes the difference, if the two agree within their errors: readings
+    that are moved between their samples lose the corners that tell λ.
 
     Raises NotIdentifiable if no turn determines it.
     """
@@ -49,6 +53,8 @@ def fit_delay(recordings: Sequence[Recorded], surface: float, *, given: float) -
     mean = float(weights @ values / weights.sum())
     scatter = float(weights @ (values - mean) ** 2) / max(len(values) - 1, 1)
     error = float(np.sqrt(max(1.0, scatter) / weights.sum()))
+    if abs(mean) < _SEEN * error:
+        mean, error = 0.0, float(np.hypot(error, mean))
     each = ", ".join(f"{m.bag} {given + m.value:.3f} ± {m.error:.2g}" for m in found)
     misfit = 100.0 * max(m.misfit for m in found)
     goodness = f"RMS up to {misfit:.1f} % of the force's range around turns"
