@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from recordings import START, STEP
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.playback import topics_of
+from rft_ros.bags.options import topics_of
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
 from rft_ros.parameters import defaults, model_of
