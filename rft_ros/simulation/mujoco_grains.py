@@ -101,7 +101,7 @@ class MujocoGrains:
         self.tools, self.tool = tools, tools[0]
         """The bodies' shapes, and that of the first."""
         if isinstance(ground, str):
-            ground = ground_of_field(model, ground)
+            ground = ground_of_field(model, ground, tools)
         self._grains = GrainsBatch(tools, law, bodies=len(tools), surface_height=surface_height, ground=ground)
         self._model, self._single, self._mechanism = model, bodies is None, Mechanism(model, self._ids)
         self._last: tuple[float, float] | None = None  # time of the data at the last call, and its step

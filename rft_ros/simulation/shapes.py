@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.ground import HeightMap
+from rft_ros.ground import MOST_CELLS, HeightMap
 from rft_ros.rft import rotation_matrix
 from rft_ros.simulation.mechanism import import_mujoco
 from rft_ros.tool import Tool, tool_of_mesh
@@ -19,7 +19,7 @@ Array = NDArray[np.float64]
 
 _FINEST = 3  # times that each face of an icosahedron is divided into four: a sphere of 1,280 triangles
 _SEGMENTS = 32  # around a cylinder or capsule
-_CELLS = 8  # along the longest side of a primitive: on larger plates the speed of a body that turns varies too much
+_CELLS = 8  # along the longest side of a body, of its plates and of the ground: their velocity and height vary little
 _MISTAKEN = 100.0  # times the size of the body's geoms: units are mistaken by 1,000
 _SMALLEST = 1.0 / 30.0  # of the mobilization length
 _BESIDE = 1e-3  # of the body's size: distance from a face of the two points that say whether another geom covers it
@@ -170,8 +170,12 @@ def _inside(points: Array, triangles: Array) -> NDArray[np.bool_]:
     return np.asarray(inside)
 
 
-def ground_of_field(model: Any, name: str) -> HeightMap:
-    """The height map of a geom of type hfield. Raises InputError for another geom, and for one that moves or leans."""
+def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
+    """The height map of a geom of type hfield, for bodies of these shapes.
+
+    The surface at a body is fitted over at least two cells of the map. So a field of larger cells is divided, as far as
+    `MOST_CELLS` allows. Raises InputError for another geom, and for one that moves or leans.
+    """
     from scipy.ndimage import map_coordinates
 
     mujoco = import_mujoco()
@@ -187,7 +191,9 @@ def ground_of_field(model: Any, name: str) -> HeightMap:
     rows, columns, first = model.hfield_nrow[field], model.hfield_ncol[field], model.hfield_adr[field]
     half_x, half_y, height, _ = model.hfield_size[field]
     heights = z + height * model.hfield_data[first : first + rows * columns].reshape(rows, columns)
-    cell = float(min(2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1)))
+    own = min(2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1))
+    finest = 2.0 * np.sqrt(half_x * half_y / MOST_CELLS)
+    cell = float(max(min(own, *(_size(tool) / _CELLS for tool in tools)), finest))
     reach = np.abs(axes[:2, :2]) @ (half_x, half_y)
     (low_x, low_y), (high_x, high_y) = (np.floor(((x, y) + s * reach) / cell).astype(int) for s in (-1.0, 1.0))
     u, v = np.meshgrid(np.arange(low_x, high_x + 1), np.arange(low_y, high_y + 1), indexing="ij")
@@ -199,7 +205,7 @@ def ground_of_field(model: Any, name: str) -> HeightMap:
 
 def check_size(tool: Tool, model: Any, body: int, length: float) -> None:
     """Refuse a tool of a file in other units than its `scale` says; `length`: the mobilization length [m]."""
-    size = float(np.ptp(tool.corners, axis=0).max())
+    size = _size(tool)
     what = f"the mesh of body '{model.body(body).name}' is {size:.3g} m long"
     if size < _SMALLEST * length:
         raise InputError(f"{what}, too small for grains; check scale, in metres per unit of the file")
@@ -207,6 +213,10 @@ def check_size(tool: Tool, model: Any, body: int, length: float) -> None:
     own = 2.0 * float(max((model.geom_rbound[g] for g in range(first, first + count)), default=0.0))
     if own > 0.0 and not 1.0 / _MISTAKEN < size / own < _MISTAKEN:
         raise InputError(f"{what}, and its geoms {own:.3g} m; check scale, in metres per unit of the file")
+
+
+def _size(tool: Tool) -> float:
+    return float(np.ptp(tool.corners, axis=0).max())
 
 
 @lru_cache(maxsize=8)

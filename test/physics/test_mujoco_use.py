@@ -164,24 +164,27 @@ def test_a_primitive_that_turns_feels_what_a_finer_one_does(shape):
     assert error < 0.05 * np.linalg.norm(forces[0], axis=1).max()
 
 
-@pytest.mark.xfail(
-    reason="after a reset elsewhere on the slope the force is a fifth of what it should be: not understood"
-)
-def test_a_height_field_is_the_ground():
-    field = '<asset><hfield name="h" nrow="2" ncol="2" elevation="0 0 1 1" size="0.2 0.2 0.04 0.01"/></asset>'
+@pytest.mark.parametrize("cells", [2, 9])
+def test_a_height_field_is_the_ground_where_mujoco_has_it(cells):
+    slope = np.repeat(np.linspace(0, 1, cells), cells)
+    values = " ".join(f"{z:g}" for z in slope)
+    size = f'nrow="{cells}" ncol="{cells}" elevation="{values}" size="0.2 0.2 0.04 0.01"'
     tree = '<geom name="hill" type="hfield" hfield="h" pos="0 0 0.01" contype="0" conaffinity="0"/>'
-    model = model_of(f"{tree}{BALL.format('b', 0.05)}", more=field)
+    model = model_of(f"{tree}{BALL.format('b', 0.05)}", more=f'<asset><hfield name="h" {size}/></asset>')
     data, grains = mujoco.MjData(model), MujocoGrains(model, body="b", law=law(), ground="hill")
-    depths = []
-    for y in (-0.1, 0.1):  # on a slope of 0.04 m over 0.4 m along y
+    mujoco.mj_forward(model, data)
+    forces = []
+    for y in (-0.1, 0.03, 0.1):
+        ray = mujoco.mj_ray(
+            model, data, np.array([0.0, y, 1.0]), np.array([0.0, 0.0, -1.0]), None, 1, -1, np.zeros(1, "i4")
+        )
         mujoco.mj_resetData(model, data)
-        data.qpos[1], data.qpos[2] = y, 0.02 + 0.1 * (y + 0.2)
-        data.qvel[2] = -0.1
+        data.qpos[:3], data.qvel[2] = (0.0, y, 1.0 - ray + 0.01), -0.1
         for _ in range(3):
             grains.apply(data)
             mujoco.mj_step(model, data)
-        depths.append(grains.wrench[2])
-    assert depths[0] > 0.0
-    assert depths[1] == pytest.approx(depths[0], rel=0.2)
+        forces.append(grains.wrench[2])
+    assert forces[0] > 1.0
+    assert forces == pytest.approx([forces[0]] * 3, rel=0.01)
     with pytest.raises(InputError, match="ground 'b' is not a geom of type hfield"):
         MujocoGrains(model, body="b", law=law(), ground="b")
