@@ -217,7 +217,7 @@ class RftNode(Node):
         if swapped is None:
             return
         if isinstance(swapped, Failed):
-            self.get_logger().error(f"not swapped, the tool in force stays: {swapped.reason}")
+            self.get_logger().error(f"not swapped, the model in force stays: {swapped.reason}")
             self.table.set_all(swapped.undo, why="the swap failed")
         else:
             self._use(self._swap.prepared)

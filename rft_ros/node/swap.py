@@ -1,4 +1,4 @@
-"""Loads meshes, maps and machine code in the background, and prepares settings and models for changed parameters.
+"""Loads files and machine code in the background, and prepares settings and models for changed parameters.
 
 The node keeps answering with the old model meanwhile.
 """
@@ -6,8 +6,8 @@ The node keeps answering with the old model meanwhile.
 import logging
 import threading
 import time
-from collections.abc import Callable
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Callable, Mapping
+from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -18,40 +18,39 @@ from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import checked_file
 from rft_ros.messages import decoder
 from rft_ros.node.tool_worker import ToolWorker, named
-from rft_ros.parameters import (
-    GRAINS,
-    Values,
-    law_files_of,
-    model_of,
-    parts_of,
-    read_law_file,
-    settings_of,
-    with_grains,
-)
-from rft_ros.rft import Medium, Table
+from rft_ros.parameters import FILES, GRAINS, Values, model_of, parts_of, settings_of, unused, with_grains
 from rft_ros.tool import locate_mesh
 
 __all__ = ["Failed", "Loaded", "Prepared", "Swap"]
 
 _log = logging.getLogger(__name__)
 
+_ANSWERS_WITHIN = 0.05  # s; a tick waits so long for a drive that does not say whether a file exists
+
+
+class _InForce(NamedTuple):
+    """A part of the model that is used now: the values that it was loaded with, and what was loaded."""
+
+    values: Values
+    content: Any
+
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prepared:
     """Everything that is made from the checked `values` of all parameters. It is made once, when they are validated.
 
-    `settings` and `model` can be used at once: they have the tool, the ground and the machine code that are loaded.
-    `files` (as `parts_of`) and `code` (parts of the machine code): what the values need; used once it is loaded.
-    `read`: the content of `law_files_of`, by parameter and file. `only_grains`: only parameters in `GRAINS` have
-    changed, so that all but `values` and `model` are as before.
+    `settings` and `model` can be used at once: they have the parts and the machine code that are loaded. `wanted` (as
+    `parts_of`) and `code` (parts of the machine code): what the values need; used once it is loaded. `in_force`: the
+    parts of `model`. `only_grains`: only parameters in `GRAINS` have changed, so that all but `values` and `model` are
+    as before.
     """
 
     values: Values
     settings: Settings
     model: Model
-    files: dict[str, Values]
+    wanted: dict[str, Values]
+    in_force: dict[str, _InForce]
     code: frozenset[str]
-    read: dict[tuple[str, str], Medium | Table]
     only_grains: bool = False
 
 
@@ -87,7 +86,7 @@ class _CodeLoad:
 
 
 class Swap:
-    """Loads the parts of a model (tool, ground) and machine code. `parts`: the loaded parts, arguments of `model_of`.
+    """Loads the parts of a model (`parts_of`) and machine code.
 
     The constructor loads what `values` need, or raises InputError. Each part is loaded on its own, so that a change of
     other parameters does not disturb it. A thread waits for the worker and reads its answer: in the node's own thread
@@ -96,43 +95,43 @@ class Swap:
 
     def __init__(self, worker: ToolWorker, values: Values, *, on_cold_cache: Callable[[], None]) -> None:
         self._worker = worker
-        self._file_thread, self._code_thread = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
-        self._files, self._code = parts_of(values), needed(values)
+        self._file_thread, self._code_thread, self._check_thread = (ThreadPoolExecutor(1) for _ in range(3))
+        self._code = needed(values)
         prepare(self._code, on_cold_cache=on_cold_cache)
         _prepare_clouds(self._code)
-        self.parts = worker.load(self._files)  # after the code is in the cache; otherwise the worker compiles it, too
+        wanted = parts_of(values)
+        loaded = worker.load(wanted)  # after the code is in the cache; otherwise the worker compiles it, too
+        self._in_force = {part: _InForce(wanted[part], content) for part, content in loaded.items()}
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
         self._loads: dict[str, _Load] = {}  # by part
         self._code_load: _CodeLoad | None = None
-        self._read: dict[tuple[str, str], Medium | Table] = {}  # `Prepared.read` of the current values
         self.prepared = self._made(values, generation=0)
         """The values, settings and model that are used now."""
-        self._read = self.prepared.read
 
     def prepare(self, values: Values) -> Prepared:
-        """Prepare a change to these values, without reading meshes and maps. Raises InputError for unusable values."""
+        """Prepare a change to these values, without reading files. Raises InputError for unusable values."""
         before = self.prepared
         changes = {name: value for name, value in values.items() if value != before.values[name]}
         if changes.keys() <= GRAINS:
             return replace(before, values=values, model=with_grains(before.model, changes), only_grains=True)
         made = self._made(values, generation=self.prepared.model.generation + 1)
-        if made.files["tool"] != self._files["tool"]:
-            checked_file(locate_mesh(values["mesh.file"]), "mesh.file")
-        if made.files["ground"] != self._files["ground"] and values["ground.file"]:
-            checked_file(Path(values["ground.file"]), "ground.file")
+        check = self._check_thread.submit(_check_files, made.wanted, made.in_force)
+        if wait([check], _ANSWERS_WITHIN).done:  # otherwise the drive stalls, and the worker finds what is wrong
+            check.result()
         return made
 
     def _made(self, values: Values, *, generation: int) -> Prepared:
-        files, code, read = parts_of(values), needed(values), self._read_for(values)
+        wanted, code = parts_of(values), needed(values)
         settings = settings_of(values)
         if code - self._code:
             settings = self._without_code(settings)
-        in_force = {name: value for part in self._files.values() for name, value in part.items()}
-        held: dict[str, Any] = {parameter: content for (parameter, _), content in read.items()}
-        medium, table = held.get("medium.file"), held.get("alpha_y.table")
-        model = model_of({**values, **in_force}, **self.parts, medium=medium, table=table, generation=generation)
-        return Prepared(values=values, settings=settings, model=model, files=files, code=code, read=read)
+        at_once = {part: _InForce(of_part, None) for part, of_part in wanted.items() if unused(part, of_part)}
+        in_force = self._in_force | at_once
+        parameters = {name: value for part in in_force.values() for name, value in part.values.items()}
+        contents = {part: loaded.content for part, loaded in in_force.items()}
+        model = model_of({**values, **parameters}, **contents, generation=generation)
+        return Prepared(values=values, settings=settings, model=model, wanted=wanted, in_force=in_force, code=code)
 
     def _without_code(self, settings: Settings) -> Settings:
         """The settings without learning and without velocities from poses, as far as their machine code is missing."""
@@ -141,11 +140,6 @@ class Swap:
         if "velocity" not in self._code:
             settings = replace(settings, twist_source="topic")
         return settings
-
-    def _read_for(self, values: Values) -> dict[tuple[str, str], Medium | Table]:
-        """The content of the small files of these values. A file that is in use is not read again: it may be gone."""
-        wanted = law_files_of(values).items()
-        return {entry: self._read.get(entry) or read_law_file(*entry) for entry in wanted}
 
     @property
     def preparing(self) -> str:
@@ -159,14 +153,14 @@ class Swap:
 
     def want(self, prepared: Prepared) -> None:
         """Use what was prepared, and start to load what is missing for it. A load of the same files goes on."""
-        self.prepared, self._read = prepared, prepared.read
-        for part, wanted in prepared.files.items():
+        self.prepared, self._in_force = prepared, prepared.in_force
+        for part, wanted in prepared.wanted.items():
             load = self._loads.get(part)
             if load is not None and load.wanted == wanted:
                 continue
             if load is not None:
                 self._give_up(part)
-            if wanted != self._files[part]:
+            if wanted != self._in_force[part].values:
                 given_up = threading.Event()
                 future = self._file_thread.submit(self._worker.load, {part: wanted}, given_up)
                 self._loads[part] = _Load(wanted=wanted, future=future, given_up=given_up, since=time.monotonic())
@@ -195,17 +189,25 @@ class Swap:
             return None
         load = self._loads.pop(part)
         try:
-            self.parts = {**self.parts, **load.future.result()}
+            loaded = load.future.result()
         except InputError as error:
             self.last_failure = str(error)
-            return Failed(undo=self._files[part], reason=self.last_failure)
-        self._files = {**self._files, part: load.wanted}
+            return Failed(undo=self._in_force[part].values, reason=self.last_failure)
+        self._in_force = {**self._in_force, part: _InForce(load.wanted, loaded[part])}
         self.last_failure = ""
         return self._succeeded()
 
     def _succeeded(self) -> Loaded:
         self.prepared = self._made(self.prepared.values, generation=self.prepared.model.generation + 1)
         return Loaded()
+
+
+def _check_files(wanted: Mapping[str, Values], in_force: Mapping[str, _InForce]) -> None:
+    """Raise InputError for a newly wanted file that does not exist or cannot be read. Does not open it."""
+    for part, values in wanted.items():
+        for name in FILES if values != in_force[part].values else ():
+            if values.get(name):
+                checked_file(locate_mesh(values[name]) if name == "mesh.file" else Path(values[name]), name)
 
 
 def _load_code(parts: frozenset[str]) -> None:

@@ -1,4 +1,4 @@
-"""A worker process that loads tools and maps of the ground, while the node keeps answering poses."""
+"""A worker process that reads the files that parameters name, while the node keeps answering poses."""
 
 import threading
 import time

@@ -13,14 +13,13 @@ from rft_ros.parameters.file import (
 )
 from rft_ros.parameters.from_values import (
     GRAINS,
-    law_files_of,
     load_parts,
     medium_of,
     model_of,
     parts_of,
-    read_law_file,
     settings_of,
     tool_of,
+    unused,
     with_grains,
 )
 from rft_ros.parameters.medium_file import is_medium_file, read_medium, read_stress_map, write_medium
@@ -30,8 +29,8 @@ from rft_ros.parameters.table import MESH, PARAMETERS, Parameter, Value, Values,
 
 __all__ = ["FILES", "MESH", "NODE", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
 __all__ += ["LoadCell", "Model", "Settings"]
-__all__ += ["law_files_of", "load_parts", "medium_of", "model_of", "parts_of", "read_law_file", "settings_of"]
-__all__ += ["GRAINS", "tool_of", "with_grains"]
+__all__ += ["GRAINS", "load_parts", "medium_of", "model_of", "parts_of", "settings_of", "tool_of"]
+__all__ += ["unused", "with_grains"]
 __all__ += ["is_medium_file", "read_medium", "read_stress_map", "write_medium"]
 __all__ += ["Section", "named_files", "node_parameters", "read_sections", "section_parameters", "sections_for"]
 __all__ += ["read_alpha_y_table", "read_parameter_file", "write_parameter_file"]

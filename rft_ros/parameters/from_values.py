@@ -14,8 +14,8 @@ from rft_ros.parameters.table import Values
 from rft_ros.rft import LAW_NUMBERS, Medium, Table, alpha_y_model, law_named, medium_named
 from rft_ros.tool import Tool, load_tool
 
-__all__ = ["GRAINS", "ground_of", "law_files_of", "load_parts", "medium_of", "model_of", "parts_of", "read_law_file"]
-__all__ += ["settings_of", "tool_of", "with_grains"]
+__all__ = ["GRAINS", "ground_of", "load_parts", "medium_of", "model_of", "parts_of", "settings_of", "tool_of"]
+__all__ += ["unused", "with_grains"]
 
 
 def settings_of(values: Values) -> Settings:
@@ -54,43 +54,51 @@ def ground_of(values: Values) -> HeightMap | None:
     return read_height_map(Path(file), cell) if file else HeightMap.unknown(cell)
 
 
-class _LoadedPart(NamedTuple):
-    """A part of a model that takes time to load: its parameters, and the function of their values that loads it."""
+class _Part(NamedTuple):
+    """A part of a model that is loaded from a file: its parameters, and the function of their values that loads it.
+
+    `unused`: whether these values ask for nothing to be loaded; the part is then None.
+    """
 
     parameters: tuple[str, ...]
-    load: Callable[[Values], Tool | HeightMap | None]
+    load: Callable[[Values], Tool | HeightMap | Medium | Table | None]
+    unused: Callable[[Values], bool]
 
 
-_OF_TOOL = ("mesh.file", "mesh.scale", "mesh.origin", "mesh.quaternion", "integration", "tolerance")
-_LOADED = {"tool": _LoadedPart(_OF_TOOL, tool_of), "ground": _LoadedPart(("ground.cell", "ground.file"), ground_of)}
+_PARTS = {
+    "tool": _Part(
+        ("mesh.file", "mesh.scale", "mesh.origin", "mesh.quaternion", "integration", "tolerance"),
+        tool_of,
+        lambda _: False,
+    ),
+    "ground": _Part(("ground.cell", "ground.file"), ground_of, lambda values: not values["ground.cell"]),
+    "medium": _Part(
+        ("medium.file",), lambda values: read_medium(values["medium.file"]), lambda values: not values["medium.file"]
+    ),
+    "table": _Part(
+        ("alpha_y.model", "alpha_y.table"),
+        lambda values: read_alpha_y_table(values["alpha_y.table"]),
+        lambda values: values["alpha_y.model"] != "table" or not values["alpha_y.table"],
+    ),
+}
 
 
 def parts_of(values: Values) -> dict[str, Values]:
-    """The parts of a model that take time to load, and the values of the parameters that each needs.
+    """The parts of a model that are loaded from files, and the values of the parameters that each needs.
 
     The keys are arguments of `model_of`.
     """
-    return {name: {p: values[p] for p in part.parameters} for name, part in _LOADED.items()}
+    return {name: {p: values[p] for p in part.parameters} for name, part in _PARTS.items()}
+
+
+def unused(part: str, values: Values) -> bool:
+    """Whether a part of `parts_of` is None with these values: no file has to be read for it."""
+    return _PARTS[part].unused(values)
 
 
 def load_parts(parts: Mapping[str, Values]) -> dict[str, Any]:
     """Load parts of `parts_of`. Raises InputError for what cannot be used."""
-    return {name: _LOADED[name].load(values) for name, values in parts.items()}
-
-
-def law_files_of(values: Values) -> dict[str, str]:
-    """The files of the law, by parameter. They are small enough for a node to read them between two ticks."""
-    files = {}
-    if values["medium.file"]:
-        files["medium.file"] = values["medium.file"]
-    if values["alpha_y.model"] == "table":
-        files["alpha_y.table"] = values["alpha_y.table"]
-    return files
-
-
-def read_law_file(parameter: str, file: str) -> Medium | Table:
-    """Read one of `law_files_of`. Raises InputError for a file that cannot be used."""
-    return read_medium(file) if parameter == "medium.file" else read_alpha_y_table(file)
+    return {name: None if unused(name, values) else _PARTS[name].load(values) for name, values in parts.items()}
 
 
 def medium_of(values: Values) -> Medium:

@@ -1,6 +1,8 @@
 """Swaps under traffic: no tick is lost, none answered by a mixture of models, and a failed swap undoes itself."""
 
 import itertools
+import os
+import signal
 import sys
 import time
 from pathlib import Path
@@ -13,7 +15,8 @@ from rcl_interfaces.srv import SetParameters
 from rclpy.parameter import Parameter
 
 import rft_ros
-from rft_ros.rft import MEDIA
+from rft_ros.parameters import defaults, model_of
+from rft_ros.rft import MEDIA, checked_states, wrenches
 from rft_ros.tool import locate_mesh
 
 MESHES, ZETAS, MODELS = ("plate", "sphere"), (1.0, 0.5, 0.25), ("constant", "linear")
@@ -93,7 +96,7 @@ def test_a_swap_that_fails_is_undone_even_if_the_file_in_force_is_gone(start_nod
     assert rft.set(mesh__file=str(bad), mesh__scale=0.0005) == (True, "")
     for said in (
         f"parameters set: mesh.file '{gone}' -> '{bad}', mesh.scale 0.001 -> 0.0005",
-        "not swapped, the tool in force stays: ",
+        "not swapped, the model in force stays: ",
         f"parameters set: mesh.file '{bad}' -> '{gone}', mesh.scale 0.0005 -> 0.001 (the swap failed)",
     ):
         rft.until(lambda said=said: said in rft.said())
@@ -116,31 +119,81 @@ def test_an_alpha_y_table_that_was_deleted_stays_in_force_until_another_is(start
         assert rft.set(mesh__file=mesh) == (True, "")
         rft.until(lambda mesh=mesh: rft.diagnostic("model")[2]["tool"] == mesh)
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment(), **MOTION)), before)
-    table.write_text(other.read_text())
-    for model in ("constant", "table"):
-        assert rft.set(alpha_y__model=model) == (True, "")
-    after = numbers(rft.ask(rft.moment(), **MOTION))
     assert rft.set(alpha_y__table=str(other)) == (True, "")
-    assert not np.array_equal(after, before)
-    np.testing.assert_array_equal(numbers(rft.ask(rft.moment(), **MOTION)), after)
+    rft.until(lambda: not np.array_equal(numbers(rft.ask(rft.moment(), **MOTION)), before))
 
 
-def test_a_medium_of_ones_own_comes_into_force_live_and_a_bad_file_leaves_the_old_one(start_node, tmp_path):
+def test_a_medium_of_ones_own_comes_into_force_live_and_a_bad_file_is_undone(start_node, tmp_path):
     mine, bad = tmp_path / "mine.yaml", tmp_path / "bad.csv"
     mine.write_text(yaml.safe_dump({name: 0.5 * value for name, value in MEDIA["generic"].coefficients.items()}))
     bad.write_text("beta_deg,gamma_deg,alpha_x,alpha_z\n0,90,0,200000\n")
     rft = start_node("-p", "mesh.file:=plate").wait_ready()
     whole = numbers(rft.ask(rft.moment(), **MOTION))
     assert rft.set(medium__file=str(mine)) == (True, "")
-    np.testing.assert_allclose(numbers(rft.ask(rft.moment(), **MOTION)), 0.5 * whole, rtol=1e-12)
+    rft.until(lambda: np.allclose(numbers(rft.ask(rft.moment(), **MOTION)), 0.5 * whole, rtol=1e-12))
     mine.unlink()
-    success, why = rft.set(medium__file=str(bad))
-    assert not success
-    assert str(bad) in why
-    assert "N/cm³" in why
+    assert rft.set(medium__file=str(bad)) == (True, "")
+    rft.until(lambda: rft.get("medium.file").string_value == str(mine))
+    assert f"the model in force stays: stress map '{bad}'" in rft.said()
+    assert "N/cm³" in rft.said()
     assert rft.set(medium__zeta=2.0) == (True, "")
     np.testing.assert_allclose(numbers(rft.ask(rft.moment(), **MOTION)), whole, rtol=1e-12)
     assert rft.diagnostic("model")[2]["medium"] == "mine"
+
+
+FILES = {
+    "medium.file": "medium.yaml",
+    "alpha_y.table": "alpha_y.csv",
+    "mesh.file": "tool.stl",
+    "ground.file": "map.csv",
+}
+
+
+def test_no_file_that_a_parameter_names_delays_a_pose_while_its_drive_stalls(start_process, tmp_path):
+    """The worker process stands still, as at a drive that does not answer."""
+    write_files(tmp_path)
+    rft = start_process("-p", "mesh.file:=sphere", "-p", "ground.cell:=0.01").wait_ready()
+    before = numbers(rft.ask(rft.moment(), **MOTION))
+    (worker,) = children(rft.process.pid)
+    os.kill(worker, signal.SIGSTOP)
+    named = {name.replace(".", "__"): str(tmp_path / file) for name, file in FILES.items()}
+    assert rft.set(alpha_y__model="table", **named) == (True, "")
+    np.testing.assert_array_equal(numbers(rft.ask(rft.moment(), **MOTION)), before)
+    os.kill(worker, signal.SIGCONT)
+    rft.until(lambda: "preparing" not in rft.trigger("status")[1])
+    values = {**defaults(), "medium.mobilization_length": 0.0, "ground.cell": 0.01, "alpha_y.model": "table"}
+    model = model_of({**values, **{name: str(tmp_path / file) for name, file in FILES.items()}})
+    state = checked_states([0.0, 0.0, MOTION["z"], 0.0, 0.0, 0.0, 1.0, *MOTION["linear"], 0.0, 0.0, 0.0])
+    expected = wrenches(model.tool.plates, model.law, state, surface_height=0.002)[0]
+    np.testing.assert_allclose(numbers(rft.ask(rft.moment(), **MOTION)), expected[:6], rtol=1e-7)  # heights are float32
+
+
+def write_files(folder):
+    """A file for each parameter of `FILES`; the ground is level at 2 mm."""
+    coefficients = {name: 0.5 * value for name, value in MEDIA["generic"].coefficients.items()}
+    (folder / FILES["medium.file"]).write_text(yaml.safe_dump(coefficients))
+    (folder / FILES["alpha_y.table"]).write_text("beta,alpha_y\n0,0.2\n180,0.0\n")
+    (folder / FILES["mesh.file"]).write_bytes(locate_mesh("plate").read_bytes())
+    heights = [f"{x:g},{y:g},0.002" for x in CENTRES for y in CENTRES]
+    (folder / FILES["ground.file"]).write_text("\n".join(["x,y,h", *heights, ""]))
+
+
+CENTRES = 0.01 * (np.arange(-10, 10) + 0.5)
+
+
+def children(process):
+    """The ids of a process's child processes."""
+    return [int(text) for text in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+
+
+def test_a_pipe_in_place_of_a_file_is_refused_before_it_is_opened(rft, tmp_path):
+    pipe = tmp_path / "pipe"
+    os.mkfifo(pipe)
+    needs = {"alpha_y.table": {"alpha_y__model": "table"}, "ground.file": {"ground__cell": 0.01}}
+    for parameter in FILES:
+        success, why = rft.set(**{parameter.replace(".", "__"): str(pipe)}, **needs.get(parameter, {}))
+        assert not success
+        assert f"{parameter} '{pipe}' is a pipe" in why
 
 
 def test_a_change_of_zeta_is_prepared_once_and_disturbs_nothing_else(start_node):

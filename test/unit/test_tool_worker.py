@@ -142,7 +142,7 @@ def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
         pending.want(pending.prepare({**values, "mesh.file": name}))
         assert pending.preparing.startswith(f"mesh.file '{name}' for 0 s")
     assert swapped(pending) == Loaded()
-    assert pending.parts["tool"].name == "sphere"
+    assert pending.prepared.model.tool.name == "sphere"
 
 
 @pytest.mark.parametrize(
@@ -164,8 +164,8 @@ def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker, big, o
     while pending.preparing:
         assert swapped(pending) == Loaded()
     assert worker.process.pid == process
-    assert pending.parts["tool"].name == "big"
-    assert (pending.parts["ground"] is None) == ("ground.cell" not in others)
+    assert pending.prepared.model.tool.name == "big"
+    assert (pending.prepared.model.ground is None) == ("ground.cell" not in others)
     assert pending.prepared.settings.learning_mode == others.get("learning.mode", "off")
 
 
@@ -182,5 +182,5 @@ def test_a_tool_that_cannot_be_used_undoes_its_own_parameters_and_no_others(work
     parameters = failed.undo
     assert parameters["mesh.file"] == "plate"
     assert "ground.cell" not in parameters
-    assert pending.parts["ground"] is not None
-    assert pending.parts["tool"].name == "plate"
+    assert pending.prepared.model.ground is not None
+    assert pending.prepared.model.tool.name == "plate"
