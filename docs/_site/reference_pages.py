@@ -136,20 +136,9 @@ def default_yaml() -> str:
     for p in PARAMETERS:
         unit = f" [{p.unit}]" if p.unit else ""
         allowed = f" Allowed: {_allowed(p)}." if _allowed(p) else ""
-        lines += [f"    # {p.description}{unit}{allowed}", f"    {p.name}: {_yaml(p.default)}"]
-    return _table(*lines)
-
-
-def _parameters() -> str:
-    """Every parameter with its default and what else it may be."""
-    rows = []
-    for p in PARAMETERS:
-        value = _yaml(p.default).replace('"', "")
-        default = f"`{value}` {p.unit}".strip() if value else "none"
-        others = ", ".join(f"`{choice}`" for choice in p.choices if choice != value)
         restart = "" if p.applies == "live" else " Needs a restart."
-        rows.append(f"- `{p.name}` ({default}{others and f'; or {others}'}): {p.description}{restart}")
-    return _table(*rows)
+        lines += [f"    # {p.description}{unit}{allowed}{restart}", f"    {p.name}: {_yaml(p.default)}"]
+    return _table(*lines)
 
 
 def _with_tables(file: Path, tables: dict[str, str]) -> str:
@@ -166,9 +155,8 @@ _TRUST = {Trust.CAUTION: "", Trust.NO: "; trust NO"}
 
 
 def node_page() -> str:
-    """docs/node.md with its lists of parameters, reasons and quality flags."""
+    """docs/node.md with its lists of reasons and quality flags."""
     tables = {
-        "parameters": _parameters(),
         "reasons": _table(
             *(f"- {', '.join(f'`{r.value}`' for r in reasons)}: {when}" for when, reasons in _reasons().items())
         ),

@@ -42,10 +42,10 @@ class Settings:
     """The estimator's settings, in m, s, m/s and Hz. Each field is the parameter of the node with the same name.
 
     Some names differ: `load_cell` holds ``sensor.*``, `sensor_source` is ``sensor.frame_source``, `calibrated_depth`
-    and `zeta_error` are ``medium.*``, and `learning_mode` and `learning_lag` are ``learning.*``. docs/node.md lists the
-    parameters. A value of 0 has a special meaning in some fields. `max_rate`: every pose gets an estimate. `tf_rate`:
-    transforms give a pose at each load-cell stamp. `calibrated_depth` and `zeta_error` are None if they are not known;
-    the parameter is 0 then.
+    and `zeta_error` are ``medium.*``, and `learning_mode` and `learning_lag` are ``learning.*``. config/default.yaml
+    lists the parameters. A value of 0 has a special meaning in some fields. `max_rate`: every pose gets an estimate.
+    `tf_rate`: transforms give a pose at each load-cell stamp. `calibrated_depth` and `zeta_error` are None if they are
+    not known; the parameter is 0 then.
 
     Raises InputError if `world_frame` and `tool_frame` have the same name, because the frame_id of a twist then does
     not say in which axes the twist is, and for a `calibrated_depth` or `zeta_error` that is not positive.

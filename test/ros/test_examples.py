@@ -1,6 +1,5 @@
-"""The scripts of docs/node.md for users without the `ros2` command."""
+"""The examples for users without the `ros2` command."""
 
-import re
 import signal
 import subprocess
 import sys
@@ -10,24 +9,24 @@ import numpy as np
 
 from rft_ros.cli import main
 
-PAGE = Path(__file__).resolve().parents[2] / "docs" / "node.md"
+EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
 
 
-def script(rft, word):
-    """The page's script that has this word, for a node in another namespace."""
-    (found,) = (text for text in re.findall(r"```python\n(.*?)```", PAGE.read_text(), re.DOTALL) if word in text)
-    return [sys.executable, "-c", found.replace('"/rft/', f'"{rft.name}/')]
+def script(rft, name):
+    """The example of this name, for a node in another namespace."""
+    text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
+    return [sys.executable, "-c", text.replace('"/rft/', f'"{rft.name}/')]
 
 
 def test_the_script_sets_a_parameter(rft):
-    caller = subprocess.Popen(script(rft, "SetParameters"), stdout=subprocess.PIPE, text=True)
+    caller = subprocess.Popen(script(rft, "set_parameter"), stdout=subprocess.PIPE, text=True)
     rft.until(lambda: caller.poll() is not None)
     assert "successful=True" in caller.communicate()[0]
     assert rft.get("medium.zeta").double_value == 0.33
 
 
 def test_the_script_records_a_bag_that_replays(rft, tmp_path):
-    recorder = subprocess.Popen(script(rft, "Writer"), cwd=tmp_path)
+    recorder = subprocess.Popen(script(rft, "record_bag"), cwd=tmp_path)
     rft.until(
         lambda: min(p.get_subscription_count() for p in (rft.pose, rft.twist, rft.wrench)) == 2
     )  # the node and the recorder
@@ -50,7 +49,7 @@ def test_the_script_feeds_the_node_from_a_csv_and_prints_its_forces(rft, tmp_pat
     states[:, 3], states[:, 7], states[:, 10] = -0.02 * states[:, 0], 1.0, -0.02
     header = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
     np.savetxt(tmp_path / "states.csv", states, delimiter=",", comments="", header=header)
-    feeder = subprocess.Popen(script(rft, "loadtxt"), cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+    feeder = subprocess.Popen(script(rft, "play_states"), cwd=tmp_path, stdout=subprocess.PIPE, text=True)
     rft.until(lambda: feeder.poll() is not None)
     said = feeder.communicate()[0].splitlines()
     assert feeder.returncode == 0
