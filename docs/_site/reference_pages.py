@@ -1,4 +1,4 @@
-"""``python docs/_site/reference_pages.py``: write the references and config/default.yaml."""
+"""``python docs/_site/reference_pages.py`` writes config/default.yaml and the lists of docs/node.md."""
 
 import argparse
 import math
@@ -93,12 +93,12 @@ def _command(name: str, command: argparse.ArgumentParser, described: dict[str, s
 
 
 def commands_page() -> str:
-    """docs/commands.md: every command with its arguments, defaults and an example."""
+    """The site's page of every command with its arguments, defaults and an example."""
     whole = parser()
     (commands,) = (a.choices for a in whole._actions if isinstance(a, argparse._SubParsersAction))
     status = (whole.epilog or "").partition("Exit status: ")[2]
     head = [
-        "# Commands\n\n<!-- made by python docs/_site/reference_pages.py from rft_ros/cli.py -->\n",
+        "# Commands\n",
         "This page lists every command of `rft` with its arguments. With `--help`, a command shows the same text with"
         " examples. This command, for example, reports what is in a mesh file:\n",
         "```sh\nrft check-mesh my_tool.stl\n```\n",
@@ -168,7 +168,6 @@ def node_page() -> str:
 def main() -> None:
     """Rewrite all of them in the checkout."""
     pages = {
-        "docs/commands.md": commands_page(),
         "docs/node.md": node_page(),
         "config/default.yaml": default_yaml(),
     }

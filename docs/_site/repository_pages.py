@@ -1,4 +1,4 @@
-"""mkdocs hook: make the README the site's home page, and add the repository's files that pages link to.
+"""mkdocs hook: make the README the home page, write the page of commands, and add files that pages link to.
 
 GitHub resolves a page's links from the page's folder. On the site, the pages of ``docs/`` are at the top. This hook
 copies files outside ``docs/`` that they link to into ``repository/`` and changes the links accordingly. Such a copy has
@@ -12,6 +12,7 @@ from pathlib import Path
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
+from reference_pages import commands_page
 
 __all__ = ["on_files", "on_page_markdown", "with_links_from_the_site"]
 
@@ -32,9 +33,10 @@ def with_links_from_the_site(text: str, folder: str) -> str:
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
-    """Add the home page, and each file outside ``docs/`` that a page links to."""
+    """Add the home page, the page of commands, and each file outside ``docs/`` that a page links to."""
     home = with_links_from_the_site((ROOT / "README.md").read_text(encoding="utf-8"), "")
     files.append(File.generated(config, "index.md", content=home))
+    files.append(File.generated(config, "commands.md", content=commands_page()))
     pages = [home, *(with_links_from_the_site(f.content_string, "docs") for f in files.documentation_pages())]
     for path in sorted({p for text in pages for p in re.findall(r"\]\((repository/[^)#\s]+)", text)}):
         source = ROOT / path.removeprefix("repository/")

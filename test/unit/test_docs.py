@@ -23,7 +23,6 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 MAKER = ROOT / "docs" / "_site" / "reference_pages.py"
 GENERATED = {
-    "docs/commands.md": "commands_page",
     "docs/node.md": "node_page",
     "config/default.yaml": "default_yaml",
 }
