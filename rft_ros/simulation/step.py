@@ -175,11 +175,12 @@ def eliminate(a, x):
 def advance(beds, first, bodies, before, given, states, rows):
     """Bring the memory of bodies from `first` on to `given` states, shape [n, 13]; write their rows, shape [n, 19].
 
-    `bodies`: of `BODY`. `before`: duration of the last step [s], in which the last wrenches took energy. `states`: the
-    last states; takes a copy of `given`.
+    `bodies`: of `BODY`. `before`: duration of the last step [s], in which the last wrenches took energy, with the mean
+    of the twists at its ends. `states`: the last states; takes a copy of `given`.
     """
     for b in range(len(given)):
-        bodies[b].energy -= before * dot(bodies[b].wrench, given[b, 7:])
+        wrench = bodies[b].wrench
+        bodies[b].energy -= 0.5 * before * (dot(wrench, states[b, 7:]) + dot(wrench, given[b, 7:]))
         states[b] = given[b]
         evaluate(beds, first + b, beds.memory[first + b : first + b + 1], states[b : b + 1], rows[b : b + 1])
 

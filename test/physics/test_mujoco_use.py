@@ -93,6 +93,16 @@ def test_a_copy_right_after_a_restore_has_no_force_of_its_own():
         assert one.xfrc_applied[1, 2] == pytest.approx(0.1 * 9.81, rel=1e-3)
 
 
+@pytest.mark.parametrize("step", [0.001, 0.01])
+def test_the_energy_that_the_grains_took_is_what_a_fallen_body_lost(step):
+    model = model_of(BALL.format("b", 0.0), step=step)
+    data, grains = mujoco.MjData(model), MujocoGrains(model, body="b", law=law())
+    for _ in range(round(1.0 / step)):
+        grains.apply(data)
+        mujoco.mj_step(model, data)
+    assert grains.energy == pytest.approx(0.1 * 9.81 * (0.05 - data.qpos[2]), rel=1e-3)
+
+
 def test_bodies_out_of_reach_change_nothing_and_are_in_no_counter():
     rod = '<joint axis="0 1 0"/><geom type="capsule" size="0.02" fromto="0 0 0 0.4 0 0"/>'
     model = model_of(f"{BALL.format('b', 0.0)}<body name='rod' pos='0.5 0 1.5'>{rod}</body>")
