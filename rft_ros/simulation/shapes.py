@@ -1,5 +1,6 @@
 """The shape of a body of a MuJoCo model, from its geoms: meshes and primitives; and ground from its height field."""
 
+import math
 from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
@@ -17,8 +18,6 @@ __all__ = ["check_size", "ground_of_field", "tool_of_body"]
 
 Array = NDArray[np.float64]
 
-_FINEST = 3  # times that each face of an icosahedron is divided into four: a sphere of 1,280 triangles
-_SEGMENTS = 32  # around a cylinder or capsule
 _CELLS = 8  # along the longest side of a body, of its plates and of the ground: their velocity and height vary little
 _MISTAKEN = 100.0  # times the size of the body's geoms: units are mistaken by 1,000
 _SMALLEST = 1.0 / 30.0  # of the mobilization length
@@ -36,9 +35,7 @@ def tool_of_body(model: Any, body: int, tolerance: float, apart: frozenset[int] 
     placed = list(_geoms(model, body, apart, np.zeros(3), np.eye(3)))
     collide = [g for g in placed if model.geom_contype[g[0]] or model.geom_conaffinity[g[0]] or g[0] in paired]
     shapes = [
-        triangles @ axes.T + place
-        for g, place, axes in collide or placed
-        if (triangles := _triangles(model, g)) is not None
+        corners @ axes.T + at for g, at, axes in collide or placed if (corners := _triangles(model, g)) is not None
     ]
     if not shapes:
         kinds = "a mesh, box, sphere, capsule, cylinder or ellipsoid"
@@ -47,93 +44,72 @@ def tool_of_body(model: Any, body: int, tolerance: float, apart: frozenset[int] 
     return _tool_of_triangles(np.concatenate(_uncovered(shapes)).tobytes(), tolerance)
 
 
-def _geoms(
-    model: Any, body: int, apart: frozenset[int], place: Array, axes: Array
-) -> Iterator[tuple[int, Array, Array]]:
-    """Each geom of the body and of those fixed to it: its number, place [m] and axes."""
+def _geoms(model: Any, body: int, apart: frozenset[int], at: Array, axes: Array) -> Iterator[tuple[int, Array, Array]]:
+    """Each geom of a body and of those fixed to it: its number, and the place [m] and axes of its body."""
     first = int(model.body_geomadr[body])
-    for g in range(first, first + int(model.body_geomnum[body])):
-        yield g, place + axes @ model.geom_pos[g], axes @ rotation_matrix(np.roll(model.geom_quat[g], -1))
+    yield from ((g, at, axes) for g in range(first, first + int(model.body_geomnum[body])))
     for child in np.flatnonzero((model.body_parentid == body) & (model.body_jntnum == 0)).tolist():
-        if child not in apart and child != body:
+        if child not in apart:
             turn = rotation_matrix(np.roll(model.body_quat[child], -1))
-            yield from _geoms(model, child, apart, place + axes @ model.body_pos[child], axes @ turn)
+            yield from _geoms(model, child, apart, at + axes @ model.body_pos[child], axes @ turn)
 
 
 def _triangles(model: Any, geom: int) -> Array | None:
-    """A geom's triangles in its own frame [m], shape [n, 3, 3]; None for a shape without a volume."""
-    import trimesh
-
+    """A geom's triangles in the frame of its body [m], shape [n, 3, 3]; None for a shape without a volume."""
     kinds = import_mujoco().mjtGeom
-    kind, (a, b, c) = model.geom_type[geom], model.geom_size[geom].tolist()
+    kind, (a, b, c) = kinds(int(model.geom_type[geom])), model.geom_size[geom].tolist()
     if kind == kinds.mjGEOM_MESH:
         mesh = model.geom_dataid[geom]
         first, faces = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
         vertices = np.array(model.mesh_vert[first : first + model.mesh_vertnum[mesh]], dtype=np.float64)
-        return np.asarray(vertices[model.mesh_face[faces : faces + model.mesh_facenum[mesh]]])
-    if kind == kinds.mjGEOM_SPHERE:
-        return np.asarray(trimesh.creation.icosphere(subdivisions=_FINEST, radius=a).triangles)
-    if kind == kinds.mjGEOM_ELLIPSOID:
-        return np.asarray(trimesh.creation.icosphere(subdivisions=_FINEST).triangles * (a, b, c))
-    if kind == kinds.mjGEOM_BOX:
-        return _box(np.array([a, b, c]))
-    quarter = np.linspace(0.0, 0.5 * np.pi, _SEGMENTS // 4 + 1)
-    if kind == kinds.mjGEOM_CYLINDER:
-        disk = np.linspace(0.0, a, _SEGMENTS // 8 + 1)
-        return _revolved(np.column_stack([disk, np.full(len(disk), b)]), max(a, b))
-    if kind == kinds.mjGEOM_CAPSULE:
-        return _revolved(np.column_stack([a * np.sin(quarter), b + a * np.cos(quarter)]), a + b)
-    return None
+        triangles = vertices[model.mesh_face[faces : faces + model.mesh_facenum[mesh]]]
+    elif kind == kinds.mjGEOM_BOX:
+        triangles = _box(*(_line(h, max(a, b, c)) for h in (a, b, c)))
+    elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
+        triangles = _rounded(_box(*[_line(1.0, 1.0)] * 3)) * ((a, b, c) if kind == kinds.mjGEOM_ELLIPSOID else a)
+    elif kind == kinds.mjGEOM_CYLINDER:
+        triangles = _box(*[_line(a, a)] * 2, _line(b, max(a, b)))
+        triangles[..., :2] = _rounded(triangles[..., :2])
+    elif kind == kinds.mjGEOM_CAPSULE:
+        end = _line(a, a)
+        lower, upper = end[end < 0.0] - b, end[end > 0.0] + b
+        triangles = _box(end, end, np.concatenate([lower, _line(b, a + b), upper]))
+        middle = triangles.clip(-b, b) * (0.0, 0.0, 1.0)
+        triangles = middle + _rounded(triangles - middle)
+    else:
+        return None
+    axes = rotation_matrix(np.roll(model.geom_quat[geom], -1))
+    return np.asarray(triangles @ axes.T + model.geom_pos[geom])
 
 
-def _box(half: Array) -> Array:
-    """A box's triangles; `half`: half of its sides [m]."""
-    lines = [_divided(h, half.max()) for h in half]
-    faces = []
-    for k in range(3):
-        u, v = np.meshgrid(lines[k - 2], lines[k - 1], indexing="ij")
-        for side in (-half[k], half[k]):
-            grid = np.empty((*u.shape, 3))
-            grid[..., k], grid[..., k - 2], grid[..., k - 1] = side, u, v
-            faces.append(_halved(grid))
-    return np.concatenate(faces)
+def _line(half: float, longest: float) -> Array:
+    """Places from -half to half in an even number of cells, of which the longest side of a body has `_CELLS`."""
+    return np.linspace(-half, half, 2 * math.ceil(0.5 * _CELLS * half / longest - 1e-9) + 1)
 
 
-def _revolved(end: Array, longest: float) -> Array:
-    """A body of revolution about z from the radii and heights of its upper end, from the axis outwards, shape [n, 2].
-
-    Its lower end is the same, and between both it is a cylinder. `longest`: half of its longest side [m].
-    """
-    radius, top = end[-1]
-    side = np.column_stack([np.full(len(z := _divided(top, longest)), radius), z[::-1]])
-    outline = np.concatenate([end[:-1], side, end[-2::-1] * (1.0, -1.0)])
-    angle = np.linspace(0.0, 2.0 * np.pi, _SEGMENTS + 1)
-    angle[-1] = 0.0
-    r, z = outline.T
-    heights = np.broadcast_to(z[:, None], (len(z), len(angle)))
-    return _halved(np.stack([np.outer(r, np.cos(angle)), np.outer(r, np.sin(angle)), heights], axis=-1))
-
-
-def _divided(half: float, longest: float) -> Array:
-    """Places from -half to half in an even number of cells, the longest side of the body in `_CELLS`."""
-    return np.linspace(-half, half, 2 * max(1, int(np.ceil(0.5 * _CELLS * half / longest - 1e-9))) + 1)
-
-
-def _halved(grid: Array) -> Array:
-    """Triangles of a grid of points on a convex body about the origin, shape [n, m, 3], that face outwards.
+def _box(x: Array, y: Array, z: Array) -> Array:
+    """The triangles of a box whose faces have grid lines at these places, shape [n, 3, 3].
 
     The diagonals alternate, or they would turn a body that moves straight.
     """
-    a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
-    even = (np.add.outer(np.arange(len(a)), np.arange(a.shape[1])) % 2 == 0)[..., None, None]
-    one = np.where(even, np.stack([a, b, c], axis=-2), np.stack([a, b, d], axis=-2)).reshape(-1, 3, 3)
-    two = np.where(even, np.stack([a, c, d], axis=-2), np.stack([b, c, d], axis=-2)).reshape(-1, 3, 3)
-    triangles = np.concatenate([one, two])
-    normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-    size = np.linalg.norm(normals, axis=1)
-    inwards = (normals * triangles.mean(axis=1)).sum(axis=1) < 0.0
-    triangles[inwards] = triangles[inwards, ::-1]
-    return np.asarray(triangles[size > 1e-9 * size.max()])
+    lines, faces = (x, y, z), []
+    for k in range(3):
+        u, v = np.meshgrid(lines[k - 2], lines[k - 1], indexing="ij")
+        odd = np.add.outer(np.arange(len(u) - 1), np.arange(len(v.T) - 1)) % 2 == 1
+        for end in (0, -1):
+            grid = np.empty((*u.shape, 3))
+            grid[..., k], grid[..., k - 2], grid[..., k - 1] = lines[k][end], u, v
+            a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
+            a, b, c, d = (np.where(odd[..., None], q, p) for p, q in ((a, b), (b, c), (c, d), (d, a)))
+            halves = np.concatenate([np.stack([a, b, c], axis=-2), np.stack([a, c, d], axis=-2)]).reshape(-1, 3, 3)
+            faces.append(halves if end else halves[:, ::-1])
+    return np.concatenate(faces)
+
+
+def _rounded(points: Array) -> Array:
+    """Points on nested cubes, or squares, moved onto the spheres, or circles, within these."""
+    size = np.linalg.norm(points, axis=-1, keepdims=True)
+    return np.asarray(points * np.abs(points).max(axis=-1, keepdims=True) / size.clip(1e-300))
 
 
 def _uncovered(shapes: list[Array]) -> list[Array]:
