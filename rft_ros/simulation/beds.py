@@ -15,14 +15,13 @@ from rft_ros.rft.memory import IN_STIFFNESS
 from rft_ros.rft.plates import BOUNDS
 from rft_ros.rft.traction import packed_law
 
-__all__ = ["Beds", "evaluate", "forces_on_plates", "make_beds", "stiffness_matrix", "use_law"]
+__all__ = ["Beds", "evaluate", "forces_on_plates", "laws_of", "make_beds", "stiffness_matrix"]
 
 Array = NDArray[np.float64]
 
 _BODY = np.dtype(
-    [(name, np.int64) for name in ("rows", "rows_end", "bounds", "blocks")]
+    [(name, np.int64) for name in ("rows", "rows_end", "bounds", "blocks", "refined")]
     + [(name, np.float64) for name in ("reach", "height", "slope_x", "slope_y")]
-    + [("refined", np.bool_)]
 )
 
 
@@ -52,41 +51,26 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
 
     Raises TypeError for what is not a law, and ValueError for one without memory.
     """
-    shapes = list({id(p): p for p in plates}.values())
-    which = [next(k for k, shape in enumerate(shapes) if shape is p) for p in plates]
-    rows = np.cumsum([0] + [p.blocks.size for p in shapes])
-    bounds = np.cumsum([0] + [p.bounds.size for p in shapes])
-    memory = np.zeros((len(plates), max(Memory(p).numbers.size for p in shapes)))
-    bodies = np.zeros(len(plates), _BODY)
-    for i, (k, p) in enumerate(zip(which, plates, strict=True)):
-        places = rows[k], rows[k + 1], bounds[k], p.bounds.shape[1]
-        bodies[i] = (*places, p.reach, 0.0, 0.0, 0.0, p.integration == "refined")
-    packed = packed_law(law)
+    packed, shapes = packed_law(law), list({id(p): p for p in plates}.values())
     length = number("mobilization_length of the law", law.mobilization_length, positive=True)
-    all_rows, all_bounds = (
-        np.concatenate([a.ravel() for a in one]) for one in zip(*(p.form[:2] for p in shapes), strict=True)
-    )
-    numbers = np.array([packed.numbers] * len(plates)).view()
-    for array in (all_rows, all_bounds, numbers):
+    rows, bounds = ([np.ravel(a) for a in arrays] for arrays in zip(*(p.form[:2] for p in shapes), strict=True))
+    row, bound, places = 0, 0, {}
+    for p, its_rows, its_bounds in zip(shapes, rows, bounds, strict=True):
+        places[id(p)] = row, row + its_rows.size, bound, p.bounds.shape[1], p.integration == "refined", p.reach
+        row, bound = row + its_rows.size, bound + its_bounds.size
+    bodies = np.array([(*places[id(p)], 0.0, 0.0, 0.0) for p in plates], _BODY)
+    numbers = np.array([packed.numbers] * len(plates))
+    memory = np.zeros((len(plates), max(Memory(p).numbers.size for p in shapes)))
+    tools = np.concatenate(rows), np.concatenate(bounds)
+    for array in (*tools, fixed := numbers.view()):
         array.flags.writeable = False  # a part of the types that the kernel is compiled for
-    return Beds(
-        bodies=bodies,
-        rows=all_rows,
-        bounds=all_bounds,
-        law=packed.law,
-        alpha_y=packed.alpha_y,
-        numbers=numbers,
-        table=packed.table,
-        length=length,
-        memory=memory,
-    )
+    return Beds(bodies, *tools, packed.law, packed.alpha_y, fixed, packed.table, length, memory)
 
 
-def use_law(beds: Beds, body: int, law: Law) -> None:
-    """Give a body a law that differs from the others in its numbers only."""
-    numbers = beds.numbers.base
-    assert numbers is not None
-    numbers[body] = packed_law(law).numbers
+def laws_of(beds: Beds) -> Array:
+    """The numbers of the bodies' laws, to be changed."""
+    assert beds.numbers.base is not None
+    return beds.numbers.base
 
 
 @inlined
@@ -98,7 +82,7 @@ def evaluate(beds, b, memory, states, out):
     """
     p = beds.bodies[b]
     bounds = beds.bounds[p.bounds : p.bounds + BOUNDS * p.blocks].reshape(BOUNDS, p.blocks)
-    form = beds.rows[p.rows : p.rows_end], bounds, p.refined, p.reach
+    form = beds.rows[p.rows : p.rows_end], bounds, p.refined == 1, p.reach
     law = PackedLaw(beds.law, beds.alpha_y, beds.numbers[b], beds.table)
     past = True, memory
     sums(form, law, p.height, (p.slope_x, p.slope_y), states, past, out)

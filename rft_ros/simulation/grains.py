@@ -18,7 +18,8 @@ from rft_ros.rft.frames import rotation_matrix
 from rft_ros.rft.kernel.compilation import machine_code
 from rft_ros.rft.memory import MOST_BODIES
 from rft_ros.rft.plates import BLOCK
-from rft_ros.simulation.beds import forces_on_plates, make_beds, stiffness_matrix, use_law
+from rft_ros.rft.traction import packed_law
+from rft_ros.simulation.beds import forces_on_plates, laws_of, make_beds, stiffness_matrix
 from rft_ros.simulation.step import BODY, advance, hold_each, no_constraints
 from rft_ros.tool import Tool
 
@@ -71,18 +72,16 @@ class GrainsBatch:
         self.beds, self._law = make_beds([one.plates for one in self.tools], law), law
         self._ground = None if ground is None else ground.filled()
         self._supports = {id(one): Support(one.corners) for one in self.tools}
-        self.bodies, self._surfaces = np.zeros(n, BODY), np.zeros(n, LAST_SURFACE)
-        self._duration, self._states = np.zeros(1), np.zeros((n, 13))
-        self._remembered: GrainsState = {
-            "memory": self.beds.memory,
-            "bodies": self.bodies,
-            "surfaces": self._surfaces,
-            "duration": self._duration,
-            "states": self._states,
-        }
-        self.rows = np.zeros((n, 19))
-        """Rows of `wrenches_in_time` at the last states, in its units, shape [n, 19]."""
-        self.last = self.bodies["wrench"]
+        self._bodies, self._surfaces = np.zeros(n, BODY), np.zeros(n, LAST_SURFACE)
+        self.states, self._durations = np.zeros((n, 13)), np.zeros(2)
+        """`states`: those of the last step, shape [n, 13]."""
+        self._of_bodies = {"memory": self.beds.memory, "bodies": self._bodies, "surfaces": self._surfaces}
+        self._of_bodies["states"] = self.states
+        places, laws = self.beds.bodies, laws_of(self.beds)
+        self._remembered: GrainsState = {**self._of_bodies, "beds": places, "laws": laws, "durations": self._durations}
+        self.rows, self.near = np.zeros((n, 19)), np.zeros(n, np.bool_)
+        """Rows of `wrenches_in_time` at these states; whether each body may reach the surface in the step."""
+        self.last = self._bodies["wrench"]
         """The wrenches of the last step, as it returned them, shape [n, 6]."""
         self.failures = 0
         """Number of steps of a body in which Newton's method did not converge."""
@@ -90,7 +89,7 @@ class GrainsBatch:
         parts = 1 if threads == 1 else min(n, 2 * self._threads)
         self._parts = [slice(a, b) for a, b in itertools.pairwise(np.linspace(0, n, parts + 1).astype(int).tolist())]
         self._pool = ThreadPoolExecutor(self._threads)
-        self._advance: Any = machine_code(advance, self._advanced(slice(0, n), 0.1, self._states))
+        self._advance: Any = machine_code(advance, self._advanced(slice(0, n), self.states))
         self._hold: Any = None  # compiled for the first implicit step
         self.reset(strength=strength, surface_height=surface_height)
 
@@ -145,21 +144,19 @@ class GrainsBatch:
         return wrenches
 
     def _held(self, part: slice, inverse: Array, free: Array, dt: float, wrenches: Array) -> tuple[Any, ...]:
-        given = self.bodies[part], self._states, inverse[part], free[part], _FREE
+        given = self._bodies[part], self.near[part], self.states, inverse[part], free[part], _FREE
         return self.beds, part.start, *given, dt, wrenches[part]
 
     def advance(self, states: Array, dt: float) -> None:
         """Bring the memory, `rows` and the energy to checked states, after which a step of `dt` begins."""
         if self._ground is not None:
             self._find_surfaces(states, self._ground)
-        before, self._duration[0] = float(self._duration[0]), dt
-        if len(self._parts) == 1:
-            self._advance(self.beds, 0, self.bodies, before, states, self._states, self.rows)
-        else:
-            self._in_parts(lambda s: self._advance(*self._advanced(s, before, states)))
+        self._durations[:] = self._durations[1], dt
+        self._in_parts(lambda part: self._advance(*self._advanced(part, states)))
 
-    def _advanced(self, part: slice, before: float, states: Array) -> tuple[Any, ...]:
-        return self.beds, part.start, self.bodies[part], before, states[part], self._states[part], self.rows[part]
+    def _advanced(self, part: slice, states: Array) -> tuple[Any, ...]:
+        written = self.states[part], self.rows[part], self.near[part]
+        return self.beds, part.start, self._bodies[part], self._durations, states[part], *written
 
     def _in_parts(self, work: Callable[[slice], Any]) -> list[Any]:
         """What `work` returns of each part of the bodies."""
@@ -188,7 +185,7 @@ class GrainsBatch:
     @property
     def energy(self) -> Array:
         """Energy that the grains have taken from each body since the last reset [J], shape [n]."""
-        return np.array(self.bodies["energy"])
+        return np.array(self._bodies["energy"])
 
     @property
     def stiffness(self) -> Array:
@@ -209,7 +206,7 @@ class GrainsBatch:
         k = int(self._indices(body)[0])
         plates = self.tools[k].plates
         forces = np.zeros((plates.bounds.shape[1] * BLOCK, 3))
-        forces_on_plates(self.beds, k, self._states[k : k + 1], forces)
+        forces_on_plates(self.beds, k, self.states[k : k + 1], forces)
         ordered = np.empty((len(plates), 3))
         ordered[plates.order] = forces[: len(plates)]
         area = plates.areas[:, None]
@@ -231,32 +228,23 @@ class GrainsBatch:
         form = (len(which),)
         factors = None if strength is None else _each("strength", strength, form, positive=True)
         heights = None if surface_height is None else _each("surface_height", surface_height, form)
-        kept = self.bodies[which].copy()
-        for array in self._remembered.values():
-            if len(array) == len(self.bodies):
-                array[which] = np.zeros((), array.dtype)
-        self.bodies["strength"][which] = kept["strength"] if factors is None else factors
-        self.bodies["height"][which] = kept["height"] if heights is None else heights
-        self._lay(which)
-
-    def _lay(self, which: NDArray[np.int64]) -> None:
-        """Give these bodies' beds their strengths and heights."""
-        for k in which.tolist():
-            one = self.bodies[k]
-            use_law(self.beds, k, replace(self._law, zeta=self._law.zeta * float(one["strength"])))
-            self.beds.bodies[k]["height"] = one["height"]
+        for array in self._of_bodies.values():
+            array[which] = np.zeros((), array.dtype)
+        if factors is not None:
+            laws = (replace(self._law, zeta=self._law.zeta * factor) for factor in factors.tolist())
+            laws_of(self.beds)[which] = [packed_law(law).numbers for law in laws]
+        if heights is not None:
+            self.beds.bodies["height"][which] = heights
 
     def _indices(self, bodies: ArrayLike | None) -> NDArray[np.int64]:
-        n = len(self.bodies)
-        if bodies is None:
-            return np.arange(n)
-        given = np.atleast_1d(np.asarray(bodies))
-        if given.dtype == np.bool_ and given.shape == (n,):
-            return np.flatnonzero(given)
-        whole = given.astype(np.int64) if given.dtype.kind in "iu" or not given.size else np.zeros(0, np.int64)
-        if given.ndim != 1 or (given.size and (given.dtype.kind not in "iu" or whole.min() < -n or whole.max() >= n)):
-            raise ValueError(f"bodies is {bodies!r}; give indices of the {n} bodies, 0 to {n - 1}")
-        return np.asarray(whole % n)
+        every = np.arange(len(self._bodies))
+        given = every if bodies is None else np.asarray(bodies)
+        try:
+            return np.atleast_1d(every[given if given.size else []])
+        except IndexError:
+            raise ValueError(
+                f"bodies is {bodies!r}; give indices of the {len(every)} bodies, 0 to {len(every) - 1}"
+            ) from None
 
     def state(self) -> GrainsState:
         """A copy of the state of the grains, which can be pickled."""
@@ -272,7 +260,6 @@ class GrainsBatch:
                 raise ValueError(f"state has values in '{name}' that are not finite; restore what state() returned")
         for name, array in state.items():
             np.copyto(self._remembered[name], array)
-        self._lay(np.arange(len(self.bodies)))
 
     __setstate__ = restore  # of a copy
 

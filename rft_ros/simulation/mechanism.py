@@ -12,13 +12,12 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.rft.kernel.compilation import compiled, machine_code
-from rft_ros.simulation.step import Constraints, Joints, eliminate, no_constraints
+from rft_ros.simulation.step import Constraints, Joints, no_constraints
 
 __all__ = ["Mechanism", "import_mujoco"]
 
 Array = NDArray[np.float64]
 
-_BY_VELOCITY = 2  # place in a bias or gain of an actuator of what multiplies its velocity
 _FASTEST = 1e9  # m/s and rad/s: beyond it squares of squares overflow
 
 
@@ -38,19 +37,18 @@ class Mechanism:
         self._mujoco, self.model, self._ids = import_mujoco(), model, np.array(bodies)
         n, nv = len(bodies), int(model.nv)
         self.states = np.zeros((n, 13))
-        self._jacobian, self._inertia = np.zeros((6 * n, nv)), np.zeros((nv, nv))
-        self._mass, self._response = np.zeros((nv, nv)), np.zeros((nv, nv))
+        self._jacobian, self._mass = np.zeros((6 * n, nv)), np.zeros((nv, nv))
+        self._response: Array | None = None  # P, once a step needs it
+        self._inertia = self._mass
         self.unconstrained = no_constraints(nv)
         integrators, flags = self._mujoco.mjtIntegrator, self._mujoco.mjtDisableBit
         self._euler, self._rk4 = int(integrators.mjINT_EULER), int(integrators.mjINT_RK4)
-        self._affine = int(self._mujoco.mjtBias.mjBIAS_AFFINE), int(self._mujoco.mjtGain.mjGAIN_AFFINE)
-        self._no_dampers = int(getattr(flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0)))
-        self._no_implicit_dampers = self._no_dampers | int(flags.mjDSBL_EULERDAMP)
-        self.data: Any = None
-        self.bind(self._mujoco.MjData(model))
+        self._undamped = int(
+            getattr(flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0)) | flags.mjDSBL_EULERDAMP
+        )
+        self.data, self._scratch = self._mujoco.MjData(model), self._mujoco.MjData(model)
+        self.bind(self.data)
         self._measure: Any = machine_code(_measure, (*self._moving, 0.1, *self._motion))
-        self._add_joints: Any = machine_code(_add_joints, (self._mass, model.dof_damping, 0.1, self._inertia))
-        self._respond: Any = machine_code(_respond, (self._mass, self._inertia, self._response))
 
     def bind(self, data: Any) -> None:
         """Take the arrays of `data`, which stay where they are. Raises ValueError if it is not of this model."""
@@ -85,10 +83,21 @@ class Mechanism:
             mujoco.mj_fullM(model, data, self._mass)
         else:  # before MuJoCo 4
             mujoco.mj_fullM(model, self._mass, data.qM)
-        self._damped = self._add_joints(self._mass, model.dof_damping, h * self._joints_are_damped(), self._inertia)
-        if model.opt.integrator not in (self._euler, self._rk4):
-            self._damped |= self._add_servos_and_tendons(h)
+        self._inertia, self._response = self._mass + h * self._damping(), None
         return Joints(bodies, self.states, self.states[bodies, 7:].ravel(), jacobian, self._inertia, data.qfrc_smooth)
+
+    def _damping(self) -> Array | float:
+        """The damping that the integrator takes implicitly, C, shape [nv, nv]."""
+        mujoco, model = self._mujoco, self.model
+        if model.opt.integrator == self._rk4:
+            return 0.0
+        if model.opt.integrator == self._euler:
+            return 0.0 if model.opt.disableflags & self._undamped else np.diag(model.dof_damping)
+        # MuJoCo computes it on the way through a step
+        mujoco.mj_copyData(self._scratch, model, self.data)
+        mujoco.mj_implicit(model, self._scratch)
+        layout = model if hasattr(model, "D_rownnz") else self._scratch
+        return -self._dense(self._scratch.qDeriv, layout.D_rownnz, layout.D_rowadr, layout.D_colind)
 
     def constraints(self, acceleration: Array) -> Constraints:
         """The constraints at an acceleration x of the joints."""
@@ -97,52 +106,20 @@ class Mechanism:
             rows = self._dense(data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
         else:
             rows = data.efc_J.reshape(-1, model.nv)
-        response = self.unconstrained.response
-        if self._damped:
-            response = self._response
-            self._respond(self._mass, self._inertia, response)
-            acceleration = response @ acceleration
-        mujoco.mj_constraintUpdate(model, data, rows @ acceleration - data.efc_aref, None, 1)
+        if self._response is None:
+            self._response = np.linalg.solve(self._mass, self._inertia)
+        mujoco.mj_constraintUpdate(model, data, rows @ (self._response @ acceleration) - data.efc_aref, None, 1)
         cones, hessians = self.unconstrained.cones, self.unconstrained.cone_hessians
         if model.opt.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL and data.ncon:
             cones = np.vstack([data.contact.efc_address, data.contact.dim]).astype(np.int32)
             # MuJoCo's array has other data of the contact between its rows
             hessians = np.ascontiguousarray(data.contact.H)
-        return Constraints(rows, data.efc_state, data.efc_D, cones, hessians, data.qfrc_constraint, response)
+        return Constraints(rows, data.efc_state, data.efc_D, cones, hessians, data.qfrc_constraint, self._response)
 
     @property
     def holds_over_stages(self) -> bool:
         """Whether the integrator is RK4, which holds the wrenches over four stages."""
         return bool(self.model.opt.integrator == self._rk4)
-
-    def _joints_are_damped(self) -> bool:
-        """Whether the integrator takes the joints' damping implicitly."""
-        option = self.model.opt
-        off = self._no_implicit_dampers if option.integrator == self._euler else self._no_dampers
-        return option.integrator != self._rk4 and not option.disableflags & off
-
-    def _add_servos_and_tendons(self, h: float) -> bool:
-        """Add the damping of actuators and tendons to the inertia; returns whether there is any."""
-        model, data, found = self.model, self.data, False
-        bias, gain = model.actuator_biasprm[:, _BY_VELOCITY], model.actuator_gainprm[:, _BY_VELOCITY]
-        if bias.any() or gain.any():
-            given = np.where(model.actuator_actadr < 0, data.ctrl, np.append(data.act, 0.0)[model.actuator_actadr])
-            rates = bias * (model.actuator_biastype == self._affine[0])
-            rates = rates + gain * given * (model.actuator_gaintype == self._affine[1])
-            limited = model.actuator_forcelimited.astype(bool)
-            rates[limited & _at_limit(data.actuator_force, model.actuator_forcerange)] = 0.0
-            rows = self._dense(data.actuator_moment, data.moment_rownnz, data.moment_rowadr, data.moment_colind)
-            damping, joint = rows.T @ (-rates[:, None] * rows), model.dof_jntid
-            at_limit = _at_limit(data.qfrc_actuator, model.jnt_actfrcrange[joint])
-            damping[model.jnt_actfrclimited[joint].astype(bool) & at_limit] = 0.0
-            self._inertia += h * damping
-            found = True
-        if model.tendon_damping.any() and self._joints_are_damped():
-            layout = data if hasattr(data, "ten_J_rownnz") else model
-            rows = self._dense(data.ten_J, layout.ten_J_rownnz, layout.ten_J_rowadr, layout.ten_J_colind)
-            self._inertia += rows.T @ (h * model.tendon_damping[:, None] * rows)
-            found = True
-        return found
 
     def _dense(self, values: Array, counts: Array, begins: Array, columns: Array) -> Array:
         """The rows of a sparse matrix of MuJoCo."""
@@ -155,10 +132,6 @@ class Mechanism:
 def _sizes(model: Any) -> tuple[int, ...]:
     # a model that was pickled has no signature
     return model.signature, model.nq, model.nv, model.nu, model.nbody, model.ntendon
-
-
-def _at_limit(forces: Array, limits: Array) -> NDArray[np.bool_]:
-    return (forces <= limits[:, 0]) | (forces >= limits[:, 1])
 
 
 @compiled
@@ -183,21 +156,3 @@ def _measure(velocity, acceleration, h, ids, roots, positions, quaternions, velo
         if not np.abs(states[b]).max() < _FASTEST:
             return False
     return True
-
-
-@compiled
-def _add_joints(mass, damping, h, inertia):
-    """Write the inertia with the damping of the joints over h [s]; returns whether there is any."""
-    inertia[:] = mass
-    found = False
-    for i in range(len(mass)):
-        inertia[i, i] += h * damping[i]
-        found |= h * damping[i] != 0.0
-    return found
-
-
-@compiled
-def _respond(mass, inertia, response):
-    """Write P, the solution of M P = M_i."""
-    response[:] = inertia
-    eliminate(mass.copy(), response)

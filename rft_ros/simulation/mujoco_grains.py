@@ -19,7 +19,7 @@ from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.simulation.grains import GrainsBatch, GrainsState
 from rft_ros.simulation.mechanism import Mechanism, import_mujoco
 from rft_ros.simulation.shapes import check_size, ground_of_field, tool_of_body
-from rft_ros.simulation.step import Joints, Trial, begin, reachable, search, solve, trial_of
+from rft_ros.simulation.step import Joints, Trial, new_trial, search
 from rft_ros.tool import load_tool
 
 __all__ = ["MujocoGrains"]
@@ -105,14 +105,12 @@ class MujocoGrains:
         self._grains = GrainsBatch(tools, law, bodies=len(tools), surface_height=surface_height, ground=ground)
         self._model, self._single, self._mechanism = model, bodies is None, Mechanism(model, self._ids)
         self._last: tuple[float, float] | None = None  # time of the data at the last call, and its step
-        n, nv = len(tools), int(model.nv)
-        self._own, self._written = np.zeros((2, n, 6))  # forces of the user's, and those with the grains'
-        self._trial, self._found = trial_of(n, nv), np.zeros(n, np.int64)
+        self._own, self._written = np.zeros((2, len(tools), 6))  # forces of the user's, and those with the grains'
         self._told = False  # that the steps are long for RK4
-        self._bind(mujoco.MjData(model))
-        self._find: Any = machine_code(reachable, (self._grains.beds, self._mechanism.states, 0.1, self._found))
-        given = self._grains.beds, self._mechanism.joints(self._found, 0.1), self._mechanism.unconstrained, 0.1
-        self._solve, self._search = (machine_code(f, (*given, self._trial)) for f in (solve, search))
+        self._bind(self._mechanism.data)
+        joints = self._mechanism.joints(np.zeros(1, np.int64), 0.1)
+        given = self._grains.beds, joints, self._mechanism.unconstrained, 0.1, new_trial(1, len(joints.force))
+        self._search: Any = machine_code(search, given)
         self._take_away: Any = machine_code(_take_away, self._forces)
         self._write: Any = machine_code(_write, (*self._wrenches, *self._forces))
 
@@ -139,7 +137,7 @@ class MujocoGrains:
         if not mechanism.move():
             raise self._without_bound(data, h)
         grains.advance(mechanism.states, h)
-        bodies = self._found[: self._find(grains.beds, mechanism.states, h, self._found)]
+        bodies = np.flatnonzero(grains.near)
         grains.last[:], found, path = 0.0, True, 0.0
         if len(bodies):
             trial = self._search_for(mechanism.joints(bodies, h), h)
@@ -179,15 +177,13 @@ class MujocoGrains:
 
     def _search_for(self, joints: Joints, h: float) -> Trial:
         """Solve the step; the trial with which it ended."""
-        mechanism, beds = self._mechanism, self._grains.beds
-        trial: Trial = begin(self._trial, len(joints.bodies))
-        x = trial.acceleration
+        mechanism, trial = self._mechanism, new_trial(len(joints.bodies), len(joints.force))
+        x, constraints, found = trial.acceleration, mechanism.unconstrained, False
         x[:] = mechanism.data.qacc_warmstart
-        if not mechanism.data.nefc:
-            self._solve(beds, joints, mechanism.unconstrained, h, trial)
-        else:
-            while not self._search(beds, joints, mechanism.constraints(x), h, trial):
-                pass
+        while not found:
+            if mechanism.data.nefc:
+                constraints = mechanism.constraints(x)
+            found = self._search(self._grains.beds, joints, constraints, h, trial)
         return trial
 
     def _without_bound(self, data: Any, h: float) -> ValueError:

@@ -1,15 +1,23 @@
-"""The implicit step of bodies in grains: backward Euler in the coordinates of the joints, by Newton's method.
+"""The implicit step of bodies in grains: backward Euler in the coordinates of their joints.
 
-The wrenches w to hold over a step of h are the grains' own where the step ends. Let x be the joints' acceleration that
-the integrator takes, M_i their inertia, f the forces of all but grains and constraints, c those of the constraints,
-which depend on P x, J the Jacobian of the bodies, and V their twists at the end of the step if x were 0. Then
+The unknown x is the acceleration that the simulator's integrator takes over a step of length h. With the Jacobian J of
+the bodies, their twists V and states now, each body moves with
 
-    M_i x = f + c(P x) + J^T w,    w the grains' wrenches after a motion by h (V + h J x)
+    V + h J x,   and is at the step's end at   D = h (V + h J x)   from where it is,
 
-Newton's method solves (M_i + Jc^T D Jc P + h² J^T B J) dx = -residual, with the stiffness B of the grains, and the
-Jacobian Jc and the stiffness D of the constraints that act. Without these the matrix has the zeros of the inertia, and
-elimination from the last joint on fills none of them. Twists and wrenches of bodies are stacked: linear then angular,
-force then torque, at the body frames' origins, world axes.
+where the memory of the grains gives the wrenches w(x), the wrenches that act over the step. So
+
+    M_i x = f + c(x) + J^T w(x)
+
+with the inertia M_i of the joints as the integrator takes it, the forces f of all but grains and constraints, and
+those of the constraints c. Newton's method has the matrix
+
+    M_i + Jc^T D Jc P + h^2 J^T B J
+
+with the stiffness B of the grains, and of the constraints that act the Jacobian Jc and the stiffness D: they feel the
+acceleration P x (`rft_ros.simulation.mechanism`). It has the sparsity of M_i, whose joints of one branch do not meet
+those of another: `_eliminate` makes no new numbers there. Twists and wrenches of bodies are stacked: linear then
+angular, force then torque, at the body frames' origins, world axes.
 """
 
 from math import sqrt
@@ -21,8 +29,7 @@ from numpy.typing import NDArray
 from rft_ros.rft.kernel.compilation import compiled, inlined
 from rft_ros.simulation.beds import evaluate, stiffness_matrix
 
-__all__ = ["BODY", "SEARCH", "Constraints", "Joints", "Trial", "advance", "begin", "dot", "eliminate", "hold_each"]
-__all__ += ["no_constraints", "product", "reachable", "search", "solve", "trial_of"]
+__all__ = ["BODY", "Constraints", "Joints", "Trial", "advance", "hold_each", "new_trial", "no_constraints", "search"]
 
 Array = NDArray[np.float64]
 
@@ -43,11 +50,10 @@ _NEAR = 1e-3
 _ROUNDING = 1e-12  # relative, of the inverse inertia that a user gives
 _QUADRATIC, _CONE = 1, 4  # of mjtConstraintState
 
-BODY = np.dtype([("wrench", np.float64, 6), ("energy", np.float64), ("strength", np.float64), ("height", np.float64)])
-"""State of a body: the wrench of the last step, the energy that the grains have taken [J], the factor of its law's
-stresses, the height of its surface [m]."""
+BODY = np.dtype([("wrench", np.float64, 6), ("energy", np.float64)])
+"""State of a body: the wrench of the last step; the energy that the grains have taken [J]."""
 
-SEARCH = np.dtype(
+_SEARCH = np.dtype(
     [(name, np.float64) for name in ("slope", "share", "low", "high", "at_low", "at_high", "path")]
     + [("turn", np.int64), ("within", np.bool_), ("found", np.bool_)],
     align=True,
@@ -80,7 +86,7 @@ class Constraints(NamedTuple):
     """The rows of constraints: Jacobian Jc, state, D; and contacts with elliptic cones; at the last trial.
 
     `cones`: their first rows and dimensions, shape [2, n]; `cone_hessians`: shape [n, 36]. `force`: c, shape [nv].
-    `response`: P, shape [nv, nv], or [0, 0] where it is 1.
+    `response`: P, shape [nv, nv].
     """
 
     jacobian: Array
@@ -93,16 +99,15 @@ class Constraints(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """An iterate: x, where Newton's step began and the step, shape [nv]; wrenches and twists at the end, shape [6 m].
+    """An iterate: x, where Newton's step began and the step, shape [nv]; the wrenches at the end, shape [6 m].
 
-    `stiffness`: B of each body, shape [m, 6, 6]. `at`: of `SEARCH`, shape [1].
+    `stiffness`: B of each body, shape [m, 6, 6]. `at`: where the method is, shape [1].
     """
 
     acceleration: Array
     start: Array
     change: Array
     wrench: Array
-    after: Array
     stiffness: Array
     at: NDArray[np.void]
 
@@ -111,29 +116,18 @@ def no_constraints(nv: int) -> Constraints:
     """Those of joints that nothing else bears on."""
     none = np.zeros((0, nv))
     cones = np.zeros((2, 0), np.int32), np.zeros((0, 36))
-    return Constraints(none, np.zeros(0, np.int32), np.zeros(0), *cones, np.zeros(nv), np.zeros((0, 0)))
+    return Constraints(none, np.zeros(0, np.int32), np.zeros(0), *cones, np.zeros(nv), np.eye(nv))
 
 
 @inlined
-def trial_of(bodies, nv):
-    """Room for the trials of some bodies."""
-    joints, wrenches = np.zeros((3, nv)), np.zeros((2, 6 * bodies))
-    stiffness, at = np.zeros((bodies, 6, 6)), np.zeros(1, SEARCH)
-    return Trial(joints[0], joints[1], joints[2], wrenches[0], wrenches[1], stiffness, at)
+def new_trial(bodies, nv):
+    """The first trial for that many bodies, at no acceleration."""
+    at = np.zeros(1, _SEARCH)
+    return Trial(np.zeros(nv), np.zeros(nv), np.zeros(nv), np.zeros(6 * bodies), np.zeros((bodies, 6, 6)), at)
 
 
 @inlined
-def begin(trial, bodies):
-    """A trial for the first of those bodies, whose acceleration the caller gives."""
-    at, six = trial.at[0], 6 * bodies
-    at["slope"], at["turn"], at["within"], at["found"] = 0.0, 0, False, False
-    trial.change[:] = 0.0
-    x, start, change, wrench, after, stiffness, _ = trial
-    return Trial(x, start, change, wrench[:six], after[:six], stiffness[:bodies], trial.at)
-
-
-@inlined
-def dot(a, b):
+def _dot(a, b):
     """The sum of products of two vectors."""
     s = 0.0
     for k in range(len(a)):
@@ -142,7 +136,7 @@ def dot(a, b):
 
 
 @inlined
-def product(a, b, out):
+def _product(a, b, out):
     """Add the product of two matrices, in which many numbers may be zero."""
     for i in range(a.shape[0]):
         for k in range(a.shape[1]):
@@ -152,7 +146,7 @@ def product(a, b, out):
 
 
 @inlined
-def eliminate(a, x):
+def _eliminate(a, x):
     """Solve a x = x in place for the columns of x, from the last row on; a is overwritten too."""
     for i in range(len(a) - 1, -1, -1):
         for j in range(i):
@@ -172,28 +166,19 @@ def eliminate(a, x):
 
 
 @compiled
-def advance(beds, first, bodies, before, given, states, rows):
+def advance(beds, first, bodies, durations, given, states, rows, near):
     """Bring the memory of bodies from `first` on to `given` states, shape [n, 13]; write their rows, shape [n, 19].
 
-    `bodies`: of `BODY`. `before`: duration of the last step [s], in which the last wrenches took energy, with the mean
-    of the twists at its ends. `states`: the last states; takes a copy of `given`.
+    `bodies`: of `BODY`. `durations`: of the last step, in which the last wrenches took energy with the mean of the
+    twists at its ends, and of the next [s]. `states`: the last states; takes a copy of `given`. `near`: takes whether
+    each body may reach the surface within the next step.
     """
     for b in range(len(given)):
         wrench = bodies[b].wrench
-        bodies[b].energy -= 0.5 * before * (dot(wrench, states[b, 7:]) + dot(wrench, given[b, 7:]))
+        bodies[b].energy -= 0.5 * durations[0] * (_dot(wrench, states[b, 7:]) + _dot(wrench, given[b, 7:]))
         states[b] = given[b]
         evaluate(beds, first + b, beds.memory[first + b : first + b + 1], states[b : b + 1], rows[b : b + 1])
-
-
-@compiled
-def reachable(beds, states, h, found):
-    """Write the numbers of the bodies that may reach the surface within a step of h [s]; returns how many there are."""
-    count = 0
-    for b in range(len(states)):
-        if _may_reach(beds.bodies[b], states[b], h):
-            found[count] = b
-            count += 1
-    return count
+        near[b] = _may_reach(beds.bodies[first + b], states[b], durations[1])
 
 
 @inlined
@@ -211,12 +196,12 @@ def _part(b):
 @inlined
 def _path(twist, reach):
     """Path per second of the fastest point within `reach` [m/s], at most."""
-    return sqrt(dot(twist[:3], twist[:3])) + reach * sqrt(dot(twist[3:], twist[3:]))
+    return sqrt(_dot(twist[:3], twist[:3])) + reach * sqrt(_dot(twist[3:], twist[3:]))
 
 
 @inlined
 def _size(wrench, reach):
-    return sqrt(dot(wrench[:3], wrench[:3])) + sqrt(dot(wrench[3:], wrench[3:])) / reach
+    return sqrt(_dot(wrench[:3], wrench[:3])) + sqrt(_dot(wrench[3:], wrench[3:])) / reach
 
 
 @inlined
@@ -230,7 +215,7 @@ def _move(state, twist, h):
     state[4] += b * w + c * x - a * z
     state[5] += c * w + a * y - b * x
     state[6] -= a * x + b * y + c * z
-    state[3:7] /= sqrt(dot(state[3:7], state[3:7]))
+    state[3:7] /= sqrt(_dot(state[3:7], state[3:7]))
 
 
 @inlined
@@ -238,7 +223,7 @@ def _residual(joints, constraints, trial):
     """M_i x - f - c - J^T w, shape [nv]."""
     residual = np.empty(len(joints.force))
     for i in range(len(residual)):
-        residual[i] = dot(joints.inertia[i], trial.acceleration) - joints.force[i] - constraints.force[i]
+        residual[i] = _dot(joints.inertia[i], trial.acceleration) - joints.force[i] - constraints.force[i]
     for i in range(len(trial.wrench)):
         for k in range(len(residual)):
             residual[k] -= joints.jacobian[i, k] * trial.wrench[i]
@@ -257,12 +242,10 @@ def _add_constraints(matrix, constraints):
         first, size = cones[0, c], cones[1, c]
         if first >= 0 and state[first] == _CONE:
             hessian = cone_hessians[c, : size * size].copy().reshape(size, size)
-            product(hessian, jacobian[first : first + size], weighted[first : first + size])
-    if len(response):
-        weighted_by_p = np.zeros_like(jacobian)
-        product(weighted, response, weighted_by_p)
-        weighted[:] = weighted_by_p
-    product(jacobian.T, weighted, matrix)
+            _product(hessian, jacobian[first : first + size], weighted[first : first + size])
+    weighted_by_p = np.zeros_like(jacobian)
+    _product(weighted, response, weighted_by_p)
+    _product(jacobian.T, weighted_by_p, matrix)
 
 
 @inlined
@@ -270,17 +253,17 @@ def _newton(joints, constraints, trial, residual, h):
     """Write Newton's step from a residual; returns how the wrenches change along it, shape [6 m]."""
     matrix, stiff = joints.inertia.copy(), np.zeros_like(joints.jacobian)
     for b in range(len(joints.bodies)):
-        product(trial.stiffness[b], joints.jacobian[_part(b)], stiff[_part(b)])
+        _product(trial.stiffness[b], joints.jacobian[_part(b)], stiff[_part(b)])
     stiff *= h * h
-    product(joints.jacobian.T, stiff, matrix)
+    _product(joints.jacobian.T, stiff, matrix)
     if len(constraints.state):
         _add_constraints(matrix, constraints)
     trial.change[:] = residual
-    eliminate(matrix, trial.change.reshape(-1, 1))
+    _eliminate(matrix, trial.change.reshape(-1, 1))
     trial.change[:] = -trial.change
     by_wrench = np.empty(len(stiff))
     for i in range(len(stiff)):
-        by_wrench[i] = -dot(stiff[i], trial.change)
+        by_wrench[i] = -_dot(stiff[i], trial.change)
     return by_wrench
 
 
@@ -292,7 +275,7 @@ def _small(beds, joints, trial, change, h):
         part, reach = _part(k), beds.bodies[b].reach
         if _size(change[part], reach) > _CLOSE * _size(trial.wrench[part], reach):
             for i in range(6):
-                moved[i] = h * h * dot(joints.jacobian[6 * k + i], trial.change)
+                moved[i] = h * h * _dot(joints.jacobian[6 * k + i], trial.change)
             small &= _path(moved, reach) < _STILL * beds.length
     return small
 
@@ -304,22 +287,22 @@ def search(beds, joints, constraints, h, trial):
     A step of Newton's method is too long where the grains stiffen on the way, and too short where they release a body.
     Its length is then found by the rule of false position (Illinois) for the residual along it.
     """
-    at, state, row = trial.at[0], np.empty((1, 13)), np.empty((1, 19))
+    at, state, row, after = trial.at[0], np.empty((1, 13)), np.empty((1, 19)), np.empty(6)
     at.path = 0.0
-    for i in range(len(trial.after)):
-        trial.after[i] = joints.twists[i] + h * dot(joints.jacobian[i], trial.acceleration)
     for k, b in enumerate(joints.bodies):
         part = _part(k)
+        for i in range(6):
+            after[i] = joints.twists[6 * k + i] + h * _dot(joints.jacobian[6 * k + i], trial.acceleration)
         state[0] = joints.states[b]
-        _move(state[0], trial.after[part], h)
+        _move(state[0], after, h)
         memory = beds.memory[b : b + 1].copy()
         evaluate(beds, b, memory, state, row)
         stiffness_matrix(memory[0], trial.stiffness[k])
         trial.wrench[part] = row[0, :6]
         if _size(row[0, :6], 1.0) > 0.0:
-            at.path = max(at.path, h * _path(trial.after[part], beds.bodies[b].reach))
+            at.path = max(at.path, h * _path(after, beds.bodies[b].reach))
     residual = _residual(joints, constraints, trial)
-    along = -dot(residual, trial.change)
+    along = -_dot(residual, trial.change)
     if along > 0.0:
         at.low, at.at_low, at.at_high = at.share, along, 0.5 * at.at_high
     else:
@@ -335,19 +318,12 @@ def search(beds, joints, constraints, h, trial):
         at.found = _small(beds, joints, trial, change, h)
         if at.found:
             trial.wrench[:] = trial.wrench + change
-        trial.start[:], at.slope, at.within = trial.acceleration, -dot(residual, trial.change), False
+        trial.start[:], at.slope, at.within = trial.acceleration, -_dot(residual, trial.change), False
         at.low, at.at_low, at.high, at.at_high = 0.0, at.slope, np.inf, 0.0
         at.share = 1.0 if at.turn < _WHOLE else 0.5
     trial.acceleration[:] = trial.start + at.share * trial.change
     at.turn += 1
     return at.found or at.turn == _MOST
-
-
-@compiled
-def solve(beds, joints, constraints, h, trial):
-    """The whole of Newton's method, where no constraint acts."""
-    while not search(beds, joints, constraints, h, trial):
-        pass
 
 
 @inlined
@@ -365,25 +341,26 @@ def _root(matrix):
 
 
 @compiled
-def hold_each(beds, first, bodies, states, inverse, free, constraints, h, wrenches):
+def hold_each(beds, first, bodies, near, states, inverse, free, constraints, h, wrenches):
     """Write the wrenches of bodies from `first` on that do not meet, shape [n, 6].
 
-    `bodies`: of `BODY`, with the last wrenches. `states`: of all bodies. `inverse`: A, shape [n, 6, 6]; `free`:
-    acceleration, shape [n, 6]. The coordinates of each are such that its inertia is 1 and its Jacobian L, A = L L^T.
-    `constraints`: none. Returns how many times Newton's method did not come to an end, and the longest path [m].
+    `bodies`: of `BODY`, with the last wrenches. `near`: from `advance`. `states`: of all bodies. `inverse`: A, shape
+    [n, 6, 6]; `free`: acceleration, shape [n, 6]. The coordinates of each are such that its inertia is 1 and its
+    Jacobian L, A = L L^T. `constraints`: none. Returns how many times Newton's method did not come to an end, and the
+    longest path [m].
     """
-    trial, failed, longest = trial_of(1, 6), 0, 0.0
+    failed, longest = 0, 0.0
     unit, none = np.eye(6), np.zeros(6)
     for k in range(len(wrenches)):
-        b, wrench = first + k, wrenches[k]
-        wrench[:] = 0.0
-        if _may_reach(beds.bodies[b], states[b], h):
-            root = inverse[k].copy()
+        wrenches[k] = 0.0
+        if near[k]:
+            b, root, trial = first + k, inverse[k].copy(), new_trial(1, 6)
             _root(root)
             joints = Joints(np.array([b]), states, states[b, 7:] + h * free[k], root, unit, none)
             for i in range(6):
-                trial.acceleration[i] = dot(root[:, i], bodies[k].wrench)
-            solve(beds, joints, constraints, h, begin(trial, 1))
-            wrench[:] = trial.wrench
+                trial.acceleration[i] = _dot(root[:, i], bodies[k].wrench)
+            while not search(beds, joints, constraints, h, trial):
+                pass
+            wrenches[k] = trial.wrench
             failed, longest = failed + (not trial.at[0].found), max(longest, trial.at[0].path)
     return failed, longest
