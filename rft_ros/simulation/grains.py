@@ -78,7 +78,7 @@ class GrainsBatch:
         self._of_bodies = {"memory": self.beds.memory, "bodies": self._bodies, "surfaces": self._surfaces}
         self._of_bodies["states"] = self.states
         places, laws = self.beds.bodies, laws_of(self.beds)
-        self._remembered: GrainsState = {**self._of_bodies, "beds": places, "laws": laws, "durations": self._durations}
+        self.remembered: GrainsState = {**self._of_bodies, "beds": places, "laws": laws, "durations": self._durations}
         self.rows, self.near = np.zeros((n, 19)), np.zeros(n, np.bool_)
         """Rows of `wrenches_in_time` at these states; whether each body may reach the surface in the step."""
         self.last = self._bodies["wrench"]
@@ -248,18 +248,18 @@ class GrainsBatch:
 
     def state(self) -> GrainsState:
         """A copy of the state of the grains, which can be pickled."""
-        return {name: array.copy() for name, array in self._remembered.items()}
+        return {name: array.copy() for name, array in self.remembered.items()}
 
     def restore(self, state: GrainsState) -> None:
         """Go back to a state of these grains, or of others of the same tools, law, ground and number of bodies."""
-        if not isinstance(state, dict) or _forms(state) != _forms(self._remembered):
+        if not isinstance(state, dict) or _forms(state) != _forms(self.remembered):
             raise ValueError("state is of other bodies; restore what state() of grains like these returned")
         for name, array in state.items():
             fields = [array[field] for field in array.dtype.names] if array.dtype.names else [array]
             if not all(np.isfinite(field).all() for field in fields):
                 raise ValueError(f"state has values in '{name}' that are not finite; restore what state() returned")
         for name, array in state.items():
-            np.copyto(self._remembered[name], array)
+            np.copyto(self.remembered[name], array)
 
     __setstate__ = restore  # of a copy
 

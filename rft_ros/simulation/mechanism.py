@@ -38,15 +38,15 @@ class Mechanism:
         n, nv = len(bodies), int(model.nv)
         self.states = np.zeros((n, 13))
         self._jacobian, self._mass = np.zeros((6 * n, nv)), np.zeros((nv, nv))
-        self._response: Array | None = None  # P, once a step needs it
-        self._inertia = self._mass
         self.unconstrained = no_constraints(nv)
+        self._response = self.unconstrained.response  # P
         integrators, flags = self._mujoco.mjtIntegrator, self._mujoco.mjtDisableBit
         self._euler, self._rk4 = int(integrators.mjINT_EULER), int(integrators.mjINT_RK4)
         self._undamped = int(
             getattr(flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0)) | flags.mjDSBL_EULERDAMP
         )
         self.data, self._scratch = self._mujoco.MjData(model), self._mujoco.MjData(model)
+        self._mujoco.mj_forward(model, self.data)
         self.bind(self.data)
         self._measure: Any = machine_code(_measure, (*self._moving, 0.1, *self._motion))
 
@@ -83,8 +83,10 @@ class Mechanism:
             mujoco.mj_fullM(model, data, self._mass)
         else:  # before MuJoCo 4
             mujoco.mj_fullM(model, self._mass, data.qM)
-        self._inertia, self._response = self._mass + h * self._damping(), None
-        return Joints(bodies, self.states, self.states[bodies, 7:].ravel(), jacobian, self._inertia, data.qfrc_smooth)
+        inertia = self._mass + h * self._damping()
+        if data.nefc:
+            self._response = np.linalg.solve(self._mass, inertia)
+        return Joints(bodies, self.states, self.states[bodies, 7:].ravel(), jacobian, inertia, data.qfrc_smooth)
 
     def _damping(self) -> Array | float:
         """The damping that the integrator takes implicitly, C, shape [nv, nv]."""
@@ -106,8 +108,6 @@ class Mechanism:
             rows = self._dense(data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
         else:
             rows = data.efc_J.reshape(-1, model.nv)
-        if self._response is None:
-            self._response = np.linalg.solve(self._mass, self._inertia)
         mujoco.mj_constraintUpdate(model, data, rows @ (self._response @ acceleration) - data.efc_aref, None, 1)
         cones, hessians = self.unconstrained.cones, self.unconstrained.cone_hessians
         if model.opt.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL and data.ncon:

@@ -106,6 +106,7 @@ class MujocoGrains:
         self._model, self._single, self._mechanism = model, bodies is None, Mechanism(model, self._ids)
         self._last: tuple[float, float] | None = None  # time of the data at the last call, and its step
         self._own, self._written = np.zeros((2, len(tools), 6))  # forces of the user's, and those with the grains'
+        self._grains.remembered |= {"own": self._own, "written": self._written}
         self._told = False  # that the steps are long for RK4
         self._bind(self._mechanism.data)
         joints = self._mechanism.joints(np.zeros(1, np.int64), 0.1)
@@ -141,9 +142,9 @@ class MujocoGrains:
         grains.last[:], found, path = 0.0, True, 0.0
         if len(bodies):
             trial = self._search_for(mechanism.joints(bodies, h), h)
-            if not math.isfinite(trial.wrench.sum()):
+            if not math.isfinite(trial.best.sum()):
                 raise self._without_bound(data, h)
-            grains.last[bodies] = trial.wrench.reshape(-1, 6)
+            grains.last[bodies] = trial.best.reshape(-1, 6)
             found, path = bool(trial.at["found"][0]), float(trial.at["path"][0])
         self._write(*self._wrenches, *self._forces)
         self._last = data.time, h
@@ -177,7 +178,8 @@ class MujocoGrains:
 
     def _search_for(self, joints: Joints, h: float) -> Trial:
         """Solve the step; the trial with which it ended."""
-        mechanism, trial = self._mechanism, new_trial(len(joints.bodies), len(joints.force))
+        mechanism = self._mechanism
+        trial: Trial = new_trial(len(joints.bodies), len(joints.force))
         x, constraints, found = trial.acceleration, mechanism.unconstrained, False
         x[:] = mechanism.data.qacc_warmstart
         while not found:
@@ -236,16 +238,12 @@ class MujocoGrains:
 
     def state(self) -> GrainsState:
         """A copy of the state of the grains, which can be pickled. For rollouts, beside `mj_getState`."""
-        return {**self._grains.state(), "own": self._own.copy(), "written": self._written.copy()}
+        return self._grains.state()
 
     def restore(self, state: GrainsState) -> None:
         """Go back to what `state` returned; before or after `mj_setState`."""
-        forces = [] if not isinstance(state, dict) else [np.shape(state.get(name, ())) for name in ("own", "written")]
-        if forces != [self._own.shape] * 2:
-            raise ValueError("state is of other grains; restore what state() of grains like these returned")
-        self._grains.restore({name: array for name, array in state.items() if name not in ("own", "written")})
         self._take_away(*self._forces)  # or the wrenches there would be taken for the user's
-        self._own[:], self._written[:] = state["own"], state["written"]
+        self._grains.restore(state)
         self._last = None
 
     __setstate__ = restore  # of a copy

@@ -64,16 +64,16 @@ def _triangles(model: Any, geom: int) -> Array | None:
         vertices = np.array(model.mesh_vert[first : first + model.mesh_vertnum[mesh]], dtype=np.float64)
         triangles = vertices[model.mesh_face[faces : faces + model.mesh_facenum[mesh]]]
     elif kind == kinds.mjGEOM_BOX:
-        triangles = _box(*(_line(h, max(a, b, c)) for h in (a, b, c)))
+        triangles = _box([_line(h, max(a, b, c)) for h in (a, b, c)])
     elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
-        triangles = _rounded(_box(*[_line(1.0, 1.0)] * 3)) * ((a, b, c) if kind == kinds.mjGEOM_ELLIPSOID else a)
+        triangles = _rounded(_box([_line(1.0, 1.0)] * 3)) * ((a, b, c) if kind == kinds.mjGEOM_ELLIPSOID else a)
     elif kind == kinds.mjGEOM_CYLINDER:
-        triangles = _box(*[_line(a, a)] * 2, _line(b, max(a, b)))
+        triangles = _box([_line(a, a), _line(a, a), _line(b, max(a, b))])
         triangles[..., :2] = _rounded(triangles[..., :2])
     elif kind == kinds.mjGEOM_CAPSULE:
         end = _line(a, a)
         lower, upper = end[end < 0.0] - b, end[end > 0.0] + b
-        triangles = _box(end, end, np.concatenate([lower, _line(b, a + b), upper]))
+        triangles = _box([end, end, np.concatenate([lower, _line(b, a + b), upper])])
         middle = triangles.clip(-b, b) * (0.0, 0.0, 1.0)
         triangles = middle + _rounded(triangles - middle)
     else:
@@ -87,12 +87,12 @@ def _line(half: float, longest: float) -> Array:
     return np.linspace(-half, half, 2 * math.ceil(0.5 * _CELLS * half / longest - 1e-9) + 1)
 
 
-def _box(x: Array, y: Array, z: Array) -> Array:
-    """The triangles of a box whose faces have grid lines at these places, shape [n, 3, 3].
+def _box(lines: list[Array]) -> Array:
+    """The triangles of a box whose faces have grid lines at these x, y and z, shape [n, 3, 3].
 
     The diagonals alternate, or they would turn a body that moves straight.
     """
-    lines, faces = (x, y, z), []
+    faces = []
     for k in range(3):
         u, v = np.meshgrid(lines[k - 2], lines[k - 1], indexing="ij")
         odd = np.add.outer(np.arange(len(u) - 1), np.arange(len(v.T) - 1)) % 2 == 1

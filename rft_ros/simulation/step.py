@@ -33,9 +33,10 @@ __all__ = ["BODY", "Constraints", "Joints", "Trial", "advance", "hold_each", "ne
 
 Array = NDArray[np.float64]
 
-_MOST, _WHOLE, _CLOSE = 64, 48, 0.01
-"""Most evaluations of Newton's method; those after which its steps are halved, since whole ones may go round in a
-circle where plates turn; and the relative change of the wrench at which it ends, after that change."""
+_MOST, _WHOLE, _CLOSE, _LATE = 64, 8, 0.001, 0.01
+"""Most evaluations of Newton's method; those after which it takes the mean of a stiffness and those before, since with
+each alone it may go round in a circle where plates lose and find contact; and the relative change of the wrench at
+which it ends, after that change, until then and from then on."""
 
 _OFF, _LEVEL, _LONGER = 0.5, 0.1, 10.0
 """Residual along a step of Newton's method at its end, over that at its beginning: the length of the step is wrong if
@@ -54,16 +55,16 @@ BODY = np.dtype([("wrench", np.float64, 6), ("energy", np.float64)])
 """State of a body: the wrench of the last step; the energy that the grains have taken [J]."""
 
 _SEARCH = np.dtype(
-    [(name, np.float64) for name in ("slope", "share", "low", "high", "at_low", "at_high", "path")]
+    [(name, np.float64) for name in ("slope", "share", "low", "high", "at_low", "at_high", "least", "path")]
     + [("turn", np.int64), ("within", np.bool_), ("found", np.bool_)],
     align=True,
 )
 """Where Newton's method is.
 
 `slope`: the residual along its step at the beginning. `share` of the step that is tried. `low`, `high`, `at_low`,
-`at_high`: shares between which the residual changes its sign, and the residuals there. `path`: the longest of a point
-of a body in grains [m]. `turn`: number of evaluations. `within`: whether a step is being divided. `found`: whether the
-method has come to an end.
+`at_high`: shares between which the residual changes its sign, and the residuals there. `least`: the smallest `slope`
+so far. `path`: the longest of a point of a body in grains [m]. `turn`: number of evaluations. `within`: whether a step
+is being divided. `found`: whether the method has come to an end.
 """
 
 
@@ -101,13 +102,15 @@ class Constraints(NamedTuple):
 class Trial(NamedTuple):
     """An iterate: x, where Newton's step began and the step, shape [nv]; the wrenches at the end, shape [6 m].
 
-    `stiffness`: B of each body, shape [m, 6, 6]. `at`: where the method is, shape [1].
+    `best`: those to which the smallest step of the method led, its result. `stiffness`: B of each body, shape
+    [m, 6, 6]. `at`: where the method is, shape [1].
     """
 
     acceleration: Array
     start: Array
     change: Array
     wrench: Array
+    best: Array
     stiffness: Array
     at: NDArray[np.void]
 
@@ -123,7 +126,8 @@ def no_constraints(nv: int) -> Constraints:
 def new_trial(bodies, nv):
     """The first trial for that many bodies, at no acceleration."""
     at = np.zeros(1, _SEARCH)
-    return Trial(np.zeros(nv), np.zeros(nv), np.zeros(nv), np.zeros(6 * bodies), np.zeros((bodies, 6, 6)), at)
+    x, wrench, best = np.zeros(nv), np.zeros(6 * bodies), np.zeros(6 * bodies)
+    return Trial(x, np.zeros(nv), np.zeros(nv), wrench, best, np.zeros((bodies, 6, 6)), at)
 
 
 @inlined
@@ -268,12 +272,12 @@ def _newton(joints, constraints, trial, residual, h):
 
 
 @inlined
-def _small(beds, joints, trial, change, h):
+def _small(beds, joints, trial, change, close, h):
     """Whether Newton's step changes all wrenches by small shares of themselves, or hardly moves a body."""
     moved, small = np.empty(6), True
     for k, b in enumerate(joints.bodies):
         part, reach = _part(k), beds.bodies[b].reach
-        if _size(change[part], reach) > _CLOSE * _size(trial.wrench[part], reach):
+        if _size(change[part], reach) > close * _size(trial.wrench[part], reach):
             for i in range(6):
                 moved[i] = h * h * _dot(joints.jacobian[6 * k + i], trial.change)
             small &= _path(moved, reach) < _STILL * beds.length
@@ -288,6 +292,7 @@ def search(beds, joints, constraints, h, trial):
     Its length is then found by the rule of false position (Illinois) for the residual along it.
     """
     at, state, row, after = trial.at[0], np.empty((1, 13)), np.empty((1, 19)), np.empty(6)
+    tangents = np.empty_like(trial.stiffness)
     at.path = 0.0
     for k, b in enumerate(joints.bodies):
         part = _part(k)
@@ -297,7 +302,7 @@ def search(beds, joints, constraints, h, trial):
         _move(state[0], after, h)
         memory = beds.memory[b : b + 1].copy()
         evaluate(beds, b, memory, state, row)
-        stiffness_matrix(memory[0], trial.stiffness[k])
+        stiffness_matrix(memory[0], tangents[k])
         trial.wrench[part] = row[0, :6]
         if _size(row[0, :6], 1.0) > 0.0:
             at.path = max(at.path, h * _path(after, beds.bodies[b].reach))
@@ -314,30 +319,19 @@ def search(beds, joints, constraints, h, trial):
         else:
             at.share *= min(at.slope / max(at.slope - along, _ROUNDING * at.slope), _LONGER)
     else:
+        share, close = (1.0, _CLOSE) if at.turn < _WHOLE else (0.5, _LATE)
+        trial.stiffness[:] += share * (tangents - trial.stiffness)
         change = _newton(joints, constraints, trial, residual, h)
-        at.found = _small(beds, joints, trial, change, h)
-        if at.found:
-            trial.wrench[:] = trial.wrench + change
         trial.start[:], at.slope, at.within = trial.acceleration, -_dot(residual, trial.change), False
+        at.found = _small(beds, joints, trial, change, close, h)
+        if at.found or at.turn == 0 or at.slope < at.least:
+            at.least = at.slope
+            trial.best[:] = trial.wrench + change
         at.low, at.at_low, at.high, at.at_high = 0.0, at.slope, np.inf, 0.0
-        at.share = 1.0 if at.turn < _WHOLE else 0.5
+        at.share = 1.0
     trial.acceleration[:] = trial.start + at.share * trial.change
     at.turn += 1
     return at.found or at.turn == _MOST
-
-
-@inlined
-def _root(matrix):
-    """Write L over a symmetric matrix L L^T, shape [6, 6], in some of whose directions a body may not move."""
-    for i in range(6):
-        least = _ROUNDING * matrix[i, i]
-        for k in range(i):
-            for j in range(k):
-                matrix[i, k] -= matrix[i, j] * matrix[k, j]
-            matrix[i, k] = matrix[i, k] / matrix[k, k] if matrix[k, k] > 0.0 else 0.0
-            matrix[i, i] -= matrix[i, k] ** 2
-        matrix[i, i] = sqrt(matrix[i, i]) if matrix[i, i] > least else 0.0
-        matrix[i, i + 1 :] = 0.0
 
 
 @compiled
@@ -345,22 +339,21 @@ def hold_each(beds, first, bodies, near, states, inverse, free, constraints, h, 
     """Write the wrenches of bodies from `first` on that do not meet, shape [n, 6].
 
     `bodies`: of `BODY`, with the last wrenches. `near`: from `advance`. `states`: of all bodies. `inverse`: A, shape
-    [n, 6, 6]; `free`: acceleration, shape [n, 6]. The coordinates of each are such that its inertia is 1 and its
-    Jacobian L, A = L L^T. `constraints`: none. Returns how many times Newton's method did not come to an end, and the
-    longest path [m].
+    [n, 6, 6]; `free`: acceleration, shape [n, 6]. The coordinates of each are the wrench itself, so that A is both its
+    Jacobian and its inertia; a small number holds the directions in which A lets nothing move. `constraints`: none.
+    Returns how many times Newton's method did not come to an end, and the longest path [m].
     """
-    failed, longest = 0, 0.0
-    unit, none = np.eye(6), np.zeros(6)
+    failed, longest, none = 0, 0.0, np.zeros(6)
     for k in range(len(wrenches)):
         wrenches[k] = 0.0
         if near[k]:
-            b, root, trial = first + k, inverse[k].copy(), new_trial(1, 6)
-            _root(root)
-            joints = Joints(np.array([b]), states, states[b, 7:] + h * free[k], root, unit, none)
+            b, inertia, trial = first + k, inverse[k].copy(), new_trial(1, 6)
             for i in range(6):
-                trial.acceleration[i] = _dot(root[:, i], bodies[k].wrench)
+                inertia[i, i] += _ROUNDING * np.abs(inverse[k]).max()
+            joints = Joints(np.array([b]), states, states[b, 7:] + h * free[k], inverse[k].copy(), inertia, none)
+            trial.acceleration[:] = bodies[k].wrench
             while not search(beds, joints, constraints, h, trial):
                 pass
-            wrenches[k] = trial.wrench
+            wrenches[k] = trial.best
             failed, longest = failed + (not trial.at[0].found), max(longest, trial.at[0].path)
     return failed, longest

@@ -241,7 +241,7 @@ def test_what_cannot_be_used_is_named(monkeypatch):
         grains.apply(data)
     with pytest.raises(ValueError, match="data is not of the model"):
         grains.apply(mujoco.MjData(ball))
-    with pytest.raises(ValueError, match="other grains"):
+    with pytest.raises(ValueError, match="other bodies"):
         grains.restore(grains.wrench)
     for name, value in ("mesh", "/absent.stl"), ("stiffness", 0.0), ("timestep", -1.0):
         with pytest.raises(ValueError, match=f"{name}.*{value}"):
