@@ -11,8 +11,6 @@ import re
 import shutil
 import stat
 import zipfile
-from array import array
-from collections import Counter
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
@@ -25,13 +23,12 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.whole_file import replacing
 
-__all__ = ["checked_file", "checked_folder", "expanded", "opened", "read_arrays", "read_columns", "read_file"]
-__all__ += ["read_header", "read_text", "read_yaml", "refuse_overwriting", "resolved", "whole", "whole_folder"]
+__all__ = ["MAX_BYTES", "MAX_NUMBERS", "checked_file", "checked_folder", "expanded", "opened", "read_arrays"]
+__all__ += ["read_file", "read_text", "read_yaml", "refuse_overwriting", "resolved", "whole", "whole_folder"]
 
-_MAX_BYTES = 256 * 2**20  # of a file, and of the unpacked arrays of an NPZ file
-_MAX_NUMBERS = _MAX_BYTES // 8  # in one array or table; each may become a double
+MAX_BYTES = 256 * 2**20  # of a file, and of the unpacked arrays of an NPZ file
+MAX_NUMBERS = MAX_BYTES // 8  # in one array or table; each may become a double
 MAX_YAML = 2**20
-_MAX_HEADER = 2**16  # characters
 _GIVE = "give the path of one that does"
 _KINDS = {
     stat.S_IFDIR: "a folder; give a file",
@@ -69,7 +66,7 @@ def _status(file: Path, what: str, advice: str) -> os.stat_result:
         raise InputError(f"{named} {advised.get(code) or f'cannot be read: {reason_of(error)}'}") from None
 
 
-def checked_file(file: Path, what: str, *, limit: int | None = _MAX_BYTES, advice: str = _GIVE) -> Path:
+def checked_file(file: Path, what: str, *, limit: int | None = MAX_BYTES, advice: str = _GIVE) -> Path:
     """The path, ~ expanded, of a regular file of 1 to `limit` bytes (None: any number). Does not open the file.
 
     Raises InputError. It calls the file `what`, such as the option or parameter that names it, and says what to do.
@@ -102,7 +99,7 @@ def _check_size(size: int, named: str, limit: int | None) -> None:
 
 
 @contextmanager
-def opened(file: Path, what: str, *, limit: int | None = _MAX_BYTES, advice: str = _GIVE) -> Iterator[BinaryIO]:
+def opened(file: Path, what: str, *, limit: int | None = MAX_BYTES, advice: str = _GIVE) -> Iterator[BinaryIO]:
     """A `checked_file`, open for reading bytes; errors of reading it in the block are InputErrors too."""
     path = checked_file(file, what, limit=limit, advice=advice)
     with file_errors(f"{what} '{file}'", "read"), open(path, "rb", opener=_without_waiting) as stream:
@@ -115,7 +112,7 @@ def _without_waiting(path: str, flags: int) -> int:
     return os.open(path, flags | os.O_NONBLOCK)
 
 
-def read_file(file: Path, what: str, *, limit: int = _MAX_BYTES, advice: str = _GIVE) -> bytes:
+def read_file(file: Path, what: str, *, limit: int = MAX_BYTES, advice: str = _GIVE) -> bytes:
     """The bytes of a `checked_file`."""
     with opened(file, what, limit=limit, advice=advice) as stream:
         data = stream.read(limit + 1)
@@ -123,7 +120,7 @@ def read_file(file: Path, what: str, *, limit: int = _MAX_BYTES, advice: str = _
     return data
 
 
-def read_text(file: Path, what: str, *, limit: int = _MAX_BYTES, advice: str = _GIVE) -> str:
+def read_text(file: Path, what: str, *, limit: int = MAX_BYTES, advice: str = _GIVE) -> str:
     """The text of a `checked_file` in UTF-8; a byte order mark is dropped."""
     data = read_file(file, what, limit=limit, advice=advice)
     with file_errors(f"{what} '{file}'", "read"):
@@ -138,7 +135,7 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any
     data = read_file(file, what)
     try:
         with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            _check_size(sum(member.file_size for member in archive.infolist()), f"{what} '{file}' unpacked", _MAX_BYTES)
+            _check_size(sum(member.file_size for member in archive.infolist()), f"{what} '{file}' unpacked", MAX_BYTES)
         with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
             found = [arrays[name] for name in names]
     except InputError:
@@ -147,53 +144,9 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any
         wanted = f"NPZ file with the arrays of numbers {', '.join(names)}"
         raise InputError(f"{what} '{file}' is not a valid {wanted}; write it again with numpy.savez") from None
     for name, values in zip(names, found, strict=True):
-        if values.size > _MAX_NUMBERS:
-            raise InputError(f"{what} '{file}' has {values.size:,} numbers in {name}; the limit is {_MAX_NUMBERS:,}")
+        if values.size > MAX_NUMBERS:
+            raise InputError(f"{what} '{file}' has {values.size:,} numbers in {name}; the limit is {MAX_NUMBERS:,}")
     return found
-
-
-def read_header(file: Path, what: str) -> list[str]:
-    """The names of the columns of a `checked_file` in CSV format."""
-    with opened(file, what) as stream:
-        return [name.strip() for name in stream.readline(_MAX_HEADER).decode("utf-8-sig").split(",")]
-
-
-def read_columns(file: Path, what: str, names: Sequence[str]) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
-    """The columns `names` of a `checked_file` in CSV format, shape [n, columns], any unit; and their lines, shape [n].
-
-    Lines are counted from 1. The file's header may name the columns in any order, and others beside them. Raises
-    InputError, which quotes no content of the file.
-    """
-    # bytes, line by line: a list of all lines would have many times the file's size
-    data = read_file(file, what)
-    lines = io.BytesIO(data if b"\n" in data else data.replace(b"\r", b"\n"))
-    with file_errors(f"{what} '{file}'", "read"):
-        first = lines.readline(_MAX_HEADER).decode("utf-8-sig")
-    header = [name.strip() for name in first.split(",")]
-    counts = Counter(header)
-    for name in (*names, *header):
-        if counts[name] != 1:
-            count = f"several columns {name[:40]!r}" if name in counts else f"no column {name}"
-            raise InputError(f"{what} '{file}' has {count}; its first line must name {','.join(names)}")
-    taken = [header.index(name) for name in names]
-    table, numbers = array("d"), array("q")
-    for number, line in enumerate(lines, start=2):
-        if not line.strip():
-            continue
-        try:
-            cells = [float(cell) for cell in line.decode().split(",")]
-        except ValueError:  # not a number, or not UTF-8
-            cells = []
-        if len(cells) != len(header):
-            raise InputError(f"{what} '{file}' line {number} is not {len(header)} numbers; correct or remove it")
-        table.extend([cells[k] for k in taken])
-        numbers.append(number)
-        if len(table) > _MAX_NUMBERS:
-            most = f"the limit is {_MAX_NUMBERS // len(names):,} rows"
-            raise InputError(f"{what} '{file}' has too many rows; {most}; divide the file")
-    if not numbers:
-        raise InputError(f"{what} '{file}' has a header and no rows; it needs at least one")
-    return np.frombuffer(table).reshape(-1, len(names)), np.frombuffer(numbers, dtype=np.int64)
 
 
 class _Loader(yaml.SafeLoader):

@@ -8,9 +8,10 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError
 from rft_ros.estimator import PoseSample
 from rft_ros.estimator.pose_difference import PoseDifference
-from rft_ros.files import read_columns, read_header, whole
+from rft_ros.files import whole
 from rft_ros.parameters import Model, defaults
 from rft_ros.rft import POSE, STATE, TWIST, WRENCH, Memory, checked_states, wrenches, wrenches_in_time
+from rft_ros.table_file import columns_named, read_table
 
 __all__ = ["read_states", "wrenches_along", "write_wrenches"]
 
@@ -23,22 +24,21 @@ def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     Without the columns vx .. wz the velocities are found from the poses. Raises InputError that names the line.
     """
-    what, header = "states file", read_header(file, "states file")
-    posed = set(STATE[TWIST]).isdisjoint(header) and set(STATE[POSE]).issubset(header)
-    table, lines = read_columns(file, what, ("t", *(STATE[POSE] if posed else STATE)))
-    times = table[:, 0]
+    what, twist = "states file", columns_named(STATE[TWIST])
+    rows = read_table(file, what, columns_named(("t", *STATE[POSE])), twist)
+    times, posed = rows.numbers[:, 0], twist[0].name not in rows.factors
     try:
         if not np.isfinite(times).all():
             k = int(np.argmin(np.isfinite(times)))
             raise ValueError(f"row {k}: t is {times[k]}; it must be a finite number")
         if not posed:
-            return times, checked_states(table[:, 1:])
-        states = checked_states(np.pad(table[:, 1:], ((0, 0), (0, len(STATE[TWIST])))))
+            return times, checked_states(rows.numbers[:, 1:])
+        states = checked_states(np.pad(rows.numbers[:, 1:], ((0, 0), (0, len(STATE[TWIST])))))
         states[:, TWIST] = _velocities(times, states[:, POSE])
         return times, states
     except ValueError as error:
         row, _, reason = str(error).removeprefix("row ").partition(":")  # counted from 0
-        raise InputError(f"{what} '{file}' line {lines[int(row)]}:{reason}") from None
+        raise InputError(f"{what} '{file}' line {rows.lines[int(row)]}:{reason}") from None
 
 
 def _velocities(times: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArray[np.float64]:

@@ -10,14 +10,16 @@ import numpy as np
 from rft_ros.bags.sources import Messages, Source
 from rft_ros.errors import InputError
 from rft_ros.estimator import PoseSample, Sample, TwistSample, WrenchSample
-from rft_ros.files import read_columns, read_header
 from rft_ros.messages import TYPES, Role
 from rft_ros.parameters import Values
 from rft_ros.rft import AXES, POSE, STATE, TWIST
+from rft_ros.table_file import columns_named, columns_of, read_table
 
 __all__ = ["COLUMNS", "is_table", "source_of_table", "values_for_table"]
 
 _GROUPS: dict[Role, tuple[str, ...]] = {"pose": tuple(STATE[POSE]), "twist": tuple(STATE[TWIST]), "wrench": AXES}
+_TIME_AND_POSE = columns_named(("t", *_GROUPS["pose"]))
+_TWIST, _WRENCH = columns_named(_GROUPS["twist"]), columns_named(_GROUPS["wrench"])
 
 COLUMNS = ("t", *STATE[POSE], *STATE[TWIST], *AXES)
 """Columns of a table: [s], [m], quaternion, [m/s], [rad/s], [N], [N m].
@@ -34,21 +36,9 @@ def is_table(bag: Path) -> bool:
     return bag.suffix.lower() == ".csv"
 
 
-def _roles(file: Path) -> list[Role]:
-    """The roles whose columns the table has. Raises InputError if some of a role's columns are missing."""
-    header, found = read_header(file, "table"), list[Role]()
-    for role, names in _GROUPS.items():
-        missing = [name for name in names if name not in header]
-        if not missing:
-            found.append(role)
-        elif role == "pose" or len(missing) < len(names):
-            raise InputError(f"table '{file}' has no column {missing[0]}; a {role} has the columns {','.join(names)}")
-    return found
-
-
 def values_for_table(file: Path, values: Values) -> Values:
     """The parameters with which a table is read: velocities are found from the poses unless it has them."""
-    twist_source = "topic" if "twist" in _roles(file) else "pose_difference"
+    twist_source = "topic" if "vx" in columns_of(file, "table", _TIME_AND_POSE, _TWIST) else "pose_difference"
     return {**values, "pose_source": "topic", "twist_source": twist_source}
 
 
@@ -58,16 +48,19 @@ def source_of_table(file: Path, topics: Mapping[Role, str], values: Values) -> t
     In ROS a stamp of 0 means none: stamps that begin at 0 or below are shifted by whole seconds. Raises InputError,
     which names the line.
     """
-    roles = _roles(file)
-    table, lines = read_columns(file, "table", ("t", *(name for role in roles for name in _GROUPS[role])))
-    times = table[:, 0]
+    rows = read_table(file, "table", _TIME_AND_POSE, _TWIST, _WRENCH)
+    table, lines, times = rows.numbers, rows.lines, rows.numbers[:, 0]
     wrong = np.flatnonzero(~(np.abs(times) < _LAST) | (np.diff(times, prepend=-np.inf) < 0.0))
     if len(wrong):
         must = "it must be a time [s] that does not go back; write a file for each run"
         raise InputError(f"table '{file}' line {lines[wrong[0]]}: t is {times[wrong[0]]:.9g}; {must}")
     shift = 0 if times[0] > 0.0 else 1 + math.ceil(-times[0])
     stamps = np.round((times + shift) * 1e9).astype(np.int64).tolist()
-    ends = np.cumsum([1, *(len(_GROUPS[role]) for role in roles)]).tolist()
+    begin = {name: k for k, name in enumerate(rows.factors)}
+    parts: dict[Role, slice] = {}
+    for role, names in _GROUPS.items():
+        if names[0] in begin:
+            parts[role] = slice(begin[names[0]], begin[names[0]] + len(names))
     world, sensor = values["world_frame"], values["sensor_frame"]
     sample_of: dict[Role, Callable[[int, Any], Sample]] = {
         "pose": lambda stamp, numbers: PoseSample(stamp, world, numbers[:3], numbers[3:]),
@@ -79,11 +72,11 @@ def source_of_table(file: Path, topics: Mapping[Role, str], values: Values) -> t
         for stamp, row in zip(stamps, table, strict=True):
             if first <= stamp <= last:
                 numbers = row.tolist()
-                for role, begin, end in zip(roles, ends, ends[1:], strict=False):
+                for role, part in parts.items():
                     if topics.get(role) in wanted:
-                        yield stamp, topics[role], sample_of[role](stamp, tuple(numbers[begin:end]))
+                        yield stamp, topics[role], sample_of[role](stamp, tuple(numbers[part]))
 
-    types = [(topics[role], TYPES[role]) for role in roles if role in topics]
+    types = [(topics[role], TYPES[role]) for role in parts if role in topics]
     count, first, last = len(types) * len(stamps), stamps[0], stamps[-1]
     source = Source(name=file.name, types=types, count=count, first=first, last=last, read=read, decoded=True)
     return source, shift * 1_000_000_000

@@ -9,9 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.files import read_arrays, read_columns, whole
+from rft_ros.files import read_arrays, whole
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.kernel.compilation import compiled, inlined
+from rft_ros.table_file import columns_named, read_table
 
 __all__ = ["MOST_CELLS", "HeightMap", "read_height_map", "write_height_map"]
 
@@ -248,7 +249,7 @@ def read_height_map(file: Path | str, cell: float) -> HeightMap:
             x, y, h = x[i], y[j], h[i, j]
         x, y, h = (v.ravel().astype(np.float64) for v in (x, y, h))
     else:
-        x, y, h = read_columns(file, "ground.file", _COLUMNS)[0].T
+        x, y, h = read_table(file, "ground.file", columns_named(_COLUMNS)).numbers.T
     if not len(x) or not len(x) == len(y) == len(h):
         counts = f"{len(x)} x, {len(y)} y and {len(h)} h"
         raise InputError(f"{what} has {counts}; it needs the same number of each, and at least one")

@@ -7,9 +7,9 @@ from typing import Any, NamedTuple
 
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap, read_height_map
-from rft_ros.parameters.alpha_y_file import read_alpha_y_table
 from rft_ros.parameters.medium_file import read_medium
 from rft_ros.parameters.settings import LoadCell, Model, Settings
+from rft_ros.parameters.stress_tables import read_alpha_y_table
 from rft_ros.parameters.table import Values
 from rft_ros.rft import LAW_NUMBERS, Medium, Table, alpha_y_model, law_named, medium_named
 from rft_ros.tool import Tool, load_tool

@@ -30,7 +30,7 @@ _TEXT = "tag:yaml.org,2002:str"
 _TRUE = {"Y", "y", "yes", "Yes", "YES", "true", "True", "TRUE", "on", "On", "ON"}
 _FALSE = {"N", "n", "no", "No", "NO", "false", "False", "FALSE", "off", "Off", "OFF"}
 _SPACE = r"[ \t\n\v\f\r]*"
-_WHOLE = re.compile(rf"{_SPACE}[-+]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]*)")
+_WHOLE = re.compile(rf"{_SPACE}[-+]?(0[xX][0-9a-fA-F]+|0[0-7]*|[1-9][0-9]{{0,18}})")  # 64 bits have at most 19 digits
 _BINARY = re.compile(rf"{_SPACE}[-+]?0[bB][01]+")
 _DECIMAL = re.compile(rf"{_SPACE}[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]+)?")
 _HEXADECIMAL = re.compile(rf"{_SPACE}[-+]?0[xX]([0-9a-fA-F]+\.?[0-9a-fA-F]*|\.[0-9a-fA-F]+)([pP][-+]?[0-9]+)?")
@@ -272,7 +272,7 @@ class _Events:
         self._next()
         if len({type(v) for v in values}) > 1:
             one = "ROS takes lists of one type only, such as [0.0, 0.5]"
-            raise _UnreadableError(f"line {line}: {name} is {values}; {one}")
+            raise _UnreadableError(f"line {line}: {name} is {shown(values)}; {one}")
         if not values:
             self._refuse(f"{name} is an empty list, which ROS does not read (line {line}); remove it")
         return values
@@ -292,10 +292,10 @@ class _Events:
         if quoted or event.tag == _TEXT:
             return event.value
         if _BINARY.fullmatch(event.value):
-            self._refuse(f"{name} is {event.value} in line {line}, which not every ROS reads as a number; write it out")
+            self._refuse(f"{name} is {event.value[:_LONGEST]} in line {line}, which not every ROS reads; write it out")
         value = _scalar(event.value)
         if isinstance(value, float) and abs(value) < _LEAST and not _ZERO.fullmatch(event.value):
-            self._refuse(f"{name} is {event.value} in line {line}, too small for a number of ROS; write 0.0")
+            self._refuse(f"{name} is {event.value[:_LONGEST]} in line {line}, too small for a number of ROS; write 0.0")
         return value
 
     def _refuse(self, why: str) -> None:

@@ -137,7 +137,8 @@ PARAMETERS = (
     Parameter(
         "alpha_y.table",
         "",
-        "CSV file for alpha_y.model table. Columns: either beta and alpha_y, or beta, gamma and alpha_y.",
+        "CSV file for alpha_y.model table, with the columns beta, alpha_y, or beta, gamma, alpha_y. Its header may "
+        "name other units; without a header they stand in this order.",
         "deg, N/cm3",
     ),
     Parameter(

@@ -86,9 +86,9 @@ def test_columns_may_have_any_order_and_others_beside_them(tmp_path_factory, ran
     ("change", "words"),
     [
         (("t,px", "px"), "has no column t"),
-        ((",vz", ""), "has no column vz; a twist has the columns vx,vy,vz,wx,wy,wz"),
-        ((",fx,fy", ""), "has no column fx; a wrench has the columns fx,fy,fz,tx,ty,tz"),
-        ((",qw", ""), "has no column qw; a pose has the columns px"),
+        ((",vz", ""), "has no column vz; its first line must name vx,vy,vz,wx,wy,wz"),
+        ((",fx,fy", ""), "has no column fx; its first line must name fx,fy,fz,tx,ty,tz"),
+        ((",qw", ""), "has no column qw; its first line must name t,px"),
         (("\n0.02,", "\n0.005,"), "line 4: t is 0.005; it must be a time [s] that does not go back"),
         (("\n0.02,", "\nnan,"), "line 4: t is nan; it must be a time"),
         (("\n0.02,", "\n1e12,"), "line 4: t is 1e+12; it must be a time"),

@@ -136,12 +136,6 @@ def test_a_table_whose_grid_would_fill_the_memory_is_refused(tmp_path):
     assert "100000 beta x 100000 gamma values" in refusal(read_alpha_y_table, str(file))
 
 
-def test_a_table_of_ever_new_columns_is_refused_in_no_time(tmp_path):
-    file = tmp_path / "states.csv"
-    file.write_text(f"t,{','.join(map(str, range(1_000_000)))}\n1\n")
-    assert "its first line must name t,px" in refusal(read_states, file)
-
-
 @pytest.mark.parametrize("reader", ["mesh.npz", "ground.npz"])
 @pytest.mark.parametrize("in_arrays", [True, False])
 def test_a_pickle_is_refused_without_advice_to_load_it(tmp_path, reader, in_arrays):
@@ -157,10 +151,9 @@ def test_a_pickle_is_refused_without_advice_to_load_it(tmp_path, reader, in_arra
     )
 
 
-@pytest.mark.parametrize("reader", ["mesh.stl", "table.csv", "ground.csv"])
-def test_a_refusal_does_not_quote_the_file(tmp_path, reader):
-    (tmp_path / reader).write_text("x,y,h\nroot:hunter2:19000,0,99999\nvertex root:hunter2:19000 0 1\n")
-    assert "hunter2" not in refusal(READERS[reader], tmp_path / reader)
+def test_a_refusal_does_not_quote_the_mesh(tmp_path):
+    (tmp_path / "mesh.stl").write_text("solid x\nvertex root:hunter2:19000 0 1\n")
+    assert "hunter2" not in refusal(READERS["mesh.stl"], tmp_path / "mesh.stl")
 
 
 @pytest.mark.parametrize("text", ["a: &x 1.0\nb: *x\n", "base: &x {a: 1.0}\nb: {<<: *x}\n"])
@@ -291,7 +284,7 @@ def test_no_command_overwrites_its_input(tmp_path, monkeypatch, capsys, command)
 
 
 DIGITS = "0x" + "f" * 5000
-"""A whole number of YAML that Python does not write out."""
+"""A whole number of YAML that Python does not write out; nor does it read one of as many decimal digits."""
 
 
 @pytest.mark.parametrize(
@@ -316,12 +309,13 @@ def test_a_number_of_thousands_of_digits_is_refused_with_a_sentence_that_can_be_
     tmp_path, monkeypatch, capsys, name, text, command
 ):
     monkeypatch.chdir(tmp_path)
-    (tmp_path / name).write_text(text)
     (tmp_path / "states.csv").write_text(STATE)
-    assert main(command.format(name).split()) == 2
-    (said,) = capsys.readouterr().err.splitlines()
-    assert name in said
-    assert len(said) < 500
+    for digits in (DIGITS, "9" * 5000, "0b" + "1" * 5000):
+        (tmp_path / name).write_text(text.replace(DIGITS, digits))
+        assert main(command.format(name).split()) == 2
+        (said,) = capsys.readouterr().err.splitlines()
+        assert name in said
+        assert len(said) < 500
 
 
 @pytest.mark.parametrize(
