@@ -85,7 +85,7 @@ class Mechanism:
             mujoco.mj_fullM(model, self._mass, data.qM)
         inertia = self._mass + h * self._damping()
         if data.nefc:
-            self._response = np.linalg.solve(self._mass, inertia)
+            self._response = np.asarray(np.linalg.solve(self._mass, inertia), dtype=np.float64)
         return Joints(bodies, self.states, self.states[bodies, 7:].ravel(), jacobian, inertia, data.qfrc_smooth)
 
     def _damping(self) -> Array | float:
