@@ -12,9 +12,9 @@ from pathlib import Path
 import matplotlib.pyplot as plt
 import mujoco
 import numpy as np
+from six_axis_arm import SixAxisArm
 
 from rft_ros.simulation import MujocoGrains
-from rft_ros.simulation.six_axis_arm import SixAxisArm
 
 SPEED = 0.02  # m/s
 STAY = 1.5  # s at each waypoint

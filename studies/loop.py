@@ -11,10 +11,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from examples.six_axis_arm import SixAxisArm
 from rft_ros.rft import wrenches
 from rft_ros.simulation import Grains, GrainsBatch, MujocoGrains, free_body
 from rft_ros.simulation.mechanism import import_mujoco
-from rft_ros.simulation.six_axis_arm import SixAxisArm
 from rft_ros.tool import Tool, load_tool
 from studies import loop_scenes as scenes
 from studies.loop_scenes import Numbers, law

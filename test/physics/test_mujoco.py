@@ -10,12 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from examples.six_axis_arm import SixAxisArm
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap
 from rft_ros.installation import share_directory
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.simulation import MujocoGrains
-from rft_ros.simulation.six_axis_arm import SixAxisArm
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
 
@@ -206,8 +206,10 @@ def test_the_mesh_of_the_body_is_the_mesh_of_its_file():
     ("name", "more"),
     [("mujoco_drop", ["--seconds", "1", "--timestep", "0.005"]), ("mujoco_press", ["--mesh", "sphere"])],
 )
-def test_the_examples_run_headless_and_hold_still(tmp_path, capsys, name, more):
-    main = runpy.run_path(str(Path(__file__).resolve().parents[2] / "examples" / f"{name}.py"))["main"]
+def test_the_examples_run_headless_and_hold_still(tmp_path, capsys, monkeypatch, name, more):
+    folder = Path(__file__).resolve().parents[2] / "examples"
+    monkeypatch.syspath_prepend(folder)
+    main = runpy.run_path(str(folder / f"{name}.py"))["main"]
     assert main(["-o", str(tmp_path / "picture.png"), *more]) == 0
     assert (tmp_path / "picture.png").stat().st_size > 10_000
     printed = capsys.readouterr().out

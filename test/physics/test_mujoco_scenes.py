@@ -5,9 +5,9 @@ import pickle
 import numpy as np
 import pytest
 
+from examples.six_axis_arm import SixAxisArm
 from rft_ros.errors import InputError
 from rft_ros.simulation import MujocoGrains
-from rft_ros.simulation.six_axis_arm import SixAxisArm
 from studies import loop_scenes as scenes
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")

@@ -34,7 +34,6 @@ ELSEWHERE = {
     "node/swap.py worker.load": "asks the worker, which reads as `rft_ros.files` does",
     "parameters/from_values.py _LOADED[name].load": "functions of the package, which read as `rft_ros.files` does",
     "parameters/sections.py yaml.parse": "text that `read_text` gave",
-    "simulation/six_axis_arm.py (share_directory('rft_ros') / 'config' / 'six_axis_arm.xml').read_text": "shipped",
     "tool/reduction_cache.py file.read_bytes": "the package's own sources",
     "whole_file.py os.open": "creates a part file, and follows no link",
     "tool/mesh_file.py trimesh.load": "bytes that `read_file` gave",

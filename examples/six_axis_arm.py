@@ -1,5 +1,6 @@
-"""A six-axis arm under joint impedance in MuJoCo, for the examples, the demo and the study: config/six_axis_arm.xml."""
+"""A six-axis arm under joint impedance in MuJoCo, for `mujoco_press.py` and the study: six_axis_arm.xml."""
 
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -7,7 +8,6 @@ from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.files import read_file
-from rft_ros.installation import share_directory
 from rft_ros.rft.arguments import number
 from rft_ros.simulation.mechanism import import_mujoco
 from rft_ros.tool import locate_mesh
@@ -30,16 +30,16 @@ class SixAxisArm:
     """
 
     def __init__(self, mesh: str = "plate", *, stiffness: float = 1.0, timestep: float = 0.001) -> None:
-        self._mujoco, stiffness = import_mujoco(), number("stiffness", stiffness, positive=True)
-        text = (share_directory("rft_ros") / "config" / "six_axis_arm.xml").read_text(encoding="utf-8")
-        spec = self._mujoco.MjSpec.from_string(text, assets={"tool.stl": read_file(locate_mesh(mesh), "mesh file")})
+        mujoco, stiffness = import_mujoco(), number("stiffness", stiffness, positive=True)
+        text = Path(__file__).with_suffix(".xml").read_text(encoding="utf-8")
+        spec = mujoco.MjSpec.from_string(text, assets={"tool.stl": read_file(locate_mesh(mesh), "mesh file")})
         for actuator in spec.actuators:
             actuator.gainprm[0] *= stiffness
             actuator.biasprm[1] *= stiffness
         self.model: Any = spec.compile()
         self.model.opt.timestep = number("timestep", timestep, positive=True)
-        self.data: Any = self._mujoco.MjData(self.model)
-        self._scratch = self._mujoco.MjData(self.model)
+        self.data: Any = mujoco.MjData(self.model)
+        self._scratch = mujoco.MjData(self.model)
         self.body = int(self.model.body("tool").id)
         self._joints = np.array(_START)
 
@@ -48,7 +48,7 @@ class SixAxisArm:
 
         Raises InputError for a pose that the arm does not reach.
         """
-        mujoco, model, data = self._mujoco, self.model, self._scratch
+        mujoco, model, data = import_mujoco(), self.model, self._scratch
         goal, turn = np.asarray(position, dtype=np.float64), np.roll(np.asarray(quaternion, dtype=np.float64), 1)
         jacobian, error = np.zeros((6, 6)), np.zeros(6)
         data.qpos[:] = self._joints
@@ -68,6 +68,7 @@ class SixAxisArm:
 
     def start(self, position: ArrayLike, quaternion: ArrayLike = (0.0, 0.0, 0.0, 1.0)) -> None:
         """Place the arm at rest with its tool frame at a pose, and hold it there."""
-        self._mujoco.mj_resetData(self.model, self.data)
+        mujoco = import_mujoco()
+        mujoco.mj_resetData(self.model, self.data)
         self.data.qpos[:] = self.data.ctrl[:] = self.joints(position, quaternion)
-        self._mujoco.mj_forward(self.model, self.data)
+        mujoco.mj_forward(self.model, self.data)
