@@ -72,8 +72,9 @@ m = n or -n so that m does not point up, and polynomials f1, f2, f3 of x1 = -v·
 with the pressure p, 0 or more, and s along the plate.
 
 Modules, in the order of the paper: `frames`, `media`, `velocity_weights`, `alpha_y`, `grains` with what all laws have
-in common, `traction`, `plates`, `wrench`, `result` with the columns of a result, for Eq. (10) `memory`, for Eq. (11)
-`inertia`, for Eq. (12) `agarwal2023`. The package `kernel` makes them fast; `arguments` checks inputs.
+in common, `traction`, `plates`, `wrench`, `result` with the columns of a result, for Eq. (10) `memory` and
+`memory_state`, for Eq. (11) `inertia`, for Eq. (12) `agarwal2023`. The package `kernel` makes them fast; `arguments`
+checks inputs.
 
 Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed straight down at 1 cm/s.
 
@@ -102,7 +103,7 @@ from rft_ros.rft.frames import (
 from rft_ros.rft.grains import SpeedLimits
 from rft_ros.rft.inertia import INERTIA
 from rft_ros.rft.media import MEDIA, Medium, medium_named
-from rft_ros.rft.memory import SLACK, Memory
+from rft_ros.rft.memory_state import SLACK, Memory
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
 from rft_ros.rft.result import (
     AXES,

@@ -11,7 +11,7 @@ from rft_ros.rft.arguments import number
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel.compilation import compiled, inlined
 from rft_ros.rft.kernel.loops import sums
-from rft_ros.rft.memory import IN_STIFFNESS
+from rft_ros.rft.memory_state import IN_STIFFNESS
 from rft_ros.rft.plates import BOUNDS
 from rft_ros.rft.traction import packed_law
 

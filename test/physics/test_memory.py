@@ -19,7 +19,8 @@ from rft_ros.rft import (
     wrenches,
     wrenches_in_time,
 )
-from rft_ros.rft.memory import HEAD, STIFF
+from rft_ros.rft.memory import STIFF
+from rft_ros.rft.memory_state import HEAD
 from rft_ros.rft.wrench import prepared
 from rft_ros.tool import load_tool
 

