@@ -17,7 +17,6 @@ from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import run
 from rft_ros.tool import Tool, describe_tool
 from rft_ros.tool.mesh_file import SUFFIX, save_reduced
-from rft_ros.tool.mesh_frame import MeshFrame
 from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
 
 
@@ -69,11 +68,10 @@ def reduce(arguments: argparse.Namespace) -> int:
             plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance)
         else:
             plates, reduction = reduced_for_scene(tool.facets, states, tolerance)
-    frame = MeshFrame.checked(values["mesh.scale"], values["mesh.origin"], values["mesh.quaternion"])
-    save_reduced(output, frame, vertices=tool.vertices, faces=tool.faces, plates=plates, reduction=reduction)
+    save_reduced(output, tool.frame, vertices=tool.vertices, faces=tool.faces, plates=plates, reduction=reduction)
     print(f"{tool.name}, {plates.integration}: {reduction} -> {output}")
     origin, rotation = (" ".join(f"{v:g}" for v in values[name]) for name in ("mesh.origin", "mesh.quaternion"))
-    same = f"--scale {values['mesh.scale']:g} --origin {origin} --rotate {rotation}"
+    same = f"--scale {tool.frame.scale:g} --origin {origin} --rotate {rotation}"
     print(f"use it with the options of the mesh: {same}")
     return 0
 

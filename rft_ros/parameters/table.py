@@ -49,7 +49,7 @@ class Parameter:
     applies: Literal["live", "restart"] = "live"
 
 
-_SMALLEST_CELL = 1e-4  # m
+_SMALLEST_CELL, _SMALLEST_UNIT = 1e-4, 1e-9  # m
 
 MESH = (
     "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate, scoop)"
@@ -62,7 +62,14 @@ _SETTINGS, _LOAD_CELL = Settings(), LoadCell()
 
 PARAMETERS = (
     Parameter("mesh.file", "plate", f"Tool mesh: {MESH}; a path is relative to the parameter file."),
-    Parameter("mesh.scale", 0.001, "Metres per mesh unit.", "m", (1e-9, 1e6)),
+    Parameter(
+        "mesh.scale",
+        0.0,
+        "Metres per mesh unit. 0.0: the unit that the file declares (COLLADA, glTF), or a millimetre.",
+        "m",
+        (0.0, 1e6),
+        rule=_Rule(lambda scale: scale == 0.0 or scale >= _SMALLEST_UNIT, f"0, or at least {_SMALLEST_UNIT:g} m"),
+    ),
     Parameter("mesh.origin", _ORIGIN, "Where the tool frame's origin lies, in mesh-file coordinates.", "mesh units"),
     Parameter(
         "mesh.quaternion",

@@ -35,8 +35,11 @@ def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
     return np.asarray(np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1) <= _COLLINEAR * longest**2)
 
 
-def check_mesh(mesh: "trimesh.Trimesh") -> dict[MeshIssue, str]:
-    """Issues of a mesh in metres: a sentence by kind. At least one of its facets must have an area."""
+def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue, str]:
+    """Issues of a mesh in metres: a sentence by kind. At least one of its facets must have an area.
+
+    `scale`: metres per unit of the mesh's file, which the sentence on an unusual size corrects.
+    """
     import trimesh
 
     issues: dict[MeshIssue, str] = {}
@@ -73,8 +76,8 @@ def check_mesh(mesh: "trimesh.Trimesh") -> dict[MeshIssue, str]:
     while not SMALLEST_USUAL <= extent * factor <= LARGEST_USUAL:
         factor *= step
     if factor != 1.0:
-        meant = f"if {extent * factor:.3g} m is meant, multiply mesh.scale (--scale) by {factor:g}"
-        issues["size"] = f"the largest extent is {extent:.3g} m; {meant}"
+        meant = f"if {extent * factor:.3g} m is meant, set mesh.scale (--scale) to {scale * factor:g}"
+        issues["size"] = f"the largest extent is {extent:.3g} m at mesh.scale {scale:g}; {meant}"
     away = float(np.linalg.norm(np.clip(0.0, *mesh.bounds)))
     if away > LARGEST:
         nearer = "set mesh.origin (--origin) to the place of the tool frame's origin in the mesh file"

@@ -1,35 +1,33 @@
-"""Files of tools: find a mesh, read it and place it in the tool frame; write and read reduced tools.
+"""Files of tools: read a mesh and place it in the tool frame; write and read reduced tools.
 
 A reduced tool's file (.npz without pickle) is accepted wherever a mesh file is. Its arrays: `vertices` [n, 3] and
-`faces` [m, 3], the full mesh; `plates` [7 or 14, k], as `rft_ros.rft.Plates.rows`; `about`: format and reduction.
-Lengths are in the mesh file's units and coordinates, so `mesh.scale`, `mesh.origin` and `mesh.quaternion` mean the same
-as for the mesh.
+`faces` [m, 3], the full mesh; `plates` [7 or 14, k], as `rft_ros.rft.Plates.rows`; `about`: format, reduction and
+unit [m]. Lengths are in the mesh file's units and coordinates, so `mesh.scale`, `mesh.origin` and `mesh.quaternion`
+mean the same as for the mesh.
 """
 
 import io
 import json
 import logging
 import math
-import os
 import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING
-from urllib.parse import unquote
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, file_errors, reason_of
-from rft_ros.files import checked_file, expanded, read_arrays, read_file, whole
-from rft_ros.installation import share_directory
+from rft_ros.errors import InputError, reason_of
+from rft_ros.files import read_arrays, read_file, whole
 from rft_ros.rft import Plates
 from rft_ros.tool.check import degenerate_facets
+from rft_ros.tool.locate import advice
 from rft_ros.tool.mesh_frame import MeshFrame
 
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["SUFFIX", "checked_mesh", "is_mesh_path", "locate_mesh", "read_mesh", "read_reduced", "save_reduced"]
+__all__ = ["SUFFIX", "read_mesh", "read_reduced", "save_reduced"]
 
 Array = NDArray[np.float64]
 
@@ -37,7 +35,6 @@ SUFFIX = ".npz"
 """Suffix of a reduced tool's file."""
 
 _FORMAT = "rft_ros reduced tool 2"
-_SCHEMES = "package://", "file://"
 _SUFFIXES = ".stl", ".obj", ".ply", ".glb", ".dae"
 _POLYGONS = ".obj", ".ply", ".dae"
 _MOST_FACETS = 2_000_000
@@ -51,73 +48,27 @@ _TOO_BIG = 1e60  # m; squared areas of larger tools overflow
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 
-def is_mesh_path(file: str) -> bool:
-    """Whether a value of `mesh.file` is a path, and not a package:// or file:// URI or the name of a shipped mesh."""
-    return not file.startswith(_SCHEMES) and file != Path(file).stem
-
-
-def locate_mesh(file: str | os.PathLike[str]) -> Path:
-    """The path of the file in `mesh.file`: a path, a package://PACKAGE/PATH or file:///PATH URI, or a shipped mesh.
-
-    A bare word, without folder or suffix, is always a shipped mesh. Raises InputError for an unknown package or name.
-    """
-    if not isinstance(file, str | os.PathLike) or "\0" in unquote(os.fspath(file)):
-        raise InputError(f"mesh.file is {file!r}; it must be a path or the name of a shipped mesh")
-    file = os.fspath(file)
-    if file.startswith(_SCHEMES):
-        scheme, _, place = file.partition("://")
-        host, _, path = place.partition("/")
-        if scheme == "package":
-            with file_errors(f"mesh.file '{file}'", "read"):
-                share = share_directory(host)
-            if ".." in Path(unquote(path)).parts or Path(unquote(path)).is_absolute():
-                raise InputError(f"mesh.file '{file}' leaves its package; give the path of the file itself")
-            return share / unquote(path)
-        if host not in ("", "localhost"):
-            raise InputError(f"mesh.file '{file}' is on another machine, '{host}'; write file:///PATH")
-        return Path(unquote(f"/{path}"))
-    if not is_mesh_path(file):
-        shipped = _shipped()
-        if file in shipped:
-            return shipped[file]
-        raise InputError(f"mesh.file '{file}' is not a shipped mesh ({', '.join(shipped)}); a path needs its suffix")
-    return expanded(file)
-
-
-def _shipped() -> dict[str, Path]:
-    """The shipped meshes, by name."""
-    return {p.stem: p for p in sorted((share_directory("rft_ros") / "meshes").glob("*.stl"))}
-
-
-def _advice() -> str:
-    """The end of the error for a mesh file that does not exist: what to give instead."""
-    return f"give a path, or one of {', '.join(_shipped())}"
-
-
-def checked_mesh(file: str) -> Path:
-    """The path of the file in `mesh.file`, checked but not opened. Raises InputError."""
-    return checked_file(locate_mesh(file), "mesh.file", advice=_advice())
-
-
-def read_mesh(path: Path, frame: MeshFrame) -> "trimesh.Trimesh":
+def read_mesh(path: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", MeshFrame]:
     """Read an STL (binary, ASCII), OBJ, PLY, GLB or DAE file, and place it in the tool frame.
 
-    Units and up-axes declared in the file are ignored. A scene becomes one mesh with its transforms applied. Facets
-    keep their winding. Raises InputError that names the file or `mesh.origin`.
+    A frame without a scale takes the unit that the file declares; the second result has the scale that was used.
+    Up-axes declared in the file are ignored. A scene becomes one mesh with its transforms applied. Facets keep their
+    winding. Raises InputError that names the file or `mesh.origin`.
     """
-    name, suffix = f"mesh file '{path}'", path.suffix.lower()
-    data = read_file(path, "mesh file", advice=_advice())
-    if suffix not in _SUFFIXES:
-        raise InputError(f"{name} has no supported suffix; these are {', '.join((*_SUFFIXES, SUFFIX))}")
-    loaded = _load(data, path)
-    if len(loaded.faces) > _MOST_FACETS:
-        raise InputError(f"{name} has {len(loaded.faces):,} facets; the limit is {_MOST_FACETS:,}")
-    mesh = _in_tool_frame(loaded.vertices, loaded.faces, path, frame)
-    folds = _folds(mesh) if suffix in _POLYGONS else 0
-    if folds > 0:
-        folded = f"has facets folded onto each other at {folds:,} edges, as readers divide concave polygons"
-        raise InputError(f"{name} {folded}; export it with triangles only")
-    return mesh
+    loaded = _load(path)
+    frame = frame.for_file(_declared_unit(loaded))
+    return _in_tool_frame(loaded.vertices, loaded.faces, path, frame), frame
+
+
+def _declared_unit(mesh: "trimesh.Trimesh") -> float | None:
+    """The unit [m] that a COLLADA or glTF file declares; None if a file declares none, or one without a length."""
+    from trimesh.units import unit_conversion
+
+    try:
+        unit = unit_conversion(mesh.units or "", "meters")
+    except (KeyError, ValueError):
+        return None
+    return unit if math.isfinite(unit) and unit > 0.0 else None
 
 
 def _parts_of_glb(data: bytes) -> int:
@@ -129,14 +80,18 @@ def _parts_of_glb(data: bytes) -> int:
         return 0
 
 
-def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
+def _load(path: Path) -> "trimesh.Trimesh":
+    """The mesh of a file, in the file's coordinates and units. Raises InputError that names the file."""
     import trimesh
 
-    suffix = path.suffix.lower()
+    name, suffix = f"mesh file '{path}'", path.suffix.lower()
+    data = read_file(path, "mesh file", advice=advice())
+    if suffix not in _SUFFIXES:
+        raise InputError(f"{name} has no supported suffix; these are {', '.join((*_SUFFIXES, SUFFIX))}")
     parts = _parts_of_glb(data) if suffix == ".glb" else 0
     if parts > _MOST_PARTS:
         most = f"the limit is {_MOST_PARTS:,}; export it as one mesh"
-        raise InputError(f"mesh file '{path}' has {parts:,} parts; {most}")
+        raise InputError(f"{name} has {parts:,} parts; {most}")
     binary_stl = len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
     if suffix in (".obj", ".stl") and not binary_stl:
         # trimesh needs another package for text that is not UTF-8, such as a name or a comment
@@ -157,10 +112,16 @@ def _load(data: bytes, path: Path) -> "trimesh.Trimesh":
         if mesh.vertices.shape[1] != 3 or mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
             raise ValueError
     except ImportError as error:
-        raise InputError(f"mesh file '{path}' needs a package ({error}; for .dae: pip install pycollada)") from None
+        raise InputError(f"{name} needs a package ({error}; for .dae: pip install pycollada)") from None
     except Exception:  # each reader raises its own errors, and some quote the file
         why = "it may be empty, cut short or without facets"
-        raise InputError(f"mesh file '{path}' is not a valid {suffix[1:].upper()} file: {why}") from None
+        raise InputError(f"{name} is not a valid {suffix[1:].upper()} file: {why}") from None
+    if len(mesh.faces) > _MOST_FACETS:
+        raise InputError(f"{name} has {len(mesh.faces):,} facets; the limit is {_MOST_FACETS:,}")
+    folds = _folds(mesh) if suffix in _POLYGONS else 0
+    if folds > 0:
+        folded = f"has facets folded onto each other at {folds:,} edges, as readers divide concave polygons"
+        raise InputError(f"{name} {folded}; export it with triangles only")
     return mesh
 
 
@@ -194,9 +155,7 @@ def _in_tool_frame(corners: Array, faces: NDArray[np.int64], path: Path, frame: 
 def save_reduced(
     file: Path, frame: MeshFrame, *, vertices: Array, faces: NDArray[np.int64], plates: Plates, reduction: str
 ) -> None:
-    """Write a reduced tool for `load_tool`. The arguments after `frame` are the fields of `Tool`.
-
-    `frame`: the one that the tool was loaded with.
+    """Write a reduced tool for `load_tool`. The arguments after `file` are the fields of `Tool`.
 
     The same content gives the same bytes. Raises InputError where the file cannot be written.
     """
@@ -206,22 +165,23 @@ def save_reduced(
             vertices=frame.to_file(vertices),
             faces=faces,
             plates=frame.plates_to_file(plates).rows,
-            about=np.array([_FORMAT, reduction]),
+            about=np.array([_FORMAT, reduction, repr(frame.scale)]),
         )
 
 
 @np.errstate(over="ignore")
-def read_reduced(file: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", Plates, str]:
-    """The full mesh, the plates and the reduction that `save_reduced` wrote, in the tool frame.
+def read_reduced(file: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", MeshFrame, Plates, str]:
+    """The full mesh, its frame, the plates and the reduction that `save_reduced` wrote, in the tool frame.
 
-    Raises InputError as `read_mesh`.
+    The file declares the unit that it was written with. Raises InputError as `read_mesh`.
     """
     vertices, faces, rows, about = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
     try:
         about, plates, vertices = about.tolist(), Plates(rows), vertices.astype(np.float64)
         if about[:1] != [_FORMAT] or faces.min() < 0 or vertices[faces].shape[1:] != (3, 3):
             raise ValueError("it is of another version, or its facets are not of three of its vertices")
-        return _in_tool_frame(vertices, faces, file, frame), frame.plates_to_tool(plates), about[1]
+        frame = frame.for_file(float(about[2]) if len(about) > 2 else None)
+        return _in_tool_frame(vertices, faces, file, frame), frame, frame.plates_to_tool(plates), about[1]
     except InputError:
         raise
     except (ValueError, LookupError, TypeError) as error:

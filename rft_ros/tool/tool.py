@@ -16,8 +16,9 @@ from rft_ros.errors import InputError
 from rft_ros.rft import INTEGRATIONS, LEVEL, QUATERNION, STATE, Integration, Plates, frames
 from rft_ros.rft.arguments import number
 from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
-from rft_ros.tool.mesh_file import SUFFIX, locate_mesh, read_mesh, read_reduced
-from rft_ros.tool.mesh_frame import MeshFrame
+from rft_ros.tool.locate import locate_mesh
+from rft_ros.tool.mesh_file import SUFFIX, read_mesh, read_reduced
+from rft_ros.tool.mesh_frame import IN_TOOL_FRAME, MeshFrame
 from rft_ros.tool.reduction_cache import reduced_once
 from rft_ros.tool.refine import refined_plates
 
@@ -34,11 +35,12 @@ _SAME_AREA = 1e-4  # relative difference of areas that is rounding
 class Tool:
     """A rigid tool in its own frame [m].
 
-    `name`: the mesh file's name without suffix. `file`: its path. `plates`: the plates whose wrenches are summed.
-    `facets`: one plate for each face, in the same order; if the tool was not reduced, this is the same object as
-    `plates`. `vertices`: shape [n, 3]. `faces`: indices of vertices, shape [m, 3], counter-clockwise seen from outside.
-    `issues`: what is wrong with the mesh, a sentence for each kind. `corners`: vertices of the convex hull, shape
-    [k, 3]. `reduction`: a sentence that says how `plates` were made from `facets`; "" if the tool was not reduced.
+    `name`: the mesh file's name without suffix. `file`: its path. `frame`: where its coordinates lie. `plates`: the
+    plates whose wrenches are summed. `facets`: one plate for each face, in the same order; if the tool was not reduced,
+    this is the same object as `plates`. `vertices`: shape [n, 3]. `faces`: indices of vertices, shape [m, 3],
+    counter-clockwise seen from outside. `issues`: what is wrong with the mesh, a sentence for each kind. `corners`:
+    vertices of the convex hull, shape [k, 3]. `reduction`: a sentence that says how `plates` were made from `facets`;
+    "" if the tool was not reduced.
     """
 
     name: str
@@ -49,6 +51,7 @@ class Tool:
     faces: NDArray[np.int64]
     issues: dict[MeshIssue, str]
     corners: NDArray[np.float64]
+    frame: MeshFrame = IN_TOOL_FRAME
     reduction: str = ""
 
     @property
@@ -86,7 +89,7 @@ class Tool:
 def load_tool(
     file: str | PathLike[str],
     *,
-    scale: float = 0.001,
+    scale: float = 0.0,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
     quaternion: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
     integration: Integration | None = None,
@@ -94,7 +97,8 @@ def load_tool(
 ) -> Tool:
     """Load a tool from a mesh file or a reduced tool (.npz): a path, package:// URI or name of a shipped mesh.
 
-    `scale`: metres per mesh unit. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
+    `scale`: metres per mesh unit; 0 takes the unit that the file declares (COLLADA, glTF, a reduced tool), and a
+    millimetre for other files. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
     `quaternion`: orientation of the mesh file's axes in the tool frame, xyzw. `integration`: the integration rule; None
     takes the rule of a reduced tool, and ``refined`` for a mesh. `tolerance`: 0 keeps all plates. Over 0, a mesh is
     reduced to the fewest plates whose wrench deviates from that of the full tool by at most this share, in 95 % of
@@ -106,21 +110,30 @@ def load_tool(
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
     path, frame = locate_mesh(file), MeshFrame.checked(scale, origin, quaternion)
     if path.suffix.lower() != SUFFIX:
-        mesh = read_mesh(path, frame)
+        mesh, frame = read_mesh(path, frame)
         rule = integration or "refined"
-        return tool_of_mesh(mesh, name=path.stem, file=str(path), integration=rule, tolerance=tolerance)
-    mesh, plates, reduction = read_reduced(path, frame)
+        return tool_of_mesh(mesh, name=path.stem, file=str(path), frame=frame, integration=rule, tolerance=tolerance)
+    mesh, frame, plates, reduction = read_reduced(path, frame)
     if integration not in (None, plates.integration):
         only = f"has plates for integration '{plates.integration}' only; set that, or reduce the mesh again"
         raise InputError(f"mesh file '{path}' {only}")
-    tool = tool_of_mesh(mesh, name=path.stem, file=str(path), integration=plates.integration)
+    tool = tool_of_mesh(mesh, name=path.stem, file=str(path), frame=frame, integration=plates.integration)
     return replace(tool, plates=plates, reduction=reduction)
 
 
 def tool_of_mesh(
-    mesh: "trimesh.Trimesh", *, name: str, file: str = "", integration: Integration = "refined", tolerance: float = 0.0
+    mesh: "trimesh.Trimesh",
+    *,
+    name: str,
+    file: str = "",
+    frame: MeshFrame = IN_TOOL_FRAME,
+    integration: Integration = "refined",
+    tolerance: float = 0.0,
 ) -> Tool:
-    """Make a tool from a mesh in memory, whose vertices are in the tool frame [m]; arguments as for `load_tool`."""
+    """Make a tool from a mesh in memory, whose vertices are in the tool frame [m]; arguments as for `load_tool`.
+
+    `frame`: where the coordinates of `file` lie.
+    """
     from scipy.spatial import ConvexHull, QhullError
 
     if not 0.0 <= number("tolerance", tolerance) <= 1.0:
@@ -142,8 +155,9 @@ def tool_of_mesh(
         facets=facets,
         vertices=vertices,
         faces=faces,
-        issues=check_mesh(mesh),
+        issues=check_mesh(mesh, scale=frame.scale),
         corners=corners,
+        frame=frame,
         reduction=reduction,
     )
 
@@ -166,6 +180,7 @@ def describe_tool(tool: Tool) -> list[str]:
     below = -1e3 * tool.lowest_point(np.eye(3))
     side = "below" if below >= 0.0 else "above"
     lines.append(f"lowest point: {abs(below):.3f} mm {side} the tool frame's origin (mesh.origin, --origin)")
+    lines.append(f"mesh unit: {tool.frame.scale:g} m (mesh.scale, --scale)")
     lines.append(f"area: {_area(tool)}")
     if not {"not_closed", "inconsistent_winding"} & tool.issues.keys():
         volume = float(((tool.facets.centroids * tool.facets.normals).sum(axis=0) * tool.facets.areas).sum()) / 3.0

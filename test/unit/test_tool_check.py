@@ -80,7 +80,7 @@ CENTRES = BALL.triangles.mean(axis=1, keepdims=True)
         *(
             (
                 trimesh.creation.box((e, e / 2, e / 16)),
-                {"size": f"is {said} m; if {meant} m is meant, multiply mesh.scale (--scale) by {by}"},
+                {"size": f"is {said} m at mesh.scale 1; if {meant} m is meant, set mesh.scale (--scale) to {by}"},
             )
             for e, said, meant, by in (
                 (51.0, "51", "0.051", "0.001"),

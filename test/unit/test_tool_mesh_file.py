@@ -26,7 +26,7 @@ def written(folder, triangles=TRIANGLES, suffix="stl", **options):
 
 
 def read(path, *, scale=1.0, origin=(0.0, 0.0, 0.0), quaternion=(0.0, 0.0, 0.0, 1.0)):
-    return read_mesh(path, MeshFrame.checked(scale, origin, quaternion))
+    return read_mesh(path, MeshFrame.checked(scale, origin, quaternion))[0]
 
 
 def refused(path, **given):
@@ -104,8 +104,8 @@ def test_scale_and_origin_place_the_vertices(tmp_path):
 @pytest.mark.parametrize(
     ("placed", "words"),
     [
-        *(({"scale": v}, ("mesh.scale", str(v), "positive number")) for v in (0.0, -0.001, np.nan, np.inf)),
-        ({"scale": "1"}, ("mesh.scale", "'1'", "positive number")),
+        *(({"scale": v}, ("mesh.scale", str(v), "at least 0")) for v in (-0.001, np.nan, np.inf)),
+        ({"scale": "1"}, ("mesh.scale", "'1'", "at least 0")),
         ({"origin": "abc"}, ("mesh.origin", "real numbers")),
         *(({"origin": v}, ("mesh.origin", f"[{len(v)}]", "[3]")) for v in ((), (0.0, 0.0))),
         *(({"origin": (0.0, 0.0, v)}, ("mesh.origin", str(v), "near mesh file")) for v in (1e30, np.nan, np.inf)),
@@ -115,6 +115,27 @@ def test_a_wrong_scale_or_origin_is_refused(tmp_path, placed, words):
     with pytest.raises(ValueError, match=r"mesh\.") as error:
         load_tool(written(tmp_path), **placed)
     assert all(word in str(error.value) for word in words), error.value
+
+
+@pytest.mark.parametrize(
+    ("suffix", "declared", "unit"),
+    [
+        *((suffix, "", 0.001) for suffix in ("stl", "obj", "ply")),
+        ("glb", "", 1.0),
+        ("dae", "", 1.0),
+        *(("dae", f'<unit name="u" meter="{unit}"/>', unit) for unit in (0.001, 0.0254, 1.0)),
+    ],
+)
+def test_without_a_scale_the_unit_that_the_file_declares_is_taken_and_a_given_scale_stands(
+    tmp_path, suffix, declared, unit
+):
+    path = written(tmp_path, suffix=suffix)
+    if declared:
+        path.write_text(path.read_text().replace("<up_axis>", f"{declared}<up_axis>"))
+    declared, given = load_tool(path), load_tool(path, scale=0.002)
+    assert declared.size == pytest.approx(load_tool(path, scale=unit).size)
+    assert given.size == pytest.approx(0.002 * declared.size / unit)
+    assert declared.frame.scale == pytest.approx(unit)
 
 
 PLY = "ply\nformat ascii 1.0\nelement vertex 3\nproperty float x\nproperty float y\nproperty float z\n"

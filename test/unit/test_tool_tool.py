@@ -90,6 +90,7 @@ def test_description_of_a_good_tool():
         "y: -25.500 to 25.500 mm (extent 51.000 mm)",
         "z: -1.600 to 1.600 mm (extent 3.200 mm)",
         "lowest point: 1.600 mm below the tool frame's origin (mesh.origin, --origin)",
+        "mesh unit: 0.001 m (mesh.scale, --scale)",
         "area: 5854.8 mm²",
         "volume: 8323.2 mm³",
     ]
