@@ -52,7 +52,8 @@ class Parameter:
 _SMALLEST_CELL, _SMALLEST_UNIT = 1e-4, 1e-9  # m
 
 MESH = (
-    "path, package:// or file:// URI, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere, abb_plate, scoop)"
+    "path, package:// or file:// URI, robot.urdf#link, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere,"
+    " abb_plate, scoop)"
 )
 """The forms of a value of mesh.file, for help texts."""
 

@@ -16,6 +16,7 @@ from rft_ros.parameters import is_medium_file
 from rft_ros.parameters.short_names import OF_MEDIUM, OF_TOOL, parameters_of
 from rft_ros.sweeps.motions import FAMILIES, Trajectory
 from rft_ros.tool import locate_mesh
+from rft_ros.tool.urdf import files_of_mesh
 
 __all__ = ["Content", "Design", "Variant", "checksum_of", "motion_of", "read_design"]
 
@@ -77,7 +78,8 @@ def checksum_of(kind: Kind, name: str) -> int | None:
     if kind == "release":
         return zlib.crc32(release().encode())
     try:
-        return zlib.crc32(read_file(_located(kind, name), "file"))
+        files = files_of_mesh(name) if kind == "mesh" else [Path(name)]
+        return zlib.crc32(b"".join(read_file(file, "file") for file in files))
     except InputError:  # the rows of its variants will give the reason
         return None
 

@@ -8,9 +8,10 @@ from rft_ros.errors import InputError, file_errors
 from rft_ros.files import checked_file, expanded
 from rft_ros.installation import share_directory
 
-__all__ = ["advice", "checked_mesh", "is_mesh_path", "locate_mesh"]
+__all__ = ["advice", "checked_mesh", "is_mesh_path", "link_in", "locate_mesh"]
 
 _SCHEMES = "package://", "file://"
+_LINK = ".urdf#"  # between the file and the link of a robot
 
 
 def is_mesh_path(file: str) -> bool:
@@ -18,14 +19,22 @@ def is_mesh_path(file: str) -> bool:
     return not file.startswith(_SCHEMES) and file != Path(file).stem
 
 
+def link_in(file: str | os.PathLike[str]) -> str:
+    """The link that ``robot.urdf#link`` names; "" in any other value of `mesh.file`."""
+    return os.fspath(file).partition(_LINK)[2]
+
+
 def locate_mesh(file: str | os.PathLike[str]) -> Path:
     """The path of the file in `mesh.file`: a path, a package://PACKAGE/PATH or file:///PATH URI, or a shipped mesh.
 
-    A bare word, without folder or suffix, is always a shipped mesh. Raises InputError for an unknown package or name.
+    A bare word, without folder or suffix, is always a shipped mesh. The file of ``robot.urdf#link`` is robot.urdf.
+    Raises InputError for an unknown package or name.
     """
     if not isinstance(file, str | os.PathLike) or "\0" in unquote(os.fspath(file)):
         raise InputError(f"mesh.file is {file!r}; it must be a path or the name of a shipped mesh")
     file = os.fspath(file)
+    if link_in(file):
+        file = file[: file.index(_LINK)] + ".urdf"
     if file.startswith(_SCHEMES):
         scheme, _, place = file.partition("://")
         host, _, path = place.partition("/")

@@ -23,6 +23,7 @@ from rft_ros.rft import Plates
 from rft_ros.tool.check import degenerate_facets
 from rft_ros.tool.locate import advice
 from rft_ros.tool.mesh_frame import MeshFrame
+from rft_ros.tool.urdf import meshes_of_link
 
 if TYPE_CHECKING:
     import trimesh
@@ -36,6 +37,7 @@ SUFFIX = ".npz"
 
 _FORMAT = "rft_ros reduced tool 2"
 _SUFFIXES = ".stl", ".obj", ".ply", ".glb", ".dae"
+_ROBOT = ".urdf"
 _POLYGONS = ".obj", ".ply", ".dae"
 _MOST_FACETS = 2_000_000
 _MOST_PARTS = 10_000  # of a scene; trimesh takes a millisecond to read each
@@ -48,14 +50,15 @@ _TOO_BIG = 1e60  # m; squared areas of larger tools overflow
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
 
 
-def read_mesh(path: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", MeshFrame]:
-    """Read an STL (binary, ASCII), OBJ, PLY, GLB or DAE file, and place it in the tool frame.
+def read_mesh(path: Path, frame: MeshFrame, *, link: str = "") -> tuple["trimesh.Trimesh", MeshFrame]:
+    """Read an STL (binary, ASCII), OBJ, PLY, GLB or DAE file, or a link of a URDF, and place it in the tool frame.
 
-    A frame without a scale takes the unit that the file declares; the second result has the scale that was used.
-    Up-axes declared in the file are ignored. A scene becomes one mesh with its transforms applied. Facets keep their
-    winding. Raises InputError that names the file or `mesh.origin`.
+    The coordinates of a link are those of its frame, in metres. A frame without a scale takes the unit that the file
+    declares; the second result has the scale that was used. Up-axes declared in the file are ignored. A scene becomes
+    one mesh with its transforms applied. Facets keep their winding. Raises InputError that names the file or
+    `mesh.origin`.
     """
-    loaded = _load(path)
+    loaded = _load_link(path, link) if path.suffix.lower() == _ROBOT else _load(path)
     frame = frame.for_file(_declared_unit(loaded))
     return _in_tool_frame(loaded.vertices, loaded.faces, path, frame), frame
 
@@ -69,6 +72,23 @@ def _declared_unit(mesh: "trimesh.Trimesh") -> float | None:
     except (KeyError, ValueError):
         return None
     return unit if math.isfinite(unit) and unit > 0.0 else None
+
+
+def _load_link(urdf: Path, link: str) -> "trimesh.Trimesh":
+    """The meshes of a link as one, in the link's frame [m]."""
+    import trimesh
+
+    parts = []
+    for mesh in meshes_of_link(urdf, link):
+        part = _load(mesh.file)
+        to_link = np.eye(4)
+        # files that declare no unit are in metres, as in RViz and Gazebo
+        to_link[:3, :3] = mesh.rotation * mesh.scale * (_declared_unit(part) or 1.0)
+        to_link[:3, 3] = mesh.position
+        parts.append(part.apply_transform(to_link))  # a mirror keeps the facets outward
+    joined = trimesh.util.concatenate(parts)
+    joined.units = "meters"
+    return joined
 
 
 def _parts_of_glb(data: bytes) -> int:
@@ -87,7 +107,9 @@ def _load(path: Path) -> "trimesh.Trimesh":
     name, suffix = f"mesh file '{path}'", path.suffix.lower()
     data = read_file(path, "mesh file", advice=advice())
     if suffix not in _SUFFIXES:
-        raise InputError(f"{name} has no supported suffix; these are {', '.join((*_SUFFIXES, SUFFIX))}")
+        raise InputError(
+            f"{name} has no supported suffix; these are {', '.join((*_SUFFIXES, f'{_ROBOT}#LINK', SUFFIX))}"
+        )
     parts = _parts_of_glb(data) if suffix == ".glb" else 0
     if parts > _MOST_PARTS:
         most = f"the limit is {_MOST_PARTS:,}; export it as one mesh"

@@ -16,7 +16,7 @@ from rft_ros.errors import InputError
 from rft_ros.rft import INTEGRATIONS, LEVEL, QUATERNION, STATE, Integration, Plates, frames
 from rft_ros.rft.arguments import number
 from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
-from rft_ros.tool.locate import locate_mesh
+from rft_ros.tool.locate import link_in, locate_mesh
 from rft_ros.tool.mesh_file import SUFFIX, read_mesh, read_reduced
 from rft_ros.tool.mesh_frame import IN_TOOL_FRAME, MeshFrame
 from rft_ros.tool.reduction_cache import reduced_once
@@ -95,24 +95,25 @@ def load_tool(
     integration: Integration | None = None,
     tolerance: float = 0.0,
 ) -> Tool:
-    """Load a tool from a mesh file or a reduced tool (.npz): a path, package:// URI or name of a shipped mesh.
+    """Load a tool from a mesh file, a link of a robot (``robot.urdf#link``) or a reduced tool (.npz).
 
-    `scale`: metres per mesh unit; 0 takes the unit that the file declares (COLLADA, glTF, a reduced tool), and a
-    millimetre for other files. `origin`: where the tool frame's origin lies, in mesh-file coordinates and units.
-    `quaternion`: orientation of the mesh file's axes in the tool frame, xyzw. `integration`: the integration rule; None
-    takes the rule of a reduced tool, and ``refined`` for a mesh. `tolerance`: 0 keeps all plates. Over 0, a mesh is
-    reduced to the fewest plates whose wrench deviates from that of the full tool by at most this share, in 95 % of
-    random motions. A tool from an .npz file is not reduced again. Normals come from the winding of the facets. Facets
-    without area are dropped. Raises InputError or ValueError, with one sentence, for a file or a value that cannot be
-    used.
+    `file`: a path, package:// URI or name of a shipped mesh. `scale`: metres per mesh unit; 0 takes the unit that the
+    file declares (COLLADA, glTF, a reduced tool), and a millimetre for other files. `origin`: where the tool frame's
+    origin lies, in mesh-file coordinates and units. `quaternion`: orientation of the mesh file's axes in the tool
+    frame, xyzw. `integration`: the integration rule; None takes the rule of a reduced tool, and ``refined`` for a mesh.
+    `tolerance`: 0 keeps all plates. Over 0, a mesh is reduced to the fewest plates whose wrench deviates from that of
+    the full tool by at most this share, in 95 % of random motions. A tool from an .npz file is not reduced again.
+    Normals come from the winding of the facets. Facets without area are dropped. Raises InputError or ValueError, with
+    one sentence, for a file or a value that cannot be used.
     """
     if integration not in (None, *INTEGRATIONS):
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
     path, frame = locate_mesh(file), MeshFrame.checked(scale, origin, quaternion)
     if path.suffix.lower() != SUFFIX:
-        mesh, frame = read_mesh(path, frame)
-        rule = integration or "refined"
-        return tool_of_mesh(mesh, name=path.stem, file=str(path), frame=frame, integration=rule, tolerance=tolerance)
+        link, rule = link_in(file), integration or "refined"
+        mesh, frame = read_mesh(path, frame, link=link)
+        name, source = (Path(link).name, f"{path}#{link}") if link else (path.stem, str(path))
+        return tool_of_mesh(mesh, name=name, file=source, frame=frame, integration=rule, tolerance=tolerance)
     mesh, frame, plates, reduction = read_reduced(path, frame)
     if integration not in (None, plates.integration):
         only = f"has plates for integration '{plates.integration}' only; set that, or reduce the mesh again"
