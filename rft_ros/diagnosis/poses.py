@@ -3,19 +3,18 @@
 from collections.abc import Iterator
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
 from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Array, Evidence
 from rft_ros.diagnosis.finding import Finding
 from rft_ros.estimator.plausible import sentence_on
-from rft_ros.estimator.pose_noise import NOISY
-from rft_ros.rft import FORCE, POSITION, QUATERNION
+from rft_ros.estimator.pose_noise import NOISY, PoseNoise
+from rft_ros.estimator.samples import PoseSample
+from rft_ros.rft import FORCE, POSITION
 
 __all__ = ["noise_of_poses", "repeated_poses", "size_of_tool", "surface", "unit_of_poses", "unseen_surface"]
 
 _FASTEST = 5.0  # m/s: no arm moves a tool faster
 _FARTHEST = 1000.0  # of the tool's sizes: no arm moves a tool so far
-_AROUND = 8  # poses before and after one, whose difference is the direction of the motion
 _APART = 0.1  # s between two changes of the pose; a longer time is a rest
 _REPEATED = 1.5  # poses per new pose
 _BEGUN = 0.05  # of the greatest force of a descent: a larger one shows that the tool has touched the grains
@@ -60,21 +59,14 @@ def size_of_tool(e: Evidence) -> Iterator[Finding]:
 
 
 def noise_of_poses(e: Evidence) -> Iterator[Finding]:
-    """Noise of the poses at which the model's memory no longer follows the motion.
-
-    It is seen at the tool's farthest point across its motion, where stamps that jitter do not move it, as on a busy
-    machine: the third differences there have 20 times the variance of the noise, and their squares, of two components,
-    a median of 1.386 times the mean of one.
-    """
-    if len(e.poses) < 3 * ENOUGH:
-        return
-    farthest = e.tool.vertices[np.linalg.norm(e.tool.vertices, axis=1).argmax()]
-    place = e.poses[:, POSITION] + Rotation.from_quat(e.poses[:, QUATERNION]).apply(farthest)
-    third, way = np.diff(place, 3, axis=0)[_AROUND:-_AROUND], place[2 * _AROUND :] - place[: -2 * _AROUND]
-    third, way = third[: len(way)], way[: len(third)]
-    way = way / np.maximum(np.linalg.norm(way, axis=1, keepdims=True), 1e-12)
-    across = third - way * (third * way).sum(axis=1, keepdims=True)
-    noise = float(np.sqrt(np.median((across**2).sum(axis=1)) / (20.0 * 1.386)))
+    """Noise of the poses at which the model's memory no longer follows the motion."""
+    follower, reach, gap = PoseNoise(), e.tool.plates.reach, round(1e9 * e.settings.max_input_age)
+    found = list[float]()
+    for seconds, (x, y, z, *quaternion) in zip(e.pose_time.tolist(), e.poses.tolist(), strict=True):
+        stamp = 1 + round(1e9 * seconds)
+        if follower.add(PoseSample(stamp, "", (x, y, z), tuple(quaternion)), gap=gap):
+            found.append(follower.at_tip(reach))
+    noise = float(np.median(found)) if found else 0.0
     if noise > NOISY:
         said = f"the poses have a noise of {1e3 * noise:.2g} mm at the tool's farthest point"
         advice = "smooth them in their driver, or take them from the arm's encoders"

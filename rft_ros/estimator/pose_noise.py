@@ -23,20 +23,22 @@ NOISY_SENTENCE = (
 _MISFITS = 256  # misfits that are kept
 _REFRESH = 16  # new misfits between two estimates of the noise, and before the first one
 _QUANTILE, _CHI2_OF_QUANTILE = 0.95, 7.815
-"""The noise is estimated from this quantile of the misfits, which have a chi-squared distribution of 3 degrees.
+"""The variance is estimated from this quantile of the misfits, which have a chi-squared distribution of 3 degrees.
 
-A high quantile, since poses with jittering stamps are noise, too; the few misfits at reversals change it little.
+A high quantile, since poses with jittering stamps are noise to a fit; the few misfits at reversals change it little.
 """
+_CHI2_OF_MEDIAN = 1.386  # of 2 degrees: a misfit across the motion has two components
 _ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
 _REPEATS = 1.5  # a pose that stays the same for longer than this many times the last interval has come to rest
+_LAST = 6  # poses: the four of a misfit, with one on each side, which show the direction of the motion
 
 
 _TRACK = np.dtype(
     [
-        ("stamps", np.int64, 4),  # of the last four poses that differ, the newest first [ns]; 0 where there is none
-        ("poses", float, (4, 7)),  # their positions and quaternions
+        ("stamps", np.int64, _LAST),  # of the last poses that differ, the newest first [ns]; 0 where there is none
+        ("poses", float, (_LAST, 7)),  # their positions and quaternions
         ("interval", np.int64),  # between the last two of them [ns]
-        ("misfits", float, (2, _MISFITS)),  # the last ones, of positions and rotations
+        ("misfits", float, (4, _MISFITS)),  # the last ones, of positions and rotations, then the same across the motion
         ("count", int),  # of misfits
     ]
 )
@@ -50,18 +52,22 @@ class PoseNoise:
 
     `position`, `rotation`: variance of a coordinate of a position [m²], and of a rotation [rad²]; infinite until there
     are enough misfits, and while the poses do not vary, such as the attitude of an arm that only translates.
+    `position_across`, `rotation_across`: the same across the motion, where jitter of the stamps moves no pose; 0 until
+    there are enough misfits.
     """
 
     def __init__(self) -> None:
         self.position = self.rotation = math.inf
+        self.position_across = self.rotation_across = 0.0
         self._tracks, self._pose = np.zeros(1, _TRACK), np.zeros(7)
         self._add: Any = machine_code(_add, (self._tracks, self._pose, 0, 0))
 
     def at_tip(self, reach: float) -> float:
-        """Standard deviation of a coordinate of a point at `reach` from the origin [m]; 0 while nothing is known."""
-        position = self.position if self.position < math.inf else 0.0
-        rotation = self.rotation if self.rotation < math.inf else 0.0
-        return math.sqrt(position + reach * reach * rotation)
+        """Standard deviation of a coordinate of a point at `reach` from the origin [m]; 0 while nothing is known.
+
+        It is that across the motion: stamps that jitter, as on a busy machine, do not move the path of the poses.
+        """
+        return math.sqrt(self.position_across + reach * reach * self.rotation_across)
 
     def add(self, pose: PoseSample, *, gap: int) -> bool:
         """Add a pose in world axes. Returns False for a repeat, which brings nothing new; True also for one at rest.
@@ -71,8 +77,11 @@ class PoseNoise:
         self._pose[:] = (*pose.position, *pose.quaternion)
         found = self._add(self._tracks, self._pose, pose.stamp, gap)
         if found == _DUE:
-            misfits = self._tracks[0]["misfits"]
-            self.position, self.rotation = map(_variance, misfits, (self.position, self.rotation))
+            of_position, of_rotation, across, turn_across = self._tracks[0]["misfits"]
+            self.position = _variance(of_position, self.position)
+            self.rotation = _variance(of_rotation, self.rotation)
+            self.position_across = _variance(across, self.position_across, quantile=0.5, chi2=_CHI2_OF_MEDIAN)
+            self.rotation_across = _variance(turn_across, self.rotation_across, quantile=0.5, chi2=_CHI2_OF_MEDIAN)
         return bool(found != _REPEAT)
 
 
@@ -81,7 +90,7 @@ _REPEAT, _NEW, _DUE = range(3)  # what `_add` returns; `_DUE`: the noise is to b
 
 @compiled
 def _add(tracks, pose, stamp, gap):
-    """Add a pose to the record of `_TRACK` in `tracks`, with its misfit if there are three before it."""
+    """Add a pose to the record of `_TRACK` in `tracks`, with the misfit of the pose before it."""
     track = tracks[0]
     stamps, poses = track.stamps, track.poses
     if stamps[0] > 0:
@@ -99,33 +108,38 @@ def _add(tracks, pose, stamp, gap):
             stamps[:] = 0
         else:
             track.interval = interval
-    for k in range(3, 0, -1):
+    for k in range(_LAST - 1, 0, -1):
         stamps[k] = stamps[k - 1]
         for c in range(7):
             poses[k, c] = poses[k - 1, c]
     stamps[0] = stamp
     for c in range(7):
         poses[0, c] = pose[c]
-    if stamps[3] == 0:
+    if stamps[_LAST - 1] == 0:
         return _NEW
-    p, q, r = float(stamps[1] - stamp), float(stamps[2] - stamp), float(stamps[3] - stamp)
+    place = track.count % _MISFITS
+    p, q, r = float(stamps[2] - stamps[1]), float(stamps[3] - stamps[1]), float(stamps[4] - stamps[1])
     of_1, of_2, of_3 = q * r / ((p - q) * (p - r)), p * r / ((q - p) * (q - r)), p * q / ((r - p) * (r - q))
-    of_position = of_rotation = 0.0
-    for i in range(7):
-        square = (poses[0, i] - of_1 * poses[1, i] - of_2 * poses[2, i] - of_3 * poses[3, i]) ** 2
-        if i < 3:
-            of_position += square
-        else:
-            of_rotation += 4.0 * square  # a rotation moves a quaternion by half of its angle
-    scale, place = 1.0 + of_1 * of_1 + of_2 * of_2 + of_3 * of_3, track.count % _MISFITS
-    track.misfits[0, place], track.misfits[1, place] = of_position / scale, of_rotation / scale
+    scale = 1.0 + of_1 * of_1 + of_2 * of_2 + of_3 * of_3
+    for kind in range(2):
+        square = along = way = 0.0
+        for i in range(3 * kind, 3 + 4 * kind):  # positions, then quaternions
+            misfit = poses[1, i] - of_1 * poses[2, i] - of_2 * poses[3, i] - of_3 * poses[4, i]
+            moved = poses[0, i] - poses[_LAST - 1, i]
+            square, along, way = square + misfit * misfit, along + misfit * moved, way + moved * moved
+        across = square - along * along / way if way > 0.0 else square
+        if kind == 1:  # a rotation moves a quaternion by half of its angle
+            square, across = 4.0 * square, 4.0 * across
+        track.misfits[kind, place], track.misfits[2 + kind, place] = square / scale, across / scale
     track.count += 1
     return _DUE if track.count % _REFRESH == 0 else _NEW
 
 
-def _variance(misfits: NDArray[np.float64], before: float) -> float:
+def _variance(
+    misfits: NDArray[np.float64], before: float, *, quantile: float = _QUANTILE, chi2: float = _CHI2_OF_QUANTILE
+) -> float:
     """The variance of one coordinate. Misfits of zero are left out: encoders with coarse steps give them."""
     found = np.sort(misfits[misfits > 0.0])
     if len(found) < _REFRESH:
         return before
-    return max(float(found[int(_QUANTILE * (len(found) - 1))]) / _CHI2_OF_QUANTILE, _ROUNDING)
+    return max(float(found[int(quantile * (len(found) - 1))]) / chi2, _ROUNDING)

@@ -11,6 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, Reason
 from rft_ros.estimator.pose_difference import PoseDifference
+from rft_ros.estimator.pose_noise import PoseNoise
 
 speeds = st.floats(-0.5, 0.5)
 rates = st.floats(-3.0, 3.0)
@@ -91,6 +92,24 @@ def shaken(poses, sigma):
 
 def straight(v, sigma, *, seconds, rate):
     return shaken(screw(v, (0, 0, 0), times=np.arange(0, seconds, 1.0 / rate)), sigma)
+
+
+@given(
+    v=st.tuples(speeds, speeds, speeds),
+    w=st.tuples(rates, rates, rates),
+    sigma=st.sampled_from([1e-6, 1e-5, 1e-4]),
+    jitter=st.sampled_from([0.0, 0.0005, 0.002]),
+)
+@settings(max_examples=20, deadline=None)
+def test_the_noise_at_the_tip_is_that_of_the_poses_and_not_of_their_stamps(v, w, sigma, jitter):
+    """Stamps at 125 Hz that differ from the time of the pose [s] move a pose along its path only."""
+    times = np.arange(1000) / 125
+    late = np.random.default_rng(1).normal(0.0, jitter, len(times))
+    poses = shaken(screw(v, np.multiply(w, 0.1), times=times + late), sigma)
+    noise = PoseNoise()
+    for p, t in zip(poses, times, strict=True):
+        noise.add(p._replace(stamp=START + round(t * SECOND)), gap=SECOND)
+    assert noise.at_tip(0.1) == pytest.approx(np.hypot(sigma, 0.1 * 10.0 * sigma), rel=0.25)
 
 
 @pytest.mark.parametrize(("window", "rate"), [(0.1, 200), (0.2, 125), (0.2, 200)])
