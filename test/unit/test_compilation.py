@@ -135,7 +135,8 @@ def test_a_cache_that_cannot_be_written_does_not_fail_a_call(cache):
 
 
 @pytest.mark.parametrize(("verb", "method"), [("save", "_reduce"), ("load", "_rebuild")])
-def test_a_numba_that_cannot_save_or_load_its_code_fails_no_call_and_warns_once(cache, monkeypatch, verb, method):
+@pytest.mark.usefixtures("cache")
+def test_a_numba_that_cannot_save_or_load_its_code_fails_no_call_and_warns_once(monkeypatch, verb, method):
     if verb == "load":
         answer()
     monkeypatch.delattr(CompileResult, method)
