@@ -13,7 +13,7 @@ __all__ = ["CHARTS", "STUDIES", "main", "run_study"]
 STUDIES = ("horizontal", "plates", "oscillation", "circumnutation", "convergence", "dem", "stability", "memory")
 """The studies that `all` runs. A study is a module with ``study()``, which returns a `StudyResult` or several."""
 
-CHARTS = ("models", "learning", "coverage", "ground", "loop")
+CHARTS = ("models", "learning", "coverage", "ground")
 """Studies that take minutes; `all` leaves them out."""
 
 

@@ -35,10 +35,10 @@ def study() -> StudyResult:
     axes.axhline(by_law, color=GREY, ls="--", label="law, in steady motion")
     top = held[:800].max()
     for text, at, to in (
-        ("yields towards the law (10e)", (2.6, 0.45 * by_law), (2.2, np.interp(2.2, 1e3 * places[:800], held[:800]))),
-        ("unloads as a spring (10c)", (6.3, 0.6 * top), (5.97, 0.6 * top)),
+        ("yields towards the law", (2.6, 0.45 * by_law), (2.2, np.interp(2.2, 1e3 * places[:800], held[:800]))),
+        ("unloads as a spring", (6.3, 0.6 * top), (5.97, 0.6 * top)),
         ("beyond contact: the gap opens", (1.3, 0.07 * by_law), (4.7, 0.0)),
-        ("gap closed, reloads (10d)", (4.8, 0.28 * by_law), (4.42, 0.31 * top)),
+        ("gap closed, reloads", (4.8, 0.28 * by_law), (4.42, 0.31 * top)),
     ):
         axes.annotate(text, to, at, fontsize=8, arrowprops={"arrowstyle": "->", "lw": 0.7})
     label_axes(axes, x="Displacement of the plate [mm]", y="Force against the plate [N]", legend={"loc": (0.02, 0.74)})

@@ -1,10 +1,10 @@
 """Mechanisms in grains: fingers, wheels, swinging tools, and blocks that slide off a plate."""
 
+import mujoco_scenes as scenes
 import numpy as np
 import pytest
 
 from rft_ros.simulation import Grains, MujocoGrains
-from studies import loop_scenes as scenes
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
 

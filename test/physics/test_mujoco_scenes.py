@@ -2,13 +2,13 @@
 
 import pickle
 
+import mujoco_scenes as scenes
 import numpy as np
 import pytest
 
 from examples.six_axis_arm import SixAxisArm
 from rft_ros.errors import InputError
 from rft_ros.simulation import MujocoGrains
-from studies import loop_scenes as scenes
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
 

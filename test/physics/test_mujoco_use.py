@@ -4,10 +4,10 @@ import copy
 
 import numpy as np
 import pytest
+from mujoco_scenes import law
 
 from rft_ros.errors import InputError
 from rft_ros.simulation import GrainsBatch, MujocoGrains
-from studies.loop_scenes import law
 
 mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ros[mujoco]'")
 

@@ -16,11 +16,9 @@ from rft_ros.simulation.mechanism import import_mujoco
 
 __all__ = [
     "KINDS",
-    "LIFTS",
     "Numbers",
     "Scene",
     "block",
-    "drop",
     "free_tool",
     "gait",
     "law",
@@ -36,9 +34,6 @@ Numbers = dict[str, float]
 
 KINDS = "weld", "limit", "friction loss", "joint equality", "servo"
 """What else bears on the tool in `pressed`."""
-
-LIFTS = "servo", "weld", "force"
-"""What lifts the tool in `lifted`: a position actuator, a weld to a mocap body, a controller in `qfrc_applied`."""
 
 _NO_CONTACT = 'contype="0" conaffinity="0"'
 _PRESS = 99.0  # N
@@ -190,7 +185,9 @@ def lifted(
     by: str = "servo",
     mass: float = 2.0,
 ) -> Numbers:
-    """A tool is pressed with 99 N and lifted at a speed [m/s], by one of `LIFTS` with a stiffness [N/m].
+    """A tool is pressed with 99 N and lifted at a speed [m/s] with a stiffness [N/m].
+
+    `by`: a position actuator (``servo``), a ``weld`` to a mocap body, or a controller in `qfrc_applied` (``force``).
 
     In shares of the press: ``error``, the greatest distance of the wrench from the memory's at the end of the step, and
     the greatest pulls.
@@ -273,41 +270,6 @@ def slid(step: float, integrator: str = "Euler", *, speed: float = 3.0, explicit
         else:
             scene.advance()
     return {"way": 1e3 * float(data.qpos[0]), "failures": scene.grains.failures}
-
-
-def drop(
-    mesh: str,
-    mass: float,
-    step: float,
-    integrator: str = "Euler",
-    *,
-    quaternion: str = "0.99 0.12 0.08 0",
-    speed: float = 0.0,
-    explicit: bool = False,
-) -> Numbers:
-    """A body falls 10 mm, or begins at a speed [m/s]: depth, creep in the last second [mm], energy back [%]."""
-    geom = f'<geom type="mesh" mesh="{mesh}" mass="{mass}" {_NO_CONTACT}/>'
-    scene = Scene(f'<body name="tool" quat="{quaternion}"><freejoint/>{geom}</body>', step, integrator)
-    scene.lay(0.01)
-    data, took, gave, places = scene.data, 1e-12, 0.0, []
-    data.qvel[2], start = -speed, data.qpos[2] - 0.01
-    for _ in range(round(2.2 / step)):
-        if explicit:
-            scene.mujoco.mj_fwdPosition(scene.model, data)
-            wrench = scene.remembered()
-            data.xfrc_applied[scene.body] = wrench
-            scene.mujoco.mj_step(scene.model, data)
-            work = step * float(wrench @ scene.twist())
-        else:
-            work = scene.advance()
-        took, gave = took + max(-work, 0.0), gave + max(work, 0.0)
-        places.append(1e3 * data.qpos[:3])
-    return {
-        "depth": 1e3 * float(start) - float(places[-1][2]),
-        "creep": float(np.linalg.norm(np.ptp(places[-round(1.0 / step) :], axis=0))),
-        "back": 100.0 * gave / took,
-        "failures": scene.grains.failures,
-    }
 
 
 def presses(step: float, times: int = 200) -> Numbers:
