@@ -41,8 +41,8 @@ class TextTable:
 
     def markdown(self) -> str:
         """The table in Markdown; every line ends in a newline."""
-        lines = [self.header, tuple("---" for _ in self.header), *self.rows]
-        return "".join("| " + " | ".join(line) + " |\n" for line in lines)
+        first, *rows = ("| " + " | ".join(line) + " |\n" for line in (self.header, *self.rows))
+        return "".join([first, "|" + "---|" * len(self.header) + "\n", *rows])
 
 
 def published_against_ours(*rows: tuple[str, str, str]) -> TextTable:

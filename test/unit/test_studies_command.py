@@ -31,7 +31,7 @@ def test_a_page_that_does_not_exist_is_one_sentence(tmp_path, capsys, monkeypatc
 
 
 def test_the_table_between_the_markers_is_replaced_and_a_page_without_markers_is_left_alone(tmp_path):
-    page, table = tmp_path / "page.md", "| quantity | published | ours |\n| --- | --- | --- |\n| force | 1 N | 2 N |\n"
+    page, table = tmp_path / "page.md", "| quantity | published | ours |\n|---|---|---|\n| force | 1 N | 2 N |\n"
     page.write_text(PAGE)
     assert write_tables(page, [result("one"), result("two")]) == ["one"]
     assert page.read_text() == PAGE.replace("old\n", table)
