@@ -65,14 +65,14 @@ def record(path: Path) -> int:
                 ("pose", "world", (*place.tolist(), 0.0, 0.0, 0.0, 1.0)),
             )
             for role, frame, numbers in rows:
-                bag.write_raw(TOPICS[role], TYPES[role], stamp, serialised(role, stamp, frame, numbers))
+                bag.write_raw(TOPICS[role], TYPES[role][0], stamp, serialised(role, stamp, frame, numbers))
     return count
 
 
 def bare(bag: Path, out: Path, wrenches: int) -> None:
     """Read and deserialise every message; write wrenches, evenly spread over them."""
     written = 0
-    kind = TYPES["wrench"]
+    kind = TYPES["wrench"][0]
     with Reader(bag) as reader, Writer(out, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         connection = writer.add_connection("/rft/wrench_predicted", kind, typestore=STORE)
         share = wrenches / reader.message_count

@@ -1,4 +1,4 @@
-"""Decodes PoseStamped, TwistStamped, WrenchStamped, TFMessage and PointCloud2 (CDR, ROS 1); encodes wrenches (CDR).
+"""Decodes poses, TwistStamped, WrenchStamped, TFMessage and PointCloud2 (CDR, ROS 1); encodes wrenches (CDR).
 
 The first three have a fixed layout, a header (stamp, frame_id) and then 6 or 7 doubles, so no message definition is
 needed. Decoding a message with struct takes 0.9 us; rosbags takes 4.3 us and rclpy 16 us (an object at every level).
@@ -20,15 +20,17 @@ __all__ = ["TOPICS", "TYPES", "UNREADABLE", "Role", "decoder", "wrench_cdr"]
 Role = Literal["pose", "twist", "wrench", "surface", "tf", "tf_static"]
 """The inputs of an estimator."""
 
-TYPES: dict[Role, str] = {
-    "pose": "geometry_msgs/msg/PoseStamped",
-    "twist": "geometry_msgs/msg/TwistStamped",
-    "wrench": "geometry_msgs/msg/WrenchStamped",
-    "surface": "sensor_msgs/msg/PointCloud2",
-    "tf": "tf2_msgs/msg/TFMessage",
-    "tf_static": "tf2_msgs/msg/TFMessage",
+_TRANSFORM, _CLOUD = "geometry_msgs/msg/TransformStamped", "sensor_msgs/msg/PointCloud2"
+
+TYPES: dict[Role, tuple[str, ...]] = {
+    "pose": ("geometry_msgs/msg/PoseStamped", _TRANSFORM),
+    "twist": ("geometry_msgs/msg/TwistStamped",),
+    "wrench": ("geometry_msgs/msg/WrenchStamped",),
+    "surface": (_CLOUD,),
+    "tf": ("tf2_msgs/msg/TFMessage",),
+    "tf_static": ("tf2_msgs/msg/TFMessage",),
 }
-"""Message type of each role's topic."""
+"""Message types that the topic of a role may have. A pose as motion capture sends it is a transform from its frame."""
 
 TOPICS: dict[Role, str] = {
     "pose": "~/pose",
@@ -78,15 +80,18 @@ def _fixed_layout(count: int, *, ros1: bool) -> Callable[[bytes], _Content]:
     return content
 
 
-def _transforms(data: bytes, *, ros1: bool, fixed: bool) -> tuple[TransformSample, ...]:
-    """The transforms of a message, by struct as well: robots publish a hundred frames at 500 Hz."""
+def _transforms(data: bytes, *, ros1: bool, fixed: bool, one: bool = False) -> tuple[TransformSample, ...]:
+    """The transforms of a TFMessage, by struct as well: robots publish a hundred frames at 500 Hz.
+
+    `one`: the message is a TransformStamped.
+    """
     order = _order(data, ros1)
     # CDR begins with 4 bytes, from which on each number is aligned to its size; ROS 1 does neither
     begin, of_integers, of_doubles = (0, 1, 1) if ros1 else (4, 4, 8)
     header = struct.Struct(order + ("4xIII" if ros1 else "iII"))  # stamp, length of the parent's name
     length, pose = struct.Struct(f"{order}I"), struct.Struct(f"{order}7d")
-    (count,) = length.unpack_from(data, begin)
-    at = begin + length.size
+    (count,) = (1,) if one else length.unpack_from(data, begin)
+    at = begin if one else begin + length.size
     found: list[TransformSample] = []
     for _ in range(count):
         at += (begin - at) % of_integers
@@ -106,6 +111,11 @@ def _transforms(data: bytes, *, ros1: bool, fixed: bool) -> tuple[TransformSampl
     return tuple(found)
 
 
+def _pose_of_transform(data: bytes, *, ros1: bool) -> PoseSample:
+    (found,) = _transforms(data, ros1=ros1, fixed=False, one=True)
+    return PoseSample(found.stamp, found.parent, found.position, found.quaternion)
+
+
 _COORDINATES = {7: "f4", 8: "f8"}  # of PointField.datatype
 
 
@@ -114,12 +124,12 @@ def _clouds(*, ros1: bool) -> Callable[[bytes], Cloud]:
     from rosbags.typesys import Stores, get_typestore  # 4 MB, which a node without clouds does not need
 
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
-    store.get_msgdef(TYPES["surface"])  # parsed at the start, so that the first cloud does not wait for it
+    store.get_msgdef(_CLOUD)  # parsed at the start, so that the first cloud does not wait for it
     read = store.deserialize_ros1 if ros1 else store.deserialize_cdr
 
     def decode(data: bytes) -> Cloud:
         try:
-            cloud: Any = read(memoryview(data), TYPES["surface"])
+            cloud: Any = read(memoryview(data), _CLOUD)
         except Exception as error:  # rosbags' parsers raise anything on damage
             raise ValueError(f"not a cloud: {error}") from error
         frame, shape = cloud.header.frame_id, (cloud.height, cloud.width)
@@ -142,12 +152,17 @@ def _clouds(*, ros1: bool) -> Callable[[bytes], Cloud]:
 
 
 @cache  # a decoder of clouds takes 0.3 s to make
-def decoder(role: Role, *, ros1: bool) -> Callable[[bytes], Sample]:
-    """A function from a serialised message to its sample; it raises one of `UNREADABLE` for other bytes."""
+def decoder(role: Role, *, ros1: bool, kind: str = "") -> Callable[[bytes], Sample]:
+    """A function from a serialised message to its sample; it raises one of `UNREADABLE` for other bytes.
+
+    `kind`: which of `TYPES` the message has; by default the first.
+    """
     if role in ("tf", "tf_static"):
         return partial(_transforms, ros1=ros1, fixed=role == "tf_static")
     if role == "surface":
         return _clouds(ros1=ros1)
+    if kind == _TRANSFORM:
+        return partial(_pose_of_transform, ros1=ros1)
     content = _fixed_layout(7 if role == "pose" else 6, ros1=ros1)
     if role == "wrench":
         return lambda data: WrenchSample(*content(data))

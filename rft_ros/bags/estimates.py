@@ -137,7 +137,7 @@ def write_estimates(run: Run, rows: Rows, folder: Path, *, shift: int = 0) -> No
                 if not math.isnan(compensated[0]):
                     wrenches |= {"compensated": compensated, "residual": residual}
                 for kind, wrench in wrenches.items():
-                    bag.write_raw(f"/rft/wrench_{kind}", TYPES["wrench"], stamp, in_frame(stamp, wrench))
+                    bag.write_raw(f"/rft/wrench_{kind}", TYPES["wrench"][0], stamp, in_frame(stamp, wrench))
 
 
 @cache

@@ -61,6 +61,7 @@ class Recording:
         given = None if is_table(bag) else topics  # the columns of a table have no names to choose
         self.topics = dict(topics_of(self.values, self.options.remap) if given is None else given)
         self.mistyped: dict[Role, str] = {}  # without `refuse_types`: a sentence on each topic of another type
+        self._kinds: dict[Role, str] = {}  # message type of each topic
         self.counts: Counter[Role] = Counter()
         self.fixed: tuple[TransformSample, ...] = ()  # of the whole bag, from /tf_static
         self.time = 0  # receive time of the last sample [ns]
@@ -105,7 +106,7 @@ class Recording:
     def _read_fixed(self) -> Iterator[TransformSample]:
         topic = self.topics.get("tf", "/tf") + "_static"
         for source in self._sources:
-            if (topic, TYPES["tf_static"]) in source.types:
+            if (topic, *TYPES["tf_static"]) in source.types:
                 decode = decoder("tf_static", ros1=source.ros1)
                 with suppress(Exception):  # damage, which `_stream` reports
                     for _, _, data in source.read([topic], source.first, source.last):
@@ -131,7 +132,7 @@ class Recording:
         """The samples in order, after the fixed transforms of the whole bag."""
         if self.fixed:
             yield self.fixed
-        decode = [_decoder(role, self._sources[0]) for role in _RANK]
+        decode = [_decoder(role, self._sources[0], self._kinds.get(role, "")) for role in _RANK]
         for time, rank, _, data in self._in_order():
             try:
                 sample = decode[rank](data)
@@ -179,25 +180,28 @@ class Recording:
             found.setdefault(topic, []).append(msgtype)
         for role, topic in list(self.topics.items()):
             wanted, types = TYPES[role], found.get(topic, [])
-            if types == [wanted] or (not types and role in self._optional):
+            if len(types) == 1 and types[0] in wanted:
+                self._kinds[role] = types[0]
+                continue
+            if not types and role in self._optional:
                 continue
             fault = f" has no {role} topic '{topic}'"
             if types:
-                is_not = f"is {' and '.join(types)}; it must be {wanted}"
+                is_not = f"is {' and '.join(types)}; it must be {' or '.join(wanted)}"
                 if not self._refuse_types:
                     self.mistyped[role] = f"{topic} {is_not}"
                     del self.topics[role]
                     continue
                 fault = f": {role} topic '{topic}' {is_not}"
-            fits = next((t for t, types in found.items() if types == [wanted]), "TOPIC")
+            fits = next((t for t, types in found.items() if len(types) == 1 and types[0] in wanted), "TOPIC")
             advice = f"{_INSTEAD.get(role, '')}--remap {TOPICS[role]}:={fits}"
             there = ", ".join(f"{topic} ({' and '.join(types)})" for topic, types in found.items())
             raise InputError(f"bag '{self.bag}'{fault} (use {advice}); it has {there}")
 
 
-def _decoder(role: Role, source: Source) -> Callable[[Any], Sample]:
+def _decoder(role: Role, source: Source, kind: str) -> Callable[[Any], Sample]:
     """A function from a message of a source to its sample."""
-    return _itself if source.decoded else decoder(role, ros1=source.ros1)
+    return _itself if source.decoded else decoder(role, ros1=source.ros1, kind=kind)
 
 
 def _itself(sample: Sample) -> Sample:

@@ -76,7 +76,7 @@ def source_of_table(file: Path, topics: Mapping[Role, str], values: Values) -> t
                     if topics.get(role) in wanted:
                         yield stamp, topics[role], sample_of[role](stamp, tuple(numbers[part]))
 
-    types = [(topics[role], TYPES[role]) for role in parts if role in topics]
+    types = [(topics[role], TYPES[role][0]) for role in parts if role in topics]
     count, first, last = len(types) * len(stamps), stamps[0], stamps[-1]
     source = Source(name=file.name, types=types, count=count, first=first, last=last, read=read, decoded=True)
     return source, shift * 1_000_000_000

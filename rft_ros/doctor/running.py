@@ -49,7 +49,7 @@ def examine_running(cell: Cell, node: str, *, seconds: float) -> list[Finding]:
 
 def _samples(messages: Sequence[Message]) -> Iterator[tuple[Sample, int]]:
     """The samples that can be read, each with the time at which it was received [ns]."""
-    decode = {message.role: decoder(message.role, ros1=False) for message in messages}
+    decode = {message.role: decoder(message.role, ros1=False, kind=message.kind) for message in messages}
     for message in messages:
         with suppress(*UNREADABLE):
             yield decode[message.role](message.data), message.received
@@ -110,9 +110,10 @@ def _of_topic(topic: Topic) -> Iterator[Finding]:
     """Whether node and doctor can receive the messages of a topic: type and QoS of its publishers."""
     right = True
     for publisher in topic.publishers:
-        if publisher.type != topic.type:
+        if publisher.type not in topic.types:
             right = False
-            yield Finding(False, f"{topic.role}: {topic.name} is {publisher.type}; it must be {topic.type}")
+            must = f"it must be {' or '.join(topic.types)}"
+            yield Finding(False, f"{topic.role}: {topic.name} is {publisher.type}; {must}")
         for node, why in publisher.unheard:
             right = False
             pair = f"{publisher.node} publishes {topic.name} so that {node} cannot receive it"

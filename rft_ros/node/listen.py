@@ -14,9 +14,9 @@ from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
 from rclpy.subscription import Subscription
 
 from rft_ros.errors import InputError, reason_of
-from rft_ros.messages import Role
+from rft_ros.messages import TYPES, Role
 from rft_ros.node.start import start_ros
-from rft_ros.node.topics import INPUTS, message_class, transforms_come, type_name
+from rft_ros.node.topics import INPUTS, message_class, transforms_come, type_name, type_on
 from rft_ros.parameters import Values, checked
 
 __all__ = ["Listener", "Message", "Publisher", "Topic", "listener"]
@@ -31,10 +31,11 @@ _ORDER: tuple[Role, ...] = ("tf_static", "tf", "wrench", "twist", "surface", "po
 class Message(NamedTuple):
     """A serialised message of a role, received at a time of the middleware [ns].
 
-    `number`: its place among all messages of its publisher; None where the middleware does not count.
+    `kind`: its type. `number`: its place among all messages of its publisher; None where the middleware does not count.
     """
 
     role: Role
+    kind: str
     data: bytes
     received: int
     number: int | None
@@ -54,11 +55,11 @@ class Publisher:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """The topic of a role, the type that its messages must have, and its publishers."""
+    """The topic of a role, the types that its messages may have, and its publishers."""
 
     role: Role
     name: str
-    type: str
+    types: tuple[str, ...]
     publishers: tuple[Publisher, ...]
 
 
@@ -102,22 +103,28 @@ class Listener:
         wanted = dict(topics)
         if transforms_come() or "tf" in topics:
             wanted["tf_static"] = f"{topics.get('tf', '/tf')}_static"
-        subscriptions = {role: self._subscribe(role, topic) for role, topic in wanted.items()}
+        kinds = {role: TYPES[role][0] for role in wanted}
+        subscriptions = {role: self._subscribe(role, kinds[role], topic) for role, topic in wanted.items()}
         while time.monotonic() < self._discovered and not all(map(self._node.count_publishers, wanted.values())):
             time.sleep(_PERIOD)
+        for role, topic in wanted.items():
+            kind = type_on(self._node, role, topic)
+            if kind != kinds[role]:
+                self._node.destroy_subscription(subscriptions[role])
+                kinds[role], subscriptions[role] = kind, self._subscribe(role, kind, topic)
         messages, end = list[Message](), time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             time.sleep(min(left, _PERIOD))  # the middleware's own threads receive meanwhile
             for role, subscription in subscriptions.items():
-                messages += _waiting(role, subscription)
+                messages += _waiting(role, kinds[role], subscription)
         messages.sort(key=lambda message: (message.received, _ORDER.index(message.role)))
         return messages, [self._topic(role, name) for role, name in wanted.items()]
 
-    def _subscribe(self, role: Role, topic: str) -> Subscription:
+    def _subscribe(self, role: Role, kind: str, topic: str) -> Subscription:
         """A subscription with the node's QoS and a longer queue. No executor spins; `_waiting` reads the queue."""
         qos, depth = INPUTS[role], _DEPTH if role != "surface" else INPUTS[role].depth
         longer = QoSProfile(depth=depth, reliability=qos.reliability, durability=qos.durability)
-        return self._node.create_subscription(message_class(role), topic, lambda _: None, longer, raw=True)
+        return self._node.create_subscription(message_class(kind), topic, lambda _: None, longer, raw=True)
 
     def _topic(self, role: Role, name: str) -> Topic:
         """The topic with its publishers, and which of the node and this listener cannot receive from them."""
@@ -132,12 +139,12 @@ class Listener:
                 if compatible != QoSCompatibility.OK:
                     unheard.append((subscription.node_name, why.strip()))
             publishers.append(Publisher(publisher.node_name, publisher.topic_type, tuple(unheard)))
-        return Topic(role, name, type_name(message_class(role)), tuple(publishers))
+        return Topic(role, name, tuple(type_name(message_class(kind)) for kind in TYPES[role]), tuple(publishers))
 
 
-def _waiting(role: Role, subscription: Subscription) -> Iterator[Message]:
+def _waiting(role: Role, kind: str, subscription: Subscription) -> Iterator[Message]:
     """The messages that wait in a subscription's queue."""
     with subscription.handle:
         while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
             data, info = taken
-            yield Message(role, data, info["received_timestamp"], info["publication_sequence_number"])
+            yield Message(role, kind, data, info["received_timestamp"], info["publication_sequence_number"])

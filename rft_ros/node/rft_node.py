@@ -16,7 +16,7 @@ from sensor_msgs.msg import JointState
 
 from rft_ros.estimator import Estimate, Estimator, PoseSample, Reason, Sample, Stamped
 from rft_ros.estimator.samples import Answer
-from rft_ros.messages import TOPICS, UNREADABLE, Role, decoder, wrench_cdr
+from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder, wrench_cdr
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FeedForward
 from rft_ros.node.markers import Markers
@@ -24,7 +24,7 @@ from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.services import Services
 from rft_ros.node.swap import Failed, Prepared, Swap
 from rft_ros.node.tool_worker import ToolWorker
-from rft_ros.node.topics import INPUTS, OUTPUTS, message_class, transforms_come
+from rft_ros.node.topics import INPUTS, OUTPUTS, message_class, transforms_come, type_on
 from rft_ros.parameters import Values
 from rft_ros.rft import Law
 
@@ -58,6 +58,7 @@ class RftNode(Node):
         self._markers = Markers(self, self.estimator)
         self._measured_frame = self.estimator.wrench_frame
 
+        steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._subscribe("wrench", partial(self._on_input, "wrench"))
         self._twists = self._subscribe("twist", self._on_twist)
         if transforms_come() or "tf" in (values["pose_source"], values["sensor.frame_source"]):
@@ -65,24 +66,36 @@ class RftNode(Node):
         if values["pose_source"] == "tf":
             self._subscribe("tf", partial(self._on_input, "tf"))
         else:
-            self._subscribe("pose", self._on_pose)
+            self._pose_type = TYPES["pose"][0]
+            self._poses: Subscription | None = self._subscribe("pose", self._on_pose)
+            self.create_timer(DIAGNOSTICS_PERIOD, self._follow_pose_type, clock=steady)
         self._clouds: Subscription | None = None
         self._subscribe_to_clouds()
         Services(self, self.estimator, self.table, status=self._diagnostics.summary)
 
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
         self.create_timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish, clock=steady)
         self.create_timer(_MARKER_PERIOD, self._markers.publish, clock=steady)
         self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
 
-    def _subscribe(self, role: Role, callback: Callable[[bytes], None]) -> Subscription:
-        self._decode[role] = decoder(role, ros1=False)
+    def _subscribe(self, role: Role, callback: Callable[[bytes], None], kind: str = "") -> Subscription:
+        """Subscribe to the messages of a role. `kind`: which of `TYPES` they have; by default the first."""
+        self._decode[role] = decoder(role, ros1=False, kind=kind) if kind else decoder(role, ros1=False)
         # Raw bytes: the estimator needs no message object, which rclpy takes 16 us to make.
         # A copy of the profile, since rclpy writes the node's qos_overrides into the one that it is given.
         qos, options = copy(INPUTS[role]), QoSOverridingOptions.with_default_policies()
         return self.create_subscription(
-            message_class(role), TOPICS[role], callback, qos, raw=True, qos_overriding_options=options
+            message_class(kind or TYPES[role][0]), TOPICS[role], callback, qos, raw=True, qos_overriding_options=options
         )
+
+    def _follow_pose_type(self) -> None:
+        """Subscribe to the other type of poses once someone publishes that one, as motion capture does."""
+        if self._poses is None:
+            self._pose_type = type_on(self, "pose", TOPICS["pose"])
+            self._poses = self._subscribe("pose", self._on_pose, self._pose_type)
+        elif type_on(self, "pose", TOPICS["pose"]) != self._pose_type:
+            # The middleware takes one type of a topic at a time, and has this subscription until this callback ends.
+            self.destroy_subscription(self._poses)
+            self._poses = None
 
     def _subscribe_to_clouds(self) -> None:
         """Subscribe to clouds while the ground is a map."""
@@ -193,7 +206,7 @@ class RftNode(Node):
 
     def _prepare(self, values: Values) -> Prepared:
         if values["sensor.frame_source"] == "tf":
-            message_class("tf")
+            message_class(*TYPES["tf"])
         return self._swap.prepare(values)
 
     def _apply(self, prepared: Prepared) -> None:

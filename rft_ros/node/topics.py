@@ -4,6 +4,7 @@ from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
+from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from rft_ros.errors import InputError
@@ -30,9 +31,15 @@ def transforms_come() -> bool:
     return getattr(find_spec("tf2_msgs"), "origin", None) is not None
 
 
-def message_class(role: Role) -> Any:
-    """The class of an input's messages. Raises InputError for transforms if their package is not installed."""
-    package, _, name = TYPES[role].split("/")
+def type_on(node: Node, role: Role, topic: str) -> str:
+    """Which of the `TYPES` of a role its topic has: that of a publisher, otherwise the first."""
+    found = {publisher.topic_type for publisher in node.get_publishers_info_by_topic(topic)}
+    return next((kind for kind in TYPES[role] if kind in found), TYPES[role][0])
+
+
+def message_class(kind: str) -> Any:
+    """The class of a message type. Raises InputError for transforms if their package is not installed."""
+    package, _, name = kind.split("/")
     try:
         return getattr(import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError):

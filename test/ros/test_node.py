@@ -3,10 +3,12 @@
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import TransformStamped
 from harness import OUTPUTS, WAIT, numbers, predicted_by_the_core, stamp_of
-from recordings import cdr
+from recordings import cdr, transform_cdr
 
 from rft_ros.errors import InputError
+from rft_ros.estimator import TransformSample
 from rft_ros.parameters import read_parameter_file
 from rft_ros.tool import locate_mesh
 
@@ -66,10 +68,11 @@ def test_a_table_of_alpha_y_swaps_and_one_that_cannot_be_used_is_refused_without
     ):
         assert f"alpha_y.table '{file}' {why}" in refusal(rft, alpha_y__model="table", alpha_y__table=file)
     assert rft.set(alpha_y__model="table", alpha_y__table=str(table)) == (True, "")
-    refused = refusal(rft, alpha_y__table=str(secret))
-    assert f"alpha_y.table '{secret}' line 2 is not numbers" in refused
-    assert "hunter2" not in refused
-    assert rft.get("alpha_y.table").string_value == str(table)
+    rft.until(lambda: rft.diagnostic("model")[2]["alpha_y"] == "table")
+    assert rft.set(alpha_y__table=str(secret)) == (True, "")
+    rft.until(lambda: rft.get("alpha_y.table").string_value == str(table))
+    assert f"alpha_y.table '{secret}' line 2 is not 2 numbers" in rft.said()
+    assert "hunter2" not in rft.said()
     assert rft.set(medium__zeta=0.5) == (True, "")
     assert numbers(rft.ask(rft.moment()))[2] == pytest.approx(predicted_by_the_core(zeta=0.5)[2], rel=1e-12)
     assert rft.set(alpha_y__model="constant", alpha_y__table="", medium__zeta=1.0) == (True, "")
@@ -233,3 +236,21 @@ def test_a_node_with_nothing_set_answers_every_pose_also_at_rest_and_says_its_mo
     rft._rft.announce("ready")  # as main does before the first pose
     in_words = "integration refined, law treers2021, medium generic, alpha_y linear, zeta 1, memory 3 mm"
     rft.until(lambda: in_words in rft.said())
+
+
+def test_poses_may_be_transforms_as_motion_capture_sends_them(start_process):
+    rft = start_process("-p", "mesh.file:=plate").wait_ready()
+    expected = numbers(rft.ask(rft.moment()))
+    rft.node.destroy_publisher(rft.pose)
+    capture = rft.node.create_publisher(TransformStamped, f"{rft.name}/pose", 100)
+    still = (0.0, 0.0, 0.0)
+
+    def answered():
+        stamp = rft.moment()
+        rft.twist.publish(cdr("twist", stamp, (0.0, 0.0, -0.01, *still)))
+        capture.publish(transform_cdr(TransformSample(stamp, "world", "tool", (0.0, 0.0, -0.01), (*still, 1.0), False)))
+        rft.spin(0.1)
+        return stamp_of(rft.received["wrench_predicted"][-1]) == stamp
+
+    rft.until(answered)
+    np.testing.assert_array_equal(numbers(rft.received["wrench_predicted"][-1]), expected)

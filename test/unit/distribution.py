@@ -113,7 +113,7 @@ def manifest() -> "tuple[Package, list[str]]":
 
 def third_party_imports() -> set[str]:
     """Top-level names that the package and its launch file import, anywhere in a module."""
-    found = {kind.partition("/")[0] for kind in TYPES.values()}  # the node imports these by name
+    found = {kind.partition("/")[0] for kinds in TYPES.values() for kind in kinds}  # the node imports these by name
     for file in [*(ROOT / "rft_ros").rglob("*.py"), *(ROOT / "launch").glob("*.py")]:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):

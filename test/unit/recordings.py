@@ -15,7 +15,7 @@ from rft_ros.rft import frames
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
 ROS1 = get_typestore(Stores.ROS1_NOETIC)
 POSE, TWIST, WRENCH = (f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "Twist", "Wrench"))
-TF = "tf2_msgs/msg/TFMessage"
+TF, TRANSFORM = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/TransformStamped"
 CLOUD = "sensor_msgs/msg/PointCloud2"
 TOPICS = {"pose": ("/rft/pose", POSE), "twist": ("/rft/twist", TWIST), "wrench": ("/rft/wrench_measured", WRENCH)}
 FRAMES = {"pose": "world", "twist": "world", "wrench": "ft_sensor"}
@@ -43,14 +43,20 @@ def cdr(role: str, stamp: int, values, frame: str | None = None) -> bytes:
 
 def transforms_cdr(*transforms) -> bytes:
     """A TFMessage of these `TransformSample`s."""
-    t = ROS2.types
-    found = []
-    for transform in transforms:
-        head = header(ROS2, transform.stamp, transform.parent)
-        place = t["geometry_msgs/msg/Vector3"](*transform.position)
-        pose = t["geometry_msgs/msg/Transform"](place, t["geometry_msgs/msg/Quaternion"](*transform.quaternion))
-        found.append(t["geometry_msgs/msg/TransformStamped"](head, transform.child, pose))
-    return bytes(ROS2.serialize_cdr(t[TF](found), TF))
+    found = [_transform(one) for one in transforms]
+    return bytes(ROS2.serialize_cdr(ROS2.types[TF](found), TF))
+
+
+def transform_cdr(transform) -> bytes:
+    """A TransformStamped, as motion capture sends poses."""
+    return bytes(ROS2.serialize_cdr(_transform(transform), TRANSFORM))
+
+
+def _transform(transform):
+    t, head = ROS2.types, header(ROS2, transform.stamp, transform.parent)
+    place = t["geometry_msgs/msg/Vector3"](*transform.position)
+    pose = t["geometry_msgs/msg/Transform"](place, t["geometry_msgs/msg/Quaternion"](*transform.quaternion))
+    return t[TRANSFORM](head, transform.child, pose)
 
 
 def cloud_cdr(

@@ -6,7 +6,21 @@ import sys
 
 import numpy as np
 import pytest
-from recordings import FRAMES, START, STEP, TOPICS, moments, plunge, rows_of, values, write_ros2
+from recordings import (
+    FRAMES,
+    START,
+    STEP,
+    TOPICS,
+    TRANSFORM,
+    cdr,
+    moments,
+    plunge,
+    rows_of,
+    transform_cdr,
+    values,
+    write_messages,
+    write_ros2,
+)
 from rosbags.highlevel import AnyReader
 
 from rft_ros.bags.estimates import COLUMNS, LEARNED_COLUMNS
@@ -14,6 +28,7 @@ from rft_ros.bags.options import ReplayOptions, read_replay_options
 from rft_ros.bags.replay import replay
 from rft_ros.cli import main
 from rft_ros.errors import InputError
+from rft_ros.estimator import TransformSample
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches
 from rft_ros.tool import load_tool
 
@@ -237,3 +252,19 @@ def test_a_bag_of_ten_times_the_length_takes_no_more_memory(tmp_path):
     assert done.returncode == 0, done.stderr
     of_the_short, of_both = map(float, done.stdout.split())
     assert of_both - of_the_short < 40.0
+
+
+def test_poses_as_motion_capture_sends_them_replay_as_stamped_poses(tmp_path):
+    bag = write_ros2(tmp_path / "bag", plunge())
+    messages = []
+    for role, time, stamp, numbers in plunge():
+        if role == "pose":
+            sent = TransformSample(stamp, "world", "tool", tuple(numbers[:3]), tuple(numbers[3:]), False)
+            messages.append((time, "/vicon/tool", TRANSFORM, transform_cdr(sent)))
+        else:
+            messages.append((time, *TOPICS[role], cdr(role, stamp, numbers)))
+    captured = write_messages(tmp_path / "captured", messages)
+    remap = ("~/pose:=/vicon/tool",)
+    replay(bag, tmp_path / "a", values())
+    replay(captured, tmp_path / "b", values(), ReplayOptions(remap=remap))
+    assert rows_of(tmp_path / "a") == rows_of(tmp_path / "b")

@@ -7,9 +7,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from numpy.testing import assert_array_equal
-from recordings import START, cloud_cdr, transforms_cdr
+from recordings import START, TRANSFORM, cloud_cdr, transform_cdr, transforms_cdr
 
-from rft_ros.estimator import TransformSample
+from rft_ros.estimator import PoseSample, TransformSample
 from rft_ros.messages import UNREADABLE, decoder, wrench_cdr
 
 LAST = 2**31 - 1
@@ -63,6 +63,17 @@ def test_transforms_are_read_as_rosbags_writes_them(samples):
         decode = decoder("tf_static", ros1=ros1)
         assert decode(data) == tuple(samples)
         for end in range(len(data) if samples else 0):
+            with pytest.raises(UNREADABLE):
+                decode(data[:end])
+
+
+@given(transforms)
+def test_a_transform_as_of_motion_capture_is_a_pose(sent):
+    pose = PoseSample(sent.stamp, sent.parent, sent.position, sent.quaternion)
+    for ros1, data in ((False, transform_cdr(sent)), (True, ros1_bytes([sent])[4:])):
+        decode = decoder("pose", ros1=ros1, kind=TRANSFORM)
+        assert decode(data) == pose
+        for end in range(len(data)):
             with pytest.raises(UNREADABLE):
                 decode(data[:end])
 
