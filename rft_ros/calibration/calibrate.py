@@ -8,10 +8,9 @@ import numpy as np
 
 from rft_ros.calibration.alpha_y import AlphaYFit, AlphaYModel, fit_alpha_y, plate_runs
 from rft_ros.calibration.contact import Contact, find_contacts
-from rft_ros.calibration.delay import fit_delay
 from rft_ros.calibration.fitting import FitResults, NotIdentifiable
 from rft_ros.calibration.grains import fit_grains
-from rft_ros.calibration.memory_length import LOST_MOTION
+from rft_ros.calibration.phases import LOST_MOTION, fit_delay
 from rft_ros.calibration.plausibility import refuse_implausible
 from rft_ros.calibration.recorded import BedValues, recorded
 from rft_ros.calibration.suspicion import suspicions, without_repeats
@@ -71,7 +70,8 @@ def calibrate(
     with_memory = replace(law, mobilization_length=values["medium.mobilization_length"])
     for as_sent, track in zip(sent, tracks, strict=True):
         result.warnings += suspicions(as_sent, track, settings, sensor.cell, with_memory, surface=height)
-    given = BedValues(settings.surface_height, values["medium.mobilization_length"], LOST_MOTION)
+    length = float(values["medium.mobilization_length"])
+    given = BedValues(settings.surface_height, math.log(length) if length > 0.0 else -math.inf, LOST_MOTION)
     delay, delay_error = 0.0, 0.0
     if "sensor" in parts:
         with result.or_reason("sensor.delay"):
@@ -91,7 +91,14 @@ def calibrate(
             sensor, fitted, reasons = fit_tool_weight(tracks, sensor.cell, air=air + _CLEAR)
             result.fitted += fitted
             result.not_identifiable |= reasons
-    grains = fit_grains(tracks, sensor, law, contacts=contacts, given=given, parts=parts, delay_error=delay_error)
+    grains = fit_grains(
+        [recorded(track, sensor.cell, law) for track in tracks],
+        contacts=contacts,
+        given=given,
+        parts=parts,
+        zero_error=sensor.zero_error,
+        delay_error=delay_error,
+    )
     result.fitted += grains.fitted
     result.not_identifiable |= grains.not_identifiable
     result.warnings += grains.warnings

@@ -11,7 +11,6 @@ import numpy as np
 from rft_ros.calibration.alpha_y import AlphaYFit
 from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.fitting import FittedValue
-from rft_ros.calibration.penetration import BEDS_DIFFER
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.files import resolved, whole
@@ -23,6 +22,8 @@ __all__ = ["SECTION", "alpha_y_table", "rounded", "write_calibrated"]
 
 SECTION = "rft_calibration"
 """Top-level key of the record, which the node ignores."""
+
+_BEDS_DIFFER = 0.1  # relative standard deviation of ζ between beds of the same grains (docs/accuracy.md)
 
 
 def rounded(value: float, error: float) -> float:
@@ -59,7 +60,7 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
             parameters[name] = values if len(values) > 1 else values[0]
     for f in result.fitted:
         if f.name == "medium.zeta":  # of another bed of the same grains, and of each tool that was recorded
-            parameters["medium.zeta_error"] = float(f"{max(f.errors[0] / f.values[0], BEDS_DIFFER, f.spread):.3g}")
+            parameters["medium.zeta_error"] = float(f"{max(f.errors[0] / f.values[0], _BEDS_DIFFER, f.spread):.3g}")
     if "sensor.bias" in numbers:
         _remove_tare(tree)
     bags = [f"{t.name} ({datetime.fromtimestamp(t.begin // 10**9, timezone.utc):%Y-%m-%dT%H:%M:%SZ})" for t in tracks]

@@ -6,13 +6,12 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import Curve, Measurement, NotIdentifiable, best_start, fit_curve, fit_each
-from rft_ros.calibration.recorded import BedValues, Recorded
+from rft_ros.calibration.fitting import Curve, NotIdentifiable, best_start, fit_curve, fit_each
 from rft_ros.calibration.track import FEWEST, Indices, Track, down_strokes
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import FORCE, STATE, TWIST, Law, wrenches
 
-__all__ = ["Contact", "find_contacts", "fit_contact"]
+__all__ = ["Contact", "find_contacts"]
 
 Array = NDArray[np.float64]
 
@@ -22,7 +21,6 @@ _SHALLOW, _AT_LEAST = 0.25, 0.004
 pressure that grows faster than linearly would shift the surface down."""
 
 _GRID = 24  # heights that are tried before the best one is refined
-_STEP = 2e-5  # change of the height for derivatives [m]
 _UNKNOWN = np.array([np.inf])
 
 
@@ -85,26 +83,3 @@ def find_contacts(tracks: Sequence[Track], cell: LoadCell, law: Law) -> list[Con
     """The first contacts, by fits without memory. Raises NotIdentifiable if there are none."""
     strokes = ((k, track, stroke, cell, law) for k, track in enumerate(tracks) for stroke in down_strokes(track))
     return fit_each(_find, strokes, none="the tool never goes straight down")
-
-
-def fit_contact(recording: Recorded, contact: Contact, grains: BedValues) -> Measurement:
-    """Fit the height of the surface at a contact [m], for the λ of `grains`. The fit starts at `contact.surface`.
-
-    The model with memory begins to resist at the first pose below the surface. The fitted height therefore depends on
-    where the surface lies between two poses, and the error includes the standard deviation of that place.
-    """
-    rows, first = contact.rows, int(contact.rows[0])
-    height, observed = recording.heights[rows], recording.forces[rows, 2:]
-
-    def columns(parameters: Array) -> Array:
-        at = grains._replace(surface=float(parameters[0]))
-        force = recording.predicted(at, first, rows)[:, 2]
-        return np.stack([force, np.ones_like(force)], axis=-1)[:, None]
-
-    low, high = np.array([height.min()]), np.array([height.max()])
-    curve = Curve(columns, np.array([_STEP]), low, high, expected=np.zeros(1), expected_error=_UNKNOWN)
-    found = fit_curve(curve, observed, np.array([contact.surface]))
-    step = float(np.median(np.abs(np.diff(height)))) / 12.0**0.5 if grains.has_memory else 0.0
-    return Measurement(
-        recording.track.name, float(found.coefficients[0]), float(np.hypot(found.errors[0], step)), contact.misfit
-    )

@@ -6,10 +6,12 @@ Load-cell noise is filtered and grains slip in bursts: errors for independent sa
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from functools import cache
 from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from rft_ros.errors import InputError
@@ -20,8 +22,8 @@ __all__ += ["fit_curve", "fit_each", "fit_linear", "fit_measurements", "fit_seri
 
 Array = NDArray[np.float64]
 
-_MOST_STEPS, _HALVINGS = 12, 5  # of Gauss-Newton: most steps, and most halvings of a step
-_CONVERGED = 1e-2  # change, in units of `Curve.steps`, at which Gauss-Newton ends
+_MOST_STEPS = 12  # of least squares
+_CONVERGED = 1e-6  # relative change of the squares or the parameters at which least squares end
 _WIDEST = 0.1  # greatest step for derivatives, relative to the range of a parameter
 _MOST_ALIKE = 0.999  # greatest correlation of successive samples of noise
 
@@ -166,70 +168,72 @@ def best_start(curve: Curve, observed: Array, starts: Iterable[Array]) -> Array:
 
 
 def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
-    """Fit a curve to a time series, shape [n, axes], any unit, by least squares: Gauss-Newton from `start` on.
+    """Fit a curve to a time series, shape [n, axes], any unit, by least squares from `start` on.
 
     Coefficients: the parameters, then that of each column. The residuals have the shape of `observed`.
     """
-    parameters, known = np.array(start, dtype=np.float64), np.isfinite(curve.expected_error)
-    weight = np.where(known, 1.0 / np.where(known, curve.expected_error, 1.0) ** 2, 0.0)
-    expected, size = np.where(known, curve.expected, 0.0), len(start)
-    columns, linear, residuals = curve.linear(parameters, observed)
+    size, known = len(start), np.isfinite(curve.expected_error)
+    linear_at = cache(lambda *parameters: curve.linear(np.array(parameters), observed))
 
-    def linearised(steps: Array) -> _Linearised:
+    def jacobian(at: Array, steps: Array) -> Array:
+        columns, linear, _ = linear_at(*at)
         slopes = []
         for k, step in enumerate(steps):
-            after, before = parameters.copy(), parameters.copy()
-            after[k], before[k] = min(after[k] + step, curve.high[k]), max(before[k] - step, curve.low[k])
+            after, before = at.copy(), at.copy()
+            after[k], before[k] = min(at[k] + step, curve.high[k]), max(at[k] - step, curve.low[k])
             slopes.append((curve.columns(after) - curve.columns(before)) @ linear / (after[k] - before[k]))
-        jacobian = np.concatenate([np.stack(slopes, axis=-1), columns], axis=-1)
-        variance = max(_variances(jacobian, residuals)[1], 1e-300)
-        total = jacobian.reshape(observed.size, -1)
+        return np.concatenate([np.stack(slopes, axis=-1), columns], axis=-1)
+
+    def deviation(at: Array) -> float:
+        columns, _, residuals = linear_at(*at)
+        return float(max(_variances(columns, residuals)[1], 1e-300) ** 0.5)
+
+    # in units of the steps; what is expected of a parameter counts as one more measurement
+    parameters, low, high = (x / curve.steps for x in (start, curve.low, curve.high))
+    for _ in range(1 + int(known.any())):  # the residuals of the first fit give the weight of what is expected
+        weights = (deviation(parameters * curve.steps) / curve.expected_error)[known]
+
+        def residuals_of(scaled: Array, weights: Array = weights) -> Array:
+            at = scaled * curve.steps
+            return np.append(-linear_at(*at)[2].ravel(), weights * (at - curve.expected)[known])
+
+        def slopes_of(scaled: Array, weights: Array = weights) -> Array:
+            at = scaled * curve.steps
+            total = jacobian(at, curve.steps).reshape(observed.size, -1)
+            slopes, basis = total[:, :size] * curve.steps, np.linalg.qr(total[:, size:])[0]
+            slopes -= basis @ (basis.T @ slopes)  # the linear coefficients follow the parameters
+            return np.vstack([slopes, weights[:, None] * np.diag(curve.steps)[known]])
+
+        parameters = least_squares(
+            residuals_of,
+            np.clip(parameters, low, high),
+            slopes_of,
+            bounds=(low, high),
+            method="dogbox",
+            ftol=_CONVERGED,
+            xtol=_CONVERGED,
+            max_nfev=_MOST_STEPS,
+        ).x
+    at = parameters * curve.steps
+    _, linear, residuals = linear_at(*at)
+    weight = np.where(known, curve.expected_error, np.inf) ** -2.0
+
+    def fit(steps: Array) -> Fit:
+        slopes = jacobian(at, steps)
+        variance, total = deviation(at) ** 2, slopes.reshape(observed.size, -1)
         normal = total.T @ total / variance
         normal[range(size), range(size)] += weight
-        return _Linearised(jacobian, variance, normal)
-
-    def cost(at: Array, left: Array, variance: float) -> float:
-        return float(np.sum(left**2)) / variance + float(weight @ (at - expected) ** 2)
-
-    for _ in range(_MOST_STEPS):
-        here = linearised(curve.steps)
-        gradient = here.jacobian.reshape(observed.size, -1).T @ residuals.ravel() / here.variance
-        gradient[:size] += weight * (expected - parameters)
-        change = np.linalg.lstsq(here.normal, gradient, rcond=None)[0][:size]
-        for halving in range(_HALVINGS):
-            moved = np.clip(parameters + 0.5**halving * change, curve.low, curve.high)
-            found = curve.linear(moved, observed)
-            if cost(moved, found[2], here.variance) <= cost(parameters, residuals, here.variance):
-                break
-        else:
-            break
-        small = np.abs(moved - parameters) < _CONVERGED * curve.steps
-        parameters, (columns, linear, residuals) = moved, found
-        if small.all():
-            break
-    fit = here.fit(np.append(parameters, linear), residuals, weight)
-    # With memory the curve is not smooth. The standard error needs the slope over a step as wide as itself.
-    wide = np.minimum(fit.errors[:size], _WIDEST * (curve.high - curve.low))
-    if (wide > curve.steps).any():
-        wider = linearised(np.maximum(curve.steps, wide)).fit(fit.coefficients, residuals, weight)
-        return max(fit, wider, key=lambda one: float(one.errors[0]))
-    return fit
-
-
-class _Linearised(NamedTuple):
-    """A curve near its parameters: derivatives, variance of a sample, matrix of the normal equations."""
-
-    jacobian: Array
-    variance: float
-    normal: Array
-
-    def fit(self, coefficients: Array, residuals: Array, weight: Array) -> Fit:
-        """The fit with these coefficients; `weight`: of what is known of the first ones."""
-        total, size = self.jacobian.reshape(residuals.size, -1), len(weight)
-        inverse = np.asarray(np.linalg.pinv(self.normal, hermitian=True), dtype=np.float64)
-        covariance = _covariance(self.jacobian, residuals, inverse / self.variance)
+        inverse = np.asarray(np.linalg.pinv(normal, hermitian=True), dtype=np.float64)
+        covariance = _covariance(slopes, residuals, inverse / variance)
         covariance += (inverse[:, :size] * weight) @ inverse[:size]
-        return Fit(coefficients, covariance, residuals, inverse @ total.T / self.variance)
+        return Fit(np.append(at, linear), covariance, residuals, inverse @ total.T / variance)
+
+    found = fit(curve.steps)
+    # With memory the curve is not smooth. The standard error needs the slope over a step as wide as itself.
+    wide = np.minimum(found.errors[:size], _WIDEST * (curve.high - curve.low))
+    if (wide > curve.steps).any():
+        return max(found, fit(np.maximum(curve.steps, wide)), key=lambda one: float(one.errors[0]))
+    return found
 
 
 def fit_linear(columns: Array, observed: Array) -> Fit:

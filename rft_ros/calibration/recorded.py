@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.calibration.smoothing import FineMotion, fine_motion, noise_of_poses, shaken_states, smoothed_states
-from rft_ros.calibration.track import GAP, Indices, Track, moved_back
+from rft_ros.calibration.track import GAP, Track, moved_back
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import FORCE, Law, Memory, wrenches, wrenches_in_time
 from rft_ros.rft.frames import ANGULAR_VELOCITY, TWIST, VELOCITY
@@ -20,29 +20,36 @@ _CLEAR = 0.001  # m: at this height above the surface the memory is empty, despi
 
 
 class BedValues(NamedTuple):
-    """Values that all fits use: surface height [m]; λ [m], 0 without memory; lost motion of the arm at a turn [m]."""
+    """Values of the model that all fits use; those that a phase of a recording determines are fitted to it.
+
+    Surface height [m]; natural logarithm of λ [m], -inf without memory; lost motion of the arm at a turn [m]; delay of
+    the load cell [s], on top of the one that the recording was read with.
+    """
 
     surface: float
-    length: float
+    log_length: float
     lost_motion: float
+    delay: float = 0.0
 
     @property
-    def has_memory(self) -> bool:
-        """Whether the model's force has memory."""
-        return self.length > 0.0
+    def length(self) -> float:
+        """λ [m]; 0 without memory."""
+        return float(np.exp(self.log_length))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Recorded:
     """One recording of n moments, for `law` at ζ = 1.
 
-    `motion`: without the noise of the poses, at rest with velocity 0. `heights` of the tool's lowest point [m], shape
-    [n]. `forces`: measured force of the grains, world axes [N], shape [n, 3].
+    `motion`: without the noise of the poses, at rest with velocity 0. `smooth`: with velocities averaged over 0.1 s,
+    shape [n, 13]. `heights` of the tool's lowest point [m], shape [n]. `forces`: measured force of the grains, world
+    axes [N], shape [n, 3].
     """
 
     track: Track
     law: Law
     motion: FineMotion
+    smooth: Array
     heights: Array
     forces: Array
 
@@ -52,26 +59,26 @@ class Recorded:
         in_air = np.flatnonzero(self.heights[: row + 1] > surface + _CLEAR)
         return int(max(apart.max(initial=0), in_air.max(initial=0)))
 
-    def predicted(self, grains: BedValues, first: int, rows: Indices) -> Array:
-        """Force on the tool at `rows`, with a memory that is empty at the row `first`, world axes [N], shape [m, 3]."""
-        plates, last = self.track.tool.plates, int(rows[-1])
-        if not grains.has_memory:
+    def predicted(self, values: BedValues, first: int, last: int) -> Array:
+        """Force on the tool at the rows from `first`, where the memory is empty, to `last`, world axes [N], [m, 3]."""
+        plates = self.track.tool.plates
+        if values.length == 0.0:
             # smooth velocities: without memory there is no force at rest, and an arm guided by hand stops in between
-            states = self.track.smooth_states()[rows]
-            return wrenches(plates, self.law, states, surface_height=grains.surface, threads=1)[:, FORCE]
-        law = replace(self.law, mobilization_length=grains.length)
+            states = self.smooth[first : last + 1]
+            return wrenches(plates, self.law, states, surface_height=values.surface, threads=1)[:, FORCE]
+        law = replace(self.law, mobilization_length=values.length)
         _, states, at = self.motion
-        span = slice(at[first], at[last] + 1)
-        memory = Memory(plates, slack=grains.lost_motion)
-        found = wrenches_in_time(plates, law, states[span], memory, surface_height=grains.surface)
-        return np.asarray(found[at[rows] - span.start, FORCE])
+        rows = at[first : last + 1]
+        memory = Memory(plates, slack=values.lost_motion)
+        found = wrenches_in_time(plates, law, states[rows[0] : rows[-1] + 1], memory, surface_height=values.surface)
+        return np.asarray(found[rows - rows[0], FORCE])
 
     def noise(self) -> float:
         """Standard deviation of one coordinate of the tool's fastest point [m]; 0 where the poses have no noise."""
         track = self.track
         return noise_of_poses(track.time, track.states, gap=GAP, reach=track.tool.plates.reach)
 
-    def earlier(self, delay: float) -> "Recorded":
+    def with_delay(self, delay: float) -> "Recorded":
         """The recording with its forces moved back in time by `delay` [s]."""
         return replace(self, forces=moved_back(self.track.time, self.forces, delay))
 
@@ -92,5 +99,11 @@ def _motion(track: Track, states: Array) -> FineMotion:
 
 def recorded(track: Track, cell: LoadCell, law: Law) -> Recorded:
     """Prepare a recording; `law`: without memory and inertia, at ζ = 1."""
-    motion, forces = _motion(track, track.states), track.grain_forces(cell)
-    return Recorded(track=track, law=law, motion=motion, heights=track.heights(), forces=forces)
+    return Recorded(
+        track=track,
+        law=law,
+        motion=_motion(track, track.states),
+        smooth=track.smooth_states(),
+        heights=track.heights(),
+        forces=track.grain_forces(cell),
+    )

@@ -23,7 +23,7 @@ from synthetic_track import (
 from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
 from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.fitting import Measurement, NotIdentifiable
-from rft_ros.calibration.penetration import difference, spread_of
+from rft_ros.calibration.grains import difference, spread_of
 from rft_ros.calibration.track import turns_in_grains
 from rft_ros.estimator import PoseSample
 from rft_ros.estimator.pose_difference import PoseDifference

@@ -1,0 +1,343 @@
+"""The phases of a recording that determine values of the grains, and the least squares that fit them to each.
+
+| phase | determines | free besides |
+|---|---|---|
+| first contact of a way straight down | surface height | scale and zero of the vertical force |
+| turn: a reversal, another change of direction, a start from rest | λ and the lost motion | scale of the force |
+| the same with the moments at rest around it | delay of the load cell | λ, scale, zero of each axis |
+| whole way straight down | ζ (Treers et al. 2021, IV) | nothing |
+
+A value is fitted to its own phase alone: real grains do not follow the model's growth with depth, and would else shift
+the other values. A stop does not determine λ, as the force persists for any λ above 0. A first contact does not
+determine the delay, as another height of the surface gives the same force.
+"""
+
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+from functools import cache
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.calibration.fitting import (
+    Curve,
+    Fit,
+    FittedValue,
+    Measurement,
+    NotIdentifiable,
+    best_start,
+    fit_curve,
+    fit_each,
+    fit_linear,
+)
+from rft_ros.calibration.recorded import BedValues, Recorded
+from rft_ros.calibration.track import FEWEST, GAP, Indices, Turn, turns_in_grains
+from rft_ros.rft import FORCE
+
+__all__ = ["LOST_MOTION", "SHORTEST", "Phase", "TooShortToResolve", "check_strength", "first_contact", "fit_delay"]
+__all__ += ["turn_for_length", "way_down"]
+
+Array = NDArray[np.float64]
+
+SHORTEST, _LONGEST = 1e-4, 0.1
+"""Range of λ that is searched [m]."""
+
+LOST_MOTION = 5e-6
+"""Path [m] that an arm loses when it turns back, by backlash or in the dead band of noisy poses, before any fit."""
+
+_LOST_MOTION_ERROR, _MOST_LOST = 5e-6, 2e-4  # m: standard deviation before any fit, and greatest lost motion
+_LEFT_AT_CORNERS = 0.5  # share of the noise of a pose that is left at corners after smoothing
+_LATEST = 0.25  # greatest delay that is searched, to both sides [s]
+_LONGEST_OF_DELAY = 0.03  # greatest λ beside a delay [m]
+_LENGTHS, _LENGTHS_OF_DELAY, _DELAYS = 16, 5, 26  # values that are tried before the best ones are refined
+_VERTICAL = slice(2, 3)
+_STEPS = {"surface": 2e-5, "log_length": 0.03, "lost_motion": 1e-6, "delay": 5e-4}
+"""Changes for derivatives."""
+
+_MOST_UNLIKE = 0.15  # greatest accepted RMS residual, relative to the greatest force or its range
+_MOST_UNSURE = 0.75  # greatest accepted standard error of λ, relative to λ
+_DELAY_UNSURE = 0.05  # greatest accepted standard error of the delay of one turn [s]
+_DELAY_SEEN = 2.0  # standard errors: a smaller delay is not told from the given one
+_DELAY_RESOLUTION = 1e-3  # s: delays of synthetic recordings are found up to 1.6 ms too early
+_SHALLOWEST = 0.005  # a penetration's least depth [m]: below it the force depends more on the surface height than on ζ
+_ALIKE = 0.9
+"""Least correlation of the measured and the modelled force, over all components and times. With less, the RMS residual
+of a force that grows with depth is over a quarter of its peak."""
+
+
+class TooShortToResolve(NotIdentifiable):
+    """The force follows the turn at once: λ is shorter than the recording can resolve."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class _Part:
+    """Some rows of a recording, which the model follows from `first`, with an empty memory, to `last`.
+
+    `approach`: rows before it, from the air on. `axes` of the force that are compared. `zeros`: each has a free zero.
+    `where`: in words.
+    """
+
+    recording: Recorded
+    where: str
+    first: int
+    last: int
+    rows: Indices
+    axes: slice
+    approach: Indices = field(default_factory=lambda: np.arange(0))
+    zeros: bool = False
+
+    def observed(self, recording: Recorded) -> Array:
+        """The measured force, shape [n, axes] [N]."""
+        return recording.forces[self.rows, self.axes]
+
+    def columns(self, course: Array, values: BedValues) -> Array:
+        """Columns of the linear coefficients, shape [n, axes, 1 or more]; `course`: `Recorded.predicted`."""
+        if values.delay:
+            time = self.recording.track.time
+            at, span = time[self.rows] - values.delay, time[self.first : self.last + 1]
+            force = np.column_stack([np.interp(at, span, axis) for axis in course.T])[:, self.axes]
+        else:
+            force = course[self.rows - self.first, self.axes]
+        if not self.zeros:
+            return force[:, :, None]
+        zero = np.eye(force.shape[1])
+        return np.concatenate([force[:, :, None], np.broadcast_to(zero, (len(force), *zero.shape))], axis=2)
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Phase:
+    """A phase as fitted. Coefficients of the `fit`: those values that are `free`, then scale and zeros.
+
+    `values`: the fitted ones, and the others for which they were fitted.
+    """
+
+    part: _Part
+    free: tuple[str, ...]
+    values: BedValues
+    fit: Fit
+
+    @property
+    def value(self) -> float:
+        """The value that the phase determines: the first coefficient."""
+        return float(self.fit.coefficients[0])
+
+    @property
+    def error(self) -> float:
+        """Standard error of the value from the noise of the force."""
+        return float(self.fit.errors[0])
+
+    @property
+    def scale(self) -> float:
+        """The measured force over the model's."""
+        return float(self.fit.coefficients[len(self.free)])
+
+    @property
+    def by_zero(self) -> Array:
+        """Derivative of the value by an offset of the load cell, shape [3], world axes [1/N]."""
+        found = np.zeros(3)
+        found[self.part.axes] = self.fit.inverse[0].reshape(self.fit.residuals.shape).sum(axis=0)
+        return found
+
+    def measurement(self, error: float, misfit: float) -> Measurement:
+        """The value with these errors."""
+        return Measurement(self.part.recording.track.name, self.value, error, misfit)
+
+    def misfit(self, force: float) -> float:
+        """RMS residual over a force [N]."""
+        return self.fit.rms / force if force > 0.0 else 0.0
+
+    def change(self, recording: Recorded | None = None, **others: float) -> float:
+        """Change of the value with another motion or force of the recording, and other values; to first order."""
+        recording, values = recording or self.part.recording, self.values._replace(**others)
+        course = recording.predicted(values, self.part.first, self.part.last)
+        modelled = self.part.columns(course, values) @ self.fit.coefficients[len(self.free) :]
+        return float(self.fit.inverse[0] @ (self.part.observed(recording) - modelled - self.fit.residuals).ravel())
+
+    def again(self, **others: float) -> "Phase":
+        """The phase fitted again with other values, from the fitted ones on."""
+        return _fitted(self.part, self.values._replace(**others), self.free)
+
+
+def _fitted(part: _Part, values: BedValues, free: tuple[str, ...], starts: Iterable[tuple[float, ...]] = ()) -> Phase:
+    """Fit the `free` values to a part, from the best of the `starts` on, or from `values`."""
+    recording, observed = part.recording, part.observed(part.recording)
+    if not free:
+        columns = part.columns(recording.predicted(values, part.first, part.last), values)
+        return Phase(part=part, free=free, values=values, fit=fit_linear(columns, observed))
+
+    @cache
+    def course(values: BedValues) -> Array:
+        return recording.predicted(values, part.first, part.last)
+
+    def columns_of(parameters: Array) -> Array:
+        at = values._replace(**dict(zip(free, parameters.tolist(), strict=True)))
+        return part.columns(course(at._replace(delay=0.0)), at)
+
+    heights = recording.heights[part.rows]
+    bounds = {
+        "surface": (float(heights.min()), float(heights.max())),
+        "log_length": (float(np.log(SHORTEST)), float(np.log(_LONGEST))),
+        "lost_motion": (0.0, _MOST_LOST),
+        "delay": (-_LATEST, _LATEST),
+    }
+    low, high = np.array([bounds[name] for name in free]).T
+    lost_motion_error = np.hypot(_LOST_MOTION_ERROR, _LEFT_AT_CORNERS * recording.noise())
+    expected_error = np.array([lost_motion_error if name == "lost_motion" else np.inf for name in free])
+    curve = Curve(
+        columns=columns_of,
+        steps=np.array([_STEPS[name] for name in free]),
+        low=low,
+        high=high,
+        expected=np.where(np.isfinite(expected_error), LOST_MOTION, 0.0),
+        expected_error=expected_error,
+    )
+    given = [np.array(start) for start in starts] or [np.array([getattr(values, name) for name in free])]
+    start = best_start(curve, observed, given) if len(given) > 1 else given[0]
+    fit = fit_curve(curve, observed, start)
+    found = values._replace(**dict(zip(free, fit.coefficients.tolist(), strict=False)))
+    return Phase(part=part, free=free, values=found, fit=fit)
+
+
+def first_contact(recording: Recorded, rows: Indices, values: BedValues) -> Phase:
+    """The surface height [m] at the rows around a contact, from that of `values` on.
+
+    The model with memory begins to resist at the first pose below the surface. The fitted height therefore depends on
+    where the surface lies between two poses, and the error includes the standard deviation of that place.
+    """
+    first, last = int(rows[0]), int(rows[-1])
+    part = _Part(
+        recording=recording,
+        where=recording.track.name,
+        first=first,
+        last=last,
+        rows=rows,
+        axes=_VERTICAL,
+        zeros=True,
+    )
+    return _fitted(part, values, ("surface",))
+
+
+def turn_for_length(recording: Recorded, turn: Turn, values: BedValues) -> Phase:
+    """Log λ [log m] of a turn. Raises NotIdentifiable if the turn does not determine it."""
+    where = f"{recording.track.name}, {recording.track.time[turn.at]:.1f} s after its beginning"
+    rows = turn.rows
+    part = _Part(recording=recording, where=where, first=turn.first, last=int(rows[-1]), rows=rows, axes=FORCE)
+    peak = float(np.linalg.norm(part.observed(recording), axis=1).max())
+    if not peak > 0.0:
+        raise NotIdentifiable(f"{where}: the load cell measures no force of the grains")
+    lengths = np.linspace(np.log(SHORTEST), np.log(_LONGEST), _LENGTHS)
+    found = _fitted(part, values, ("log_length", "lost_motion"), [(float(x), LOST_MOTION) for x in lengths])
+    length, misfit = float(np.exp(found.value)), found.misfit(peak)
+    if found.value < np.log(SHORTEST) + 0.02 * np.log(_LONGEST / SHORTEST):
+        raise TooShortToResolve(
+            f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
+        )
+    if found.error > _MOST_UNSURE or length > turn.after or misfit > _MOST_UNLIKE or found.scale <= 0.0:
+        raise NotIdentifiable(
+            f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * found.error:.0f} %, the force {found.scale:.2g}"
+            f" times the model's, its RMS residual {100 * misfit:.0f} % of the greatest; λ must be below the"
+            f" {1e3 * turn.after:.3g} mm of path after the turn, its error at most {100 * _MOST_UNSURE:.0f} %, the"
+            f" factor over 0, and the residual at most {100 * _MOST_UNLIKE:.0f} %"
+        )
+    return found
+
+
+def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> Measurement:
+    """The delay [s] at one turn. Raises NotIdentifiable if the turn does not determine it.
+
+    When the force changes is the delay, how fast is λ: the turn is fitted over both.
+    """
+    time, ends = recording.track.time, recording.track.time[turn.rows[[0, -1]]]
+    wide = np.flatnonzero((time >= ends[0] - _LATEST) & (time <= ends[1] + _LATEST))
+    wide = wide[wide >= turn.first]
+    rows = wide[(wide >= turn.rows[0]) & (wide <= turn.rows[-1])]
+    # at rest the force may relax: only its first and last moments count
+    after = np.clip(np.searchsorted(turn.rows, rows), 1, len(turn.rows) - 1)
+    away = np.minimum(np.abs(time[rows] - time[turn.rows[after - 1]]), np.abs(time[turn.rows[after]] - time[rows]))
+    rows = rows[away <= _LATEST]
+    where = f"{recording.track.name}, {time[turn.at]:.1f} s after its beginning"
+    if len(rows) < FEWEST or np.diff(time[wide]).max() > GAP:
+        raise NotIdentifiable(f"{where}: {len(rows)} samples around a turn; the delay needs {FEWEST} without a gap")
+    part = _Part(
+        recording=recording, where=where, first=turn.first, last=int(wide[-1]), rows=rows, axes=FORCE, zeros=True
+    )
+    starts = [
+        (float(delay), float(log_length))
+        for log_length in np.linspace(np.log(SHORTEST), np.log(_LONGEST_OF_DELAY), _LENGTHS_OF_DELAY)
+        for delay in np.linspace(-_LATEST, _LATEST, _DELAYS)
+    ]
+    values = BedValues(surface, log_length=starts[0][1], lost_motion=LOST_MOTION)
+    found = _fitted(part, values, ("delay", "log_length"), starts)
+    # the turn lies anywhere between two poses
+    error = float(np.hypot(np.hypot(found.error, _DELAY_RESOLUTION), np.median(np.diff(time[rows])) / 12.0**0.5))
+    misfit = found.misfit(float(np.ptp(part.observed(recording), axis=0).max()))
+    sure = error < _DELAY_UNSURE and abs(found.value) < _LATEST - error
+    if not (sure and misfit < _MOST_UNLIKE and found.scale > 0.0):
+        raise NotIdentifiable(
+            f"{where}: the fitted delay is {found.value:.3f} ± {error:.2g} s with a residual of {100.0 * misfit:.0f} %"
+            f" of the force's range; its error must be below {_DELAY_UNSURE:g} s, and the residual below"
+            f" {100.0 * _MOST_UNLIKE:.0f} %"
+        )
+    return found.measurement(error, misfit)
+
+
+def fit_delay(recordings: Iterable[Recorded], surface: float, *, given: float) -> FittedValue:
+    """`sensor.delay` [s]: the mean over the turns, weighted by their errors, on top of the one that is `given`.
+
+    The given one is kept, with an error that includes the difference, if the two agree within their errors: readings
+    that are moved between their samples lose the corners that tell λ.
+
+    Raises NotIdentifiable if no turn determines it.
+    """
+    turns = ((one, turn, surface) for one in recordings for turn in turns_in_grains(one.track, surface))
+    none = "the tool never turns in the grains, and no recording begins at rest there"
+    found = fit_each(_turn_for_delay, turns, none=none)
+    values, errors = (np.array([getattr(m, name) for m in found]) for name in ("value", "error"))
+    weights = errors**-2.0
+    mean = float(weights @ values / weights.sum())
+    scatter = float(weights @ (values - mean) ** 2) / max(len(values) - 1, 1)
+    error = float(np.sqrt(max(1.0, scatter) / weights.sum()))
+    if abs(mean) < _DELAY_SEEN * error:
+        mean, error = 0.0, float(np.hypot(error, mean))
+    each = ", ".join(f"{m.bag} {given + m.value:.3f} ± {m.error:.2g}" for m in found)
+    misfit = 100.0 * max(m.misfit for m in found)
+    goodness = f"RMS up to {misfit:.1f} % of the force's range around turns"
+    return FittedValue("sensor.delay", (given + mean,), (error,), "s", goodness, each)
+
+
+def way_down(recording: Recorded, stroke: Indices, values: BedValues) -> Phase:
+    """ζ of the part of a stroke below the surface. Raises NotIdentifiable if it is too shallow."""
+    depths = values.surface - recording.heights[stroke]
+    count, depth = int((depths > 0.0).sum()), float(depths.max())
+    if count < FEWEST or depth < _SHALLOWEST:
+        raise NotIdentifiable(
+            f"{recording.track.name}: a penetration of {1e3 * depth:.1f} mm in {count} samples is too shallow; ζ needs"
+            f" {1e3 * _SHALLOWEST:g} mm and {FEWEST} samples"
+        )
+    rows = stroke[depths > 0.0]
+    first = recording.before_contact(int(rows[0]), values.surface)
+    part = _Part(
+        recording=recording,
+        where=recording.track.name,
+        first=first,
+        last=int(rows[-1]),
+        rows=rows,
+        approach=stroke[depths <= 0.0],
+        axes=_VERTICAL,
+    )
+    return _fitted(part, values, ())
+
+
+def check_strength(way: Phase, error: float) -> None:
+    """Raises NotIdentifiable if ζ does not exceed this standard error, or if the forces do not correlate."""
+    part, recording = way.part, way.part.recording
+    measured = recording.forces[part.rows]
+    modelled = recording.predicted(way.values, part.first, part.last)[part.rows - part.first]
+    scale = float(np.linalg.norm(measured) * np.linalg.norm(modelled))
+    alike = float(np.sum(measured * modelled)) / scale if scale > 0.0 else 0.0
+    if not (way.value > error and alike > _ALIKE):
+        raise NotIdentifiable(
+            f"{part.where}: the fitted ζ is {way.value:.3f} ± {error:.3f}, and measured and modelled force"
+            f" correlate by {alike:.2f}; ζ must exceed its error and the correlation {_ALIKE:g}: check"
+            " sensor.quaternion, sensor.sign, surface_height, sensor.bias and mesh.file, as rft doctor does"
+        )
