@@ -72,12 +72,11 @@ def calibrate(
         result.warnings += suspicions(as_sent, track, settings, sensor.cell, with_memory, surface=height)
     length = float(values["medium.mobilization_length"])
     given = BedValues(settings.surface_height, math.log(length) if length > 0.0 else -math.inf, LOST_MOTION)
-    delay, delay_error = 0.0, 0.0
+    recordings = [recorded(_without_inertia(t, sensor.cell, inertial, law, height), sensor.cell, law) for t in tracks]
+    delay_error = 0.0
     if "sensor" in parts:
         with result.or_reason("sensor.delay"):
-            quasi_static = [_without_inertia(t, sensor.cell, inertial, law, height) for t in tracks]
-            of_delay = [recorded(track, sensor.cell, law) for track in quasi_static]
-            fitted_delay = fit_delay(of_delay, height, given=settings.load_cell.delay)
+            fitted_delay = fit_delay(recordings, height, given=settings.load_cell.delay)
             result.fitted.append(fitted_delay)
             delay, delay_error = fitted_delay.values[0] - settings.load_cell.delay, fitted_delay.errors[0]
             tracks = [track.earlier(delay) for track in tracks]
@@ -92,7 +91,7 @@ def calibrate(
             result.fitted += fitted
             result.not_identifiable |= reasons
     grains = fit_grains(
-        [recorded(track, sensor.cell, law) for track in tracks],
+        [one.measured(track, sensor.cell) for one, track in zip(recordings, tracks, strict=True)],
         contacts=contacts,
         given=given,
         parts=parts,

@@ -23,7 +23,7 @@ __all__ += ["fit_curve", "fit_each", "fit_linear", "fit_measurements", "fit_seri
 Array = NDArray[np.float64]
 
 _MOST_STEPS = 12  # of least squares
-_CONVERGED = 1e-6  # relative change of the squares or the parameters at which least squares end
+_CONVERGED = 1e-4  # relative change of the squares or the parameters at which least squares end
 _WIDEST = 0.1  # greatest step for derivatives, relative to the range of a parameter
 _MOST_ALIKE = 0.999  # greatest correlation of successive samples of noise
 
@@ -175,13 +175,14 @@ def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
     size, known = len(start), np.isfinite(curve.expected_error)
     linear_at = cache(lambda *parameters: curve.linear(np.array(parameters), observed))
 
-    def jacobian(at: Array, steps: Array) -> Array:
+    def jacobian(at: Array, ahead: Array, back: Array) -> Array:
         columns, linear, _ = linear_at(*at)
         slopes = []
-        for k, step in enumerate(steps):
+        for k in range(size):
             after, before = at.copy(), at.copy()
-            after[k], before[k] = min(at[k] + step, curve.high[k]), max(at[k] - step, curve.low[k])
-            slopes.append((curve.columns(after) - curve.columns(before)) @ linear / (after[k] - before[k]))
+            after[k], before[k] = min(at[k] + ahead[k], curve.high[k]), max(at[k] - back[k], curve.low[k])
+            change = curve.columns(after) - (curve.columns(before) if back[k] else columns)
+            slopes.append(change @ linear / (after[k] - before[k]))
         return np.concatenate([np.stack(slopes, axis=-1), columns], axis=-1)
 
     def deviation(at: Array) -> float:
@@ -199,7 +200,8 @@ def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
 
         def slopes_of(scaled: Array, weights: Array = weights) -> Array:
             at = scaled * curve.steps
-            total = jacobian(at, curve.steps).reshape(observed.size, -1)
+            one_sided = np.where(at + curve.steps > curve.high, -1.0, 1.0) * curve.steps
+            total = jacobian(at, one_sided, np.zeros(size)).reshape(observed.size, -1)
             slopes, basis = total[:, :size] * curve.steps, np.linalg.qr(total[:, size:])[0]
             slopes -= basis @ (basis.T @ slopes)  # the linear coefficients follow the parameters
             return np.vstack([slopes, weights[:, None] * np.diag(curve.steps)[known]])
@@ -219,7 +221,7 @@ def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
     weight = np.where(known, curve.expected_error, np.inf) ** -2.0
 
     def fit(steps: Array) -> Fit:
-        slopes = jacobian(at, steps)
+        slopes = jacobian(at, steps, steps)
         variance, total = deviation(at) ** 2, slopes.reshape(observed.size, -1)
         normal = total.T @ total / variance
         normal[range(size), range(size)] += weight

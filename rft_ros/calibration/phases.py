@@ -49,7 +49,7 @@ _LOST_MOTION_ERROR, _MOST_LOST = 5e-6, 2e-4  # m: standard deviation before any 
 _LEFT_AT_CORNERS = 0.5  # share of the noise of a pose that is left at corners after smoothing
 _LATEST = 0.25  # greatest delay that is searched, to both sides [s]
 _LONGEST_OF_DELAY = 0.03  # greatest λ beside a delay [m]
-_LENGTHS, _LENGTHS_OF_DELAY, _DELAYS = 16, 5, 26  # values that are tried before the best ones are refined
+_LENGTHS, _LENGTHS_OF_DELAY, _DELAYS = 8, 5, 26  # values that are tried before the best ones are refined
 _VERTICAL = slice(2, 3)
 _STEPS = {"surface": 2e-5, "log_length": 0.03, "lost_motion": 1e-6, "delay": 5e-4}
 """Changes for derivatives."""

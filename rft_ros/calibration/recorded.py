@@ -78,6 +78,10 @@ class Recorded:
         track = self.track
         return noise_of_poses(track.time, track.states, gap=GAP, reach=track.tool.plates.reach)
 
+    def measured(self, track: Track, cell: LoadCell) -> "Recorded":
+        """The recording with other readings or another load cell, and the same motion."""
+        return replace(self, track=track, forces=track.grain_forces(cell))
+
     def with_delay(self, delay: float) -> "Recorded":
         """The recording with its forces moved back in time by `delay` [s]."""
         return replace(self, forces=moved_back(self.track.time, self.forces, delay))

@@ -63,9 +63,10 @@ def diagnose(evidence: Evidence, *, told: Container[str] | None = None) -> list[
     """
     found, hidden = list[Finding](), set[str]() if len(evidence.time) else {"zero", "push", *_OF_FORCES}
     for hypothesis in HYPOTHESES:
-        if hypothesis.name not in hidden:
+        wanted = told is None or hypothesis.name in told
+        if hypothesis.name not in hidden and (wanted or hypothesis.hides):
             own = list(hypothesis.judge(evidence))
-            if told is None or hypothesis.name in told:
+            if wanted:
                 found += own
             if not all(finding.ok for finding in own):
                 hidden.update(hypothesis.hides)

@@ -1,4 +1,4 @@
-"""Known parameters come back from noisy synthetic recordings: within three standard errors in 95 of 100 trials."""
+"""Known parameters come back from noisy synthetic recordings: within three standard errors in 38 of 40 trials."""
 
 import numpy as np
 import pytest
@@ -37,11 +37,11 @@ SURFACE, ZETA, LENGTH = 0.0123, 0.8, 0.003
 
 
 def assert_recovered(fit, exact, truth):
-    """Of 100 seeded trials of noise on the `exact` readings, each number of `truth` lies in 95 within 3 errors."""
-    trials = [{f.name: f for f in fit(noisy(exact, np.random.default_rng(k), NOISE))} for k in range(100)]
+    """Of 40 seeded trials of noise on the `exact` readings, each number of `truth` lies in 38 within 3 errors."""
+    trials = [{f.name: f for f in fit(noisy(exact, np.random.default_rng(k), NOISE))} for k in range(40)]
     for name, values in truth.items():
         off = [np.abs(np.subtract(t[name].values, values)) / t[name].errors if name in t else np.inf for t in trials]
-        assert (np.sum(np.array(off) <= 3.0, axis=0) >= 95).all(), name
+        assert (np.sum(np.array(off) <= 3.0, axis=0) >= 38).all(), name
 
 
 def test_load_cell_surface_and_zeta():
