@@ -15,6 +15,7 @@ NAME = MANIFEST.findtext("name", "")
 SWEEP = ["dask[distributed]>=2024.1"]
 STUDIES = ["matplotlib>=3.6.3"]
 MUJOCO = ["mujoco>=3.3"]
+UNION = ["manifold3d>=2.5"]  # of bodies in a mesh, by rft check-mesh --union
 DOCS = [
     "mkdocs-material>=9.5",
     "latex2mathml>=3.77",
@@ -59,6 +60,7 @@ setup(
         "ros": ["ros-jazzy-common-interfaces", "ros-rclpy[fastrtps]==7.1.6"],
         "sweep": SWEEP,
         "mujoco": MUJOCO,
+        "union": UNION,
         "docs": DOCS,
         "studies": STUDIES,
         "test": [
@@ -70,6 +72,7 @@ setup(
             "catkin_pkg>=1.0",
             *SWEEP,
             *MUJOCO,
+            *UNION,
             *DOCS,
             *STUDIES,
         ],

@@ -9,7 +9,8 @@ from numpy.typing import NDArray
 from rft_ros.bags.playback import states_of
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
-from rft_ros.parameters import MESH, defaults, model_of, named_files, tool_of
+from rft_ros.files import refuse_overwriting
+from rft_ros.parameters import MESH, Values, defaults, model_of, named_files, tool_of
 from rft_ros.progress import busy
 from rft_ros.rft import STATE
 from rft_ros.states_file import read_states
@@ -17,18 +18,31 @@ from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import run
 from rft_ros.tool import Tool, describe_tool
 from rft_ros.tool.mesh_file import SUFFIX, save_reduced
+from rft_ros.tool.outline import Outline, write_outline
 from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
 
 
 def check_mesh_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("mesh", metavar="FILE", help=MESH)
     options.share(command, *options.PLACED)
+    for outline, made in (("union", "union of its bodies (needs manifold3d)"), ("hull", "convex hull")):
+        command.add_argument(f"--{outline}", type=Path, metavar="OUT.stl", help=f"write the {made} as STL")
 
 
 def check_mesh(arguments: argparse.Namespace) -> int:
     """rft check-mesh my_tool.stl --scale 0.001"""
-    tool = tool_of(options.values_of(arguments))
+    values = options.values_of(arguments)
+    outputs: dict[Outline, Path | None] = {"union": arguments.union, "hull": arguments.hull}
+    written = {outline: file for outline, file in outputs.items() if file is not None}
+    refuse_overwriting(written.values(), named_files(values))
+    for file in written.values():
+        if file.suffix.lower() != ".stl":
+            raise InputError(f"output '{file}' must end in .stl")
+    tool = tool_of(values)
     print("\n".join(describe_tool(tool)))
+    for outline, file in written.items():
+        print(f"{outline}: {write_outline(file, tool, outline):,} facets -> {file}")
+        print(_same_options(tool, values))
     return 1 if tool.issues.keys() - {"concave"} else 0  # many good tools are concave
 
 
@@ -70,10 +84,15 @@ def reduce(arguments: argparse.Namespace) -> int:
             plates, reduction = reduced_for_scene(tool.facets, states, tolerance)
     save_reduced(output, tool.frame, vertices=tool.vertices, faces=tool.faces, plates=plates, reduction=reduction)
     print(f"{tool.name}, {plates.integration}: {reduction} -> {output}")
+    print(_same_options(tool, values))
+    return 0
+
+
+def _same_options(tool: Tool, values: Values) -> str:
+    """The options for a file that is written in the coordinates and units of the tool's mesh."""
     origin, rotation = (" ".join(f"{v:g}" for v in values[name]) for name in ("mesh.origin", "mesh.quaternion"))
     same = f"--scale {tool.frame.scale:g} --origin {origin} --rotate {rotation}"
-    print(f"use it with the options of the mesh: {same}")
-    return 0
+    return f"use it with the options of the mesh: {same}"
 
 
 def _scene(arguments: argparse.Namespace, tool: Tool) -> NDArray[np.float64]:

@@ -66,11 +66,13 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
     if covered > _COVERED_SHARE:
         counted = "whose force counts although no grains touch it"
         inside = f"{100 * covered:.0f} % of the surface lies in or on other bodies of the mesh, {counted}"
-        issues["overlap"] = f"{inside}; export the union of the bodies"
+        issues["overlap"] = f"{inside}; rft check-mesh --union OUT.stl writes the union of the bodies"
     share = _hollow_share(mesh, ~degenerate, outward=-1.0 if volume < 0.0 else 1.0)
     if share > _CONCAVE_SHARE:
         hollow = f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores"
-        issues["concave"] = f"{hollow}; if grains fill them, use the convex hull (rft check-mesh says how)"
+        issues["concave"] = (
+            f"{hollow}; if grains fill them, use the convex hull (rft check-mesh --hull OUT.stl writes it)"
+        )
     extent = float(mesh.extents.max())
     step, factor = (1e-3 if extent > LARGEST_USUAL else 1e3), 1.0
     while not SMALLEST_USUAL <= extent * factor <= LARGEST_USUAL:

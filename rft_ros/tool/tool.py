@@ -1,7 +1,5 @@
 """A tool: the plates of a mesh, and the mesh to draw it."""
 
-import json
-import shlex
 from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
@@ -189,7 +187,6 @@ def describe_tool(tool: Tool) -> list[str]:
     lines += [f"warning: {issue}" for kind, issue in tool.issues.items() if kind != "concave"]
     if "concave" in tool.issues:
         lines.append(f"note: {tool.issues['concave']}")
-        lines += _hull_command(tool)
     return lines
 
 
@@ -209,13 +206,3 @@ def _area(tool: Tool) -> str:
 def _figure(value: float) -> str:
     """A number with one decimal, or with three digits if it is small."""
     return f"{value:.1f}" if abs(value) >= 1.0 else f"{value:.3g}"
-
-
-def _hull_command(tool: Tool) -> list[str]:
-    """The command line that writes the convex hull of the mesh; none for a tool that is not from a mesh file."""
-    path = Path(tool.file)
-    if not tool.file or path.suffix.lower() == SUFFIX:
-        return []
-    file, hull = (json.dumps(name, ensure_ascii=False) for name in (str(path), f"{path.stem}_hull.stl"))
-    code = f'import trimesh; trimesh.load({file}, force="mesh").convex_hull.export({hull})'
-    return [f"to write the convex hull: python3 -c {shlex.quote(code)}"]

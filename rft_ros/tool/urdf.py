@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, reason_of
-from rft_ros.files import read_text
+from rft_ros.files import read_text, resolved
 from rft_ros.tool.locate import advice, link_in, locate_mesh
 
 __all__ = ["LinkMesh", "files_of_mesh", "meshes_of_link"]
@@ -94,7 +94,7 @@ def _located(name: str, urdf: Path) -> Path:
     except InputError:
         package, _, path = name.removeprefix("package://").partition("/")
         if name.startswith("package://") and ".." not in Path(unquote(path)).parts:
-            for folder in urdf.resolve().parents:
+            for folder in resolved(urdf).parents:
                 for place in (folder, folder / package):
                     if package in (place.name, _package_in(place)) and (place / unquote(path)).is_file():
                         return place / unquote(path)

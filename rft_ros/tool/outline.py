@@ -1,0 +1,83 @@
+"""The union of a mesh's bodies, and its convex hull: surfaces of which grains touch all."""
+
+from collections import Counter
+from itertools import pairwise, starmap
+from pathlib import Path
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.errors import InputError
+from rft_ros.files import whole
+from rft_ros.tool.refine import welded
+from rft_ros.tool.tool import Tool
+
+if TYPE_CHECKING:
+    import trimesh
+
+__all__ = ["Outline", "outline_of", "write_outline"]
+
+Outline = Literal["union", "hull"]
+"""What is made of the bodies of a mesh."""
+
+
+def outline_of(tool: Tool, outline: Outline) -> "trimesh.Trimesh":
+    """The union of the bodies of a tool's mesh, or its convex hull, in its file's units and axes. Raises InputError."""
+    import trimesh
+
+    points, faces = welded(tool.frame.to_file(tool.vertices), tool.faces)
+    if outline == "hull":
+        return trimesh.Trimesh(points, faces).convex_hull
+    named = f"mesh file '{tool.file}'"
+    bodies = [
+        body
+        for some in _closed_parts(faces)
+        for body in trimesh.Trimesh(points, faces[some]).split(only_watertight=False, repair=False)
+    ]
+    if not bodies or not all(body.is_watertight and body.is_winding_consistent for body in bodies):
+        raise InputError(f"{named} has a body whose surface is not closed, or is wound both ways; close it first")
+    solids, cavities = [body for body in bodies if body.volume > 0.0], [body for body in bodies if body.volume <= 0.0]
+    if not solids:
+        raise InputError(f"{named} is inside out; turn its facets before the union is made")
+    for cavity in cavities:
+        cavity.invert()
+    try:
+        from trimesh.boolean import difference, union
+
+        solid = union(solids, engine="manifold")
+        return difference([solid, *cavities], engine="manifold") if cavities else solid
+    except ImportError:
+        raise InputError("the union of bodies needs manifold3d: pip install manifold3d") from None
+
+
+def _closed_parts(faces: NDArray[np.int64]) -> list[slice]:
+    """Facets from one after which the surface is closed to the next; none if it stays open.
+
+    Files hold the bodies one after the other. Where two of them touch, four facets meet at an edge, and the order
+    tells which two of these are of one body.
+    """
+    unmatched: Counter[tuple[int, int]] = Counter()
+    ends = [0]
+    for k, (a, b, c) in enumerate(faces.tolist(), start=1):
+        for start, end in ((a, b), (b, c), (c, a)):
+            edge, opposite = (start, end), (end, start)
+            if opposite not in unmatched:
+                unmatched[edge] += 1
+            elif unmatched[opposite] == 1:
+                del unmatched[opposite]
+            else:
+                unmatched[opposite] -= 1
+        if not unmatched:
+            ends.append(k)
+    if ends[-1] < len(faces):
+        return []
+    return list(starmap(slice, pairwise(ends)))
+
+
+def write_outline(file: Path, tool: Tool, outline: Outline) -> int:
+    """Write an outline as STL, in the coordinates and units of the tool's file; returns its number of facets."""
+    mesh = outline_of(tool, outline)
+    with whole(file) as part:
+        part.write_bytes(mesh.export(file_type="stl"))
+    return len(mesh.faces)
