@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from dataclasses import dataclass
+from itertools import product
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -23,6 +24,7 @@ _UNITS = {"kgf": 9.80665, "lbf": 4.44822, "kN": 1e3, "mN": 1e-3, "gf": 9.80665e-
 _TURNS = Rotation.create_group("O")  # the 24 turns by multiples of 90 degrees
 _LEVER, _LEVER_OF_SIZE = 0.01, 0.25  # m, and of the tool's size: the model does not give the lever more exactly
 _LONGEST_LEVER = 2.0  # m: a longer one comes from a torque in another unit
+_NOISE_OF_LEVER = 0.1  # of the misfit of the torque; with more, no lever is judged
 _EXPLAINED = 0.25  # of a misfit: the greatest rest under a hypothesis that explains it
 
 
@@ -47,8 +49,8 @@ def zero(e: Evidence) -> Iterator[Finding]:
 def zero_that_moves(e: Evidence) -> Iterator[Finding]:
     """A force in the air that reverses with the motion, as of friction in joints or a dragging seal.
 
-    It must not be a drift, which a line in time explains, nor grains below the expected surface, whose force varies
-    while the tool moves one way.
+    It must not be a drift, which a line in time explains, nor a weight that turns with the tool, nor grains below the
+    expected surface, whose force varies while the tool moves one way.
     """
     rows = np.flatnonzero(~e.in_grains)
     if len(rows) < 2 * ENOUGH:
@@ -61,17 +63,19 @@ def zero_that_moves(e: Evidence) -> Iterator[Finding]:
     groups = {name: way == side for name, side in (("at rest", 0.0), ("one way", -1.0), ("back", 1.0))}
     if sum(int(group.sum() >= ENOUGH) for group in groups.values()) < 2:
         return
-    columns = np.stack([np.ones_like(time), time, way], axis=1)
-    without = force - columns[:, :2] @ np.linalg.lstsq(columns[:, :2], force, rcond=None)[0]
+    down = e.to_cell[rows].apply((0.0, 0.0, -1.0))
+    known = np.column_stack([np.ones_like(time), time, down])
+    columns = np.column_stack([known, way])
+    without = force - known @ np.linalg.lstsq(known, force, rcond=None)[0]
     found = np.linalg.lstsq(columns, force, rcond=None)[0]
-    rest = force - columns @ found
-    friction, spread = float(np.linalg.norm(found[2])), float(np.sqrt((rest**2).sum(axis=1).mean()))
+    rest, of_motion = force - columns @ found, found[-1]
+    friction, spread = float(np.linalg.norm(of_motion)), float(np.sqrt((rest**2).sum(axis=1).mean()))
     greatest = float(np.linalg.norm(e.predicted[:, FORCE], axis=1).max(initial=0.0))
     explains = (rest**2).sum() < 0.6 * (without**2).sum() and spread < friction
     levels = [force[group].mean(axis=0) for group in groups.values() if group.sum() >= ENOUGH]
     if not explains or not is_offset(friction, greatest, share=0.03):
         return
-    axis = found[2] / friction
+    axis = of_motion / friction
     shown = ", ".join(
         f"{level @ axis:.3g} N {name}"
         for level, name in zip(levels, [n for n, g in groups.items() if g.sum() >= ENOUGH], strict=True)
@@ -103,27 +107,31 @@ def push(e: Evidence) -> Iterator[Finding]:
 
 
 def saturation(e: Evidence) -> Iterator[Finding]:
-    """A component stays at its greatest reading while the prediction, which it followed so far, grows on."""
-    step = np.diff(e.raw, axis=0)
+    """A component stays at its greatest reading while the prediction, which it followed so far, grows on.
+
+    Readings count from the one in the air, which an offset or the tool's weight moves; without it nothing is known.
+    """
+    air, wet = ~e.in_grains, e.in_grains
+    if min(air.sum(), wet.sum()) < ENOUGH:
+        return
+    step, zero = np.diff(e.raw, axis=0), np.median(e.raw[air], axis=0)
     noise = 1.48 * np.median(np.abs(step - np.median(step, axis=0)), axis=0) / np.sqrt(2.0)
-    for axis, name in enumerate("xyz"):
-        for side in (1.0, -1.0):
-            zero_there = float(np.median(e.raw[~e.in_grains, axis])) if (~e.in_grains).any() else 0.0
-            reading, expected = side * (e.raw[:, axis] - zero_there), side * e.predicted[:, axis]
-            reading, expected = reading[e.in_grains], expected[e.in_grains]
-            top = float(np.quantile(reading, 0.995))
-            below = (reading > 0.2 * top) & (reading < 0.9 * top)
-            at = reading >= top - max(4.0 * noise[axis], 1e-6 * abs(top))
-            if top < LEAST_FORCE or below.sum() < ENOUGH or at.sum() < ENOUGH:
-                continue
-            ratio = (reading * expected)[below].sum() / max((expected[below] ** 2).sum(), 1e-12)
-            beyond = ratio * expected[at] / top
-            spread = np.quantile(beyond, 0.9) - np.quantile(beyond, 0.1)
-            if ratio > 0.0 and np.quantile(beyond, 0.2) > 0.9 and np.quantile(beyond, 0.9) > 1.15 and spread > 0.1:
-                limit = f"{side * top + zero_there:.3g} N"
-                said = f"the force along {name} stays at {limit}; the model's grows to {np.max(beyond):.2g} times it"
-                advice = "set a larger range in the load cell or its driver, or press less"
-                yield Finding(False, f"saturation: {said}; {advice}")
+    weight = e.weight - np.median(e.weight[air], axis=0)  # it varies where the tool turns
+    for axis, side in product(range(3), (1.0, -1.0)):
+        reading = side * (e.raw[wet, axis] - zero[axis])
+        expected = side * (e.predicted[wet, axis] + weight[wet, axis])
+        top = float(np.quantile(reading, 0.995))
+        below, band = (reading > 0.2 * top) & (reading < 0.9 * top), max(4.0 * noise[axis], 1e-6 * abs(top))
+        at = reading >= top - band
+        if top < LEAST_FORCE or below.sum() < ENOUGH or at.sum() < ENOUGH:
+            continue
+        ratio = (reading * expected)[below].sum() / max((expected[below] ** 2).sum(), 1e-12)
+        least, low, high = np.quantile(ratio * expected[at] / top, (0.1, 0.2, 0.9))
+        if ratio > 0.0 and low > 0.9 and high > 1.15 and high - least > max(0.1, 2.0 * band / top):
+            said = f"the force along {'xyz'[axis]} stays at {side * top + zero[axis]:.3g} N"
+            beyond = f"the model's grows to {ratio * expected[at].max() / top:.2g} times it"
+            advice = "set a larger range in the load cell or its driver, or press less"
+            yield Finding(False, f"saturation: {said}; {beyond}; {advice}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -203,10 +211,17 @@ def _turns(e: Evidence) -> Iterator[_Axes]:
 
 
 def _torques(e: Evidence) -> tuple[Array, Array] | None:
-    """Measured and predicted torque [N m] at the pushes, in the strength of the measured force; None without torque."""
-    if not len(e.time) or not np.any(e.measured[:, 3:] != e.measured[:1, 3:]):
+    """Measured and expected torque [N m] at the pushes; None without torque, or without readings in the air.
+
+    Expected is that of the measured force, where the model's acts: the strength of the grains has no part in it.
+    """
+    if (~e.in_grains).sum() < ENOUGH or not np.any(e.measured[:, 3:] != e.measured[:1, 3:]):
         return None
-    return e.without_air(e.measured[:, 3:])[e.pushed], e.strength * e.predicted[e.pushed, 3:]
+    model, torque = e.predicted[e.pushed, :3], e.predicted[e.pushed, 3:]
+    tool = np.array(Placement(e.load_cell.position, e.load_cell.quaternion).inverse().position)
+    about_tool, square = torque - np.cross(tool, model), np.maximum((model**2).sum(axis=1, keepdims=True), 1e-12)
+    place = tool + np.cross(model, about_tool) / square
+    return e.without_air(e.measured[:, 3:])[e.pushed], np.cross(place, e.without_air(e.force)[e.pushed])
 
 
 def unit_of_torque(e: Evidence) -> Iterator[Finding]:
@@ -222,20 +237,25 @@ def unit_of_torque(e: Evidence) -> Iterator[Finding]:
 
 
 def lever(e: Evidence) -> Iterator[Finding]:
-    """Whether another place of the sensor explains the torque; fitted to half of the moments, judged on the other."""
+    """Whether another place of the sensor explains the torque; fitted to half of the moments, judged on the other.
+
+    It must explain what neither a wrong weight of the tool does nor the noise, which the measured force has, too.
+    """
     if (both := _torques(e)) is None:
         return
     measured, expected = both
-    force = e.without_air(e.force)[e.pushed]
-    rest = measured - expected
-    across = np.zeros((len(force), 3, 3))  # force × shift, the torque that a shift of the origin adds
-    for i, j, k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        across[:, i, k], across[:, i, j] = force[:, j], -force[:, k]
-    part = np.arange(len(force)) // ENOUGH % 2 == 0
-    if part.all():
+    force, down = e.without_air(e.force)[e.pushed], e.to_cell[e.pushed].apply((0.0, 0.0, -1.0))
+    of_shift, of_weight = _cross(force).reshape(-1, 3), _cross(down).reshape(-1, 3)
+    rest, of_shift = (
+        part - of_weight @ np.linalg.lstsq(of_weight, part, rcond=None)[0]
+        for part in ((measured - expected).ravel(), of_shift)
+    )
+    noise = 0.5 * (np.diff(rest.reshape(-1, 3), axis=0) ** 2).sum()
+    part = np.repeat(np.arange(len(force)) // ENOUGH % 2 == 0, 3)
+    if part.all() or noise > _NOISE_OF_LEVER * (rest**2).sum():
         return
-    shift = np.linalg.lstsq(across[part].reshape(-1, 3), rest[part].ravel(), rcond=0.1)[0]
-    left = ((rest - across @ shift)[~part] ** 2).sum() / max((rest[~part] ** 2).sum(), 1e-12)
+    shift = np.linalg.lstsq(of_shift[part], rest[part], rcond=0.1)[0]
+    left = ((rest - of_shift @ shift)[~part] ** 2).sum() / max((rest[~part] ** 2).sum(), 1e-12)
     moved = float(np.linalg.norm(shift))
     if left > _EXPLAINED or not _LEVER + _LEVER_OF_SIZE * e.tool.size < moved < _LONGEST_LEVER:
         return
@@ -243,8 +263,13 @@ def lever(e: Evidence) -> Iterator[Finding]:
     place = listed(np.round(np.array(e.load_cell.position) + turned, 3))
     said = f"a sensor {1e3 * moved:.0f} mm away explains the torque; {100.0 * np.sqrt(left):.0f} % of the misfit remain"
     what = f"correct {e.place_parameter} to position" if e.place_parameter else "set sensor.position:"
-    note = "; it is not known along the force" if np.linalg.cond(across[part].reshape(-1, 3)) > 10.0 else ""
+    note = "; it is not known along the force" if np.linalg.cond(of_shift[part]) > 10.0 else ""
     yield Finding(False, f"lever: {said}; {what} {place}{note}")
+
+
+def _cross(vectors: Array) -> Array:
+    """Matrices that give the cross products of n vectors with another one, shape [n, 3, 3]."""
+    return np.swapaxes(np.cross(vectors[:, None, :], np.eye(3)), 1, 2)
 
 
 def strength(e: Evidence) -> Iterator[Finding]:

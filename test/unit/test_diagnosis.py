@@ -14,6 +14,7 @@ from recordings import START, STEP
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.options import topics_of
+from rft_ros.demo import virtual_arm
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
 from rft_ros.parameters import defaults, model_of
@@ -137,6 +138,36 @@ def test_stamps_that_jitter_on_a_busy_machine_are_no_noise_of_poses(seed, source
     late = np.abs(np.random.default_rng(seed).normal(0.0, 0.002, len(STATES)))[:, None]
     poses = STATES[:, POSITION] + late * STATES[:, VELOCITY]  # where the tool is when the stamp is said
     assert not any(text.startswith("noise") for text in faults(poses=poses, twist_source=source))
+
+
+DEMO = {
+    "mesh.file": "ellipsoid",
+    "medium.zeta": 0.33,
+    "alpha_y.model": "constant",
+    "medium.mobilization_length": 0.0,
+    "sensor.position": [0.0, 0.0, 0.12],
+    "sensor.quaternion": [1.0, 0.0, 0.0, 0.0],
+    "sensor.mass": 0.35,
+    "sensor.center_of_mass": [0.0, 0.0, 0.05],
+}
+PITCHING = list(virtual_arm.moments(10.0))
+
+
+@given(st.floats(0.0, 3.3), st.floats(5.0, 10.0), st.sampled_from([0.0, 0.35]))
+@settings(max_examples=8, deadline=None)
+def test_an_untared_cell_on_a_tool_that_pitches_needs_a_tare_only(start, end, mass):
+    """In other grains than the model's, which get harder, from any moment in the air; also without the tool's mass."""
+    values = {**defaults(), **DEMO, "sensor.mass": mass}
+    checkup = Checkup(values, model_of(values), named=[*DEMO, "surface_height"], topics=topics_of(values), live=False)
+    for t, state, reading in PITCHING:
+        if start <= t <= end:
+            stamp, row = START + round(1e9 * t), state.tolist()
+            checkup.push(WrenchSample(stamp, "ft_sensor", reading), stamp)
+            checkup.push(TwistSample(stamp, "world", tuple(row[7:10]), tuple(row[10:])), stamp)
+            checkup.push(PoseSample(stamp, "world", tuple(row[:3]), tuple(row[3:7])), stamp)
+    wrong = [text for ok, text in checkup.findings() if not ok]
+    kinds = ("saturation", "lever", "zero that moves", "delay", "units")
+    assert not [text for text in wrong if text.startswith(kinds)]
 
 
 UNITS = {
