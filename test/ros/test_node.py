@@ -32,12 +32,6 @@ def test_a_pose_is_answered_by_three_wrenches_with_its_stamp_in_the_sensor_frame
     rft.until(lambda: any(m.header == waits.header for m in rft.received["wrench_residual"]))
 
 
-def test_an_integer_is_taken_for_a_double(rft):
-    assert rft.set(medium__zeta=2) == (True, "")
-    assert rft.get("medium.zeta").double_value == 2.0
-    assert rft.set(medium__zeta=1) == (True, "")
-
-
 def test_laws_densities_and_memory_change_without_a_restart(rft):
     motion = {"linear": (0.1, 0.06, -0.5)}
     assert rft.set(law="agarwal2023", sensor__position=[0.0, 0.0, 0.1]) == (True, "")
@@ -169,14 +163,6 @@ def test_tare_is_refused_in_the_grains_and_makes_the_reading_zero_in_the_air(rft
     successful, message = rft.trigger("tare")
     assert not successful and "tare refused: sensor.bias" in message
     assert rft.set(sensor__bias=[0.0] * 6)[0]
-
-
-def test_without_a_load_cell_the_prediction_still_comes_and_a_reason(rft):
-    stamps = {rft.moment() for _ in range(2)}
-    for stamp in sorted(stamps):  # the second tells that no sample came for the first
-        rft.ask(stamp, force=None)
-    assert not stamps & {stamp_of(m) for m in rft.received["wrench_compensated"]}
-    rft.until(lambda: "wrench_stale" in (rft.send(rft.moment(), force=None) or rft.diagnostic("inputs")[1]))
 
 
 def test_relative_files_lie_beside_the_parameter_file_whose_values_ros_takes(start_node, tmp_path, monkeypatch):

@@ -3,7 +3,6 @@
 import itertools
 import os
 import signal
-import sys
 import time
 from pathlib import Path
 
@@ -12,9 +11,7 @@ import pytest
 import yaml
 from harness import WAIT, numbers, parameters, predicted_by_the_core, stamp_of
 from rcl_interfaces.srv import SetParameters
-from rclpy.parameter import Parameter
 
-import rft_ros
 from rft_ros.parameters import defaults, model_of
 from rft_ros.rft import MEDIA, checked_states, wrenches
 from rft_ros.tool import locate_mesh
@@ -194,25 +191,3 @@ def test_a_pipe_in_place_of_a_file_is_refused_before_it_is_opened(rft, tmp_path)
         success, why = rft.set(**{parameter.replace(".", "__"): str(pipe)}, **needs.get(parameter, {}))
         assert not success
         assert f"{parameter} '{pipe}' is a pipe" in why
-
-
-def test_a_change_of_zeta_is_prepared_once_and_disturbs_nothing_else(start_node):
-    """What validation made is what is applied: few calls, one model, the same settings."""
-    rft = start_node("-p", "mesh.file:=plate").wait_ready()
-    package, calls = str(Path(rft_ros.__file__).parent), []
-    settings = rft._rft.estimator.settings
-
-    def called(frame, event, _argument):
-        if event == "call" and frame.f_code.co_filename.startswith(package):
-            calls.append((frame.f_code.co_filename, frame.f_code.co_name))
-
-    sys.setprofile(called)
-    try:
-        (result,) = rft._rft.set_parameters([Parameter("medium.zeta", value=0.5)])
-    finally:
-        sys.setprofile(None)
-    assert result.successful
-    assert len(calls) <= 40, calls
-    assert [name for _, name in calls].count("with_grains") == [name for _, name in calls].count("packed") == 1
-    assert rft._rft.estimator.settings is settings
-    np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=0.5), rtol=1e-15)

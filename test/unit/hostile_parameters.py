@@ -2,101 +2,47 @@
 
 import numpy as np
 
+_PLAIN_SCALARS = """
+    1 0 -3 +7 010 08 0x1F 0b11 0o17 1_000 99999999999999999999 -9223372036854775808 1.0 1. .5 1e3 1E-3 1.e+2 -1.5e-2
+    1e400 1e-400 5e-324 0e-999 0x1p-3 0x1.8 .inf -.Inf +.INF .nan .NaN nan -nan inf Infinity nan(7) .iNf -.nan -0
+    -0.0 off on yes No y N true False TRUE tRue oFF ~ null Null NULL = '' plate 'plate' '1' '010' 12:30
+    package://rft_ros/meshes/plate.stl what? 2001-01-01 *a !!str [] {} 0.33 treers2021 linear constant refined apply
+    world 0.05 generic
+"""
 SCALARS = (
+    *_PLAIN_SCALARS.split(),
     *(
-        "1",
-        "0",
-        "-3",
-        "+7",
-        "010",
-        "08",
-        "0x1F",
-        "0b11",
-        "0o17",
-        "1_000",
-        "99999999999999999999",
-        "-9223372036854775808",
-    ),
-    *("1.0", "1.", ".5", "1e3", "1E-3", "1.e+2", "-1.5e-2", "1e400", "1e-400", "5e-324", "0e-999", "0x1p-3", "0x1.8"),
-    *(
-        ".inf",
-        "-.Inf",
-        "+.INF",
-        ".nan",
-        ".NaN",
-        "nan",
-        "-nan",
-        "inf",
-        "Infinity",
-        "nan(7)",
-        ".iNf",
-        "-.nan",
-        "-0",
-        "-0.0",
-    ),
-    *(
-        "off",
-        "on",
-        "yes",
-        "No",
-        "y",
-        "N",
-        "true",
-        "False",
-        "TRUE",
-        "tRue",
-        "oFF",
-        "~",
-        "null",
-        "Null",
-        "NULL",
-        "=",
-        "''",
-    ),
-    *(
-        "plate",
-        "'plate'",
         '"plate"',
-        "'1'",
         '"off"',
-        "'010'",
         '"1.0"',
         '"x\\ty"',
         '"\\u03b1"',
         '"a\\0b"',
-        "12:30",
-        "package://rft_ros/meshes/plate.stl",
-        "what?",
-        "2001-01-01",
-    ),
-    *(
         "!!str 5",
         "!!str off",
         "!!float 1",
+    ),
+    *(
         "!!int '3'",
         "!!bool yes",
         "!own 1.5",
         "! 5",
         "&a 1.0",
-        "*a",
         "!!null ''",
-        "!!str",
-    ),
-    *(
         "[1, 2]",
         "[1.0, 2.0]",
+    ),
+    *(
         "[0.0, 0.0, 0.0]",
         "[1, 2.0]",
         "[true, off]",
         "[a, b]",
-        "[]",
         "[[1], [2]]",
         "[1, ~]",
         "[a, '1']",
+        "{a: 1}",
     ),
     *(
-        "{}",
-        "{a: 1}",
         "[{a: 1}]",
         "",
         "|\n      10\n",
@@ -105,9 +51,8 @@ SCALARS = (
         "|-\n",
         "# nothing",
         "a: b",
-        "1.0 # one",
     ),
-    *("0.33", "treers2021", "linear", "constant", "refined", "apply", "world", "0.05", "generic"),
+    *("1.0 # one",),
 )
 NAMES = (
     *("mesh.file", "mesh.scale", "mesh.origin", "medium.zeta", "medium.name", "surface_height", "learning.mode", "law"),
@@ -131,39 +76,26 @@ GOOD = {
 }
 """Values that a parameter takes, by its name."""
 
+_PLAIN_ODD_NAMES = """
+    mesh medium.zetta << '<<' a.b.c 1 off '' mesh..file .a a.
+"""
 ODD_NAMES = (
-    "mesh",
-    "medium.zetta",
-    "<<",
-    "'<<'",
-    "a.b.c",
-    "1",
-    "off",
-    "''",
-    "? a",
-    "!!str x",
-    "&k y",
-    "mesh..file",
-    ".a",
-    "a.",
+    *_PLAIN_ODD_NAMES.split(),
+    *(
+        "? a",
+        "!!str x",
+        "&k y",
+    ),
 )
 NODES = ("/**", "rft", "/rft", "/**/rft", "/*", "'*'", "/*/rft", "/cell/rft", "cell/rft", "arm", "rft_replay", "/**/*")
+_PLAIN_ODD_NODES = """
+    / //rft rft/ my-node 1st '' /*** r* ros__parameters << ~ /a//b /**/**/rft
+"""
 ODD_NODES = (
-    "/",
-    "//rft",
-    "rft/",
-    "my-node",
-    "1st",
-    "''",
-    "/***",
-    "r*",
-    "ros__parameters",
-    "<<",
-    "~",
-    "/a//b",
-    "/**/**/rft",
-    "a b",
+    *_PLAIN_ODD_NODES.split(),
+    *("a b",),
 )
+ODD_BODIES = ("ros__parameters: 3", "ros__parameters: {}", "ros__parameters:", "x: 1", "{}", "ros__parameters_: {a: 1}")
 
 
 def hostile_file(random: np.random.Generator, *, strange: float = 1.0) -> str:
@@ -194,20 +126,7 @@ def _section(random: np.random.Generator, strange: float) -> list[str]:
     body = ["ros__parameters:", *(f"  {line}" for line in _parameters(random, strange, depth=0))]
     chance = random.random()
     if chance < 0.02:
-        body = [
-            str(
-                random.choice(
-                    [
-                        "ros__parameters: 3",
-                        "ros__parameters: {}",
-                        "ros__parameters:",
-                        "x: 1",
-                        "{}",
-                        "ros__parameters_: {a: 1}",
-                    ]
-                )
-            )
-        ]
+        body = [str(random.choice(ODD_BODIES))]
     elif chance < 0.04:
         body += ["other:", "  ros__parameters: {a: 1}"]
     elif chance < 0.06:

@@ -4,7 +4,6 @@ import io
 import os
 import pickle
 import re
-import socket
 import zipfile
 
 import numpy as np
@@ -37,39 +36,6 @@ READERS = {
 }
 
 
-@pytest.mark.parametrize("reader", READERS)
-def test_a_device_a_pipe_and_a_folder_are_refused_without_opening_them(tmp_path, reader):
-    file = tmp_path / reader
-    for device in ("/dev/zero", "/dev/tty", "/dev/full"):
-        file.symlink_to(device)
-        assert "is a device" in refusal(READERS[reader], file)
-        file.unlink()
-    os.mkfifo(file)
-    assert "is a pipe" in refusal(READERS[reader], file)
-    file.unlink()
-    with socket.socket(socket.AF_UNIX) as server:
-        server.bind(os.path.relpath(file))  # a socket's path has 107 characters at most
-    assert "is a socket" in refusal(READERS[reader], file)
-    file.unlink()
-    file.mkdir()
-    assert "is a folder" in refusal(READERS[reader], file)
-
-
-@pytest.mark.parametrize("reader", READERS)
-def test_a_loop_of_links_a_missing_file_and_one_of_the_systems_are_refused_with_what_to_do(tmp_path, reader):
-    file = tmp_path / reader
-    assert re.search(f"'{file}' does not exist; give ", refusal(READERS[reader], file))
-    (tmp_path / "other").symlink_to(file)
-    file.symlink_to("other")
-    assert f"'{file}' is a loop" in refusal(READERS[reader], file)
-    for system in ("/proc/kmsg", "/proc/self/mem", "/proc/sys/kernel/hostname", "/sys/kernel/tracing/trace_pipe"):
-        file.unlink()
-        file.symlink_to(system)
-        assert f"'{file}' " in refusal(READERS[reader], file)
-    inside = tmp_path / "other" / reader
-    assert f"'{inside}' " in refusal(READERS[reader], inside)
-
-
 def test_a_file_that_becomes_a_pipe_after_it_was_checked_is_refused_and_not_waited_for(tmp_path, monkeypatch):
     monkeypatch.setattr(files, "checked_file", lambda file, *_, **__: file)
     os.mkfifo(tmp_path / "cell.yaml")
@@ -85,19 +51,6 @@ def test_a_mesh_that_is_not_there_is_refused_with_the_names_of_the_shipped_ones(
     for said in (refusal(load_tool, tmp_path / "tool.stl"), refusal(checked_mesh, str(tmp_path / "tool.stl"))):
         assert "tool.stl' does not exist" in said
         assert all(name in said for name in ("abb_plate", "ellipsoid", "plate", "root_tip", "scoop", "sphere"))
-
-
-@pytest.mark.parametrize("reader", READERS)
-def test_an_empty_file_is_refused_with_what_to_do(tmp_path, reader):
-    (tmp_path / reader).touch()
-    assert "is empty" in refusal(READERS[reader], tmp_path / reader)
-
-
-@pytest.mark.parametrize("reader", READERS)
-def test_a_file_over_the_limit_is_refused_before_it_is_read(tmp_path, reader):
-    with (tmp_path / reader).open("wb") as file:
-        file.truncate(2**38)
-    assert "the limit is" in refusal(READERS[reader], tmp_path / reader)
 
 
 def test_arrays_that_unpack_to_gigabytes_are_refused_before_they_are_unpacked(tmp_path):
@@ -201,39 +154,6 @@ def test_a_loop_of_links_is_no_output_and_no_folder_of_one(tmp_path):
         with pytest.raises(InputError, match="links"), whole(file):
             pass
     assert loop.is_symlink()
-
-
-@pytest.mark.parametrize(
-    "command",
-    [
-        "predict {loop} --mesh plate -o out.csv",
-        "predict states.csv --mesh {loop}.stl -o out.csv",
-        "predict states.csv --mesh plate --alpha-y {loop}.csv -o out.csv",
-        "predict states.csv --mesh plate -o {loop}",
-        "view states.csv --mesh plate -o {loop}.html",
-        "replay {loop} -o out",
-        "replay {loop}.bag -o out",
-        "replay bag --params {loop} -o out",
-        "replay bag --check {loop} -o out",
-        "replay bag -o {loop}",
-        "calibrate {loop} --params {loop}.csv -o out.yaml",
-        "calibrate bag --params {loop} -o out.yaml",
-        "sweep {loop} -o out",
-        "reduce {loop}.stl -o out.npz",
-        "check-mesh {loop}.stl",
-    ],
-)
-def test_a_loop_of_links_is_refused_with_a_sentence_wherever_a_command_takes_a_path(
-    tmp_path, monkeypatch, capsys, command
-):
-    monkeypatch.chdir(tmp_path)
-    for suffix in ("", ".stl", ".csv", ".html", ".bag"):
-        (tmp_path / f"loop{suffix}").symlink_to(f"loop{suffix}")
-    (tmp_path / "states.csv").write_text(STATE)
-    assert main(command.format(loop="loop").split()) == 2
-    said = [line for line in capsys.readouterr().err.splitlines() if not line.startswith("warning: ")]
-    assert len(said) == 1
-    assert "links" in said[0] or "bag" in said[0]
 
 
 def test_a_device_is_written_and_not_replaced(tmp_path):
