@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rft_ros.parameters.sections import Given, Section
+    from rft_ros.parameters.sections import Given
 
 __all__ = ["given_parameters", "parameter_files"]
 
@@ -26,31 +26,28 @@ def _options() -> Iterator[tuple[str, str]]:
             yield argument, after
 
 
-def given_parameters(node: str) -> "dict[str, Given]":
-    """The parameters that files and ``-p`` set for a node. `node`: its full name.
+def given_parameters(node: str) -> "dict[str, tuple[Given, Path | None]]":
+    """The parameters that files and ``-p`` set for a node, each with its file. `node`: its full name.
 
     As in ROS, sections of one name are merged, also across files, and stand in the place of the first; a later value
     overrides an earlier one. ``-p`` sets parameters of ``/**``.
     """
-    from rft_ros.parameters.sections import Section  # here, since it imports numba: `main` handles signals first
+    from rft_ros.parameters.sections import Section, read_sections, read_value  # numba; `main` handles signals first
 
-    found: dict[str, Section] = {}
-    for section in _sections():
-        first = found.setdefault(section.key, Section(section.key, section.name))
-        first.parameters.update(section.parameters)
-    return {name: value for s in found.values() if s.is_for(node) for name, value in s.parameters.items()}
-
-
-def _sections() -> "Iterator[Section]":
-    from rft_ros.parameters.sections import Section, read_sections, read_value
-
+    by_section: dict[str, dict[str, tuple[Given, Path | None]]] = {}
     for option, text in _options():
+        file, sections = None, list[Section]()
         if option == "--params-file":
-            yield from read_sections(Path(text))
+            file = Path(text)
+            sections = read_sections(file)
         elif option in ("-p", "--param"):
             name, _, value = text.partition(":=")
-            node, separator, parameter = name.rpartition(":")
-            key = node if separator else "/**"
+            of_node, separator, parameter = name.rpartition(":")
             read = read_value(value)
             if read is not None:
-                yield Section(key, key if key.startswith("/") else f"/{key}", {parameter: read})
+                sections = [Section(of_node if separator else "/**", {parameter: read})]
+        for section in sections:
+            found = by_section.setdefault(section.key, {})
+            if section.is_for(node):
+                found.update({name: (value, file) for name, value in section.parameters.items()})
+    return {name: given for found in by_section.values() for name, given in found.items()}

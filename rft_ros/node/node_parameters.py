@@ -3,6 +3,7 @@
 from array import array
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
@@ -63,15 +64,14 @@ class NodeParameters(Generic[_Prepared]):
         self._accepted: _Accepted[_Prepared] | None = None
         """The change that was accepted last, until it is applied."""
         overrides = node._parameter_overrides  # rclpy has no public access to overrides of undeclared parameters
-        own_name = node.get_fully_qualified_name()
-        self._check_given(own_name, {name: _plain(p.value) for name, p in overrides.items()})
+        files = self._check_given(node.get_fully_qualified_name(), {n: _plain(p.value) for n, p in overrides.items()})
         values = defaults()
         for p in PARAMETERS:
             # Not declared with rclpy's override, so that `checked` accepts an integer for a double.
             if p.name in overrides:
                 values[p.name] = checked(p.name, _plain(overrides[p.name].value))
-            if p.name in FILES:
-                values[p.name] = _resolved(p.name, values[p.name], own_name)
+            if p.name in FILES and p.name in files:
+                values[p.name] = path_beside(files[p.name].absolute().parent, p.name, values[p.name])
             node.declare_parameter(p.name, _plain(values[p.name]), _descriptor(p), ignore_override=True)
         self.values: Values = values
         """The current checked values. When parameters are set, this mapping is replaced and not changed."""
@@ -83,20 +83,25 @@ class NodeParameters(Generic[_Prepared]):
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._on_post_set)
 
-    def _check_given(self, own_name: str, overrides: Mapping[str, Any]) -> None:
-        """Raise InputError if values of the files cannot be used, or if ROS's parser read other values."""
+    def _check_given(self, own_name: str, overrides: Mapping[str, Any]) -> dict[str, Path]:
+        """The file of each parameter that one sets.
+
+        Raises InputError if values of the files cannot be used, or if ROS's parser read other values.
+        """
         for file in parameter_files():
             sections = read_sections(file)
             checked_names(file, node_parameters(file, own_name))
             if any(s.parameters for s in sections) and not any(s.is_for(own_name) for s in sections):
                 warning = f"no section of {file} is for {own_name}: ROS takes nothing from it"
                 self._node.get_logger().warning(warning)
-        for name, value in given_parameters(own_name).items():
+        given = given_parameters(own_name)
+        for name, (value, _) in given.items():
             # compared by repr, for which 1 differs from 1.0, and nan equals nan
             if name in overrides and repr(value) != repr(overrides[name]):
                 why = "ROS mixes up the values of a name that is given with different types"
                 advice = "give it once, or each time with the same type, such as 1.0"
                 raise InputError(f"{name} is {value!r}, but ROS takes {overrides[name]!r}: {why}; {advice}")
+        return {name: file for name, (_, file) in given.items() if file is not None}
 
     def set_all(self, values: Values, *, why: str) -> str:
         """Set parameters together, from within the node. `why`: the reason for the log. Returns the refusal, or ""."""
@@ -154,11 +159,3 @@ class NodeParameters(Generic[_Prepared]):
 
 def _plain(value: Any) -> Any:
     return list(value) if isinstance(value, array | tuple) else value
-
-
-def _resolved(name: str, path: str, own_name: str) -> str:
-    """The path in a parameter of `FILES`; one that a parameter file names is made absolute, from that file's folder."""
-    for file in reversed(parameter_files()):
-        if node_parameters(file, own_name).get(name) == path:
-            return path_beside(file.absolute().parent, name, path)
-    return path

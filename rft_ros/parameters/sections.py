@@ -9,7 +9,7 @@ test/ros/test_parameter_files.py compares this parser with that of ROS on random
 import math
 import re
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -52,9 +52,13 @@ class Section:
     """
 
     key: str
-    name: str
-    parameters: dict[str, Given] = field(default_factory=dict)
+    parameters: dict[str, Given]
     fault: str = ""
+
+    @property
+    def name(self) -> str:
+        """The full name."""
+        return self.key if self.key.startswith("/") else f"/{self.key}"
 
     def is_for(self, node: str) -> bool:
         """Whether the node with this full name takes the parameters."""
@@ -83,7 +87,7 @@ def read_sections(file: Path) -> list[Section]:
     for section in found:
         if section.key in merged:  # ROS would merge both into one, at the place of the first
             first, again = merged[section.key], f"'{section.key}' stands twice; put its parameters into one section"
-            section = Section(first.key, first.name, first.parameters | section.parameters, again)
+            section = Section(first.key, first.parameters | section.parameters, again)
         merged[section.key] = section
     return list(merged.values())
 
@@ -234,7 +238,7 @@ class _Events:
                 f"'{full}' has more than '{_KEY}' (line {self._line}); write it as a section of its own"
             )
         self._next()
-        yield Section(full, full if full.startswith("/") else f"/{full}", parameters, self._fault)
+        yield Section(full, parameters, self._fault)
 
     def _parameters(self, group: str, found: dict[str, Given], groups: set[str]) -> None:
         """Add the parameters of a mapping to `found`, and the groups of names in it to `groups`."""

@@ -82,16 +82,11 @@ def refusal(rft, **values):
 @pytest.mark.parametrize(
     ("name", "value", "words"),
     [
-        ("medium__zeta", -1.0, "medium.zeta"),
         ("medium__zeta", "much", "medium.zeta"),
         ("medium__name", "custard", "custard"),
         ("mesh__file", "no_such_mesh", "no_such_mesh"),
         ("mesh__file", "/none/there.stl", "/none/there.stl' does not exist; give the path"),
-        ("mesh__file", 300 * "a" + ".stl", "cannot be read: File name too long"),
-        ("mesh__file", "file:///dev/zero", "not a regular file"),
-        ("sensor_frame", 257 * "a", "sensor_frame has 257 characters; the limit is 256"),
         ("mesh__origin", [0.0, 1.0], "mesh.origin"),
-        ("sensor__quaternion", [0.0, 0.0, 0.0, 0.0], "sensor.quaternion"),
         ("executor", "single", "executor"),
         ("tool_frame", "world", "world_frame and tool_frame are both 'world'"),
     ],
@@ -129,15 +124,15 @@ def test_a_reason_is_named_while_it_lasts_and_logged_when_it_begins_and_when_it_
     assert rft.said().count("began: wrench_missing") == 1
 
 
-@pytest.mark.parametrize("topic", ["pose", "twist", "wrench"])
-def test_unreadable_messages_are_counted_and_the_node_continues(rft, topic):
+def test_unreadable_messages_are_counted_and_the_node_continues(rft):
     def count():
         return int(rft.diagnostic("inputs")[2].get("count.message_unreadable", 0))
 
     before = count()
     for garbage in (b"\x00\x01\x00\x00", b"\x00\x01\x00\x00" + b"\xff" * 40, b"\x00\x07\x00\x00" + b"\x00" * 120):
-        getattr(rft, topic).publish(garbage)
-    rft.until(lambda: count() >= before + 3)
+        for topic in (rft.pose, rft.twist, rft.wrench):
+            topic.publish(garbage)
+    rft.until(lambda: count() >= before + 9)
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
 
 
