@@ -93,15 +93,17 @@ def advance(past, normal, width, moved, target, span, strength):
     nx, ny, nz = normal
     dx, dy, dz = moved
     tx, ty, tz = target
-    per_span = 1.0 / span
-    modulus, per_modulus = STIFF * strength * per_span, span * (1.0 / (STIFF * strength))
+    per_modulus = span * (1.0 / (STIFF * strength))
 
     outward = dx * nx + dy * ny + dz * nz
     closed = min(max(outward, 0.0), gap)
     drop = min(outward, closed)
     dx, dy, dz = dx - drop * nx, dy - drop * ny, dz - drop * nz
     way = sqrt(dx * dx + dy * dy + dz * dz)
-    per_way = 1.0 / max(way, _TINY)
+    length = max(way, _TINY)
+    inverse = 1.0 / (length * span)  # one division for two
+    per_way, per_span = span * inverse, length * inverse
+    modulus = STIFF * strength * per_span
     ux, uy, uz = dx * per_way, dy * per_way, dz * per_way
 
     pressure = max(-(tau_x * nx + tau_y * ny + tau_z * nz), 0.0) * per_modulus

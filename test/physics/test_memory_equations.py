@@ -70,7 +70,7 @@ def wandering(seed, steps=60):
 
 
 @given(seed=seeds)
-@settings(max_examples=200)
+@settings(max_examples=100)
 def test_one_plate_follows_the_equations_along_any_path(seed):
     states = wandering(seed)
     plates = Plates.from_arrays([[0.0, 0.0, 0.0]], [NORMAL], [AREA])

@@ -6,7 +6,6 @@ import mujoco_scenes as scenes
 import numpy as np
 import pytest
 
-from examples.six_axis_arm import SixAxisArm
 from rft_ros.errors import InputError
 from rft_ros.simulation import MujocoGrains
 
@@ -43,9 +42,6 @@ def test_a_tool_feels_what_the_grains_remember_whatever_else_bears_on_it(kind, s
     [
         ("servo", 0.05, 2e5, 0.002, "Euler"),
         ("servo", 0.2, 2e4, 0.005, "Euler"),
-        ("servo", 0.01, 2e6, 0.0005, "Euler"),
-        ("servo", 0.05, 2e4, 0.005, "Euler"),
-        ("servo", 0.2, 2e5, 0.002, "Euler"),
         ("servo", 0.2, 2e5, 0.005, "implicitfast"),
         ("servo", 0.2, 2e6, 0.0005, "Euler"),
         ("weld", 0.2, 2e5, 0.002, "Euler"),
@@ -75,9 +71,6 @@ def test_a_plate_slides_as_far_in_long_steps_as_in_short_ones():
     ("step", "integrator"),
     [
         (0.001, "Euler"),
-        (0.002, "Euler"),
-        (0.001, "implicitfast"),
-        (0.002, "implicitfast"),
         (0.002, "implicit"),
         (0.01, "implicitfast"),
     ],
@@ -180,23 +173,6 @@ def test_forces_of_the_user_act_beside_the_grains(five):
     assert np.abs(data.xfrc_applied[1:4, 2] - grains.wrench[:3, 2]).max() < 1e-9
 
 
-def test_two_feet_of_one_body_fall_in_symmetrically():
-    slide = '<joint name="{}" type="slide" axis="0 0 1" stiffness="500" damping="2"/>'
-    foot = f'<body pos="{{}} 0 -0.05" name="{{}}">{slide}<geom type="sphere" size="0.02" mass="0.05"/></body>'
-    feet = foot.format(-0.1, "left", "l") + foot.format(0.1, "right", "r")
-    trunk = '<geom type="box" size="0.1 0.05 0.01" mass="1" contype="0" conaffinity="0"/>'
-    model = mujoco.MjModel.from_xml_string(
-        '<mujoco><option timestep="0.002"/><worldbody><body pos="0 0 0.1"><freejoint/>'
-        f"{trunk}{feet}</body></worldbody></mujoco>"
-    )
-    data, grains = mujoco.MjData(model), MujocoGrains(model, bodies=["left", "right"], law=scenes.law())
-    for _ in range(500):
-        grains.apply(data)
-        mujoco.mj_step(model, data)
-    assert data.qpos[7] == pytest.approx(data.qpos[8], abs=1e-4)  # spheres' plates are reduced
-    assert np.abs(data.qpos[4:7]).max() < 2e-3
-
-
 def test_a_motion_without_bound_is_refused_and_nothing_is_written(five):
     model, grains = five
     grains.reset()
@@ -221,16 +197,6 @@ def test_a_step_that_does_not_hold_is_counted_and_told_once(five, caplog):
     model.opt.timestep = 0.002
     assert grains.failures > 0
     assert len([r for r in caplog.records if "shorter steps" in r.getMessage()]) == 1
-
-
-def test_a_tool_that_is_at_rest_in_grains_from_the_beginning_needs_no_search():
-    arm = SixAxisArm("ellipsoid")
-    grains = MujocoGrains(arm.model, body="tool", law=scenes.law())
-    arm.start([0.45, 0.0, -0.02])
-    for _ in range(1000):
-        grains.apply(arm.data)
-        mujoco.mj_step(arm.model, arm.data)
-    assert grains.failures == 0
 
 
 def test_names_and_sizes_that_cannot_be_used_are_said():

@@ -55,15 +55,6 @@ def test_neither_the_layout_of_the_states_nor_the_type_of_the_step_counts(plate)
     assert felt[0].tobytes() == felt[1].tobytes()
 
 
-def test_bodies_in_one_call_are_as_bodies_alone_over_any_number_of_threads(plate):
-    paths = np.stack([pressed(depth=d, drag=g) for d, g in ((0.01, 0.0), (0.015, 0.004), (0.02, -0.004))])
-    alone = [stepped(Grains(plate, LAW), path) for path in paths]
-    for threads in (1, 2, 3):
-        batch = GrainsBatch(plate, LAW, bodies=3, threads=threads)
-        together = np.array([batch.step(states, 0.01) for states in paths.swapaxes(0, 1)])
-        assert together.swapaxes(0, 1).tobytes() == np.array(alone).tobytes()
-
-
 def test_threads_on_a_map_with_slopes_change_nothing(plate):
     x, y = (v.ravel() for v in np.mgrid[-40:40, -40:40] * 0.005 + 0.0025)
     hills = HeightMap.unknown(0.005).with_points(x, y, 0.01 * np.sin(20.0 * x) + 0.2 * y)
@@ -127,14 +118,6 @@ def test_one_environment_is_reset_without_the_others(plate):
     assert batch.state()["memory"].tobytes() == kept["memory"].tobytes()
 
 
-def test_a_level_map_of_the_ground_is_a_surface_height(plate):
-    ground = HeightMap(cell=0.005, corner=(-20.0, -20.0), heights=np.full((40, 40), 0.004, dtype=np.float32))
-    states = pressed()
-    raised = Grains(plate, LAW, surface_height=float(np.float32(0.004)))
-    mapped = Grains(plate, LAW, ground=ground)
-    assert np.allclose(stepped(mapped, states), stepped(raised, states), rtol=1e-9, atol=1e-9)
-
-
 @pytest.mark.parametrize(
     ("change", "message"),
     [
@@ -161,7 +144,7 @@ def test_bad_grains_are_refused(plate):
         Grains("plate", LAW)
     with pytest.raises(TypeError, match="treers2021"):
         Grains(plate, GENERIC)
-    for bodies in (0, 1.5, np.nan):
+    for bodies in (0, 1.5, np.nan, 10**9):
         with pytest.raises(ValueError, match=f"bodies is {bodies}"):
             GrainsBatch(plate, LAW, bodies=bodies)
     with pytest.raises(TypeError, match=r"ground is a str; read one with rft_ros\.ground\.read_height_map"):
@@ -217,7 +200,7 @@ def held(mass, stiffness, hold, *, load=0.0):
 
 @pytest.mark.parametrize(
     ("mass", "stiffness", "hold"),
-    [(2, 2e3, 0.001), (0.2, 500, 0.001), (0.2, 2e4, 0.001), (2, 2e4, 0.008), (2, 2e3, 0.008), (0.2, 500, 0.008)],
+    [(2, 2e3, 0.001), (0.2, 500, 0.008), (2, 2e4, 0.008)],
 )
 def test_an_impedance_arm_holds_still_and_gets_no_work(mass, stiffness, hold):
     """It presses 20 mm deep, drags 20 mm, goes back 10 mm, and stays at each."""
@@ -242,7 +225,7 @@ def fallen(grains, mass, dt, seconds):
     return np.array(states)
 
 
-@pytest.mark.parametrize(("mass", "dt"), [(0.02, 0.005), (0.5, 0.001), (5.0, 0.002)])
+@pytest.mark.parametrize(("mass", "dt"), [(0.02, 0.005), (5.0, 0.002)])
 def test_a_free_body_whose_inertia_is_given_comes_to_rest_in_any_simulator(plate, mass, dt):
     grains = Grains(plate, LAW)
     states = fallen(grains, mass, dt, 2.5)
@@ -261,17 +244,6 @@ def test_the_inverse_inertia_of_a_free_body_is_about_the_origin_of_its_frame():
     turn = np.linalg.solve(axes @ inertia @ axes.T, wrench[3:] - np.cross(arm, wrench[:3]))
     found = free_body(mass, inertia, quaternion, center) @ wrench
     assert found == pytest.approx(np.concatenate([wrench[:3] / mass - np.cross(turn, arm), turn]))
-
-
-def test_an_implicit_step_comes_back_from_a_state(plate):
-    grains = Grains(plate, LAW)
-    whole = fallen(grains, 0.3, 0.002, 0.4)
-    kept = pickle.loads(pickle.dumps(grains.state()))
-    response = {"inverse_inertia": free_body(0.3, 1e-4 * np.eye(3), [0, 0, 0, 1]), "free_acceleration": np.zeros(6)}
-    state = np.split(whole[-1], [3, 7])
-    first = grains.step(*state, 0.002, **response)
-    grains.restore(kept)
-    assert grains.step(*state, 0.002, **response).tobytes() == first.tobytes()
 
 
 def test_bodies_of_a_batch_have_their_own_strength_height_and_inertia(plate):
@@ -332,11 +304,6 @@ def test_what_bodies_of_a_batch_cannot_take_is_said(plate, call, message):
     with pytest.raises(ValueError, match=message):
         call(batch)
     assert pickle.dumps(batch.state()) == before
-
-
-def test_too_many_bodies_are_refused(plate):
-    with pytest.raises(ValueError, match="bodies is 1000000000"):
-        GrainsBatch(plate, LAW, bodies=1e9)
 
 
 def test_a_tool_that_leaves_the_map_meets_the_height_of_its_edge(plate):
