@@ -107,9 +107,11 @@ class Estimator:
         return True
 
     def issues(self) -> list[str]:
-        """The current issues: noise of the poses, a force in the air, and with learning those of `ISSUES`."""
-        of_poses = [NOISY_SENTENCE] if self.pose_noise > NOISY else []
-        return of_poses + (self._air.issues() if self.learning is None else self.learning.issues())
+        """The current issues: a sparse map, noisy poses, a force in the air, and with learning those of `ISSUES`."""
+        of_inputs = [] if self.ground is None or not self.ground.issue else [self.ground.issue]
+        if self.pose_noise > NOISY:
+            of_inputs.append(NOISY_SENTENCE)
+        return of_inputs + (self._air.issues() if self.learning is None else self.learning.issues())
 
     @property
     def pose_noise(self) -> float:

@@ -1,7 +1,7 @@
 """A height map: square cells with one height each. It is made from points or read from a file, and written to one."""
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -28,6 +28,7 @@ _HIGHEST = 1e6  # greatest |height| [m]
 _MARGIN = 2.0  # cells around the tool in which points may be the tool's own
 _REACH = 700.0  # cells; points further from the tool are left out, so that a stray one does not use up `MOST_CELLS`
 _JUMP = 3.0  # cells; grains cannot be this steep, so a cell that differs more from its neighbours is an outlier
+_CLOSE = 2  # cells; the plane around a tool is fitted to the known cells within this radius, or more
 _LEFT_OUT = np.iinfo(np.int64).min
 _COLUMNS = ("x", "y", "h")
 
@@ -38,12 +39,14 @@ class HeightMap:
 
     `cell`: side of a cell [m]. `corner`: x and y of the first cell's lower corner, in cells: cell (i, j) of `heights`
     covers x from (corner[0] + i) cell to (corner[0] + i + 1) cell, and y likewise. `heights`: world z [m], shape
-    [n, m], copied; NaN where the height is unknown. Raises ValueError that names the field that cannot be used.
+    [n, m], copied; NaN where the height is unknown. `issue`: a sentence on what is doubtful about the file that the map
+    was read from, or "". Raises ValueError that names the field that cannot be used.
     """
 
     cell: float
     corner: tuple[float, float]
     heights: NDArray[np.float32]
+    issue: str = ""
 
     def __post_init__(self) -> None:
         number("cell", self.cell, positive=True)
@@ -261,7 +264,23 @@ def read_height_map(file: Path | str, cell: float) -> HeightMap:
     n, m = (np.ptp(np.floor(v / cell - first)) + 1.0 for v, first in zip((x, y), corner, strict=True))
     if n * m > MOST_CELLS:
         raise InputError(f"{what} spans {n:.0f} x {m:.0f} cells of ground.cell {cell:g} m; the limit is {MOST_CELLS:,}")
-    return HeightMap.unknown(cell, corner).with_points(x, y, h)
+    ground = HeightMap.unknown(cell, corner).with_points(x, y, h)
+    return replace(ground, issue=_issue_of(ground, what))
+
+
+def _issue_of(ground: HeightMap, what: str) -> str:
+    """A sentence on a map most of whose known cells have no other one so close that a plane is fitted to both."""
+    from scipy.ndimage import uniform_filter
+
+    known = ~np.isnan(ground.heights)
+    count = int(known.sum())
+    width = 2 * _CLOSE + 1
+    around = uniform_filter(known.astype(np.float32), width, mode="constant")[known] * width**2
+    if count < 2 or np.mean(around < 1.5) < 0.5:
+        return ""
+    spacing = ground.cell * math.sqrt(known.size / count)
+    sparse = f"has heights about {spacing:.2g} m apart, sparser than ground.cell {ground.cell:g} m"
+    return f"{what} {sparse}: between them surface_height is used; set ground.cell to {spacing:.2g}"
 
 
 def write_height_map(file: Path, ground: HeightMap) -> None:

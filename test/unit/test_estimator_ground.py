@@ -54,6 +54,14 @@ def test_a_cloud_counts_from_half_a_second_after_its_stamp_until_the_ground_is_l
     assert push(e, twist(START + 2 * SECOND), pose(START + 2 * SECOND)).predicted[2] == found[0]
 
 
+def test_a_doubt_about_the_file_of_the_map_is_an_issue_until_a_cloud_changes_the_map():
+    doubtful = HeightMap(cell=CELL, corner=(0, 0), heights=[[0.0]], issue="sparse")
+    e = Estimator(Settings(), replace(plate_model(), ground=doubtful))
+    assert e.issues() == ["sparse"]
+    forces(e, [cloud(0)])
+    assert e.issues() == []
+
+
 def test_when_a_cloud_arrives_changes_no_byte():
     clouds = [cloud(START + 200 * k * MS, 0.001 * k) for k in range(1, 4)]
     assert forces(on_map(), clouds, late=37) == forces(on_map(), clouds)

@@ -138,6 +138,20 @@ def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(tmp_path_fac
     assert len(seen.points()) == 144
 
 
+@given(spacing=st.floats(0.5, 1.5) | st.floats(4.0, 40.0), seed=st.integers(0, 9))
+def test_a_map_sparser_than_its_cells_says_so_with_a_cell_that_fits(tmp_path_factory, spacing, seed):
+    places = np.stack(np.meshgrid(*[np.arange(20.0)] * 2), axis=-1).reshape(-1, 2)
+    places += np.random.default_rng(seed).uniform(-0.1, 0.1, places.shape)
+    file = tmp_path_factory.mktemp("bed") / "bed.csv"
+    rows = np.column_stack([spacing * CELL * places, np.zeros(len(places))])
+    np.savetxt(file, rows, delimiter=",", header="x,y,h", comments="")
+    issue = read_height_map(file, CELL).issue
+    assert bool(issue) is (spacing >= 4.0)
+    if issue:
+        better = float(issue.rpartition(" ")[2])
+        assert read_height_map(file, better).issue == ""
+
+
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
