@@ -27,7 +27,6 @@ _QUANTILE, _CHI2_OF_QUANTILE = 0.95, 7.815
 
 A high quantile, since poses with jittering stamps are noise to a fit; the few misfits at reversals change it little.
 """
-_CHI2_OF_MEDIAN = 1.386  # of 2 degrees: a misfit across the motion has two components
 _ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
 _REPEATS = 1.5  # a pose that stays the same for longer than this many times the last interval has come to rest
 _LAST = 6  # poses: the four of a misfit, with one on each side, which show the direction of the motion
@@ -52,8 +51,9 @@ class PoseNoise:
 
     `position`, `rotation`: variance of a coordinate of a position [m²], and of a rotation [rad²]; infinite until there
     are enough misfits, and while the poses do not vary, such as the attitude of an arm that only translates.
-    `position_across`, `rotation_across`: the same across the motion, where jitter of the stamps moves no pose; 0 until
-    there are enough misfits.
+    `position_across`, `rotation_across`: the same, but only across the motion while the poses go on one way, where
+    jitter of the stamps moves no pose; 0 until there are enough misfits. At rest all directions count: a stage with one
+    axis has noise along it alone.
     """
 
     def __init__(self) -> None:
@@ -65,7 +65,7 @@ class PoseNoise:
     def at_tip(self, reach: float) -> float:
         """Standard deviation of a coordinate of a point at `reach` from the origin [m]; 0 while nothing is known.
 
-        It is that across the motion: stamps that jitter, as on a busy machine, do not move the path of the poses.
+        It is that across a motion: stamps that jitter, as on a busy machine, do not move the path of the poses.
         """
         return math.sqrt(self.position_across + reach * reach * self.rotation_across)
 
@@ -80,8 +80,8 @@ class PoseNoise:
             of_position, of_rotation, across, turn_across = self._tracks[0]["misfits"]
             self.position = _variance(of_position, self.position)
             self.rotation = _variance(of_rotation, self.rotation)
-            self.position_across = _variance(across, self.position_across, quantile=0.5, chi2=_CHI2_OF_MEDIAN)
-            self.rotation_across = _variance(turn_across, self.rotation_across, quantile=0.5, chi2=_CHI2_OF_MEDIAN)
+            self.position_across = _variance(across, self.position_across)
+            self.rotation_across = _variance(turn_across, self.rotation_across)
         return bool(found != _REPEAT)
 
 
@@ -123,11 +123,18 @@ def _add(tracks, pose, stamp, gap):
     scale = 1.0 + of_1 * of_1 + of_2 * of_2 + of_3 * of_3
     for kind in range(2):
         square = along = way = 0.0
-        for i in range(3 * kind, 3 + 4 * kind):  # positions, then quaternions
+        first, last = 3 * kind, 3 + 4 * kind  # positions, then quaternions
+        for i in range(first, last):
             misfit = poses[1, i] - of_1 * poses[2, i] - of_2 * poses[3, i] - of_3 * poses[4, i]
             moved = poses[0, i] - poses[_LAST - 1, i]
             square, along, way = square + misfit * misfit, along + misfit * moved, way + moved * moved
-        across = square - along * along / way if way > 0.0 else square
+        goes_on = True
+        for k in range(_LAST - 1):
+            step = 0.0
+            for i in range(first, last):
+                step += (poses[k, i] - poses[k + 1, i]) * (poses[0, i] - poses[_LAST - 1, i])
+            goes_on = goes_on and step > 0.0
+        across = 1.5 * max(square - along * along / way, 0.0) if goes_on else square  # two coordinates stand for three
         if kind == 1:  # a rotation moves a quaternion by half of its angle
             square, across = 4.0 * square, 4.0 * across
         track.misfits[kind, place], track.misfits[2 + kind, place] = square / scale, across / scale
@@ -135,11 +142,9 @@ def _add(tracks, pose, stamp, gap):
     return _DUE if track.count % _REFRESH == 0 else _NEW
 
 
-def _variance(
-    misfits: NDArray[np.float64], before: float, *, quantile: float = _QUANTILE, chi2: float = _CHI2_OF_QUANTILE
-) -> float:
+def _variance(misfits: NDArray[np.float64], before: float) -> float:
     """The variance of one coordinate. Misfits of zero are left out: encoders with coarse steps give them."""
     found = np.sort(misfits[misfits > 0.0])
     if len(found) < _REFRESH:
         return before
-    return max(float(found[int(quantile * (len(found) - 1))]) / chi2, _ROUNDING)
+    return max(float(found[int(_QUANTILE * (len(found) - 1))]) / _CHI2_OF_QUANTILE, _ROUNDING)

@@ -112,6 +112,15 @@ def test_the_noise_at_the_tip_is_that_of_the_poses_and_not_of_their_stamps(v, w,
     assert noise.at_tip(0.1) == pytest.approx(np.hypot(sigma, 0.1 * 10.0 * sigma), rel=0.25)
 
 
+@given(sigma=st.floats(1e-6, 1e-4))
+@settings(max_examples=10, deadline=None)
+def test_noise_at_rest_is_found_where_a_stage_has_it_along_its_one_axis(sigma):
+    noise, height = PoseNoise(), np.random.default_rng(2).normal(0.0, sigma, 1000)
+    for k, z in enumerate(height.tolist()):
+        noise.add(pose(START + 8 * k * MS, (0.0, 0.0, z), LEVEL), gap=SECOND)
+    assert 0.5 * sigma < noise.at_tip(0.1) < 1.2 * sigma
+
+
 @pytest.mark.parametrize(("window", "rate"), [(0.1, 200), (0.2, 125), (0.2, 200)])
 def test_noise_of_a_straight_motion_shrinks_as_least_squares_of_a_parabola_predicts(window, rate):
     sigma, v = 1e-5, (0.01, 0.0, -0.02)
