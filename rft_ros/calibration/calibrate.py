@@ -72,7 +72,10 @@ def calibrate(
         result.warnings += suspicions(as_sent, track, settings, sensor.cell, with_memory, surface=height)
     length = float(values["medium.mobilization_length"])
     given = BedValues(settings.surface_height, math.log(length) if length > 0.0 else -math.inf, LOST_MOTION)
-    recordings = [recorded(_without_inertia(t, sensor.cell, inertial, law, height), sensor.cell, law) for t in tracks]
+    recordings = [
+        recorded(_without_inertia(track, sensor.cell, inertial, law, height), sensor.cell, law, surface=air)
+        for track in tracks
+    ]
     delay_error = 0.0
     if "sensor" in parts:
         with result.or_reason("sensor.delay"):

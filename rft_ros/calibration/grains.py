@@ -58,7 +58,7 @@ _GIVEN_SURFACE_ERROR = 0.002
 _UNKNOWN_LENGTH = 0.7  # standard deviation of log λ where the recordings do not determine it: half to double
 
 _SHAKEN = 2  # number of fits to poses with more noise
-_NO_EFFECT = np.zeros(6 + _SHAKEN)
+_NO_EFFECT = np.zeros(7 + _SHAKEN)
 _NOTEWORTHY = 0.25  # greatest relative difference of ζ between penetrations without a note
 _GROWS = 0.8  # least correlation of ζ with the size of the tool that is reported
 
@@ -102,10 +102,11 @@ class _Fits:
 
 
 def _effects(one: Phase, own: Array, *, zero_error: float, delay_error: float) -> Array:
-    """What changes the value of a phase, shape [8].
+    """What changes the value of a phase, shape [9].
 
     Derivatives by the surface height [1/m] and by log λ; changes by a standard error of the load cell's zero along each
-    axis [N] and of its delay [s]; changes by noise of the poses, of which more is added `_SHAKEN` times.
+    axis [N] and of its delay [s], and by friction; changes by noise of the poses, of which more is added `_SHAKEN`
+    times.
     """
     recording, found = one.part.recording, _NO_EFFECT.copy()
     # steps as large as the error of what is changed: in a smaller one a fit may not move at all
@@ -114,15 +115,14 @@ def _effects(one: Phase, own: Array, *, zero_error: float, delay_error: float) -
         at = getattr(one.values, name)
         if name not in one.free and np.isfinite(at):
             found[k] = (one.change(**{name: at + step}) - one.change(**{name: at - step})) / (2.0 * step)
-    found[2:5] = zero_error * one.by_zero
-    if delay_error > 0.0:
-        early, late = (one.change(recording.with_delay(delay)) for delay in (delay_error, -delay_error))
-        found[5] = 0.5 * (early - late)
+    found[2:5] = [zero_error * one.by_force(axis) for axis in np.eye(3)]
+    found[5] = one.by_force(recording.by_delay(delay_error)) if delay_error > 0.0 else 0.0
+    found[6] = one.by_force(recording.friction)
     for seed in range(_SHAKEN):
         shaken = recording.shaken(np.random.default_rng(seed))
         if shaken is recording:
             break
-        found[6 + seed] = one.change(shaken) / _SHAKEN**0.5
+        found[7 + seed] = one.change(shaken) / _SHAKEN**0.5
     return found
 
 

@@ -131,12 +131,10 @@ class Phase:
         """The measured force over the model's."""
         return float(self.fit.coefficients[len(self.free)])
 
-    @property
-    def by_zero(self) -> Array:
-        """Derivative of the value by an offset of the load cell, shape [3], world axes [1/N]."""
-        found = np.zeros(3)
-        found[self.part.axes] = self.fit.inverse[0].reshape(self.fit.residuals.shape).sum(axis=0)
-        return found
+    def by_force(self, force: Array) -> float:
+        """Change of the value by a force that is added to the measured one: shape [3], or [n, 3] of the recording."""
+        added = np.broadcast_to(force, self.part.recording.forces.shape)[self.part.rows, self.part.axes]
+        return float(self.fit.inverse[0] @ added.ravel())
 
     def measurement(self, error: float, misfit: float) -> Measurement:
         """The value with these errors."""
@@ -268,8 +266,8 @@ def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> Measurem
     ]
     values = BedValues(surface, log_length=starts[0][1], lost_motion=LOST_MOTION)
     found = _fitted(part, values, ("delay", "log_length"), starts)
-    # the turn lies anywhere between two poses
-    error = float(np.hypot(np.hypot(found.error, _DELAY_RESOLUTION), np.median(np.diff(time[rows])) / 12.0**0.5))
+    between_poses = float(np.median(np.diff(time[rows]))) / 12.0**0.5  # where the turn lies
+    error = float(np.linalg.norm([found.error, _DELAY_RESOLUTION, between_poses, found.by_force(recording.friction)]))
     misfit = found.misfit(float(np.ptp(part.observed(recording), axis=0).max()))
     sure = error < _DELAY_UNSURE and abs(found.value) < _LATEST - error
     if not (sure and misfit < _MOST_UNLIKE and found.scale > 0.0):

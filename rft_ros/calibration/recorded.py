@@ -51,6 +51,7 @@ class Recorded:
     motion: FineMotion
     smooth: Array
     heights: Array
+    friction: Array
     forces: Array
 
     def before_contact(self, row: int, surface: float) -> int:
@@ -82,9 +83,10 @@ class Recorded:
         """The recording with other readings or another load cell, and the same motion."""
         return replace(self, track=track, forces=track.grain_forces(cell))
 
-    def with_delay(self, delay: float) -> "Recorded":
-        """The recording with its forces moved back in time by `delay` [s]."""
-        return replace(self, forces=moved_back(self.track.time, self.forces, delay))
+    def by_delay(self, delay: float) -> Array:
+        """What a delay of the load cell [s] changes in the forces: half the difference of either way [N], [n, 3]."""
+        early, late = (moved_back(self.track.time, self.forces, by) for by in (delay, -delay))
+        return 0.5 * (early - late)
 
     def shaken(self, rng: np.random.Generator) -> "Recorded":
         """The recording with noise added, so that its deviation doubles; itself if the poses have no noise."""
@@ -101,13 +103,29 @@ def _motion(track: Track, states: Array) -> FineMotion:
     return fine_motion(track.time, smooth, gap=GAP)
 
 
-def recorded(track: Track, cell: LoadCell, law: Law) -> Recorded:
-    """Prepare a recording; `law`: without memory and inertia, at ζ = 1."""
+def _friction(track: Track, cell: LoadCell, in_air: NDArray[np.bool_]) -> Array:
+    """What reverses with the motion in the air, beside the bias and the weight, at every moment [N], shape [n, 3]."""
+    velocity, speed, _ = track.motion()
+    moving = speed >= track.rest_speed
+    way = np.where(moving, 1.0 / np.maximum(speed, 1e-12), 0.0)[:, None] * velocity
+    if not (in_air & moving).any():
+        return np.zeros_like(way)
+    weight = np.broadcast_to([[0.0], [0.0], [1.0]], (len(way), 3, 1))
+    columns = np.concatenate([track.sensor_rotations(cell), weight, way[:, :, None]], axis=2)
+    forces = track.grain_forces(cell)
+    found = np.linalg.lstsq(columns[in_air].reshape(-1, 5), forces[in_air].ravel(), rcond=None)[0]
+    return np.asarray(found[-1] * way)
+
+
+def recorded(track: Track, cell: LoadCell, law: Law, *, surface: float) -> Recorded:
+    """Prepare a recording; `law`: without memory and inertia, at ζ = 1. What is above the `surface` [m] is air."""
+    heights = track.heights()
     return Recorded(
         track=track,
         law=law,
         motion=_motion(track, track.states),
         smooth=track.smooth_states(),
-        heights=track.heights(),
+        heights=heights,
+        friction=_friction(track, cell, heights > surface + _CLEAR),
         forces=track.grain_forces(cell),
     )

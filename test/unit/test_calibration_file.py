@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 import yaml
 from recordings import plunge, write_ros2, write_run
-from synthetic_track import LOAD_CELL, dragged, grain_wrenches, in_the_air, law, parameters, read_by, unknown
+from synthetic_track import LOAD_CELL, Path, dragged, grain_wrenches, in_the_air, law, parameters, read_by, unknown
 
 from rft_ros.bags.options import read_replay_options
 from rft_ros.calibration.calibrated_file import rounded
@@ -149,6 +149,19 @@ def test_what_is_asked_for_and_not_identifiable_is_a_failure(cell, tmp_path, cap
     assert main([*given, "--fit", "zeta"]) == 1
     assert "medium.zeta" in out.read_text()
     assert record(out)["not_identifiable"][0].startswith("alpha_y: no level run")
+
+
+def test_a_recording_that_identifies_the_bias_alone_is_a_failure_that_says_what_to_record(cell, tmp_path, capsys):
+    """Such as of a tool that only hangs in the air: the exit status was 0."""
+    time, states = Path((0.0, 0.0, 0.05)).wait(2.0).move((0.0, 0.0, -0.02), 0.01).wait(1.0).states()
+    readings = read_by(LOAD_CELL, states, np.zeros((len(time), 6)), np.random.default_rng(1), noise=(0.1, 0.002))
+    write_run(tmp_path / "in_the_air", time, states, readings)
+    out = tmp_path / "out.yaml"
+    given = ["calibrate", str(tmp_path / "in_the_air"), "--params", str(cell / "cell.yaml"), "-o", str(out)]
+    assert main(given) == 1
+    assert "push the tool straight down into the grains" in capsys.readouterr().out
+    assert set(record(out)["fitted"]) == {"sensor_bias"}
+    assert main([*given, "--fit", "sensor"]) == 1  # the mass was asked for, too
 
 
 @pytest.mark.parametrize(
