@@ -58,7 +58,7 @@ def test_a_doubt_about_the_file_of_the_map_is_an_issue_until_a_cloud_changes_the
     doubtful = HeightMap(cell=CELL, corner=(0, 0), heights=[[0.0]], issue="sparse")
     e = Estimator(Settings(), replace(plate_model(), ground=doubtful))
     assert e.issues() == ["sparse"]
-    forces(e, [cloud(0)])
+    forces(e, [cloud(START)])
     assert e.issues() == []
 
 
