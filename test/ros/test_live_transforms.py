@@ -89,7 +89,7 @@ def test_a_folder_of_sources_is_not_taken_for_the_package(tmp_path, monkeypatch)
     (tmp_path / "tf2_msgs" / "msg").mkdir(parents=True)
     assert not transforms_come()
     with pytest.raises(InputError, match="tf2_msgs"):
-        message_class("tf")
+        message_class(TF)
 
 
 def test_without_tf2_msgs_the_sentence_names_the_package(start_node, monkeypatch):
