@@ -1,8 +1,9 @@
 """The velocity of the tool from its poses alone.
 
 It is the slope, at the newest pose, of a parabola fitted to the last poses on SE(3). This end derivative of Savitzky
-and Golay (Analytical Chemistry 36, 1964) has no lag under constant acceleration. The window is the longest one whose
-misfit stays within the noise of the poses. Across a reversal a longer one would overshoot.
+and Golay (Analytical Chemistry 36, 1964) has no lag under constant acceleration. Where the parabola's bend is within
+the noise of the poses, it is the slope of a line, whose noise is a quarter. The window is the longest one whose misfit
+stays within the noise. Across a reversal a longer one would overshoot.
 """
 
 import math
@@ -19,6 +20,7 @@ __all__ = ["PoseDifference"]
 _CAPACITY = 2048  # poses: the longest window, 1 s, at 2 kHz
 _FEWEST, _FEWEST_OF_PARABOLA = 3, 5
 _UNLIKELY = 8.0  # standard deviations of chi-squared; beyond, the window is shortened, and the slope is noisier
+_BENDS = 16.3  # chi-squared with probability 1e-3: a smaller bend of the parabola is left out
 _MOVES = 40.0  # chi-squared with probability 1e-8: false motion at rest would release the held force
 _THIN = 1.0 / 64.0  # of the window: in its older part, poses closer than this to the one before are skipped
 _POSITIONS, _ROTATIONS = 0, 1  # the two kinds of coordinates of a pose, which have noise of their own
@@ -98,12 +100,12 @@ def _recent(stamps, ring, newest, window, gap, t, x):
 
 
 @inlined
-def _end_slopes(t, x, n, slopes, squares):
+def _end_slopes(t, x, n, noise, slopes, squares, factors):
     """Fit a parabola to the newest n poses by least squares; write its slopes at the newest to `slopes`, shape [2, 3].
 
-    Writes the sums of squared misfits of positions and rotations to `squares`. Returns the variance of a slope over the
-    variance of one pose. The fit uses polynomials in time that are orthogonal over the poses: 1, u, and
-    q = u² - skew u - mean.
+    The bend is left out if it is within the `noise`. Writes the sums of squared misfits of positions and rotations to
+    `squares`, and the variance of their slopes over the variance of one pose to `factors`. The fit uses polynomials in
+    time that are orthogonal over the poses: 1, u, and q = u² - skew u - mean.
     """
     middle = uu = uuu = qq = 0.0
     for i in range(n):
@@ -117,7 +119,9 @@ def _end_slopes(t, x, n, slopes, squares):
         qq += (u * u - skew * u - mean) ** 2
     bend = 2.0 * (t[0] - middle) - skew  # dq/dt at the newest pose
     squares[:] = 0.0
+    curved = np.empty(3)
     for kind in range(2):
+        square_of_bend = 0.0
         for axis in range(3):
             a = b = c = square = 0.0
             y = x[kind, axis]
@@ -127,9 +131,14 @@ def _end_slopes(t, x, n, slopes, squares):
             for i in range(n):
                 u = t[i] - middle
                 square += (y[i] - a - b * u - c * (u * u - skew * u - mean)) ** 2
-            slopes[kind, axis] = b + c * bend
+            slopes[kind, axis], curved[axis] = b, c * bend
             squares[kind] += square
-    return 1.0 / uu + bend * bend / qq
+            square_of_bend += c * c * qq
+        factors[kind] = 1.0 / uu
+        if not square_of_bend <= _BENDS * noise[kind] < np.inf:  # the noise is infinite until it is estimated
+            factors[kind] += bend * bend / qq
+            for axis in range(3):
+                slopes[kind, axis] += curved[axis]
 
 
 @compiled
@@ -142,23 +151,23 @@ def _fit(stamps, ring, noise, t, x, twist, newest, window, gap):
     count = n = _recent(stamps, ring, newest, window, gap, t, x)
     if n < 2:
         return n
-    squares, unlike = np.empty(2), True
+    squares, factors, unlike = np.empty(2), np.empty(2), True
     while unlike and n >= _FEWEST_OF_PARABOLA:
-        factor = _end_slopes(t, x, n, twist, squares)
+        _end_slopes(t, x, n, noise, twist, squares, factors)
         free = 3.0 * (n - 3)
         excess = max(squares[_POSITIONS] / noise[_POSITIONS], squares[_ROTATIONS] / noise[_ROTATIONS])
         unlike = excess > free + _UNLIKELY * math.sqrt(2.0 * free)
         n = 4 * n // 5
     if unlike:
-        factor = 2.0 / (t[1] * t[1])
+        factors[:] = 2.0 / (t[1] * t[1])
         for kind in range(2):
             for axis in range(3):
                 twist[kind, axis] = x[kind, axis, 1] / t[1]
     still = True
     for kind in range(2):
         square = twist[kind, 0] ** 2 + twist[kind, 1] ** 2 + twist[kind, 2] ** 2
-        bound = _MOVES * noise[kind] * factor
-        still = still and (square == 0.0 or square <= bound < np.inf)  # the noise is infinite until it is estimated
+        bound = _MOVES * noise[kind] * factors[kind]
+        still = still and (square == 0.0 or square <= bound < np.inf)
     if still:
         twist[:] = 0.0
     return count

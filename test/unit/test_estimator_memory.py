@@ -51,6 +51,7 @@ def test_without_memory_rest_is_a_reason_and_with_memory_it_is_an_estimate_that_
 
 LEVER = 0.1  # m, from the tool frame to the tool
 SPHERE = load_tool("sphere", origin=(0.0, 0.0, 1e3 * LEVER), tolerance=0.025, integration="refined")
+ALONG_ITSELF = load_tool("plate", tolerance=0.025, integration="refined")
 PARTS = {
     "press": (-0.005, 2.2),
     "rest": (0.0, 2.0),
@@ -61,10 +62,10 @@ PARTS = {
 """The velocity [m/s], along z or in a drag along x, and the duration [s] of each part of a motion."""
 
 
-def forces_of(parts, *, rate, source, noise=(0.0, 0.0), seed=0):
-    """The predicted forces of a sphere [N] and the flags, by part; `noise` of positions [m] and rotations [rad]."""
-    rng, e = np.random.default_rng(seed), Estimator(Settings(twist_source=source), model(0.003, tool=SPHERE))
-    place, stamp, found = np.array([0.0, 0.0, 0.001 - SPHERE.lowest_point(np.eye(3))]), 1_000_000_000, {}
+def forces_of(parts, *, rate, source, noise=(0.0, 0.0), seed=0, tool=SPHERE):
+    """The predicted forces on a tool [N] and the flags, by part; `noise` of positions [m] and rotations [rad]."""
+    rng, e = np.random.default_rng(seed), Estimator(Settings(twist_source=source), model(0.003, tool=tool))
+    place, stamp, found = np.array([0.0, 0.0, 0.001 - tool.lowest_point(np.eye(3))]), 1_000_000_000, {}
     for name, (speed, seconds) in parts.items():
         velocity = np.array([speed, 0.0, 0.0] if "drag" in name else [0.0, 0.0, speed])
         answers = []
@@ -81,9 +82,10 @@ def forces_of(parts, *, rate, source, noise=(0.0, 0.0), seed=0):
 
 @pytest.mark.parametrize("source", ["topic", "pose_difference"])
 @pytest.mark.parametrize("noise", [(3e-6, 3e-5), (4e-6, 0.0)], ids=["3 um, 30 urad", "4 um"])
-def test_noise_of_poses_changes_the_force_little_and_does_not_look_like_a_withdrawal(source, noise):
+@pytest.mark.parametrize("tool", [SPHERE, ALONG_ITSELF], ids=["sphere", "plate along itself"])
+def test_noise_of_poses_changes_the_force_little_and_does_not_look_like_a_withdrawal(source, noise, tool):
     """At most 5 % of the peak while pressed and at rest, 8 % in the drag and after it, 15 % where the drag begins."""
-    true, noisy = (forces_of(PARTS, rate=250, source=source, noise=n) for n in ((0.0, 0.0), noise))
+    true, noisy = (forces_of(PARTS, rate=250, source=source, noise=n, tool=tool) for n in ((0.0, 0.0), noise))
     peak = max(np.linalg.norm(forces, axis=1).max() for forces, _ in true.values())
     limits = {"press": 0.05, "rest": 0.05, "drag begins": 0.15, "drag": 0.08, "after": 0.08}
     for name, limit in limits.items():
