@@ -1,6 +1,6 @@
-"""``make bench-doctor``: what `rft doctor` says of a right cell and of eighteen wrong ones, live, over loopback DDS.
+"""``make bench-doctor``: what `rft doctor` says of twelve right cells and twenty wrong ones, live, over loopback DDS.
 
-`--busy 2` asks beside two processes that keep two cores busy. For each cell: whether the fault is named (or, of the
+`--busy 2` asks beside two processes that keep two cores busy. For each cell: whether the fault is named (or, of a
 right cell, none), whether the machine was called too busy to judge, and what else was to be fixed. Only the lines under
 "else" may be wrong advice: read them.
 """
@@ -30,9 +30,10 @@ import cells  # type: ignore[import-not-found]
 from recordings import cdr  # type: ignore[import-not-found]
 from scipy.spatial.transform import Rotation
 
-from rft_ros.rft import POSE, POSITION, TWIST, VELOCITY
+from rft_ros.rft import FORCE, POSE, POSITION, QUATERNION, TORQUE, TWIST, VELOCITY
 
 RATE, HASTE = 100.0, 4  # Hz; the recorded motion takes 10 s
+TILTED = Rotation.from_rotvec(np.radians(120.0) / np.sqrt(14.0) * np.array([1.0, 2.0, 3.0]))
 TURNED = (Rotation.from_quat(cells.MOUNT.quaternion) * Rotation.from_euler("x", 180, degrees=True)).as_quat().tolist()
 
 
@@ -54,10 +55,29 @@ class Fault:
     repeated: int = 1  # how often each pose is sent
     noise: float = 0.0  # of the poses [m]
     torque: float = 1.0
+    unit: float = 1.0  # of the poses, over a metre
+    tilted: bool = False  # the tool, out of the world's axes
+    in_world: bool = False  # the load cell reads in the world's axes
 
+
+_DIFFERENCED = {"twist_source": "pose_difference"}
+_RIGHT = {
+    "right": Fault(named=""),
+    "right, differenced": Fault(named="", parameters=_DIFFERENCED),
+    "right, with memory": Fault(named="", parameters={"medium.mobilization_length": 0.003}),
+    "right, learning": Fault(named="", parameters={"learning.mode": "apply"}),
+    "right, a map": Fault(named="", parameters={"ground.cell": 0.004}),
+    "right, tilted": Fault(named="", tilted=True),
+    "right, world axes": Fault(named="", tilted=True, in_world=True, parameters={"sensor.frame_source": "world"}),
+    "right, hard grains": Fault(named="", scale=1.7),
+    "right, soft grains": Fault(named="", scale=0.65),
+    "right, quiet noise": Fault(named="", noise=3e-6, parameters=_DIFFERENCED),
+    "right, tared": Fault(named="", bias=2.0, parameters={"sensor.bias": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}),
+    "right, late by a known time": Fault(named="", late=80_000_000, parameters={"sensor.delay": 0.08}),
+}
 
 FAULTS = {
-    "right": Fault(named=""),
+    **_RIGHT,
     "frame of poses and twists": Fault(named="set world_frame: base", frame="base"),
     "sign": Fault(named="set sensor.sign: 1", parameters={"sensor.sign": -1.0}),
     "cell turned": Fault(named="turned by 180 degrees", parameters={"sensor.quaternion": TURNED}),
@@ -75,6 +95,8 @@ FAULTS = {
     "poses with noise": Fault(named="the poses have a noise", noise=2e-4),
     "torque in N mm": Fault(named="not N mm", torque=1e3),
     "sensor 150 mm away": Fault(named="set sensor.position", parameters={"sensor.position": [0.15, 0.0, 0.05]}),
+    "reading in world axes": Fault(named="set sensor.frame_source: world", tilted=True, in_world=True),
+    "poses in mm": Fault(named="not millimetres", unit=1e3),
     "clocks differ by 0.5 s": Fault(named="synchronise the clocks", old=500_000_000),
 }
 
@@ -86,13 +108,18 @@ def said_of(fault: Fault, folder: Path, seconds: float) -> list[str]:
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
     states = cells.motion(RATE / HASTE)
     states[:, VELOCITY] *= HASTE
+    states[:, QUATERNION] = TILTED.as_quat() if fault.tilted else states[:, QUATERNION]
     loads = cells.loads(states)
     peak = abs(loads[:, 2]).max()
     loads[:, 2] += fault.friction * peak * np.sign(states[:, VELOCITY][:, 2])
     loads = np.clip(loads, -fault.clipped * peak, fault.clipped * peak) if fault.clipped < 1.0 else loads
     loads = fault.scale * loads * ([1.0] * 3 + [fault.torque] * 3) + [0.0, 0.0, fault.bias, 0.0, 0.0, 0.0]
+    if fault.in_world:
+        to_world = Rotation.from_quat(states[:, QUATERNION]) * Rotation.from_quat(cells.MOUNT.quaternion)
+        loads = np.hstack([to_world.apply(part) for part in (loads[:, FORCE], loads[:, TORQUE])])
     states[:, POSITION] += np.random.default_rng(1).normal(0.0, fault.noise, (len(states), 3))
     states[:, POSITION] = states[np.arange(len(states)) // fault.repeated * fault.repeated, POSITION]
+    states[:, POSITION] *= fault.unit
     rows = list(zip(states.tolist(), loads.tolist(), strict=True))
     driver = rclpy.create_node("drivers")
     kinds = {"wrench_measured": WrenchStamped, "twist": TwistStamped, "pose": PoseStamped}

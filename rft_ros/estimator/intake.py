@@ -6,7 +6,7 @@ from collections import Counter, deque
 from rft_ros.estimator import samples
 from rft_ros.estimator.load_cell import Comparison, Reading
 from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TransformSample, TwistSample, WrenchSample
-from rft_ros.estimator.timeline import LATE, NEW_RUN, NEXT, PATIENCE, REPEATED, Succession, Timeline, succession
+from rft_ros.estimator.timeline import LATE, NEW_RUN, NEXT, PATIENCE, REPEATED, S, Succession, Timeline, succession
 from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import DELAY, Cloud, GroundMapper
 from rft_ros.parameters import Settings
@@ -120,12 +120,7 @@ class Intake:
             raise RefusedError(Reason.TWIST_NOT_FINITE)
         if axes is not None:
             sample = TwistSample(sample.stamp, into, axes.rotate(sample.linear), axes.rotate(sample.angular))
-        follows = self.twists.add(sample)
-        if follows in (REPEATED, LATE):
-            raise RefusedError(Reason.TWIST_OUT_OF_ORDER)
-        if follows is NEW_RUN:
-            self._comparison.settle(math.inf)
-        self._comparison.settle(sample.stamp)
+        self._keep(self.twists, sample, Reason.TWIST_OUT_OF_ORDER)
 
     def _add_wrench(self, sample: WrenchSample) -> None:
         """Keep a reading of the load cell at the stamp of its event, in the axes of the sensor or the world frame."""
@@ -140,14 +135,18 @@ class Intake:
             wrench = (there._replace(position=(0.0, 0.0, 0.0)) if in_world else there).wrench(wrench)
         if not _are_finite(*wrench):
             raise RefusedError(Reason.WRENCH_NOT_FINITE)
-        last = self._comparison.readings.last
-        follows = NEXT if last is None else succession(stamp, after=last.stamp)
-        if follows in (REPEATED, LATE):  # the first one of several with one stamp, also if a pose came between them
-            raise RefusedError(Reason.WRENCH_OUT_OF_ORDER)
-        if follows is NEW_RUN:
+        # of several with one stamp the first one is kept, also if a pose came between them
+        self._keep(self._comparison.readings, Reading(stamp, wrench, in_world), Reason.WRENCH_OUT_OF_ORDER)
+
+    def _keep(self, timeline: Timeline[S], sample: S, late: Reason) -> None:
+        """Keep a sample if it is not late, and compare the predictions that have waited for it."""
+        follows = timeline.follows(sample.stamp)
+        if follows in (REPEATED, LATE):
+            raise RefusedError(late)
+        if follows is NEW_RUN:  # the predictions belong to the run before
             self._comparison.settle(math.inf)
-        self._comparison.readings.add(Reading(stamp, wrench, in_world))
-        self._comparison.settle(stamp)
+        timeline.add(sample)
+        self._comparison.settle(sample.stamp)
 
     def _add_cloud(self, cloud: Cloud, mapper: GroundMapper | None) -> None:
         """Pass points of the ground to the mapper, with their frame's placement in the world if that is another one."""

@@ -9,7 +9,7 @@ from typing import Generic, Protocol, TypeVar
 from rft_ros.rft.placement import Quaternion
 
 __all__ = ["LATE", "NEW_RUN", "NEXT", "PATIENCE", "REPEATED", "TIME_JUMP", "Succession", "Timeline"]
-__all__ += ["between", "succession", "turned_between"]
+__all__ += ["S", "between", "succession", "turned_between"]
 
 TIME_JUMP = 1_000_000_000
 """A stamp that goes back by this much [ns] or more starts a new run (a bag played in a loop)."""
@@ -68,19 +68,18 @@ class Timeline(Generic[S]):
         """The sample with the latest stamp."""
         return self._samples[-1] if self._samples else None
 
-    def add(self, sample: S) -> Succession:
-        """Add a sample, unless its stamp is repeated or late. The first one of a new run drops those before it."""
-        last = self.last
-        follows = NEXT if last is None else succession(sample.stamp, after=last.stamp)
-        if follows is NEW_RUN:
-            self._samples.clear()
-        if follows is NEXT or follows is NEW_RUN:
-            self._samples.append(sample)
-        return follows
+    def follows(self, stamp: int) -> Succession:
+        """How a stamp [ns] follows the last one."""
+        return succession(stamp, after=self._samples[-1].stamp) if self._samples else NEXT
+
+    def add(self, sample: S) -> None:
+        """Add a sample that is not late. The first one of a new run drops those before it."""
+        self.start_run(sample.stamp)
+        self._samples.append(sample)
 
     def start_run(self, stamp: int) -> None:
         """Drop the samples if they belong to the run before the one that starts at `stamp` [ns]."""
-        if self._samples and succession(stamp, after=self._samples[-1].stamp) is NEW_RUN:
+        if self.follows(stamp) is NEW_RUN:
             self._samples.clear()
 
     def clear(self) -> None:

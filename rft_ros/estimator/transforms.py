@@ -45,24 +45,24 @@ class Transforms:
         is_same_link = last is not None and (last.parent, last.fixed) == (sample.parent, sample.fixed)
         if is_same_link and not sample.fixed and self._kept is not None and sample.child not in self._kept:
             return None  # the history of this frame is not needed
-        follows = NEXT
-        if last is not None and not last.fixed and not sample.fixed:
-            follows = succession(sample.stamp, after=last.stamp)
         quaternion = unit_quaternion(*sample.quaternion)
         reason, what = self._refused(sample)
         if quaternion is None:
-            reason, what = reason or Reason.TF_INVALID, what or "the quaternion is not of unit length"
-        is_used = reason is None and (follows is NEXT or follows is NEW_RUN)
-        if reason is None and last is not None and not is_same_link:
-            reason, what = Reason.TF_TWO_PARENTS, f"before in {last.parent!r}{_kind(last)}"
-        elif reason is None and last is not None and not is_used:
-            reason, what = Reason.TF_OUT_OF_ORDER, f"{last.stamp - sample.stamp} ns before the last one"
-        if reason is not None:
-            self.sentences[reason] = f"{_described(sample)}: {what}"
-        if is_used and quaternion is not None:
+            reason, what = Reason.TF_INVALID, "the quaternion is not of unit length"
+        elif reason is None:
+            is_stream = last is not None and not last.fixed and not sample.fixed
+            follows = self._frames[sample.child].follows(sample.stamp) if is_stream else NEXT
+            is_used = follows is NEXT or follows is NEW_RUN
+            if last is not None and not is_same_link:
+                reason, what = Reason.TF_TWO_PARENTS, f"before in {last.parent!r}{_kind(last)}"
+            elif last is not None and not is_used:
+                reason, what = Reason.TF_OUT_OF_ORDER, f"{last.stamp - sample.stamp} ns before the last one"
             if follows is NEW_RUN:
                 self.start_run(sample.stamp)
-            self._add(sample._replace(quaternion=quaternion), is_same_link=is_same_link)
+            if is_used:
+                self._add(sample._replace(quaternion=quaternion), is_same_link=is_same_link)
+        if reason is not None:
+            self.sentences[reason] = f"{_described(sample)}: {what}"
         return reason
 
     def _last(self, child: str) -> TransformSample | None:

@@ -18,8 +18,8 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from recordings import cdr, transforms_cdr
 from test_live_transforms import transform_publishers
 
-from rft_ros.doctor.running import _as_if_in_time, _of_losses, _samples
-from rft_ros.estimator import PoseSample, TransformSample, TwistSample
+from rft_ros.doctor.running import _of_losses, _samples
+from rft_ros.estimator import TransformSample
 from rft_ros.node import listen
 from rft_ros.node.listen import Listener, Message, Publisher, Topic
 from rft_ros.rft import POSE, POSITION, QUATERNION, TWIST, VELOCITY
@@ -158,14 +158,3 @@ def test_messages_that_were_lost_on_the_way_are_said(taken, lost):
     found = [f.text for f in _of_losses(topic, [Message("pose", "", b"", 0, number) for number in taken])]
     assert len(found) == (lost > 0)
     assert all(f"{lost} of 999 messages on /rft/pose were lost" in text and "too busy" in text for text in found)
-
-
-def test_what_a_busy_machine_delivers_late_is_taken_as_it_was_sent():
-    """For half a second all twists wait, and poses come in time; estimates need the twist before its pose."""
-    still = (0.0, 0.0, 0.0)
-    poses = [(PoseSample(t * 10**7, "world", still, (*still, 1.0)), t * 10**7 + 10**6) for t in range(1, 51)]
-    twists = [(TwistSample(t * 10**7, "world", still, still), max(t * 10**7, 5 * 10**8)) for t in range(1, 51)]
-    arrived = sorted([*twists, *poses], key=lambda one: one[1])
-    assert _as_if_in_time(arrived, limit=10.0) == arrived
-    stamps = [sample.stamp for sample, _ in _as_if_in_time(arrived, limit=0.02)]
-    assert stamps == sorted(stamps)

@@ -55,14 +55,6 @@ def test_a_hanging_tool_turned_any_way_is_compensated_to_zero(orientation, sign)
     assert np.abs(reading - cell.bias).max() > 1.0
 
 
-@given(
-    st.tuples(*[st.floats(-100.0, 100.0)] * 6), st.tuples(*[st.floats(-10.0, 10.0)] * 6), st.sampled_from([1.0, -1.0])
-)
-def test_bias_is_taken_off_in_the_drivers_sign_before_the_sign_is_turned(reading, bias, sign):
-    measured, _ = answer(LoadCell(sign=sign, bias=bias), reading)
-    assert measured.compensated == pytest.approx(sign * np.subtract(reading, bias), abs=1e-12)
-
-
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_push_of_the_grains_is_positive_upwards_as_in_a_reading(sign):
     """1 cm deep, 4 cm², pushed straight down: 4 N up. The residual is what a driver, of either sign, reports beyond."""
@@ -216,14 +208,6 @@ def test_an_estimate_before_a_jump_back_in_time_is_compared_with_the_samples_bef
         e = waiting(ramp(START - MS))
         push(e, jump)
         assert e.measurements()[0].compensated[2] == -1.0
-
-
-def test_estimates_without_load_cell_samples_do_not_accumulate():
-    e = estimator(max_input_age=1e6, twist_source="pose_difference")
-    for k in range(10_000):
-        push(e, pose(START + k * MS, (0.0, 0.0, -0.01 - 1e-6 * k)))
-    e.finish()
-    assert len(e.measurements()) == e.estimates == e.counts[Reason.WRENCH_MISSING] == 9998
 
 
 def streams(seed, period, gaps, *, seconds=1, start=-0.01):

@@ -1,6 +1,5 @@
 """What is doubtful about an estimate: the flags that every estimate carries."""
 
-import math
 import re
 from dataclasses import replace
 from pathlib import Path
@@ -12,7 +11,6 @@ from one_plate import SECOND, estimator, plate_model, pose, push, twist, wrench
 
 from rft_ros.estimator import Estimate
 from rft_ros.estimator.quality import QualityFlag, Trust, trust
-from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.ground import HeightMap
 from rft_ros.tool import load_tool, tool_of_mesh
 
@@ -206,13 +204,3 @@ def test_the_calibrations_own_depth_give_or_take_its_rounding_is_not_beyond_it(r
     for times, flag in ((1.0, QualityFlag.NONE), (1.01, QualityFlag.NONE), (1.03, QualityFlag.DEEP)):
         found = last_flags(root, positions, velocity=(0.0, 0.0, -0.01), calibrated_depth=lowest / times)
         assert found == flag
-
-
-def test_without_learning_sigma_is_a_share_of_the_force_in_any_horizontal_direction():
-    sigmas = []
-    for x, y in ((5.0, 0.0), (3.0, 4.0)):
-        answer = np.empty(12)
-        predict_without_learning(np.array([x, y, 0.0, 0.0, 0.1, 0.0]), 0.07, 0.02, answer)
-        sigmas.append(answer[6:9])
-        assert answer[6] == pytest.approx(math.sqrt((0.07**2 + 0.4**2 + 0.03**2) * 25.0 + 0.05**2))
-    np.testing.assert_allclose(*sigmas, rtol=1e-12)

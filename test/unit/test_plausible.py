@@ -12,8 +12,8 @@ from one_plate import SECOND, estimator, plate_model, pose, push, twist
 
 from rft_ros.cli import main
 from rft_ros.estimator import Estimate
-from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
-from rft_ros.tool import load_tool, tool_of_mesh
+from rft_ros.estimator.quality import QualityFlag, Trust, sentences, trust
+from rft_ros.tool import tool_of_mesh
 
 HEADER = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
 
@@ -78,15 +78,6 @@ def test_meshes_in_millimetres_are_not_trusted(size, shape, share):
     assert trust(answer.quality_flags) is Trust.NO
 
 
-@pytest.mark.parametrize("z", [-20.0, -1e12])
-def test_the_examples_of_a_plate_are_not_trusted(z):
-    answer = estimated(load_tool("plate"), -z)
-    assert "impossible" in flag_names(answer.quality_flags)
-    assert trust(answer.quality_flags) is Trust.NO
-    metres = load_tool("plate", scale=1.0)
-    assert trust(estimated(metres, 0.05).quality_flags) is Trust.NO
-
-
 @pytest.mark.parametrize(
     ("z", "options", "words"),
     [
@@ -109,15 +100,6 @@ def test_predict_and_view_say_what_cannot_be_and_a_first_state_in_the_grains(
     assert main([command, str(states), "--mesh", "plate", *options, "-o", str(out)]) == 0
     lines = [line for line in capsys.readouterr().err.splitlines() if line.startswith("warning: ")]
     assert any(all(word in line for word in words) for line in lines), lines
-
-
-def test_a_motion_that_begins_at_the_surface_has_no_warning(tmp_path, capsys):
-    rows = np.zeros((3, 14))
-    rows[:, 0], rows[:, 7], rows[:, 10] = (0.0, 0.1, 0.2), 1.0, -0.01
-    rows[:, 3] = -load_tool("plate").lowest_point(np.eye(3)) - 0.01 * rows[:, 0]
-    np.savetxt(tmp_path / "states.csv", rows, delimiter=",", header=HEADER, comments="")
-    assert main(["predict", str(tmp_path / "states.csv"), "--mesh", "plate", "-o", str(tmp_path / "out.csv")]) == 0
-    assert "warning" not in capsys.readouterr().err
 
 
 def test_the_motion_of_the_readme_begins_at_the_surface_for_a_tool_below_its_flange(tmp_path, monkeypatch, capsys):
