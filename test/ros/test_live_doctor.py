@@ -35,7 +35,7 @@ def examined(rft: Harness, tmp_path: Path, send, parameters) -> list[str]:
     sent = list(zip(states.tolist(), loads(states).tolist(), strict=True))
     file = tmp_path / "doctor.yaml"
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
-    command = [sys.executable, "-m", "rft_ros.cli", "doctor", str(file), "--node", rft.name, "--seconds", "6"]
+    command = [sys.executable, "-m", "rft_ros.cli", "doctor", str(file), "--node", rft.name, "--seconds", "4"]
     command += [f"--remap=~/pose:={rft.name}/pose"]  # what it is anyway: rcl must not take it for its own
     environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}  # tf2_msgs or its stand-in
     doctor = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
