@@ -162,7 +162,7 @@ def _add_memory(chunk, count, memory, motion, below, slope, grains):
             kept = triple(memory, first + IN_MEMORY.traction, j, BLOCK)
             past = kept, memory[at(first + IN_MEMORY.radius, j)], memory[at(first + IN_MEMORY.gap, j)]
             traction, radius, gap, tangent = advance(
-                past, triple(chunk, row.NORMAL, i), chunk[at(row.WIDTH, i)], moved, target, span, strength
+                past, triple(chunk, row.NORMAL, i), 0.5 / chunk[at(row.PER_WIDTH, i)], moved, target, span, strength
             )
             load = chunk[at(row.LOAD, i)]
             wet = 1.0 if load > 0.0 else 0.0

@@ -198,11 +198,10 @@ def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
         per_speed = orient(chunk, i, normal, (ux, uy, uz))
         if refined:
             per_width = rows[at(first + IN_BLOCK.half_angle, j)]
-            chunk[at(row.WIDTH, i)] = 0.5 / per_width
+            chunk[at(row.PER_WIDTH, i)] = per_width
             share = min(max(lead * per_speed * per_width + 0.5, 0.0), 1.0)
         else:
             share = 1.0 if lead > 0.0 else 0.0
-            chunk[at(row.WIDTH, i)] = 0.0
         put(chunk, row.PLACE, i, (x, y, z))
         submerged += area
         loaded = 1.0 if has_memory else share
@@ -325,6 +324,8 @@ def _sums(form, law, height, slope, states, past, out):
     chunk, inertia = new_chunk(), law.numbers[IN_LAW.inertia]
     grains = law.numbers[IN_LAW.mobilization_length], law.numbers[IN_LAW.stiffness]
     level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == _FORCES
+    for i in range(row.LENGTH):
+        chunk[at(row.PER_WIDTH, i)] = np.inf  # plates for the published rule keep it
     # unsigned: numba adds code for negative indices otherwise
     blocks, one = np.uint64(bounds.shape[1]), np.uint64(1)
     for k in range(states.shape[0]):
