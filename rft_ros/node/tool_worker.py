@@ -58,17 +58,13 @@ class ToolWorker:
         given_up = given_up or threading.Event()
         try:
             answer = self._answer(files, given_up)
-        except (OSError, EOFError) as error:  # the process ended, or the system has no process or descriptor left
+        except Exception as error:  # of any kind: no process or descriptor is left, or the answer is damaged
             self.end()
+            if isinstance(error, InputError):
+                raise
             ended = isinstance(error, EOFError | ConnectionError)
             why = f"the process that loads {named(files)} ended" if ended else str(error)
             raise InputError(f"{why}; set it again") from None
-        except InputError:
-            self.end()
-            raise
-        except Exception as error:  # a damaged answer
-            self.end()
-            raise InputError(f"{error}; set it again") from None
         finally:
             self.used = None
         if isinstance(answer, str):

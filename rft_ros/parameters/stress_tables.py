@@ -118,7 +118,7 @@ def _check_finite(rows: Rows, named: str, columns: tuple[Column, ...]) -> None:
 
 def _check_angles(rows: Rows, named: str) -> None:
     """Raise InputError if angles are implausible in the unit that the header names."""
-    for name in {"beta", "gamma"} & rows.factors.keys():
+    for name in [name for name in ("beta", "gamma") if name in rows.factors]:
         widest, different = float(np.abs(rows.column(name)).max()), len(np.unique(rows.column(name)))
         in_radians = rows.factors[name] != 1.0
         if widest > _WIDEST_DEGREES:
