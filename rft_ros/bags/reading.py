@@ -4,7 +4,7 @@ import heapq
 import os
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import ExitStack, suppress
 from operator import itemgetter
 from pathlib import Path
@@ -17,7 +17,7 @@ from rft_ros.bags.table import is_table, source_of_table, values_for_table
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.estimator import Sample, TransformSample
 from rft_ros.files import resolved
-from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder
+from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role
 from rft_ros.parameters import Values
 
 __all__ = ["Recording", "bag_name"]
@@ -107,7 +107,7 @@ class Recording:
         topic = self.topics.get("tf", "/tf") + "_static"
         for source in self._sources:
             if (topic, *TYPES["tf_static"]) in source.types:
-                decode = decoder("tf_static", ros1=source.ros1)
+                decode = source.decoder("tf_static")
                 with suppress(Exception):  # damage, which `_stream` reports
                     for _, _, data in source.read([topic], source.first, source.last):
                         try:
@@ -132,7 +132,7 @@ class Recording:
         """The samples in order, after the fixed transforms of the whole bag."""
         if self.fixed:
             yield self.fixed
-        decode = [_decoder(role, self._sources[0], self._kinds.get(role, "")) for role in _RANK]
+        decode = [self._sources[0].decoder(role, kind=self._kinds.get(role, "")) for role in _RANK]
         for time, rank, _, data in self._in_order():
             try:
                 sample = decode[rank](data)
@@ -197,12 +197,3 @@ class Recording:
             advice = f"{_INSTEAD.get(role, '')}--remap {TOPICS[role]}:={fits}"
             there = ", ".join(f"{topic} ({' and '.join(types)})" for topic, types in found.items())
             raise InputError(f"bag '{self.bag}'{fault} (use {advice}); it has {there}")
-
-
-def _decoder(role: Role, source: Source, kind: str) -> Callable[[Any], Sample]:
-    """A function from a message of a source to its sample."""
-    return _itself if source.decoded else decoder(role, ros1=source.ros1, kind=kind)
-
-
-def _itself(sample: Sample) -> Sample:
-    return sample

@@ -10,6 +10,7 @@ from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
+from functools import partial
 from pathlib import Path
 from struct import Struct
 from tempfile import TemporaryDirectory
@@ -24,7 +25,9 @@ from rosbags.rosbag2 import Reader as Reader2
 
 from rft_ros.bags.limits import MOST_BYTES, LimitedPath, LimitError, unpack, unpacked
 from rft_ros.errors import InputError, reason_of
+from rft_ros.estimator import Sample
 from rft_ros.files import checked_file, read_yaml
+from rft_ros.messages import decoder
 
 __all__ = ["SUFFIXES", "Messages", "Source", "sources_of"]
 
@@ -49,8 +52,8 @@ class Source:
 
     `types`: the pairs of a topic and its type. `count`, `first`, `last`: number of messages on all topics, and receive
     times of the first and the last one [ns]. `read`: the messages on some topics, from one receive time to another,
-    both included; raises an exception at damage, after what comes before it. `ros1`: they are serialised as in ROS 1.
-    `decoded`: they are samples and not serialised.
+    both included; raises an exception at damage, after what comes before it. `decoder`: the function from a message of
+    a role, and of a `kind` of `TYPES`, to its sample.
     """
 
     name: str
@@ -59,8 +62,7 @@ class Source:
     first: int
     last: int
     read: Callable[[Collection[str], int, int], Messages]
-    ros1: bool = False
-    decoded: bool = False
+    decoder: Callable[..., Callable[[Any], Sample]]
 
 
 def sources_of(bag: Path, opened: ExitStack) -> tuple[list[Source], list[str]]:
@@ -145,7 +147,7 @@ def _merged(file: Path, opened: ExitStack) -> Path:
 def _opened(file: Path, name: str, opened: ExitStack) -> Source:
     """Open a file by rosbags."""
     limited, ros1 = LimitedPath(file), file.suffix == ".bag"
-    reader = Reader1(limited) if ros1 else Reader2(limited)
+    reader, decode = Reader1(limited) if ros1 else Reader2(limited), partial(decoder, ros1=ros1)
     reader.open()
     opened.callback(reader.close)
     first, last = reader.start_time, reader.end_time - 1
@@ -173,7 +175,7 @@ def _opened(file: Path, name: str, opened: ExitStack) -> Source:
         if missing > 0 and begin <= first and last <= end:  # rosbags skips what it cannot find in a chunk
             raise ValueError(f"{missing} of its messages are missing")
 
-    return Source(name=name, types=types, count=reader.message_count, first=first, last=last, read=read, ros1=ros1)
+    return Source(name=name, types=types, count=reader.message_count, first=first, last=last, read=read, decoder=decode)
 
 
 def _type(name: str, encoding: str) -> str:
@@ -201,7 +203,15 @@ def _recovered(file: Path, name: str, fault: str) -> tuple[Source | None, str]:
                 if topic in topics and begin <= message.log_time <= end:
                     yield message.log_time, topic, message.data
 
-    found = Source(name=name, types=[*types.items()], count=counts.total(), first=first, last=last, read=read)
+    found = Source(
+        name=name,
+        types=[*types.items()],
+        count=counts.total(),
+        first=first,
+        last=last,
+        read=read,
+        decoder=partial(decoder, ros1=False),
+    )
     return found if found.count else None, fault
 
 
