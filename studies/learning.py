@@ -39,7 +39,7 @@ from rft_ros.rft import (
 )
 from rft_ros.tool import Tool, load_tool
 from studies.choice import PUBLISHED, REMEMBERED, Choice
-from studies.dem import CALIBRATION, DATA, RUNS, fitted_zeta, read_run
+from studies.dem import DATA, RUNS, modelled, smoothed
 from studies.result import BLUE, GREY, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
 __all__ = [
@@ -75,7 +75,6 @@ _FRESH = ("drag_plate_b90_d15_y22", "fast_plate_b90_0p1mps_ref")
 _BLOCK = "buried_block"
 _INERTIAL = 0.2  # m/s, of the tool frame's origin
 _Error = Callable[["Series", Array], float]
-_WINDOW = 9  # samples of the centred mean
 
 
 MODELS = (PUBLISHED, REMEMBERED)
@@ -182,10 +181,6 @@ def series_of(
     )
 
 
-def _smoothed(forces: Array) -> Array:
-    return np.apply_along_axis(np.convolve, 0, forces, np.full(_WINDOW, 1.0 / _WINDOW), "same")
-
-
 @cache
 def dem_series(name: str, choice: Choice) -> Series:
     """A simulated run with ζ from the calibration run; the samples that count are those of the data's README."""
@@ -197,7 +192,7 @@ def dem_series(name: str, choice: Choice) -> Series:
     series = series_of(name, plates, law_, states, times, rows, forces, rest=1e-9)
     moving = np.flatnonzero(np.any(states[:, TWIST] != 0.0, axis=1))
     smooth = np.zeros_like(forces)
-    smooth[moving] = _smoothed(forces[moving])
+    smooth[moving] = smoothed(forces[moving])
     inner = moving[5:-8]
     size = np.linalg.norm(smooth[inner], axis=1)
     return replace(series, judged=inner[size > 0.2 * size.max()], expected=smooth)
@@ -205,13 +200,7 @@ def dem_series(name: str, choice: Choice) -> Series:
 
 def dem_model(name: str, choice: Choice) -> tuple[Tool, Law]:
     """The tool of a simulated run, and the law with ζ from the calibration run."""
-    return _dem_tool(name, choice), choice.made(_dem_zeta(choice))
-
-
-@cache
-def _dem_zeta(choice: Choice) -> float:
-    run = replace(read_run(CALIBRATION), tool=_dem_tool(CALIBRATION, choice))
-    return fitted_zeta(run, choice.made(1.0))
+    return _dem_tool(name, choice), choice.made(modelled(choice)[1])
 
 
 def _dem_tool(name: str, choice: Choice) -> Tool:
@@ -322,7 +311,7 @@ def peak_error(series: Series, predicted: Array) -> float:
 
 def pass_errors(series: Series, predicted: Array) -> list[float]:
     """`vector_error` of each level drag, less three samples at each end."""
-    expected = _smoothed(series.forces)
+    expected = smoothed(series.forces)
     return [vector_error(replace(series, judged=run[3:-3], expected=expected), predicted) for run in passes_of(series)]
 
 
@@ -331,13 +320,6 @@ def passes_of(series: Series) -> list[NDArray[np.int64]]:
     velocities = series.states[:, VELOCITY]
     moving = np.flatnonzero((velocities[:, 0] > 0.05) & (np.abs(velocities[:, 2]) < 1e-9))
     return [run for run in np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1) if len(run) > 50]
-
-
-def coverage(series: Series, out: Array) -> Array:
-    """Share of the force components within one and two standard deviations of the raw measurement, counts: [3]."""
-    rows = series.judged
-    z = np.abs(series.forces[rows] - out[rows, :3]) / out[rows, 6:9]
-    return np.array([(z < 1.0).sum(), (z < 2.0).sum(), z.size], dtype=float)
 
 
 def unlearned(series: Series) -> Array:
