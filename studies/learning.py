@@ -322,6 +322,13 @@ def passes_of(series: Series) -> list[NDArray[np.int64]]:
     return [run for run in np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1) if len(run) > 50]
 
 
+def coverage(series: Series, out: Array) -> Array:
+    """Share of the force components within one and two standard deviations of the raw measurement, counts: [3]."""
+    rows = series.judged
+    z = np.abs(series.forces[rows] - out[rows, :3]) / out[rows, 6:9]
+    return np.array([(z < 1.0).sum(), (z < 2.0).sum(), z.size], dtype=float)
+
+
 def unlearned(series: Series) -> Array:
     """The model's wrench and its standard deviations without learning, shape [n, 12]."""
     answers = np.empty((len(series.rows), 12))
