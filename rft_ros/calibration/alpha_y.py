@@ -13,7 +13,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_each, fit_measurements, fit_series
+from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_each, fit_linear, fit_measurements
 from rft_ros.calibration.tool_weight import Sensor
 from rft_ros.calibration.track import FEWEST, Track, level_runs
 from rft_ros.rft import FORCE, POSITION, STATE, VELOCITY, Constant, Medium, Plates, Treers2021, alpha_y_model, wrenches
@@ -108,7 +108,7 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treer
         return np.asarray(wrenches(some, law, states, surface_height=surface, threads=1)[:, FORCE] @ e1)
 
     measured = track.grain_forces(sensor.cell)[steady] @ e1 - (force(edges, law) if edges.any() else 0.0)
-    fit = fit_series(force(faces, replace(law, alpha_y=Constant(1.0)))[:, None], measured)
+    fit = fit_linear(force(faces, replace(law, alpha_y=Constant(1.0)))[:, None, None], measured[:, None])
     return PlateRun(
         beta=float(np.degrees(np.arccos(abs(normal[2])))),
         depth=depth,

@@ -7,13 +7,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from rft_ros.calibration.alpha_y import AlphaYFit, AlphaYModel, fit_alpha_y, plate_runs
-from rft_ros.calibration.contact import Contact, find_contacts
 from rft_ros.calibration.fitting import FitResults, NotIdentifiable
 from rft_ros.calibration.grains import fit_grains
-from rft_ros.calibration.phases import LOST_MOTION, fit_delay
-from rft_ros.calibration.plausibility import refuse_implausible
+from rft_ros.calibration.phases import LOST_MOTION, Contact, find_contacts, fit_delay
 from rft_ros.calibration.recorded import BedValues, recorded
-from rft_ros.calibration.suspicion import suspicions, without_repeats
+from rft_ros.calibration.suspicion import refuse_implausible, suspicions, without_repeats
 from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError

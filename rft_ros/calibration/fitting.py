@@ -18,7 +18,7 @@ from rft_ros.errors import InputError
 from rft_ros.parameters import checked, defaults
 
 __all__ = ["Curve", "Fit", "FitResults", "FittedValue", "Measurement", "NotIdentifiable", "best_start"]
-__all__ += ["fit_curve", "fit_each", "fit_linear", "fit_measurements", "fit_series", "mean_of", "scatter_of_mean"]
+__all__ += ["fit_curve", "fit_each", "fit_linear", "fit_measurements", "mean_of", "scatter_of_mean"]
 
 Array = NDArray[np.float64]
 
@@ -105,39 +105,6 @@ class Fit(NamedTuple):
     def rms(self) -> float:
         """Root mean square of the residuals."""
         return float(np.sqrt(np.mean(self.residuals**2)))
-
-
-def _series_fit(coefficients: Array, jacobian: Array, residuals: Array, bread: Array) -> Fit:
-    """A fit to a time series, with the covariance under serially correlated residuals.
-
-    `jacobian`: shape [n, k]. `bread`: inverse of its normal matrix, the outer factors of the sandwich estimate.
-
-    Newey and West's estimate (Econometrica 55, 1987) on scores whitened by the residuals' lag-one correlation (Andrews,
-    60, 1992): else errors from a few hundred samples are a third too small.
-    """
-    n, k = jacobian.shape
-    e = residuals - residuals.mean()
-    power = float(e @ e)
-    # at a correlation of 1 the variance of a mean is unbounded
-    rho = float(np.clip(e[1:] @ e[:-1] / power, -0.97, 0.97)) if power > 0.0 else 0.0
-    scores = jacobian * residuals[:, None]
-    scores = scores[1:] - rho * scores[:-1]
-    lags = int(4.0 * (n / 100.0) ** (2.0 / 9.0))
-    total = scores.T @ scores
-    for lag in range(1, lags + 1):
-        product = scores[lag:].T @ scores[:-lag]
-        total += (1.0 - lag / (lags + 1.0)) * (product + product.T)
-    # the coefficients and the kernel's width reduce the degrees of freedom
-    covariance = bread @ total @ bread / (1.0 - rho) ** 2 * n / max(n - k - lags, 1)
-    return Fit(coefficients, covariance, residuals, bread @ jacobian.T)
-
-
-def fit_series(design: Array, observed: Array) -> Fit:
-    """Least squares of a time series, shape [n], any unit, on the columns of `design`, shape [n, k]."""
-    coefficients = np.asarray(np.linalg.lstsq(design, observed, rcond=None)[0], dtype=np.float64)
-    return _series_fit(
-        coefficients, design, observed - design @ coefficients, np.asarray(np.linalg.pinv(design.T @ design))
-    )
 
 
 class Curve(NamedTuple):
@@ -267,18 +234,37 @@ def _variances(jacobian: Array, residuals: Array) -> tuple[Array, float]:
     return np.sum([variance for variance, _ in each], axis=0), float(np.mean([one for _, one in each]))
 
 
+def _correlated_anyhow(columns: Array, residuals: Array) -> Array:
+    """Covariance of `columns`.T @ noise, columns of shape [n, k], where each residual counts at its own moment.
+
+    Newey and West's estimate (Econometrica 55, 1987) on scores whitened by the residuals' lag-one correlation (Andrews,
+    60, 1992): else errors from a few hundred samples are a third too small.
+    """
+    n, k = columns.shape
+    e = residuals - residuals.mean()
+    power = float(e @ e)
+    # at a correlation of 1 the variance of a mean is unbounded
+    rho = float(np.clip(e[1:] @ e[:-1] / power, -0.97, 0.97)) if power > 0.0 else 0.0
+    scores = columns * residuals[:, None]
+    scores = scores[1:] - rho * scores[:-1]
+    lags = int(4.0 * (n / 100.0) ** (2.0 / 9.0))
+    total = scores.T @ scores
+    for lag in range(1, lags + 1):
+        product = scores[lag:].T @ scores[:-lag]
+        total += (1.0 - lag / (lags + 1.0)) * (product + product.T)
+    # the coefficients and the kernel's width reduce the degrees of freedom
+    return np.asarray(total / (1.0 - rho) ** 2 * n / max(n - k - lags, 1))
+
+
 def _covariance(jacobian: Array, residuals: Array, inverse: Array) -> Array:
     """Covariance of coefficients: the greater of two estimates, by the error of the first coefficient.
 
-    One takes the residuals as a stationary process. The other (Newey and West) takes each residual at its own moment,
-    such as at a corner.
+    One takes the residuals as a stationary process. The other takes each residual at its own moment, such as at a
+    corner.
     """
-    _, axes, k = jacobian.shape
-    found = [inverse @ _variances(jacobian, residuals)[0] @ inverse]
-    apart = [
-        _series_fit(np.zeros(k), jacobian[:, axis], residuals[:, axis], inverse).covariance for axis in range(axes)
-    ]
-    found.append(np.sum(apart, axis=0))
+    axes = range(residuals.shape[1])
+    anyhow = np.sum([_correlated_anyhow(jacobian[:, axis], residuals[:, axis]) for axis in axes], axis=0)
+    found = [inverse @ total @ inverse for total in (_variances(jacobian, residuals)[0], anyhow)]
     return max(found, key=lambda covariance: float(covariance[0, 0]))
 
 

@@ -18,7 +18,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.calibration.attitude import doubts_of_zeta
-from rft_ros.calibration.contact import Contact
 from rft_ros.calibration.fitting import (
     FitResults,
     FittedValue,
@@ -30,6 +29,7 @@ from rft_ros.calibration.fitting import (
 )
 from rft_ros.calibration.phases import (
     SHORTEST,
+    Contact,
     Phase,
     TooShortToResolve,
     check_strength,

@@ -12,9 +12,10 @@ the other values. A stop does not determine λ, as the force persists for any λ
 determine the delay, as another height of the surface gives the same force.
 """
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from functools import cache
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -31,11 +32,12 @@ from rft_ros.calibration.fitting import (
     fit_linear,
 )
 from rft_ros.calibration.recorded import BedValues, Recorded
-from rft_ros.calibration.track import FEWEST, GAP, Indices, Turn, turns_in_grains
-from rft_ros.rft import FORCE
+from rft_ros.calibration.track import FEWEST, GAP, Indices, Track, Turn, down_strokes, turns_in_grains
+from rft_ros.estimator import LoadCell
+from rft_ros.rft import FORCE, STATE, TWIST, Law, wrenches
 
-__all__ = ["LOST_MOTION", "SHORTEST", "Phase", "TooShortToResolve", "check_strength", "first_contact", "fit_delay"]
-__all__ += ["turn_for_length", "way_down"]
+__all__ = ["LOST_MOTION", "SHORTEST", "Contact", "Phase", "TooShortToResolve", "check_strength", "find_contacts"]
+__all__ += ["first_contact", "fit_delay", "turn_for_length", "way_down"]
 
 Array = NDArray[np.float64]
 
@@ -48,12 +50,19 @@ LOST_MOTION = 5e-6
 _LOST_MOTION_ERROR, _MOST_LOST = 5e-6, 2e-4  # m: standard deviation before any fit, and greatest lost motion
 _LEFT_AT_CORNERS = 0.5  # share of the noise of a pose that is left at corners after smoothing
 _LATEST = 0.25  # greatest delay that is searched, to both sides [s]
-_LONGEST_OF_DELAY = 0.03  # greatest λ beside a delay [m]
-_LENGTHS, _LENGTHS_OF_DELAY, _DELAYS = 8, 5, 26  # values that are tried before the best ones are refined
+_LOG_LENGTHS = np.linspace(np.log(SHORTEST), np.log(_LONGEST), 8)
+_DELAYS = np.linspace(-_LATEST, _LATEST, 26)
+"""Values that are tried before the best ones are refined. From fewer λ a delay was 6 ms off, in a local minimum."""
 _VERTICAL = slice(2, 3)
 _STEPS = {"surface": 2e-5, "log_length": 0.03, "lost_motion": 1e-6, "delay": 5e-4}
 """Changes for derivatives."""
 
+_AIR = 0.02  # height [m] up to which the force in the air is used: further up the load cell may have drifted
+_SHALLOW, _AT_LEAST = 0.25, 0.004
+"""First contact is fitted to this share of the stroke's depth, but at least this depth [m]. Over the whole depth, a
+pressure that grows faster than linearly would shift the surface down."""
+
+_HEIGHTS = 24  # heights that are tried before the best one is refined
 _MOST_UNLIKE = 0.15  # greatest accepted RMS residual, relative to the greatest force or its range
 _MOST_UNSURE = 0.75  # greatest accepted standard error of λ, relative to λ
 _DELAY_UNSURE = 0.05  # greatest accepted standard error of the delay of one turn [s]
@@ -67,6 +76,18 @@ of a force that grows with depth is over a quarter of its peak."""
 
 class TooShortToResolve(NotIdentifiable):
     """The force follows the turn at once: λ is shorter than the recording can resolve."""
+
+
+class Contact(NamedTuple):
+    """A first contact: the number of its track, and the rows around it.
+
+    `surface`: its height by a fit without memory [m]. `misfit`: RMS residual of that fit over the rise of the force.
+    """
+
+    number: int
+    rows: Indices
+    surface: float
+    misfit: float
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -196,6 +217,55 @@ def _fitted(part: _Part, values: BedValues, free: tuple[str, ...], starts: Itera
     return Phase(part=part, free=free, values=found, fit=fit)
 
 
+def _found_contact(number: int, track: Track, stroke: Indices, cell: LoadCell, law: Law) -> Contact:
+    """Find the contact of one stroke: fit the vertical force with a free scale and bias, without memory."""
+    up = track.sensor_rotations(cell)[stroke][:, 2]
+    force = cell.sign * np.einsum("nj,nj->n", up, track.readings[stroke, FORCE])
+    height = track.heights()[stroke]
+    low, high = float(height.min()), float(height.max())
+    # the force over the depth of the lowest point, in the orientation at the bottom
+    depths = np.linspace(0.0, high - low, 256)
+    states = np.repeat(track.states[stroke[-1:]], len(depths), axis=0)
+    states[:, STATE.index("pz")] -= height[-1] + depths
+    states[:, TWIST] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)  # straight down
+    predicted = wrenches(track.tool.plates, law, states, threads=1)[:, 2]
+
+    used, least, most = np.ones(len(stroke), dtype=np.bool_), low, high
+    for _ in range(6):
+        z = height[used]
+
+        def columns(parameters: Array, z: Array = z) -> Array:
+            force_of_law = np.interp(parameters[0] - z, depths, predicted)
+            return np.stack([force_of_law, np.ones_like(z)], axis=-1)[:, None]
+
+        step, bounds = np.array([1e-4 * (most - least)]), (np.array([least]), np.array([most]))
+        curve = Curve(columns, step, *bounds, expected=np.zeros(1), expected_error=np.array([np.inf]))
+        observed = force[used][:, None]
+        found = fit_curve(curve, observed, best_start(curve, observed, np.linspace(least, most, _HEIGHTS)[:, None]))
+        surface = float(found.coefficients[0])
+        least = surface - max(_SHALLOW * (surface - low), min(_AT_LEAST, surface - low))
+        most = min(high, surface + 0.5 * _AIR)
+        near = (height > least) & (height < surface + _AIR)
+        if near.sum() < FEWEST or (near == used).all():
+            break
+        used = near
+    rise = float(found.coefficients[1] * np.interp(surface - z.min(), depths, predicted))
+    in_air = int((z > surface).sum())
+    if in_air < 10 or surface >= high - 1e-6 or not rise > 6.0 * found.rms:
+        raise NotIdentifiable(
+            f"{track.name}: no first contact between z = {high:.4f} and {low:.4f} m: {in_air} samples in the air, and a"
+            f" vertical force that rises by {rise:.2f} N with {found.rms:.2f} N of scatter; it needs 10 samples, and a"
+            " rise of 6 times the scatter"
+        )
+    return Contact(number, stroke[used], surface, found.rms / rise)
+
+
+def find_contacts(tracks: Sequence[Track], cell: LoadCell, law: Law) -> list[Contact]:
+    """The first contacts, by fits without memory. Raises NotIdentifiable if there are none."""
+    strokes = ((k, track, stroke, cell, law) for k, track in enumerate(tracks) for stroke in down_strokes(track))
+    return fit_each(_found_contact, strokes, none="the tool never goes straight down")
+
+
 def first_contact(recording: Recorded, rows: Indices, values: BedValues) -> Phase:
     """The surface height [m] at the rows around a contact, from that of `values` on.
 
@@ -223,8 +293,7 @@ def turn_for_length(recording: Recorded, turn: Turn, values: BedValues) -> Phase
     peak = float(np.linalg.norm(part.observed(recording), axis=1).max())
     if not peak > 0.0:
         raise NotIdentifiable(f"{where}: the load cell measures no force of the grains")
-    lengths = np.linspace(np.log(SHORTEST), np.log(_LONGEST), _LENGTHS)
-    found = _fitted(part, values, ("log_length", "lost_motion"), [(float(x), LOST_MOTION) for x in lengths])
+    found = _fitted(part, values, ("log_length", "lost_motion"), [(float(x), LOST_MOTION) for x in _LOG_LENGTHS])
     length, misfit = float(np.exp(found.value)), found.misfit(peak)
     if found.value < np.log(SHORTEST) + 0.02 * np.log(_LONGEST / SHORTEST):
         raise TooShortToResolve(
@@ -259,11 +328,7 @@ def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> Measurem
     part = _Part(
         recording=recording, where=where, first=turn.first, last=int(wide[-1]), rows=rows, axes=FORCE, zeros=True
     )
-    starts = [
-        (float(delay), float(log_length))
-        for log_length in np.linspace(np.log(SHORTEST), np.log(_LONGEST_OF_DELAY), _LENGTHS_OF_DELAY)
-        for delay in np.linspace(-_LATEST, _LATEST, _DELAYS)
-    ]
+    starts = [(float(delay), float(log_length)) for log_length in _LOG_LENGTHS for delay in _DELAYS]
     values = BedValues(surface, log_length=starts[0][1], lost_motion=LOST_MOTION)
     found = _fitted(part, values, ("delay", "log_length"), starts)
     between_poses = float(np.median(np.diff(time[rows]))) / 12.0**0.5  # where the turn lies

@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import Fit, FittedValue, NotIdentifiable, fit_measurements, fit_series
+from rft_ros.calibration.fitting import Fit, FittedValue, NotIdentifiable, fit_linear, fit_measurements
 from rft_ros.calibration.track import Track, still_intervals
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
@@ -165,7 +165,7 @@ def _resolution(readings: Array) -> float:
 
 def _error_of_rest(readings: Array, resolution: float) -> float:
     """Standard error of the mean reading at rest. Noise below half of the resolution does not average its steps out."""
-    error = float(fit_series(np.ones((len(readings), 1)), readings).errors[0])
+    error = float(fit_linear(np.ones((len(readings), 1, 1)), readings[:, None]).errors[0])
     return error if np.std(readings) > 0.5 * resolution else float(np.hypot(error, resolution / 12.0**0.5))
 
 
