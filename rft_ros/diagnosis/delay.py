@@ -74,7 +74,8 @@ def _misfits(e: Evidence, at: float) -> Array | None:
         return None
     time = e.time[rows]
     wide = np.abs(e.time - at) <= _WINDOW + _LONGEST
-    if time.min() > at - 0.5 * _WINDOW or time.max() < at + 0.5 * _WINDOW or np.diff(e.time[wide]).max() > _SHARP:
+    gap = np.diff(e.time[wide]).max()  # a busy machine leaves gaps; beyond `max_input_age` nothing lies between
+    if time.min() > at - 0.5 * _WINDOW or time.max() < at + 0.5 * _WINDOW or gap > e.settings.max_input_age:
         return None
     line = np.linalg.qr(np.stack([np.ones_like(time), time - at], axis=1))[0]
 
