@@ -22,11 +22,12 @@ NOISY_SENTENCE = (
 
 _MISFITS = 256  # misfits that are kept
 _REFRESH = 16  # new misfits between two estimates of the noise, and before the first one
-_QUANTILE, _CHI2_OF_QUANTILE = 0.95, 7.815
-"""The variance is estimated from this quantile of the misfits, which have a chi-squared distribution of 3 degrees.
+_OF_FIT = 0.95, 7.815
+"""A quantile of the misfits, and that of their chi-squared distribution of 3 degrees: the variance is their ratio.
 
 A high quantile, since poses with jittering stamps are noise to a fit; the few misfits at reversals change it little.
 """
+_OF_TIP = 0.5, 2.366  # the same across the motion; the median, since a tenth of the misfits may be those of corners
 _ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
 _REPEATS = 1.5  # a pose that stays the same for longer than this many times the last interval has come to rest
 _LAST = 6  # poses: the four of a misfit, with one on each side, which show the direction of the motion
@@ -78,10 +79,10 @@ class PoseNoise:
         found = self._add(self._tracks, self._pose, pose.stamp, gap)
         if found == _DUE:
             of_position, of_rotation, across, turn_across = self._tracks[0]["misfits"]
-            self.position = _variance(of_position, self.position)
-            self.rotation = _variance(of_rotation, self.rotation)
-            self.position_across = _variance(across, self.position_across)
-            self.rotation_across = _variance(turn_across, self.rotation_across)
+            self.position = _variance(of_position, self.position, *_OF_FIT)
+            self.rotation = _variance(of_rotation, self.rotation, *_OF_FIT)
+            self.position_across = _variance(across, self.position_across, *_OF_TIP)
+            self.rotation_across = _variance(turn_across, self.rotation_across, *_OF_TIP)
         return bool(found != _REPEAT)
 
 
@@ -142,9 +143,9 @@ def _add(tracks, pose, stamp, gap):
     return _DUE if track.count % _REFRESH == 0 else _NEW
 
 
-def _variance(misfits: NDArray[np.float64], before: float) -> float:
+def _variance(misfits: NDArray[np.float64], before: float, quantile: float, chi2: float) -> float:
     """The variance of one coordinate. Misfits of zero are left out: encoders with coarse steps give them."""
     found = np.sort(misfits[misfits > 0.0])
     if len(found) < _REFRESH:
         return before
-    return max(float(found[int(_QUANTILE * (len(found) - 1))]) / _CHI2_OF_QUANTILE, _ROUNDING)
+    return max(float(found[int(quantile * (len(found) - 1))]) / chi2, _ROUNDING)
