@@ -231,6 +231,8 @@ def test_rest_is_a_reason_in_the_grains_only(angular):
     assert outside.predicted == (0.0,) * 6
     _, answer = pushed(still, pose(), rest_speed=5e-5)
     assert isinstance(answer, Estimate)
+    _, answer = pushed(twist(linear=(0.0, 0.0, 0.0)), pose(), rest_speed=0.0)
+    assert answer.reason is Reason.AT_REST
 
 
 def test_a_reduced_tool_is_in_the_grains_when_its_mesh_is():
@@ -246,8 +248,3 @@ def test_a_reduced_tool_is_in_the_grains_when_its_mesh_is():
                 assert answer.predicted == (0.0,) * 6
             else:
                 assert answer.reason is Reason.AT_REST
-
-
-def test_without_motion_there_is_no_force_of_0_in_the_grains_whatever_the_speed_of_rest():
-    _, answer = pushed(twist(linear=(0.0, 0.0, 0.0)), pose(), rest_speed=0.0)
-    assert answer.reason is Reason.AT_REST

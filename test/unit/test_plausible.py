@@ -40,7 +40,7 @@ SHAPES = st.tuples(*3 * [st.floats(0.02, 1.0)])
 SIZES = st.floats(np.log(2e-3), np.log(2.5)).map(np.exp)
 
 
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(SIZES, SHAPES, st.floats(0.0, 0.3), st.floats(-0.5, 1.0), st.floats(0.1, 3.0), st.floats(-1.0, 1.0))
 def test_what_an_arm_or_an_excavator_can_do_is_not_flagged(size, shape, flange, share, zeta, height):
     depth = share * (size + 0.2)
@@ -49,15 +49,7 @@ def test_what_an_arm_or_an_excavator_can_do_is_not_flagged(size, shape, flange, 
     assert not answer.quality_flags & QualityFlag.IMPOSSIBLE
 
 
-def test_a_bucket_of_two_metres_with_twenty_kilonewtons_and_a_micro_tool_are_trusted():
-    bucket = estimated(box(2.0, (1.0, 0.05, 0.5)), 0.15, zeta=0.7)
-    assert 1.5e4 < np.linalg.norm(bucket.predicted[:3]) < 6e4
-    micro = estimated(box(0.002, (1.0, 1.0, 1.0)), 0.05)
-    for answer in (bucket, micro):
-        assert not answer.quality_flags & QualityFlag.IMPOSSIBLE
-
-
-@settings(max_examples=60, deadline=None)
+@settings(max_examples=30, deadline=None)
 @given(SIZES, SHAPES, st.floats(0.0, 0.3), st.floats(0.05, 1.0), st.floats(0.0, 2.0))
 def test_poses_in_millimetres_are_not_trusted(size, shape, flange, share, above):
     tool = box(size, shape, flange=flange)
@@ -71,7 +63,7 @@ def test_poses_in_millimetres_are_not_trusted(size, shape, flange, share, above)
         assert "millimetres" in sentences(answer.quality_flags)
 
 
-@settings(max_examples=40, deadline=None)
+@settings(max_examples=20, deadline=None)
 @given(st.floats(np.log(0.011), np.log(2.5)).map(np.exp), SHAPES, st.floats(0.01, 1.0))
 def test_meshes_in_millimetres_are_not_trusted(size, shape, share):
     answer = estimated(box(size, shape, unit=1e3), share * size)
