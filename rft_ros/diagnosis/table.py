@@ -34,7 +34,7 @@ HYPOTHESES = (
     Hypothesis(
         name="size", judge=poses.size_of_tool, hides=("surface", "unseen surface", "zero", "motion", *_OF_FORCES)
     ),
-    Hypothesis(name="repeats", judge=poses.repeated_poses),
+    Hypothesis(name="repeats", judge=poses.repeated_poses, hides=("noise",)),
     Hypothesis(name="noise", judge=poses.noise_of_poses, hides=("surface", *_OF_FORCES)),
     Hypothesis(name="motion", judge=forces.zero_that_moves, hides=("surface", "zero", *_OF_FORCES)),
     Hypothesis(name="surface", judge=poses.surface, hides=("zero", *_OF_FORCES)),
