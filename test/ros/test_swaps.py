@@ -92,9 +92,9 @@ def test_a_swap_that_fails_is_undone_even_if_the_file_in_force_is_gone(start_nod
     gone.unlink()
     assert rft.set(mesh__file=str(bad), mesh__scale=0.0005) == (True, "")
     for said in (
-        f"parameters set: mesh.file '{gone}' -> '{bad}', mesh.scale 0.001 -> 0.0005",
+        f"parameters set: mesh.file '{gone}' -> '{bad}', mesh.scale 0.0 -> 0.0005",
         "not swapped, the model in force stays: ",
-        f"parameters set: mesh.file '{bad}' -> '{gone}', mesh.scale 0.0005 -> 0.001 (the swap failed)",
+        f"parameters set: mesh.file '{bad}' -> '{gone}', mesh.scale 0.0005 -> 0.0 (the swap failed)",
     ):
         rft.until(lambda said=said: said in rft.said())
     assert rft.get("mesh.file").string_value == str(gone)
