@@ -192,7 +192,10 @@ def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
         variance, total = deviation(at) ** 2, slopes.reshape(observed.size, -1)
         normal = total.T @ total / variance
         normal[range(size), range(size)] += weight
-        inverse = np.asarray(np.linalg.pinv(normal, hermitian=True), dtype=np.float64)
+        # in units of the steps: in those of the parameters a weak one would be dropped, and its error be 0
+        units = np.append(curve.steps, np.ones(len(linear)))
+        scaled = np.linalg.pinv(normal * np.outer(units, units), hermitian=True)
+        inverse = np.asarray(scaled * np.outer(units, units), dtype=np.float64)
         covariance = _covariance(slopes, residuals, inverse / variance)
         covariance += (inverse[:, :size] * weight) @ inverse[:size]
         return Fit(np.append(at, linear), covariance, residuals, inverse @ total.T / variance)

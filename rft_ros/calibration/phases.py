@@ -50,7 +50,7 @@ LOST_MOTION = 5e-6
 _LOST_MOTION_ERROR, _MOST_LOST = 5e-6, 2e-4  # m: standard deviation before any fit, and greatest lost motion
 _LEFT_AT_CORNERS = 0.5  # share of the noise of a pose that is left at corners after smoothing
 _LATEST = 0.25  # greatest delay that is searched, to both sides [s]
-_LOG_LENGTHS = np.linspace(np.log(SHORTEST), np.log(_LONGEST), 8)
+_LOG_LENGTHS = np.linspace(np.log(SHORTEST), np.log(_LONGEST), 16)
 _DELAYS = np.linspace(-_LATEST, _LATEST, 26)
 """Values that are tried before the best ones are refined. From fewer λ a delay was 6 ms off, in a local minimum."""
 _VERTICAL = slice(2, 3)
