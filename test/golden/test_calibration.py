@@ -67,7 +67,7 @@ def residual(columns, wanted):
 
 
 def test_what_is_fitted_to_each_trial_and_to_both(calibrated):
-    """λ is 6.0 and 4.6 mm with errors of 2.7 and 2.9 mm, since the measured decay is straighter than the model's."""
+    """λ is 5.8 and 4.9 mm with errors of 3.1 and 3.0 mm, since the measured decay is straighter than the model's."""
     values = {name: read_parameter_file(file) for name, file in calibrated.items()}
     zeta = {name: found["medium.zeta"] for name, found in values.items()}
     assert zeta == {name: pytest.approx(z, abs=0.01) for name, z in {2: 1.15, 3: 1.01, "both": 1.08}.items()}
@@ -77,7 +77,7 @@ def test_what_is_fitted_to_each_trial_and_to_both(calibrated):
     assert abs(lengths[2] - lengths[3]) < np.hypot(errors[2], errors[3])
     assert errors["both"] < 0.0025
     assert values["both"]["sensor.bias"][2] == pytest.approx(1.82, abs=0.02)
-    assert values["both"]["medium.calibrated_depth"] == pytest.approx(0.0508, abs=2e-4)
+    assert values["both"]["medium.calibrated_depth"] == pytest.approx(0.0506, abs=2e-4)
     reasons = record(calibrated["both"])["not_identifiable"]
     assert any(line.startswith("sensor.mass: gravity turns by 0.0°") for line in reasons)
     assert [line.partition("T")[0] for line in record(calibrated["both"])["bags"]] == [
@@ -94,7 +94,7 @@ def test_each_trial_predicts_the_others_penetration_within_12_percent_of_its_pea
     assert kept < without + 0.0015
 
 
-@pytest.mark.parametrize(("trial", "held"), [(2, 0.855), (3, 1.068)])
+@pytest.mark.parametrize(("trial", "held"), [(2, 0.861), (3, 1.068)])
 def test_the_force_holds_flat_while_the_plate_rests(held_out, calibrated, trial, held):
     """At 98 and 93 % of the peak with its own ζ (measured: 97 to 100 and 94 to 99 %); the other's differs by 14 %."""
     phase, depth, predicted, _ = held_out[trial, True]
@@ -134,10 +134,10 @@ def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(shared_
     assert main(["calibrate", *bags, "--params", str(file), *rules, "-o", str(out)]) == 0
     assert "mesh points" not in capsys.readouterr().err  # a plate on its edge has a force of the measured growth
     zeta = record(out)["fitted"]["medium_zeta"]
-    assert "ζ differs by 43 %: tools of different size" in zeta["goodness"]
-    assert "60mm_1 1.26" in zeta["source"]
+    assert "ζ differs by 39 %: tools of different size" in zeta["goodness"]
+    assert "60mm_1 1.29" in zeta["source"]
     assert "100mm_4 1.8" in zeta["source"]
-    assert zeta["value"] == [pytest.approx(1.53, abs=0.01)]
+    assert zeta["value"] == [pytest.approx(1.545, abs=0.01)]
     assert zeta["standard_error"][0] > 0.1
     assert "ζ grows with the tool's size, 60 to 100 mm wide" in zeta["goodness"]
-    assert read_parameter_file(out)["medium.zeta_error"] == pytest.approx(0.22, abs=0.02)  # of the smallest tool
+    assert read_parameter_file(out)["medium.zeta_error"] == pytest.approx(0.19, abs=0.02)  # of the smallest tool
