@@ -217,8 +217,8 @@ def bag_series(group: str, choice: Choice) -> list[Series]:
     """
     if not _RECORDINGS.is_dir():
         return []
-    calibrated = _calibrated("cmu" if group == "wheel" else group, choice)
-    values, options = read_parameter_file(calibrated), read_replay_options(calibrated)
+    file = calibrated("cmu" if group == "wheel" else group, choice)
+    values, options = read_parameter_file(file), read_replay_options(file)
     with TemporaryDirectory() as folder:
         bags, meshes = _recordings(group, Path(folder))
         return [_recorded(bag, {**values, **meshes.get(bag.name, {})}, options, choice) for bag in bags]
@@ -230,18 +230,22 @@ def _folder_of_this_process() -> TemporaryDirectory[str]:
 
 
 @cache
-def _calibrated(group: str, choice: Choice) -> Path:
+def calibrated(group: str, choice: Choice) -> Path:
     """The parameter file that `rft calibrate` writes for the recordings of a group."""
-    folder = Path(mkdtemp(dir=_folder_of_this_process().name))
+    return calibrate(group, choice, Path(mkdtemp(dir=_folder_of_this_process().name)))
+
+
+def calibrate(group: str, choice: Choice, folder: Path) -> Path:
+    """Calibrate the recordings of a group in a folder; returns the parameter file there."""
     bags, meshes = _recordings(group, folder)
     first = next(iter(meshes.values()), {})
     given = {"law": choice.law, "integration": choice.integration, "alpha_y.model": choice.alpha_y, **first}
-    file, calibrated = folder / "given.yaml", folder / "calibrated.yaml"
+    file, out = folder / "given.yaml", folder / "calibrated.yaml"
     file.write_text(_parameters(group, given))
     rules = [word for name, mesh in meshes.items() for word in ("--mesh", f"{name}={mesh['mesh.file']}")]
     with redirect_stdout(io.StringIO()):
-        main(["calibrate", *map(str, bags), "--params", str(file), *rules, "-o", str(calibrated)])
-    return calibrated
+        main(["calibrate", *map(str, bags), "--params", str(file), *rules, "-o", str(out)])
+    return out
 
 
 def _recorded(bag: Path, values: Values, options: ReplayOptions, choice: Choice) -> Series:

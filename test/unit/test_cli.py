@@ -103,7 +103,7 @@ def test_states_that_cannot_be_used(tmp_path, text, words):
         (("--medium", "custard"), ("custard", "generic")),
         (("--zeta", "-1"), ("medium.zeta is -1",)),
         (("--alpha-y", "gone.csv"), ("gone.csv",)),
-        (("--scale", "0"), ("scale",)),
+        (("--scale", "-1"), ("scale",)),
         (("--law", "agarwal2023", "--surface-friction", -1), ("medium.surface_friction is -1",)),
     ],
 )
