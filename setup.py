@@ -14,7 +14,7 @@ NAME = MANIFEST.findtext("name", "")
 
 SWEEP = ["dask[distributed]>=2024.1"]
 STUDIES = ["matplotlib>=3.6.3"]
-MUJOCO = ["mujoco>=3.3"]
+MUJOCO = ["mujoco>=3.12"]  # with 3.9 a block by contact on a plate rests 7 % too high under elliptic cones
 UNION = ["manifold3d>=2.5"]  # of bodies in a mesh, by rft check-mesh --union
 DOCS = [
     "mkdocs-material>=9.5",

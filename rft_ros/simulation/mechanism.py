@@ -79,10 +79,10 @@ class Mechanism:
         jacobian = self._jacobian[: 6 * len(bodies)]
         for k, body in enumerate(self._ids[bodies].tolist()):
             mujoco.mj_jacBody(model, data, jacobian[6 * k : 6 * k + 3], jacobian[6 * k + 3 : 6 * k + 6], body)
-        if hasattr(data, "M"):
-            mujoco.mj_fullM(model, data, self._mass)
-        else:  # before MuJoCo 4
+        if hasattr(data, "qM"):  # before MuJoCo 4
             mujoco.mj_fullM(model, self._mass, data.qM)
+        else:
+            mujoco.mj_fullM(model, data, self._mass)
         inertia = self._mass + h * self._damping()
         if data.nefc:
             self._response = np.asarray(np.linalg.solve(self._mass, inertia), dtype=np.float64)
