@@ -119,6 +119,7 @@ def _pose_of_transform(data: bytes, *, ros1: bool) -> PoseSample:
 _COORDINATES = {7: "f4", 8: "f8"}  # of PointField.datatype
 
 
+@cache  # a decoder of clouds takes 0.3 s to make
 def _clouds(*, ros1: bool) -> Callable[[bytes], Cloud]:
     """A decoder of a PointCloud2 with fields x, y and z of one or two floating-point types."""
     from rosbags.typesys import Stores, get_typestore  # 4 MB, which a node without clouds does not need
@@ -151,7 +152,6 @@ def _clouds(*, ros1: bool) -> Callable[[bytes], Cloud]:
     return decode
 
 
-@cache  # a decoder of clouds takes 0.3 s to make
 def decoder(role: Role, *, ros1: bool, kind: str = "") -> Callable[[bytes], Sample]:
     """A function from a serialised message to its sample; it raises one of `UNREADABLE` for other bytes.
 

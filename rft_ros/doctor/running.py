@@ -49,7 +49,8 @@ def examine_running(cell: Cell, node: str, *, seconds: float) -> list[Finding]:
 
 def _samples(messages: Sequence[Message]) -> Iterator[tuple[Sample, int]]:
     """The samples that can be read, each with the time at which it was received [ns]."""
-    decode = {message.role: decoder(message.role, ros1=False, kind=message.kind) for message in messages}
+    kinds = {message.role: message.kind for message in messages}
+    decode = {role: decoder(role, ros1=False, kind=kind) for role, kind in kinds.items()}
     for message in messages:
         with suppress(*UNREADABLE):
             yield decode[message.role](message.data), message.received

@@ -108,7 +108,7 @@ class Listener:
         while time.monotonic() < self._discovered and not all(map(self._node.count_publishers, wanted.values())):
             time.sleep(_PERIOD)
         for role, topic in wanted.items():
-            kind = type_on(self._node, role, topic)
+            kind = type_on(self._node, role, topic, usual=kinds[role])
             if kind != kinds[role]:
                 self._node.destroy_subscription(subscriptions[role])
                 kinds[role], subscriptions[role] = kind, self._subscribe(role, kind, topic)

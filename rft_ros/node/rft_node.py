@@ -79,7 +79,7 @@ class RftNode(Node):
 
     def _subscribe(self, role: Role, callback: Callable[[bytes], None], kind: str = "") -> Subscription:
         """Subscribe to the messages of a role. `kind`: which of `TYPES` they have; by default the first."""
-        self._decode[role] = decoder(role, ros1=False, kind=kind) if kind else decoder(role, ros1=False)
+        self._decode[role] = decoder(role, ros1=False, kind=kind)
         # Raw bytes: the estimator needs no message object, which rclpy takes 16 us to make.
         # A copy of the profile, since rclpy writes the node's qos_overrides into the one that it is given.
         qos, options = copy(INPUTS[role]), QoSOverridingOptions.with_default_policies()
@@ -90,9 +90,9 @@ class RftNode(Node):
     def _follow_pose_type(self) -> None:
         """Subscribe to the other type of poses once someone publishes that one, as motion capture does."""
         if self._poses is None:
-            self._pose_type = type_on(self, "pose", TOPICS["pose"])
+            self._pose_type = type_on(self, "pose", TOPICS["pose"], usual=self._pose_type)
             self._poses = self._subscribe("pose", self._on_pose, self._pose_type)
-        elif type_on(self, "pose", TOPICS["pose"]) != self._pose_type:
+        elif type_on(self, "pose", TOPICS["pose"], usual=self._pose_type) != self._pose_type:
             # The middleware takes one type of a topic at a time, and has this subscription until this callback ends.
             self.destroy_subscription(self._poses)
             self._poses = None

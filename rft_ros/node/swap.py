@@ -19,7 +19,7 @@ from rft_ros.files import checked_file
 from rft_ros.messages import decoder
 from rft_ros.node.tool_worker import ToolWorker, named
 from rft_ros.parameters import FILES, GRAINS, Values, model_of, parts_of, settings_of, unused, with_grains
-from rft_ros.tool import locate_mesh
+from rft_ros.tool.locate import checked_mesh
 
 __all__ = ["Failed", "Loaded", "Prepared", "Swap"]
 
@@ -207,7 +207,7 @@ def _check_files(wanted: Mapping[str, Values], in_force: Mapping[str, _InForce])
     for part, values in wanted.items():
         for name in FILES if values != in_force[part].values else ():
             if values.get(name):
-                checked_file(locate_mesh(values[name]) if name == "mesh.file" else Path(values[name]), name)
+                checked_mesh(values[name]) if name == "mesh.file" else checked_file(Path(values[name]), name)
 
 
 def _load_code(parts: frozenset[str]) -> None:

@@ -31,10 +31,10 @@ def transforms_come() -> bool:
     return getattr(find_spec("tf2_msgs"), "origin", None) is not None
 
 
-def type_on(node: Node, role: Role, topic: str) -> str:
-    """Which of the `TYPES` of a role its topic has: that of a publisher, otherwise the first."""
+def type_on(node: Node, role: Role, topic: str, *, usual: str) -> str:
+    """Which of the `TYPES` of a role its topic has: that of a publisher, or the `usual` one if there is none."""
     found = {publisher.topic_type for publisher in node.get_publishers_info_by_topic(topic)}
-    return next((kind for kind in TYPES[role] if kind in found), TYPES[role][0])
+    return next((kind for kind in TYPES[role] if kind in found), usual)
 
 
 def message_class(kind: str) -> Any:

@@ -66,7 +66,7 @@ PARAMETERS = (
     Parameter(
         "mesh.scale",
         0.0,
-        "Metres per mesh unit. 0.0: the unit that the file declares (COLLADA, glTF), or a millimetre.",
+        "Metres per mesh unit. 0.0: the unit that the file declares (COLLADA, glTF, URDF), or a millimetre.",
         "m",
         (0.0, 1e6),
         rule=_Rule(lambda scale: scale == 0.0 or scale >= _SMALLEST_UNIT, f"0, or at least {_SMALLEST_UNIT:g} m"),

@@ -93,6 +93,7 @@ def turned(poses):
     ("mesh", "mass", "quaternion", "timestep"),
     [
         ("plate", 0.02, TILTED, 0.005),
+        ("plate", 0.02, TILTED, 0.016),
         ("plate", 0.02, FLAT, 0.002),
         ("plate", 5.0, FLAT, 0.005),
         ("root_tip", 0.1, TILTED, 0.005),
@@ -101,10 +102,10 @@ def turned(poses):
     ],
 )
 def test_a_body_that_fell_in_lies_still(mesh, mass, quaternion, timestep):
-    """From 3 s on by 0.01 mm and 0.01 degrees in 10 s, round ones by 0.05 mm and 0.2 degrees, a cone as a round one."""
+    """From 3 s on by 0.01 mm and 0.01 degrees in 10 s, round ones by 0.05 mm and 0.2 degrees."""
     _, poses, twists, works = dropped(mesh, mass, quaternion, timestep, 6.0)
     late = slice(round(3.0 / timestep), None)
-    path, angle = (1e-5, 0.01) if mesh == "plate" else (5e-5, 0.2)
+    path, angle = (5e-5, 0.2) if mesh in ("ellipsoid", "sphere") else (1e-5, 0.01)
     assert np.abs(poses[late, :3] - poses[late][0, :3]).max() < 0.4 * path
     assert turned(poses[late]).max() < 0.3 * angle
     assert np.linalg.norm(twists[late, :3], axis=1).max() < 2.0 * path

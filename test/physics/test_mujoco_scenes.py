@@ -54,7 +54,9 @@ def test_a_tool_that_is_lifted_feels_what_the_grains_remember(by, speed, stiffne
     assert found["pull"] < found["memory's pull"] + 0.05
 
 
-@pytest.mark.parametrize(("mass", "step"), [(0.002, 0.001), (0.005, 0.002), (0.1, 0.015), (0.5, 0.005), (0.02, 0.016)])
+@pytest.mark.parametrize(
+    ("mass", "step"), [(0.002, 0.001), (0.005, 0.002), (0.1, 0.015), (0.5, 0.005), (0.02, 0.016), (0.02, 0.02)]
+)
 def test_a_body_that_is_released_stays_where_it_was_pressed(mass, step):
     found = scenes.released(mass, step)
     assert found["rise"] < 1.0

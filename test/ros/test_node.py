@@ -85,7 +85,7 @@ def refusal(rft, **values):
         ("medium__zeta", "much", "medium.zeta"),
         ("medium__name", "custard", "custard"),
         ("mesh__file", "no_such_mesh", "no_such_mesh"),
-        ("mesh__file", "/none/there.stl", "/none/there.stl' does not exist; give the path"),
+        ("mesh__file", "/none/there.stl", "/none/there.stl' does not exist; give a path, or one of abb_plate"),
         ("mesh__origin", [0.0, 1.0], "mesh.origin"),
         ("executor", "single", "executor"),
         ("tool_frame", "world", "world_frame and tool_frame are both 'world'"),

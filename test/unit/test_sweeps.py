@@ -2,6 +2,7 @@
 
 import csv
 import os
+import shutil
 import signal
 import subprocess
 import sys
@@ -205,6 +206,19 @@ def test_chunks_that_were_cut_anywhere_are_computed_again(small):
         file.write_bytes(whole[: k * len(whole) // len(files)])
     assert run(found, small, workers=1)[0] == len(found.variants)
     assert (small / "results.csv").read_bytes() == table
+
+
+def test_a_chunk_that_was_cut_at_the_end_of_a_row_is_computed_again(small, tmp_path, monkeypatch):
+    monkeypatch.setattr(runs, "_CHUNKS", 3)  # of ten rows each
+    folder = shutil.copytree(small, tmp_path / "small")
+    found = read_design(folder / "study.yaml")
+    run(found, folder, workers=1)
+    table, cut = (folder / "results.csv").read_bytes(), folder / f"chunks_{found.fingerprint():08x}" / "000010.csv"
+    rows = cut.read_bytes().splitlines(keepends=True)
+    assert len(rows) == 10
+    cut.write_bytes(b"".join(rows[:7]))
+    assert run(found, folder, workers=1)[0] == 10
+    assert (folder / "results.csv").read_bytes() == table
 
 
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
