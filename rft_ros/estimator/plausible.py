@@ -1,7 +1,7 @@
 """Bounds of plausible sizes, depths and forces. An input beyond them is in another unit, such as millimetres."""
 
 from rft_ros.tool import Tool
-from rft_ros.tool.plausible_size import LARGEST, SMALLEST
+from rft_ros.tool.check import LARGEST, SMALLEST
 
 __all__ = ["DEEPEST", "DEEPEST_OF_SIZE", "HIGHEST", "LARGEST_FORCE", "begins_in_grains", "deepest", "is_plausible_tool"]
 __all__ += ["sentence_on"]

@@ -17,7 +17,7 @@ from rft_ros.parameters import Settings
 from rft_ros.rft import SpeedLimits, edge_share
 from rft_ros.rft.grains import WITH_INERTIA, WITHOUT_INERTIA
 from rft_ros.tool import Tool
-from rft_ros.tool.plausible_size import LARGEST, SMALLEST
+from rft_ros.tool.check import LARGEST, SMALLEST
 
 Array = NDArray[np.float64]
 

@@ -5,13 +5,17 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.tool.plausible_size import LARGEST, LARGEST_USUAL, SMALLEST_USUAL
 from rft_ros.tool.refine import welded
 
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["MeshIssue", "check_mesh", "degenerate_facets"]
+__all__ = ["LARGEST", "SMALLEST", "MeshIssue", "check_mesh", "degenerate_facets"]
+
+SMALLEST, LARGEST = 1e-3, 10.0
+"""Plausible largest extents of a tool [m]: one as small as a grain, and more than the 7 m of a bulldozer's blade."""
+
+_SMALLEST_USUAL, _LARGEST_USUAL = 5e-3, 5.0  # m; beyond them the check proposes a scale
 
 _COLLINEAR = 1e-12  # of the longest edge squared: rounding error of the cross product of parallel edges
 _CLOSED = 0.01  # greatest sum of the area vectors, over the area, of a surface that counts as closed; 0 without holes
@@ -74,8 +78,8 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
             f"{hollow}; if grains fill them, use the convex hull (rft check-mesh --hull OUT.stl writes it)"
         )
     extent = float(mesh.extents.max())
-    step, factor = (1e-3 if extent > LARGEST_USUAL else 1e3), 1.0
-    while not SMALLEST_USUAL <= extent * factor <= LARGEST_USUAL:
+    step, factor = (1e-3 if extent > _LARGEST_USUAL else 1e3), 1.0
+    while not _SMALLEST_USUAL <= extent * factor <= _LARGEST_USUAL:
         factor *= step
     if factor != 1.0:
         meant = f"if {extent * factor:.3g} m is meant, set mesh.scale (--scale) to {scale * factor:g}"

@@ -15,8 +15,7 @@ from rft_ros.rft import INTEGRATIONS, LEVEL, QUATERNION, STATE, Integration, Pla
 from rft_ros.rft.arguments import number
 from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
 from rft_ros.tool.locate import link_in, locate_mesh
-from rft_ros.tool.mesh_file import SUFFIX, read_mesh, read_reduced
-from rft_ros.tool.mesh_frame import IN_TOOL_FRAME, MeshFrame
+from rft_ros.tool.mesh_file import IN_TOOL_FRAME, SUFFIX, MeshFrame, read_mesh, read_reduced
 from rft_ros.tool.reduction_cache import reduced_once
 from rft_ros.tool.refine import refined_plates
 

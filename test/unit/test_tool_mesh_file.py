@@ -12,8 +12,7 @@ from test_tool_check import soup
 
 from rft_ros.errors import InputError
 from rft_ros.tool import load_tool, mesh_file
-from rft_ros.tool.mesh_file import read_mesh
-from rft_ros.tool.mesh_frame import MeshFrame
+from rft_ros.tool.mesh_file import MeshFrame, read_mesh
 
 SUFFIXES = ["stl", "obj", "ply", "glb", "dae"]
 TRIANGLES = trimesh.creation.icosphere(subdivisions=1, radius=20.0).triangles
