@@ -21,10 +21,18 @@ import yaml
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
-from rft_ros.whole_file import replacing
 
 __all__ = ["MAX_BYTES", "MAX_NUMBERS", "checked_file", "checked_folder", "expanded", "opened", "read_arrays"]
-__all__ += ["read_file", "read_text", "read_yaml", "refuse_overwriting", "resolved", "whole", "whole_folder"]
+__all__ += [
+    "read_file",
+    "read_text",
+    "read_yaml",
+    "refuse_overwriting",
+    "replacing",
+    "resolved",
+    "whole",
+    "whole_folder",
+]
 
 MAX_BYTES = 256 * 2**20  # of a file, and of the unpacked arrays of an NPZ file
 MAX_NUMBERS = MAX_BYTES // 8  # in one array or table; each may become a double
@@ -182,6 +190,24 @@ def read_yaml(file: Path, what: str, *, limit: int = MAX_YAML) -> Any:
         return yaml.load(text, Loader=_Loader)
     except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: the 99th day of a month
         raise InputError(f"{what} '{file}' is not YAML: {reason_of(error)}") from None
+
+
+@contextmanager
+def replacing(file: Path) -> Iterator[Path]:
+    """Yield a path beside `file`, to be written; at the end of the block this new file takes the place of `file`.
+
+    No process ever reads half a file. After an exception `file` stays as it was. Makes the folder. The part is created
+    anew and follows no link, also in a folder that others may write. Raises OSError.
+    """
+    file.parent.mkdir(parents=True, exist_ok=True)
+    part = file.with_name(f".{file.stem}.{os.getpid()}.part{file.suffix}")
+    part.unlink(missing_ok=True)  # of a process that was killed
+    os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0), 0o666))
+    try:
+        yield part
+        part.replace(file)
+    finally:
+        part.unlink(missing_ok=True)
 
 
 @contextmanager

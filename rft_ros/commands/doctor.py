@@ -39,7 +39,7 @@ def doctor(arguments: argparse.Namespace) -> int:
     with busy("preparing the tool"):
         model = model_of({**values, "tolerance": 0.0})
     cell = Cell(file=arguments.params, values=values, named=named, model=model, topics=topics)
-    findings = [compiled(values)]
+    findings = [compiled()]
     if arguments.bag:
         findings += examine_bag(cell, arguments.bag, chosen)
     else:

@@ -7,6 +7,6 @@ from rft_ros.estimator.warm_up import prepare
 
 def warm_up(_arguments: argparse.Namespace) -> int:
     """rft warm-up"""
-    prepare(on_cold_cache=lambda: print("compiling, ten seconds or more ...", flush=True))
+    prepare(lambda: print("compiling, ten seconds or more ...", flush=True))
     print("everything is compiled")
     return 0

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from rft_ros.diagnosis import Finding
 from rft_ros.errors import InputError
-from rft_ros.estimator.warm_up import needed, prepare
+from rft_ros.estimator.warm_up import prepare
 from rft_ros.messages import Role
 from rft_ros.parameters import Model, Values
 
@@ -28,14 +28,14 @@ class Cell:
     topics: dict[Role, str]
 
 
-def compiled(values: Values) -> Finding:
-    """The finding on the cache: whether it has the machine code that these parameters need."""
+def compiled() -> Finding:
+    """The finding on the cache: whether it has the machine code."""
 
     def stop() -> None:
         raise InputError("run rft warm-up, or the node's first start compiles for some ten seconds")
 
     try:
-        prepare(needed(values), on_cold_cache=stop)
+        prepare(stop)
     except InputError as error:
         return Finding(False, f"compiled: no; {error}")
     return Finding(True, "compiled: yes")

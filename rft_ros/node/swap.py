@@ -1,9 +1,8 @@
-"""Loads files and machine code in the background, and prepares settings and models for changed parameters.
+"""Loads files in the background, and prepares settings and models for changed parameters.
 
 The node keeps answering with the old model meanwhile.
 """
 
-import logging
 import threading
 import time
 from collections.abc import Callable, Mapping
@@ -14,7 +13,7 @@ from typing import Any, NamedTuple
 
 from rft_ros.errors import InputError
 from rft_ros.estimator import Model, Settings
-from rft_ros.estimator.warm_up import needed, prepare
+from rft_ros.estimator.warm_up import prepare
 from rft_ros.files import checked_file
 from rft_ros.messages import decoder
 from rft_ros.node.tool_worker import ToolWorker, named
@@ -22,8 +21,6 @@ from rft_ros.parameters import FILES, GRAINS, Values, model_of, parts_of, settin
 from rft_ros.tool.locate import checked_mesh
 
 __all__ = ["Failed", "Loaded", "Prepared", "Swap"]
-
-_log = logging.getLogger(__name__)
 
 _ANSWERS_WITHIN = 0.05  # s; a tick waits so long for a drive that does not say whether a file exists
 
@@ -39,10 +36,9 @@ class _InForce(NamedTuple):
 class Prepared:
     """Everything that is made from the checked `values` of all parameters. It is made once, when they are validated.
 
-    `settings` and `model` can be used at once: they have the parts and the machine code that are loaded. `wanted` (as
-    `parts_of`) and `code` (parts of the machine code): what the values need; used once it is loaded. `in_force`: the
-    parts of `model`. `only_grains`: only parameters in `GRAINS` have changed, so that all but `values` and `model` are
-    as before.
+    `settings` and `model` can be used at once: the model has the parts that are loaded. `wanted`, as `parts_of`: those
+    that the values need; used once they are loaded. `in_force`: the parts of `model`. `only_grains`: only parameters in
+    `GRAINS` have changed, so that all but `values` and `model` are as before.
     """
 
     values: Values
@@ -50,7 +46,6 @@ class Prepared:
     model: Model
     wanted: dict[str, Values]
     in_force: dict[str, _InForce]
-    code: frozenset[str]
     only_grains: bool = False
 
 
@@ -76,17 +71,8 @@ class _Load:
     since: float
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _CodeLoad:
-    """Parts of the machine code that are being loaded in the background. `since`: as in `_Load`."""
-
-    parts: frozenset[str]
-    future: "Future[None]"
-    since: float
-
-
 class Swap:
-    """Loads the parts of a model (`parts_of`) and machine code.
+    """Loads the parts of a model (`parts_of`).
 
     The constructor loads what `values` need, or raises InputError. Each part is loaded on its own, so that a change of
     other parameters does not disturb it. A thread waits for the worker and reads its answer: in the node's own thread
@@ -95,17 +81,14 @@ class Swap:
 
     def __init__(self, worker: ToolWorker, values: Values, *, on_cold_cache: Callable[[], None]) -> None:
         self._worker = worker
-        self._file_thread, self._code_thread, self._check_thread = (ThreadPoolExecutor(1) for _ in range(3))
-        self._code = needed(values)
-        prepare(self._code, on_cold_cache=on_cold_cache)
-        _prepare_clouds(self._code)
+        self._file_thread, self._check_thread = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
+        prepare(on_cold_cache)
         wanted = parts_of(values)
         loaded = worker.load(wanted)  # after the code is in the cache; otherwise the worker compiles it, too
         self._in_force = {part: _InForce(wanted[part], content) for part, content in loaded.items()}
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
         self._loads: dict[str, _Load] = {}  # by part
-        self._code_load: _CodeLoad | None = None
         self.prepared = self._made(values, generation=0)
         """The values, settings and model that are used now."""
 
@@ -122,33 +105,20 @@ class Swap:
         return made
 
     def _made(self, values: Values, *, generation: int) -> Prepared:
-        wanted, code = parts_of(values), needed(values)
-        settings = settings_of(values)
-        if code - self._code:
-            settings = self._without_code(settings)
+        wanted = parts_of(values)
         at_once = {part: _InForce(of_part, None) for part, of_part in wanted.items() if unused(part, of_part)}
         in_force = self._in_force | at_once
         parameters = {name: value for part in in_force.values() for name, value in part.values.items()}
         contents = {part: loaded.content for part, loaded in in_force.items()}
         model = model_of({**values, **parameters}, **contents, generation=generation)
-        return Prepared(values=values, settings=settings, model=model, wanted=wanted, in_force=in_force, code=code)
-
-    def _without_code(self, settings: Settings) -> Settings:
-        """The settings without learning and without velocities from poses, as far as their machine code is missing."""
-        if "learning" not in self._code:
-            settings = replace(settings, learning_mode="off")
-        if "velocity" not in self._code:
-            settings = replace(settings, twist_source="topic")
-        return settings
+        settings = settings_of(values)
+        return Prepared(values=values, settings=settings, model=model, wanted=wanted, in_force=in_force)
 
     @property
     def preparing(self) -> str:
         """A description of what is being loaded, and for how long; empty if nothing is."""
         now = time.monotonic()
         loads = [f"{named({part: load.wanted})} for {now - load.since:.0f} s" for part, load in self._loads.items()]
-        if self._code_load is not None:
-            code = " and ".join(sorted(self._code_load.parts))
-            loads.append(f"machine code of {code} for {now - self._code_load.since:.0f} s")
         return " and ".join(loads)
 
     def want(self, prepared: Prepared) -> None:
@@ -162,28 +132,21 @@ class Swap:
                 self._give_up(part)
             if wanted != self._in_force[part].values:
                 given_up = threading.Event()
-                future = self._file_thread.submit(self._worker.load, {part: wanted}, given_up)
+                future = self._file_thread.submit(self._load, part, wanted, given_up)
                 self._loads[part] = _Load(wanted=wanted, future=future, given_up=given_up, since=time.monotonic())
-        self._want_code()
+
+    def _load(self, part: str, wanted: Values, given_up: threading.Event) -> dict[str, Any]:
+        if part == "ground":
+            decoder("surface", ros1=False)  # takes 0.3 s the first time; in this thread no tick waits for it
+        return self._worker.load({part: wanted}, given_up)
 
     def _give_up(self, part: str) -> None:
         load = self._loads.pop(part)
         load.given_up.set()  # the thread ends the worker process; from here it might end that of the next load
         load.future.cancel()
 
-    def _want_code(self) -> None:
-        missing = self.prepared.code - self._code
-        if missing and self._code_load is None:
-            future = self._code_thread.submit(_load_code, missing)
-            self._code_load = _CodeLoad(parts=missing, future=future, since=time.monotonic())
-
     def poll(self) -> Loaded | Failed | None:
         """The next load that has ended; None if none has. After success `prepared` has the loaded part."""
-        if self._code_load is not None and self._code_load.future.done():
-            self._code |= self._code_load.parts
-            self._code_load = None
-            self._want_code()
-            return self._succeeded()
         part = next((part for part, load in self._loads.items() if load.future.done()), None)
         if part is None:
             return None
@@ -195,9 +158,6 @@ class Swap:
             return Failed(undo=self._in_force[part].values, reason=self.last_failure)
         self._in_force = {**self._in_force, part: _InForce(load.wanted, loaded[part])}
         self.last_failure = ""
-        return self._succeeded()
-
-    def _succeeded(self) -> Loaded:
         self.prepared = self._made(self.prepared.values, generation=self.prepared.model.generation + 1)
         return Loaded()
 
@@ -208,19 +168,3 @@ def _check_files(wanted: Mapping[str, Values], in_force: Mapping[str, _InForce])
         for name in FILES if values != in_force[part].values else ():
             if values.get(name):
                 checked_mesh(values[name]) if name == "mesh.file" else checked_file(Path(values[name]), name)
-
-
-def _load_code(parts: frozenset[str]) -> None:
-    try:
-        prepare(parts, at_low_priority=True)
-        _prepare_clouds(parts)
-    except Exception as error:  # of any kind; what is missing compiles at its first use
-        _log.warning(
-            "machine code was not loaded ahead, so a pose may wait for it: %s: %s", type(error).__name__, error
-        )
-
-
-def _prepare_clouds(parts: frozenset[str]) -> None:
-    """Make the decoder of clouds, which takes 0.3 s, before the first cloud comes."""
-    if "ground" in parts:
-        decoder("surface", ros1=False)

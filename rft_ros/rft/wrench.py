@@ -19,14 +19,12 @@ from rft_ros.rft.frames import STATE
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel import loops
 from rft_ros.rft.kernel.compilation import machine_code
-from rft_ros.rft.memory import add_memory
 from rft_ros.rft.memory_state import HEAD, Memory
 from rft_ros.rft.plates import BLOCK, Plates
 from rft_ros.rft.result import COLUMNS, WIDTH
-from rft_ros.rft.traction import Law, packed_law, tractions
+from rft_ros.rft.traction import Law, packed_law
 
-__all__ = ["LEVEL", "compile_memory", "compile_tractions"]
-__all__ += ["edge_share", "plate_forces", "prepared", "wrenches", "wrenches_in_time"]
+__all__ = ["LEVEL", "edge_share", "plate_forces", "prepared", "wrenches", "wrenches_in_time"]
 
 Array = NDArray[np.float64]
 
@@ -211,15 +209,3 @@ def _loop() -> Callable[..., None]:
     """The compiled loop, from the cache on disk if it is there."""
     arguments = _model_arguments(_plate(), agarwal2023(), 0.0, LEVEL)
     return machine_code(loops.sums, (*arguments, np.zeros((1, len(STATE))), _NO_MEMORY, np.zeros((1, len(COLUMNS)))))
-
-
-def compile_tractions() -> None:
-    """Compile the law's part of the loop, which the loop loads when it is compiled later."""
-    machine_code(tractions, (agarwal2023().packed, np.zeros(1), np.uint64(0), 0, False))
-
-
-def compile_memory() -> None:
-    """Compile the memory's part of the loop, which the loop loads when it is compiled later."""
-    array, first = np.zeros(1), np.uint64(0)  # only the types of these values count
-    motion, grains = ((0.0,) * 3, (0.0,) * 9), (0.0, 0.0)
-    machine_code(add_memory, (array, first, array, motion, 0.0, LEVEL, grains))

@@ -15,10 +15,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.files import read_arrays
+from rft_ros.files import read_arrays, replacing
 from rft_ros.rft import Plates
 from rft_ros.tool import reduce
-from rft_ros.whole_file import replacing
 
 __all__ = ["cache_folder", "reduced_once"]
 

@@ -14,7 +14,6 @@ from harness import WAIT, numbers, predicted_by_the_core
 from rclpy.executors import SingleThreadedExecutor
 
 import rft_ros
-from rft_ros.estimator.warm_up import prepare
 from rft_ros.node.main import _refused_arguments
 from rft_ros.node.rft_node import executor_of
 from rft_ros.tool import locate_mesh
@@ -43,49 +42,23 @@ def alive(pids: set[int]) -> set[int]:
 
 
 @pytest.fixture
-def partly_compiled(tmp_path: Path) -> Path:
-    """A folder with a copy of the package, whose cache lacks the code of learning and of velocities from poses."""
-    prepare()
+def not_compiled(tmp_path: Path) -> Path:
+    """A folder with a copy of the package, whose cache of machine code is empty."""
     package = Path(rft_ros.__file__).parent
     shutil.copytree(package, tmp_path / "rft_ros")
-    missing = ("rft_ros.estimator.learning.", "rft_ros.estimator.pose_difference.")
-    cache = package.parent / "__pycache__"
-    assert all(any(cache.glob(f"{name}*")) for name in missing), "these modules have machine code no more"
-    lacks = shutil.ignore_patterns(*(f"{name}*" for name in missing))
-    shutil.copytree(cache, tmp_path / "__pycache__", ignore=lacks)
     for name in ("package.xml", "meshes", "config"):  # which make the folder a checkout
         (tmp_path / name).symlink_to(package.parent / name)
     return tmp_path
 
 
-def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(start_process, partly_compiled):
-    rft = start_process("-p", f"mesh.file:={PLATE}", "-p", "learning.mode:=apply", folder=partly_compiled)
+def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(start_process, not_compiled):
+    rft = start_process("-p", f"mesh.file:={PLATE}", folder=not_compiled)
     wait_until(lambda: "compiling: " in rft.said(), "the node compiles")
     wait_until(lambda: len(descendants(rft.process.pid)) >= 2, "compilers and tool worker run")
     children = descendants(rft.process.pid)
     assert rft.stop(signal.SIGTERM) == 0
     wait_until(lambda: not alive(children), "the children end")
     assert "Traceback" not in rft.said()
-
-
-def test_code_that_is_not_in_the_cache_compiles_while_the_node_answers_as_before(start_process, partly_compiled):
-    rft = start_process("-p", f"mesh.file:={PLATE}", "-p", "tolerance:=0.0", folder=partly_compiled).wait_ready()
-    before = numbers(rft.ask(rft.moment()))
-    assert rft.set(learning__mode="apply", twist_source="pose_difference") == (True, "")
-    assert "preparing machine code of learning and velocity" in rft.trigger("status")[1]
-
-    def in_force():
-        rft.send(rft.moment())
-        rft.spin(0.2)  # the compiler needs the CPU
-        return "in force: " in rft.said()
-
-    rft.until(in_force)
-    answers = [numbers(message) for message in rft.received["wrench_predicted"]]
-    assert len(answers) > 3
-    np.testing.assert_array_equal(answers[:-1], [before] * len(answers[:-1]))
-    assert "preparing" not in rft.trigger("status")[1]
-    assert rft.set(law="agarwal2023") == (True, "")  # of which all machine code is there
-    rft.until(lambda: rft.diagnostic("model")[2]["law"] == "agarwal2023")
 
 
 @pytest.mark.parametrize("action", [signal.SIG_DFL, signal.SIG_IGN], ids=["foreground", "background job"])
@@ -134,7 +107,7 @@ from rft_ros.estimator import Estimator, PoseSample, Settings
 from rft_ros.parameters import defaults, model_of
 from rft_ros.estimator.warm_up import prepare
 
-prepare(on_cold_cache=lambda: sys.exit("the cache is cold after rft warm-up"))
+prepare(lambda: sys.exit("the cache is cold after rft warm-up"))
 if "trimesh" in sys.modules:
     sys.exit("warming up imports trimesh, which the node does not need")
 for rule in ("centroid", "refined"):

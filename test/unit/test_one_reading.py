@@ -31,11 +31,11 @@ ELSEWHERE = {
     "bags/sources.py sqlite3.connect": "a copy that it made itself",
     "cli.py os.open": "/dev/null",
     "installation.py Path(__file__).resolve": "the package's own place",
+    "node/swap.py self._worker.load": "asks the worker, which reads as `rft_ros.files` does",
     "node/swap.py worker.load": "asks the worker, which reads as `rft_ros.files` does",
     "parameters/from_values.py _PARTS[name].load": "functions of the package, which read as `rft_ros.files` does",
     "parameters/sections.py yaml.parse": "text that `read_text` gave",
     "tool/reduction_cache.py file.read_bytes": "the package's own sources",
-    "whole_file.py os.open": "creates a part file, and follows no link",
     "tool/mesh_file.py trimesh.load": "bytes that `read_file` gave",
 }
 """Calls that may stand outside, and why: what a user names passes `rft_ros.files` before."""

@@ -11,7 +11,6 @@ from refusals import assert_says, refusal
 
 from rft_ros.errors import InputError, shown
 from rft_ros.estimator import LoadCell, Settings
-from rft_ros.estimator.warm_up import needed
 from rft_ros.parameters import (
     GRAINS,
     PARAMETERS,
@@ -306,7 +305,7 @@ def test_a_number_of_the_grains_changes_the_law_as_a_new_model_has_it_and_nothin
     assert [*made.law.packed.numbers] == [*new.law.packed.numbers]
     assert (made.tool, made.ground, made.generation) == (old.tool, old.ground, old.generation + 1)
     assert settings_of(before) == settings_of(after)
-    assert (parts_of(before), needed(before)) == (parts_of(after), needed(after))
+    assert parts_of(before) == parts_of(after)
 
 
 def test_every_other_parameter_of_the_law_is_none_of_its_numbers():

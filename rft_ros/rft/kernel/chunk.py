@@ -50,13 +50,12 @@ def _on_the_stack(_: Any) -> Any:
     return types.CPointer(types.float64)(), generate
 
 
-def wide_vectors() -> object:
+def wide_vectors() -> None:
     """Let LLVM use vectors of 512 bits in the compiled function that calls this, where the processor has them.
 
     On Intel's LLVM prefers 256 bits, since older ones lower their clock for 512. With 256 bits the steps take a tenth
     longer.
     """
-    return _wide_vectors  # nothing to do in Python; named, so that the key of the cache holds the intrinsic's code
 
 
 @intrinsic
