@@ -1,4 +1,4 @@
-"""Refit the rational approximations of rft_ros/rft/velocity_weights.py (tanh, atanh) and alpha_y.py (arctan).
+"""Refit the rational approximations of rft_ros/rft/traction.py (tanh, atanh) and alpha_y.py (arctan).
 
 Each odd function F is fitted as F(x) = x p(y) / q(y), where y is a function of x² in which nothing cancels. The fit
 minimises the relative error by linearised least squares whose weights grow where the error is largest (Lawson's
@@ -12,7 +12,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from rft_ros.rft import velocity_weights as weights
+from rft_ros.rft import traction as weights
 
 try:
     import mpmath as mp

@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.rft import Plates
-from rft_ros.rft.velocity_weights import A1, A2, A3, B1, B2, B3, exact_f1, exact_f23
+from rft_ros.rft.traction import A1, A2, A3, B1, B2, B3, exact_f1, exact_f23
 from rft_ros.sweeps.motions import plate_drag
 from studies.paper import ALPHA_Y, BELOW_90, drag_force, law, leading_face, plate
 from studies.result import (

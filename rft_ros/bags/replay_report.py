@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.estimates import LEARNED_COLUMNS, Rows
-from rft_ros.bags.phases import PHASES
+from rft_ros.bags.estimates import LEARNED_COLUMNS, PHASES, Rows
 from rft_ros.bags.playback import world_forces
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Estimator

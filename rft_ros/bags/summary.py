@@ -13,13 +13,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.estimates import Rows
-from rft_ros.bags.phases import PHASES
+from rft_ros.bags.estimates import PHASES, Rows
 from rft_ros.errors import InputError, shown
 from rft_ros.estimator import Reason
-from rft_ros.estimator.air_reading import OFFSET_SENTENCE, is_offset
-from rft_ros.estimator.plausible import begins_in_grains
-from rft_ros.estimator.quality import QualityFlag, Trust, trust
+from rft_ros.estimator.quality import QualityFlag, Trust, begins_in_grains, trust
+from rft_ros.estimator.tare import OFFSET_SENTENCE, is_offset
 from rft_ros.files import read_yaml
 from rft_ros.messages import Role
 from rft_ros.parameters import Value

@@ -18,7 +18,7 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell, Settings
 from rft_ros.parameters import Values, model_of, settings_of
 from rft_ros.rft import FORCE, Law, Treers2021, wrenches
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import Placement
 
 __all__ = ["PARTS", "Calibration", "calibrate"]
 

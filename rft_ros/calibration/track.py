@@ -17,8 +17,7 @@ from rft_ros.estimator import Estimate, Estimator, LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.parameters import Values, model_of, settings_of
 from rft_ros.rft import FORCE
-from rft_ros.rft.frames import ANGULAR_VELOCITY, POSE, POSITION, QUATERNION, TWIST, VELOCITY
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import ANGULAR_VELOCITY, POSE, POSITION, QUATERNION, TWIST, VELOCITY, Placement
 from rft_ros.tool import Tool
 
 __all__ = ["FEWEST", "GAP", "Indices", "Track", "Turn", "down_strokes", "level_runs", "moved_back", "read_track"]

@@ -6,8 +6,7 @@ from pathlib import Path
 
 from rft_ros.bags.options import topics_of
 from rft_ros.commands import options
-from rft_ros.doctor.cell import Cell, compiled
-from rft_ros.doctor.recorded import examine_bag
+from rft_ros.doctor.checkup import Cell, compiled, examine_bag
 from rft_ros.errors import InputError
 from rft_ros.parameters import model_of, node_parameters
 from rft_ros.progress import busy

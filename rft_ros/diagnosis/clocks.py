@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.diagnosis.finding import Finding
+from rft_ros.diagnosis.evidence import Finding
 
 __all__ = ["Arrivals", "age_of", "clock_findings", "delayed"]
 

@@ -4,8 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence
-from rft_ros.diagnosis.finding import Finding
+from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence, Finding
 
 __all__ = ["delay_of_load_cell"]
 

@@ -1,9 +1,9 @@
 """What the hypotheses are judged on: one frozen value, from a recording or from messages collected live."""
 
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from dataclasses import dataclass, field
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -13,10 +13,23 @@ from rft_ros.estimator import Estimator
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.parameters import LoadCell, Settings
 from rft_ros.rft import FORCE, QUATERNION, STATE, VELOCITY
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import Placement
 from rft_ros.tool import Tool
 
-__all__ = ["ENOUGH", "LEAST_FORCE", "Array", "Evidence", "evidence_of"]
+__all__ = ["ENOUGH", "LEAST_FORCE", "Array", "Evidence", "Finding", "evidence_of", "listed"]
+
+
+class Finding(NamedTuple):
+    """Whether the set-up is right in one point, and a sentence on it, which says what to do if it is not."""
+
+    ok: bool
+    text: str
+
+
+def listed(numbers: Iterable[float]) -> str:
+    """Numbers as a parameter file takes them."""
+    return "[" + ", ".join(f"{round(n, 4) + 0.0:g}" for n in numbers) + "]"
+
 
 Array = NDArray[np.float64]
 

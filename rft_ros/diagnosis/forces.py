@@ -7,11 +7,10 @@ from itertools import product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Array, Evidence
-from rft_ros.diagnosis.finding import Finding, listed
-from rft_ros.estimator.air_reading import is_offset
+from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Array, Evidence, Finding, listed
+from rft_ros.estimator.tare import is_offset
 from rft_ros.rft import FORCE
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import Placement
 
 __all__ = ["axes", "lever", "mount", "push", "saturation", "strength", "unit_of_torque", "zero", "zero_that_moves"]
 

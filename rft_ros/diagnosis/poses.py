@@ -4,10 +4,9 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Array, Evidence
-from rft_ros.diagnosis.finding import Finding
-from rft_ros.estimator.plausible import sentence_on
+from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Array, Evidence, Finding
 from rft_ros.estimator.pose_noise import NOISY, PoseNoise
+from rft_ros.estimator.quality import sentence_on
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.rft import FORCE, POSITION
 

@@ -4,8 +4,7 @@ from collections.abc import Callable, Container, Iterator
 from dataclasses import dataclass
 
 from rft_ros.diagnosis import delay, forces, poses
-from rft_ros.diagnosis.evidence import Evidence
-from rft_ros.diagnosis.finding import Finding
+from rft_ros.diagnosis.evidence import Evidence, Finding
 
 __all__ = ["HYPOTHESES", "SILENT", "Hypothesis", "diagnose"]
 

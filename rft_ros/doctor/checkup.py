@@ -1,21 +1,56 @@
-"""Checks a cell's set-up on its samples: the inputs and frames here, all else by the table of hypotheses."""
+"""Checks a cell's set-up on recorded or live samples: inputs and frames here, all else by the table of hypotheses."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator
+from dataclasses import dataclass
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
 from rft_ros.bags.estimates import Run
+from rft_ros.bags.options import ReplayOptions
+from rft_ros.bags.reading import Recording
 from rft_ros.diagnosis import Finding, diagnose, evidence_of
 from rft_ros.diagnosis.clocks import Arrivals, age_of, clock_findings
+from rft_ros.errors import InputError
 from rft_ros.estimator import Estimator, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
 from rft_ros.estimator.samples import OF_TRANSFORMS, STAMP_ZERO
+from rft_ros.estimator.warm_up import prepare
 from rft_ros.ground import Cloud
 from rft_ros.messages import Role
 from rft_ros.parameters import Model, Values, settings_of
 
-__all__ = ["Checkup"]
+__all__ = ["Cell", "Checkup", "compiled", "examine_bag"]
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Cell:
+    """A robot cell as the parameter file `file` describes it.
+
+    `values`: of all parameters. `named`: the names of the parameters that the file sets. `model`: made from the values,
+    with the tool not reduced. `topics`: the topic of each role that is needed.
+    """
+
+    file: Path
+    values: Values
+    named: Collection[str]
+    model: Model
+    topics: dict[Role, str]
+
+
+def compiled() -> Finding:
+    """The finding on the cache: whether it has the machine code."""
+
+    def stop() -> None:
+        raise InputError("run rft warm-up, or the node's first start compiles for some ten seconds")
+
+    try:
+        prepare(stop)
+    except InputError as error:
+        return Finding(False, f"compiled: no; {error}")
+    return Finding(True, "compiled: yes")
+
 
 _RARE = 0.01  # share of poses: rarer reasons are not reported
 _AHEAD = 1.5  # s: senders of transforms that change slowly date them ahead by up to this
@@ -199,3 +234,18 @@ class Checkup:
         made = self._estimator.estimates
         advice = "" if made else "; fix the findings above first"
         return Finding(made > 0, f"estimates: {made} at {poses} poses{advice}")
+
+
+def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
+    """The findings on a recording of the cell. Raises InputError for a bag that cannot be used."""
+    every = tuple(cell.topics)
+    recording = Recording(bag, cell.values, options, topics=cell.topics, optional=every, refuse_types=False)
+    values, topics = recording.values, recording.topics
+    checkup = Checkup(values, cell.model, named=cell.named, topics=topics, tare=options.tare, live=False)
+    with recording:
+        for sample in recording:
+            checkup.push(sample, recording.time)
+    found = [Finding(False, f"{role}: {sentence}") for role, sentence in recording.mistyped.items()]
+    if recording.damage:
+        found.append(Finding(False, f"bag: {recording.damage}"))
+    return [*found, *checkup.findings()]

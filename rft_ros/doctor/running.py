@@ -9,8 +9,7 @@ import numpy as np
 
 from rft_ros.diagnosis import Finding
 from rft_ros.diagnosis.clocks import delayed
-from rft_ros.doctor.cell import Cell
-from rft_ros.doctor.checkup import Checkup
+from rft_ros.doctor.checkup import Cell, Checkup
 from rft_ros.estimator import Sample, Stamped
 from rft_ros.files import resolved
 from rft_ros.messages import UNREADABLE, decoder

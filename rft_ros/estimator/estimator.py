@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator import samples
-from rft_ros.estimator.air_reading import AirReading
 from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY, Compared, Comparison, LoadCellFrame, Prediction
@@ -26,13 +25,13 @@ from rft_ros.estimator.samples import (
     Wrench,
 )
 from rft_ros.estimator.sigma import Withdrawal, predict_without_learning
-from rft_ros.estimator.tare import PastPose, mean_in_air
+from rft_ros.estimator.tare import AirReading, PastPose, mean_in_air
 from rft_ros.estimator.timeline import NEW_RUN
 from rft_ros.ground import GroundMapper, HeightMap, LocalSurface
 from rft_ros.parameters import Model, Settings
 from rft_ros.rft import QUATERNION, STATE, TWIST, Memory, rotation_matrix
 from rft_ros.rft.arguments import number
-from rft_ros.rft.result import WIDTH
+from rft_ros.rft.frames import WIDTH
 from rft_ros.rft.traction import packed_law
 from rft_ros.rft.wrench import prepared
 

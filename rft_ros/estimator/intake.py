@@ -11,7 +11,7 @@ from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import DELAY, Cloud, GroundMapper
 from rft_ros.parameters import Settings
 from rft_ros.rft import unit_quaternion
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import Placement
 
 __all__ = ["Intake"]
 

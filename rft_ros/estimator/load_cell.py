@@ -11,9 +11,8 @@ from rft_ros.estimator.samples import Measurement, PoseSample, Reason, Vector, W
 from rft_ros.estimator.sigma import parts_of_prediction
 from rft_ros.estimator.timeline import PATIENCE, Timeline
 from rft_ros.parameters import LoadCell
-from rft_ros.rft.frames import attitude, into_frame
+from rft_ros.rft.frames import Placement, attitude, into_frame
 from rft_ros.rft.kernel.compilation import compiled, machine_code
-from rft_ros.rft.placement import Placement
 
 __all__ = ["GRAVITY", "HISTORY", "Compared", "Comparison", "LoadCellFrame", "Prediction", "Reading"]
 

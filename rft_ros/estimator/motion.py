@@ -14,10 +14,9 @@ from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TwistSam
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.parameters import Settings
 from rft_ros.rft import QUATERNION, SLACK, STATE
-from rft_ros.rft.frames import attitude
+from rft_ros.rft.frames import Placement, attitude
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.rft.memory_state import HEAD, IN_HEAD, displacement
-from rft_ros.rft.placement import Placement
 
 __all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion"]
 

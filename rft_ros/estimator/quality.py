@@ -1,4 +1,4 @@
-"""Quality flags of estimates, and the trust that they leave in an estimate."""
+"""Quality flags of estimates, the bounds and the wake by which they are set, and the trust that they leave."""
 
 import math
 from collections.abc import Callable
@@ -8,20 +8,74 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.motion import Motion
-from rft_ros.estimator.plausible import DEEPEST, DEEPEST_OF_SIZE, HIGHEST, LARGEST_FORCE, deepest, is_plausible_tool
 from rft_ros.estimator.pose_noise import NOISY
 from rft_ros.estimator.samples import Vector
-from rft_ros.estimator.wake import Wake
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
-from rft_ros.rft import SpeedLimits, edge_share
+from rft_ros.rft import POSITION, QUATERNION, SpeedLimits, edge_share, rotation_matrix
 from rft_ros.rft.grains import WITH_INERTIA, WITHOUT_INERTIA
 from rft_ros.tool import Tool
 from rft_ros.tool.check import LARGEST, SMALLEST
 
+__all__ = ["DEEPEST", "DEEPEST_OF_SIZE", "HIGHEST", "LARGEST_FORCE", "QualityFlag", "QualityMonitor", "Trust", "Wake"]
+__all__ += ["begins_in_grains", "deepest", "flag_names", "is_plausible_tool", "sentence_on", "sentences", "trust"]
+
+LARGEST_FORCE = 5e5
+"""Greatest plausible force [N], more than that of any arm and than the breakout force of an excavator of 50 t."""
+
+HIGHEST = 50.0
+"""Greatest plausible height of a tool frame above the surface [m]."""
+
+DEEPEST, DEEPEST_OF_SIZE = 0.3, 10.0
+"""Greatest plausible depth: the first [m] plus the second times the tool's largest extent. Small probes go deep."""
+
+
+def deepest(tool: Tool) -> float:
+    """The greatest plausible depth of the tool's lowest point [m]."""
+    return DEEPEST + DEEPEST_OF_SIZE * tool.size
+
+
+def is_plausible_tool(tool: Tool) -> bool:
+    """Whether a tool of this size can move through grains on an arm."""
+    return SMALLEST <= tool.size <= LARGEST
+
+
+def begins_in_grains(depth: float) -> str:
+    """A sentence on a first estimate that is at this depth in the grains [m]."""
+    advice = "if the tool was in the air there, check mesh.origin, mesh.quaternion and surface_height"
+    return f"the first estimate is {1e3 * depth:.1f} mm deep in the grains: {advice}"
+
+
+def sentence_on(tool: Tool, *, depth: float, force: float) -> str:
+    """A sentence on what is implausible, or "". `depth`: of the tool's lowest point [m], negative in the air.
+
+    `force`: on the tool [N].
+    """
+    if depth > deepest(tool):
+        return (
+            f"the tool's lowest point is {depth:g} m deep, {depth / tool.size:,.0f} times the tool's size; poses and"
+            " surface_height are in metres: are these in millimetres?"
+        )
+    if not is_plausible_tool(tool):
+        return (
+            f"the tool's largest extent is {tool.size:g} m; mesh.scale (--scale) is in metres per mesh unit, 0.001 for"
+            " a mesh in millimetres"
+        )
+    if depth < -HIGHEST:
+        return (
+            f"the tool is {-depth:g} m above the grains; poses and surface_height are in metres: are these in"
+            " millimetres?"
+        )
+    if force > LARGEST_FORCE:
+        return (
+            f"the force is {force:g} N, more than any arm's; poses are in metres and mesh.scale (--scale) is in metres"
+            " per mesh unit: is one of them in millimetres?"
+        )
+    return ""
+
+
 Array = NDArray[np.float64]
 
-__all__ = ["QualityFlag", "QualityMonitor", "Trust", "flag_names", "sentences", "trust"]
 
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
 _HARMLESS = {"concave", "size", "degenerate_facets"}  # kinds of issues that are no fault of the mesh
@@ -219,3 +273,47 @@ def _flags_of_ground(surface: LocalSurface) -> int:
     if surface.roughness > _UNEVEN_SHARE * surface.depth:
         flags |= QualityFlag.UNEVEN.value
     return flags
+
+
+_KEPT = 512  # places of the path
+_BENT = 0.85  # distance over path length; a straighter path does not return to itself
+_STEP = 0.125  # widths of the tool between two places
+
+
+class Wake:
+    """The path of the tool's centre since it entered the grains, and whether the tool returns to it.
+
+    On a straight path the distance from an earlier place equals the path length since. The tool passes the same grains
+    again where, two or more widths of path later, the distance is below `_BENT` times that length and below two widths
+    of the tool. This finds a root tip's helix of 20 mm pitch, where the measured forces deviate, but not one of 40 mm
+    (Treers et al. 2021, V-B).
+    """
+
+    def __init__(self, tool: Tool) -> None:
+        columns = tool.corners.T  # one by one: numpy takes 6 ms for 170,000 rows of three
+        low, high = np.array([c.min() for c in columns]), np.array([c.max() for c in columns])
+        self._centre, self._width = 0.5 * (low + high), float(np.median(high - low))
+        self._places, self._lengths = np.zeros((_KEPT, 3)), np.zeros(_KEPT)  # length of the path up to each place [m]
+        self.clear()
+
+    def clear(self) -> None:
+        """Clear the path. The tool has left the grains, which fill its traces."""
+        self._count, self._length = 0, 0.0
+        self.is_crossed = False
+        """Whether the tool crosses its earlier path."""
+
+    def extend(self, state: NDArray[np.float64]) -> None:
+        """Add the next state, shape [13]."""
+        place = state[POSITION] + rotation_matrix(state[QUATERNION]) @ self._centre
+        if self._count:
+            step = math.dist(place, self._places[(self._count - 1) % _KEPT])
+            if step < _STEP * self._width:
+                return
+            self._length += step
+        self._places[self._count % _KEPT] = place
+        self._lengths[self._count % _KEPT] = self._length
+        self._count += 1
+        since = self._length - self._lengths[: self._count]
+        apart = np.linalg.norm(self._places[: self._count] - place, axis=1)
+        near = (since >= 2.0 * self._width) & (apart < 2.0 * self._width) & (apart < _BENT * since)
+        self.is_crossed = bool(near.any())

@@ -4,7 +4,7 @@ from enum import Enum, unique
 from typing import NamedTuple
 
 from rft_ros.ground import Cloud
-from rft_ros.rft.placement import Quaternion, Vector, Wrench
+from rft_ros.rft.frames import Quaternion, Vector, Wrench
 
 __all__ = ["ABSURD", "FRAME_UNKNOWN", "OF_TRANSFORMS", "STAMP_ZERO", "Answer", "Estimate", "Measurement", "NoEstimate"]
 __all__ += ["PoseSample", "Reason", "RefusedError", "Sample", "Stamped", "TransformSample", "TwistSample"]

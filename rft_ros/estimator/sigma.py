@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.samples import Vector
+from rft_ros.rft.frames import WRENCH
 from rft_ros.rft.kernel.compilation import compiled, inlined
-from rft_ros.rft.result import WRENCH
 
 __all__ = [
     "LEVER",

@@ -6,7 +6,7 @@ from collections.abc import Iterator, Sequence
 from enum import Enum
 from typing import Generic, Protocol, TypeVar
 
-from rft_ros.rft.placement import Quaternion
+from rft_ros.rft.frames import Quaternion
 
 __all__ = ["LATE", "NEW_RUN", "NEXT", "PATIENCE", "REPEATED", "TIME_JUMP", "Succession", "Timeline"]
 __all__ += ["S", "between", "succession", "turned_between"]

@@ -5,7 +5,7 @@ import math
 from rft_ros.estimator.samples import ABSURD, Reason, TransformSample
 from rft_ros.estimator.timeline import NEW_RUN, NEXT, Timeline, between, succession, turned_between
 from rft_ros.rft import unit_quaternion
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import Placement
 
 __all__ = ["Transforms"]
 

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rft_ros.ground.height_map import HeightMap
 from rft_ros.ground.support import LAST_SURFACE, LocalSurface, Support
 from rft_ros.rft import rotation_matrix
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import Placement
 
 __all__ = ["DELAY", "Cloud", "GroundMapper"]
 

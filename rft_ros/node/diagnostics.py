@@ -9,8 +9,7 @@ from rclpy.node import Node
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Reason
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.plausible import begins_in_grains
-from rft_ros.estimator.quality import QualityFlag, Trust, flag_names, sentences, trust
+from rft_ros.estimator.quality import QualityFlag, Trust, begins_in_grains, flag_names, sentences, trust
 from rft_ros.messages import Role
 from rft_ros.node.swap import Swap
 

@@ -17,7 +17,7 @@ from rft_ros.messages import wrench_cdr
 from rft_ros.node.topics import OUTPUTS
 from rft_ros.parameters import Values
 from rft_ros.rft import FORCE, TORQUE
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import Placement
 
 _PERIOD = 0.01  # s, between two outputs while there are no estimates
 _ZERO: Wrench = (0.0,) * 6

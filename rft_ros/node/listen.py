@@ -15,8 +15,7 @@ from rclpy.subscription import Subscription
 
 from rft_ros.errors import InputError, reason_of
 from rft_ros.messages import TYPES, Role
-from rft_ros.node.start import start_ros
-from rft_ros.node.topics import INPUTS, message_class, transforms_come, type_name, type_on
+from rft_ros.node.topics import INPUTS, message_class, start_ros, transforms_come, type_name, type_on
 from rft_ros.parameters import Values, checked
 
 __all__ = ["Listener", "Message", "Publisher", "Topic", "listener"]

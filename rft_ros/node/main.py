@@ -89,7 +89,7 @@ def _run(stop: threading.Event) -> str:
     from rclpy.signals import SignalHandlerOptions
 
     from rft_ros.node.rft_node import RftNode, executor_of
-    from rft_ros.node.start import start_ros
+    from rft_ros.node.topics import start_ros
     from rft_ros.parameters import read_sections
 
     try:

@@ -24,8 +24,7 @@ from std_srvs.srv import Trigger
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.estimator import Wrench
-from rft_ros.node.start import start_ros
-from rft_ros.node.topics import type_name
+from rft_ros.node.topics import start_ros, type_name
 
 _Array = NDArray[np.float64]
 

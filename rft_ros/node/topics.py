@@ -1,14 +1,17 @@
-"""Message classes and QoS of the node's topics."""
+"""ROS in this process: its start, and the message classes and QoS of the node's topics."""
 
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
 
+import rclpy
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
 from rft_ros.errors import InputError
 from rft_ros.messages import TYPES, Role
+
+__all__ = ["start_ros"]
 
 # Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream.
 _SENSOR_DATA = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -45,3 +48,15 @@ def message_class(kind: str) -> Any:
     except (ImportError, AttributeError):
         why = f"pose_source tf and sensor.frame_source tf need the package {package}"
         raise InputError(f"{why}: apt install ros-jazzy-tf2-msgs") from None
+
+
+def start_ros(**options: Any) -> None:
+    """Call `rclpy.init` with these options. Raises InputError if ROS cannot write its log, as in a read-only home."""
+    try:
+        rclpy.init(**options)
+    except RuntimeError as error:
+        if "log" not in str(error).partition(":")[0]:
+            raise
+        why = " ".join(str(error).partition(", at ")[0].split())
+        advice = "set ROS_LOG_DIR to a folder in which this user may write, such as /tmp/ros_log"
+        raise InputError(f"ROS cannot write its log ({why}); {advice}") from None

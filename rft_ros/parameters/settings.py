@@ -6,7 +6,7 @@ from typing import Literal
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap
 from rft_ros.rft import Law, described
-from rft_ros.rft.placement import Quaternion, Vector, Wrench
+from rft_ros.rft.frames import Quaternion, Vector, Wrench
 from rft_ros.tool import Tool
 
 __all__ = ["CALIBRATED_ERROR", "LoadCell", "Model", "Settings"]

@@ -1,6 +1,7 @@
-"""Frames: rotations from unit quaternions (xyzw), and states checked before they reach the kernel."""
+"""Frames, states and wrenches: rotations by unit quaternions (xyzw), columns of arrays, and the check of states."""
 
 import math
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -8,9 +9,10 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.rft.arguments import numbers
 from rft_ros.rft.kernel.compilation import inlined
 
-__all__ = ["STATE", "UNIT_TOLERANCE", "checked_states", "rotation_matrix", "unit_quaternion"]
-__all__ += ["ANGULAR_VELOCITY", "POSE", "POSITION", "QUATERNION", "TWIST", "VELOCITY"]
-__all__ += ["attitude", "from_frame", "into_frame", "parts_of_state", "rotation"]
+__all__ = ["ANGULAR_VELOCITY", "AXES", "BY_HEIGHT", "COLUMNS", "FORCE", "MOMENTS", "POSE", "POSITION", "QUATERNION"]
+__all__ += ["SENSITIVITIES", "STATE", "SUBMERGED_AREA", "TORQUE", "TWIST", "UNIT_TOLERANCE", "VELOCITY", "WIDTH"]
+__all__ += ["WRENCH", "Placement", "Quaternion", "Vector", "Wrench", "attitude", "checked_states", "from_frame"]
+__all__ += ["into_frame", "parts_of_state", "rotation", "rotation_matrix", "unit_quaternion"]
 
 STATE = ("px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")
 """Columns of a state: tool frame in the world [m], quaternion xyzw, velocity of its origin [m/s], angular [rad/s]."""
@@ -89,3 +91,76 @@ def checked_states(states: ArrayLike) -> NDArray[np.float64]:
         raise ValueError(f"row {row}: the quaternion qx, qy, qz, qw has norm {norm[row]:g}; it must be 1")
     s[:, QUATERNION] /= norm[:, None]
     return s
+
+
+Vector = tuple[float, float, float]
+"""x, y, z."""
+Quaternion = tuple[float, float, float, float]
+"""x, y, z, w."""
+Wrench = tuple[float, float, float, float, float, float]
+"""Force [N] and torque [N m]: fx, fy, fz, tx, ty, tz."""
+
+
+class Placement(NamedTuple):
+    """Pose of one frame in another: position [m], quaternion xyzw."""
+
+    position: Vector
+    quaternion: Quaternion
+
+    def rotate(self, v: Vector) -> Vector:
+        """A vector in the inner frame's axes, in the outer frame's."""
+        x, y, z, w = self.quaternion
+        a, b, c = v
+        p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+        return a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p
+
+    def wrench(self, inner: Wrench) -> Wrench:
+        """A wrench [N], [N m] in the inner frame's axes about its origin, in the outer frame's about its own."""
+        a, b, c = self.rotate(inner[:3])
+        d, e, f = self.rotate(inner[3:])
+        x, y, z = self.position
+        return a, b, c, d + y * c - z * b, e + z * a - x * c, f + x * b - y * a
+
+    def of(self, inner: "Placement") -> "Placement":
+        """Composes two placements: `inner` is given in this frame; returns it in the outer frame."""
+        a, b, c = self.rotate(inner.position)
+        px, py, pz = self.position
+        x, y, z, w = self.quaternion
+        p, q, r, s = inner.quaternion
+        turned = (
+            w * p + x * s + y * r - z * q,
+            w * q - x * r + y * s + z * p,
+            w * r + x * q - y * p + z * s,
+            w * s - x * p - y * q - z * r,
+        )
+        return Placement((px + a, py + b, pz + c), turned)
+
+    def inverse(self) -> "Placement":
+        """The outer frame in the inner one."""
+        x, y, z, w = self.quaternion
+        back = Placement((0.0, 0.0, 0.0), (-x, -y, -z, w))
+        a, b, c = back.rotate(self.position)
+        return Placement((-a, -b, -c), back.quaternion)
+
+
+AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
+"""Components of a wrench: force [N], torque about the tool frame's origin [N m]."""
+
+COLUMNS = (*AXES, "submerged_area")
+"""Columns of a result: force [N], torque about the tool frame's origin [N m], area below the surface [m²]."""
+
+FORCE, TORQUE, WRENCH, SUBMERGED_AREA = slice(0, 3), slice(3, 6), slice(0, 6), 6
+"""The parts of a result, as slices of its columns; the last is one column."""
+
+SENSITIVITIES = ("dfx_dh", "dfy_dh", "dfz_dh", *(f"{r}_f{f}" for r in "xyz" for f in "xyz"))
+"""Further columns: derivative of the force by the surface height [N/m], the sum of traction per depth times wet area;
+and the sums over plates of r_j f_l [N m], r from the tool frame's origin, which make up the torque."""
+
+WIDTH = len(COLUMNS) + len(SENSITIVITIES)
+"""Number of columns of a result with sensitivities."""
+
+BY_HEIGHT = slice(len(COLUMNS), len(COLUMNS) + 3)
+"""The derivative of the force by the surface height in a result with sensitivities."""
+
+MOMENTS = slice(BY_HEIGHT.stop, WIDTH)
+"""The sums of r_j f_l in a result with sensitivities, row by row of r."""

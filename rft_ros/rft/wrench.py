@@ -15,13 +15,12 @@ from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.agarwal2023 import agarwal2023
 from rft_ros.rft.arguments import number, numbers
-from rft_ros.rft.frames import STATE
+from rft_ros.rft.frames import COLUMNS, STATE, WIDTH
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel import loops
 from rft_ros.rft.kernel.compilation import machine_code
 from rft_ros.rft.memory_state import HEAD, Memory
 from rft_ros.rft.plates import BLOCK, Plates
-from rft_ros.rft.result import COLUMNS, WIDTH
 from rft_ros.rft.traction import Law, packed_law
 
 __all__ = ["LEVEL", "edge_share", "plate_forces", "prepared", "wrenches", "wrenches_in_time"]

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from rft_ros.rft.velocity_weights import exact_f1, exact_f23
+from rft_ros.rft.traction import exact_f1, exact_f23
 from rft_ros.sweeps import motions
 from studies import circumnutation, convergence, horizontal, oscillation, plates
 from studies.__main__ import run_study

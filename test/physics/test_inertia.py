@@ -20,7 +20,7 @@ from rft_ros.rft import (
     wrenches,
     wrenches_in_time,
 )
-from rft_ros.rft.inertia import CONFINEMENT, INERTIA
+from rft_ros.rft.grains import CONFINEMENT, INERTIA
 
 DENSITY = 1500.0  # of `INERTIAL`
 

@@ -5,7 +5,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from rft_ros.rft import velocity_weights as vw
+from rft_ros.rft import traction as vw
 
 
 @pytest.mark.parametrize("place", [0, 1], ids=["f1", "f23"])

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from rft_ros.estimator import TransformSample
 from rft_ros.parameters import defaults, model_of
 from rft_ros.rft import POSITION, QUATERNION, STATE, VELOCITY, frames, wrenches
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import Placement
 
 SURFACE = 0.12
 ZETA = 0.4

@@ -5,7 +5,7 @@ from itertools import groupby
 import numpy as np
 import pytest
 
-from rft_ros.bags.phases import PHASES, phases_of
+from rft_ros.bags.estimates import PHASES, phases_of
 
 REST = 0.001
 STEP = 10_000_000

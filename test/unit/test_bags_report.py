@@ -9,8 +9,7 @@ import pytest
 from browser import show
 from recordings import TOPICS, plunge, rows_of, values, write_ros2
 
-from rft_ros.bags.estimates import ROW
-from rft_ros.bags.phases import PHASES
+from rft_ros.bags.estimates import PHASES, ROW
 from rft_ros.bags.replay import replay
 from rft_ros.bags.replay_report import decimated, replay_charts
 from rft_ros.estimator.quality import QualityFlag

@@ -11,7 +11,7 @@ from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.track import read_track
 from rft_ros.errors import InputError
 from rft_ros.estimator import TransformSample
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import Placement
 
 TOOL = Placement((0.01, -0.02, 0.15), tuple(Rotation.from_euler("xyz", [5, 10, 90], degrees=True).as_quat().tolist()))
 """The tool in the flange."""

@@ -29,7 +29,7 @@ from rft_ros.calibration.calibrate import PARTS, calibrate
 from rft_ros.calibration.fitting import NotIdentifiable
 from rft_ros.errors import InputError
 from rft_ros.parameters import checked
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import Placement
 from rft_ros.tool import load_tool, locate_mesh
 
 

@@ -19,7 +19,7 @@ from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
 from rft_ros.parameters import defaults, model_of
 from rft_ros.rft import POSITION, QUATERNION, VELOCITY
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import Placement
 
 TURN = Rotation.from_euler("x", 180, degrees=True)
 TURNED = (Rotation.from_quat(MOUNT.quaternion) * TURN).as_quat().tolist()

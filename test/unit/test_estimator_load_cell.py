@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from rft_ros.estimator import Estimate, LoadCell, Reason, TransformSample
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.rft import checked_states, wrenches
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import Placement
 from rft_ros.tool import load_tool
 
 AGE = 100 * MS  # the default max_input_age

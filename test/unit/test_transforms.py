@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, LoadCell, Reason, TransformSample
 from rft_ros.estimator.transforms import Transforms
-from rft_ros.rft.placement import Placement
+from rft_ros.rft.frames import Placement
 
 AGE = 100 * MS
 numbers = st.floats(-2.0, 2.0)

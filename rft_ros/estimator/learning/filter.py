@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.sigma import LEVER, SIGMA
+from rft_ros.rft.frames import BY_HEIGHT, FORCE, MOMENTS, TORQUE, WRENCH
 from rft_ros.rft.kernel.compilation import inlined
-from rft_ros.rft.result import BY_HEIGHT, FORCE, MOMENTS, TORQUE, WRENCH
 
 __all__ = ["FILTER_FIELDS", "copy", "copy_place", "correct", "dot", "grow", "reset", "update"]
 

@@ -6,7 +6,6 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.air_reading import AirReading
 from rft_ros.estimator.learning.filter import reset
 from rft_ros.estimator.learning.records import (
     AWAY,
@@ -20,9 +19,10 @@ from rft_ros.estimator.learning.records import (
 )
 from rft_ros.estimator.learning.surprise import ISSUES, JUDGE_FIELDS
 from rft_ros.estimator.samples import ABSURD, Vector
+from rft_ros.estimator.tare import AirReading
 from rft_ros.parameters.settings import CALIBRATED_ERROR
+from rft_ros.rft.frames import WIDTH
 from rft_ros.rft.kernel.compilation import machine_code
-from rft_ros.rft.result import WIDTH
 
 __all__ = ["Belief", "Learning"]
 

@@ -2,8 +2,8 @@
 
 import math
 
-from rft_ros.estimator.air_reading import OFFSET_SENTENCE
 from rft_ros.estimator.learning.filter import dot
+from rft_ros.estimator.tare import OFFSET_SENTENCE
 from rft_ros.rft.kernel.compilation import inlined
 
 __all__ = [

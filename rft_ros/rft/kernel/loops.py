@@ -9,9 +9,19 @@ from math import cos, radians, sin, sqrt
 
 import numpy as np
 
-from rft_ros.rft.frames import attitude, from_frame, into_frame, parts_of_state
-from rft_ros.rft.grains import IN_LAW
-from rft_ros.rft.inertia import inertia_force
+from rft_ros.rft.frames import (
+    BY_HEIGHT,
+    FORCE,
+    MOMENTS,
+    SUBMERGED_AREA,
+    TORQUE,
+    WIDTH,
+    attitude,
+    from_frame,
+    into_frame,
+    parts_of_state,
+)
+from rft_ros.rft.grains import IN_LAW, inertia_force
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import OPTIONS, compiled, inlined
@@ -29,7 +39,6 @@ from rft_ros.rft.plates import (
     ROWS_OF_CENTROID,
     ROWS_OF_REFINED,
 )
-from rft_ros.rft.result import BY_HEIGHT, FORCE, MOMENTS, SUBMERGED_AREA, TORQUE, WIDTH
 from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, orient, tractions
 
 __all__ = ["edge_share", "sums"]
