@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
 
-__all__ = ["MAX_BYTES", "MAX_NUMBERS", "checked_file", "checked_folder", "expanded", "opened", "read_arrays"]
+__all__ = ["MAX_BYTES", "MAX_NUMBERS", "checked_file", "expanded", "opened", "read_arrays"]
 __all__ += [
     "read_file",
     "read_text",
@@ -84,13 +84,6 @@ def checked_file(file: Path, what: str, *, limit: int | None = MAX_BYTES, advice
     _check_kind(status, f"{what} '{file}'")
     _check_size(status.st_size, f"{what} '{file}'", limit)
     return expanded(file)
-
-
-def checked_folder(folder: Path, what: str, *, advice: str = _GIVE) -> Path:
-    """The path, ~ expanded, of a folder. Raises InputError, as `checked_file`."""
-    if not stat.S_ISDIR(_status(folder, what, advice).st_mode):
-        raise InputError(f"{what} '{folder}' is not a folder; give the path of one")
-    return expanded(folder)
 
 
 def _check_kind(status: os.stat_result, named: str) -> None:

@@ -7,7 +7,7 @@ from collections.abc import Mapping
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rft_ros.child_process import start_child
 from rft_ros.errors import InputError
@@ -16,8 +16,7 @@ from rft_ros.parameters import FILES, Values, load_parts
 __all__ = ["ToolWorker", "named"]
 
 _NICENESS = 10  # such a process gets a tenth of a busy core, and all of an idle one
-_SIGN_PERIOD = 1.0  # s between two signs of life from a process that loads
-_SILENT = 300.0  # s without a sign of life after which the process is given up
+_LOOK = 1.0  # s between two looks at a process that loads
 _BLOCKED_AFTER, _BLOCKED_CPU = 60.0, 0.01
 """A process that uses less than `_BLOCKED_CPU` [s] of CPU time in `_BLOCKED_AFTER` [s] waits for a file, as for a pipe.
 """
@@ -25,11 +24,7 @@ _BLOCKED_AFTER, _BLOCKED_CPU = 60.0, 0.01
 _STARVED_AFTER, _STARVED_SHARE = 5.0, 0.5
 """A process of low priority that gets less than this share of a core is replaced after this time [s]."""
 
-
-class _Alive(NamedTuple):
-    """A sign of life: CPU time that the process has used for this request [s]."""
-
-    used: float
+_BEGUN = True  # what the process sends before it loads
 
 
 class ToolWorker:
@@ -42,8 +37,8 @@ class ToolWorker:
 
     def __init__(self) -> None:
         self._start(low_priority=False)
-        self.used: float | None = None
-        """CPU time that the load in progress has used [s]; None until the process has begun it, and after its end."""
+        self.begun = False
+        """Whether the process has begun the load in progress."""
 
     def _start(self, *, low_priority: bool) -> None:
         self._low_priority = low_priority
@@ -69,7 +64,7 @@ class ToolWorker:
             why = f"the process that loads {named(files)} ended" if ended else str(error)
             raise InputError(f"{why}; set it again") from None
         finally:
-            self.used = None
+            self.begun = False
         if isinstance(answer, str):
             raise InputError(answer)
         return answer
@@ -82,7 +77,7 @@ class ToolWorker:
             self._connection.send(files)
             return self._wait(files, given_up)
         except (EOFError, ConnectionError):
-            if self.used is not None or given_up.is_set():
+            if self.begun or given_up.is_set():
                 raise
         self._replace(low_priority=True)
         self._connection.send(files)
@@ -90,33 +85,35 @@ class ToolWorker:
 
     def _wait(self, files: Mapping[str, Values], given_up: threading.Event) -> dict[str, Any] | str:
         """Wait for the answer to a request that was sent. A process that gets no CPU time is replaced."""
-        begin = moved = heard = time.monotonic()
-        used_then = 0.0
+        begin = moved = time.monotonic()
+        first = used_then = self._cpu_time()
         while True:
+            if self._connection.poll(_LOOK):
+                message = self._connection.recv()
+                if message is not _BEGUN:
+                    self._low_priority = True  # it lowers its priority once it has answered
+                    answer: dict[str, Any] | str = message
+                    return answer
+                self.begun = True
             if given_up.is_set():
                 raise InputError(f"{named(files)} is no longer wanted")
-            now = time.monotonic()
-            used = self.used or 0.0
-            if self._low_priority and now - begin > _STARVED_AFTER and used < _STARVED_SHARE * (now - begin):
+            now, used = time.monotonic(), self._cpu_time()
+            starved = now - begin > _STARVED_AFTER and used - first < _STARVED_SHARE * (now - begin)
+            if self._low_priority and starved:
                 self._replace(low_priority=False)
-                self.used = None
                 self._connection.send(files)
-                moved = heard = now
-                used_then = 0.0
-            if used - used_then > _BLOCKED_CPU:
+                self.begun, moved, used_then = False, now, 0.0
+            elif used - used_then > _BLOCKED_CPU:
                 moved, used_then = now, used
-            if self.used is not None and now - moved > _BLOCKED_AFTER:
+            elif now - moved > _BLOCKED_AFTER:
                 raise InputError(f"{named(files)} could not be read for {_BLOCKED_AFTER:g} s; give a regular file")
-            if now - heard > _SILENT:
-                raise InputError(f"the process that loads {named(files)} was silent for {_SILENT:g} s; set it again")
-            if not self._connection.poll(_SIGN_PERIOD):
-                continue
-            message = self._connection.recv()
-            if not isinstance(message, _Alive):
-                self._low_priority = True  # it lowers its priority once it has answered
-                answer: dict[str, Any] | str = message
-                return answer
-            self.used, heard = message.used, time.monotonic()
+
+    def _cpu_time(self) -> float:
+        """CPU time that the process has used [s]; 0 where the system does not tell."""
+        with suppress(OSError):
+            fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
+            return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")  # utime and stime
+        return 0.0
 
     def end(self) -> None:
         """End the process, and with it the load in progress."""
@@ -136,18 +133,11 @@ def _serve(descriptor: int, low_priority: int) -> None:
     import trimesh  # noqa: F401
 
     with suppress(EOFError, OSError):
-        used_before = 0.0
         while True:
             files = connection.recv()
-            done = threading.Event()
-            signs = threading.Thread(target=_give_signs, args=(connection, done, used_before), daemon=True)
-            signs.start()
-            answer = _loaded(files)
-            done.set()
-            signs.join()
-            connection.send(answer)
+            connection.send(_BEGUN)
+            connection.send(_loaded(files))
             _lower_priority()
-            used_before = time.process_time()
 
 
 def _lower_priority() -> None:
@@ -157,15 +147,6 @@ def _lower_priority() -> None:
     # too. During 20 changes of the mesh 474 of 15,000 poses were answered late, and 1,824 without this.
     with suppress(OSError):
         Path("/proc/self/autogroup").write_text(str(_NICENESS))
-
-
-def _give_signs(connection: Connection, done: threading.Event, used_before: float) -> None:
-    """Send signs of life until the request is done. The CPU time of this thread is left out."""
-    with suppress(OSError):
-        while True:
-            connection.send(_Alive(time.process_time() - time.thread_time() - used_before))
-            if done.wait(_SIGN_PERIOD):
-                return
 
 
 def _loaded(files: Mapping[str, Values]) -> dict[str, Any] | str:

@@ -31,6 +31,7 @@ ELSEWHERE = {
     "bags/sources.py sqlite3.connect": "a copy that it made itself",
     "cli.py os.open": "/dev/null",
     "installation.py Path(__file__).resolve": "the package's own place",
+    "node/tool_worker.py Path(f'/proc/{self.process.pid}/stat').read_text": "the system's word on a process",
     "node/swap.py self._worker.load": "asks the worker, which reads as `rft_ros.files` does",
     "node/swap.py worker.load": "asks the worker, which reads as `rft_ros.files` does",
     "parameters/from_values.py _PARTS[name].load": "functions of the package, which read as `rft_ros.files` does",

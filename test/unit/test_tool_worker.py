@@ -68,7 +68,7 @@ def big(tmp_path):
 def stopped_at_work(worker):
     """Stop the worker's process once it has begun to load."""
     end = time.monotonic() + 600.0
-    while worker.used is None:
+    while not worker.begun:
         assert time.monotonic() < end
         time.sleep(0.001)
     os.kill(worker.process.pid, signal.SIGSTOP)
