@@ -30,9 +30,9 @@ _COMMANDS = {
     "fit-medium": ("medium", "Fit a medium of your own to a measured map of stresses."),
     "sweep": ("tools", "Run a design study: tools × motions × media, on all cores or a cluster."),
     "view": ("predict", "Draw a tool moving through the grains: an animated page."),
-    "doctor": ("doctor", "Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node."),
-    "demo": ("demo", "Run a virtual arm, a real node and a live table (needs ROS)."),
-    "warm-up": ("warm_up", "Compile the code of node and replay now, so that their first start is quick."),
+    "doctor": ("cell", "Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node."),
+    "demo": ("cell", "Run a virtual arm, a real node and a live table (needs ROS)."),
+    "warm-up": ("cell", "Compile the code of node and replay now, so that their first start is quick."),
 }
 """For each command the module of `rft_ros.commands` that has it, and its help text."""
 

@@ -1,14 +1,18 @@
-"""`rft doctor`: check a cell's set-up, from a recording or beside the running node."""
+"""Commands that run or check a robot cell: `rft demo`, `rft doctor` and `rft warm-up`."""
 
 import argparse
 import re
+import shlex
 from pathlib import Path
 
-from rft_ros.bags.options import topics_of
+from rft_ros.bags.options import ReplayOptions, topics_of
+from rft_ros.bags.replay import replay
 from rft_ros.commands import options
 from rft_ros.doctor.checkup import Cell, compiled, examine_bag
 from rft_ros.errors import InputError
-from rft_ros.parameters import model_of, node_parameters
+from rft_ros.estimator.warm_up import prepare
+from rft_ros.installation import program, share_directory
+from rft_ros.parameters import model_of, node_parameters, read_parameter_file
 from rft_ros.progress import busy
 
 _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
@@ -51,3 +55,37 @@ def doctor(arguments: argparse.Namespace) -> int:
             findings += examine_running(cell, arguments.node, seconds=arguments.seconds)
     print("\n".join(f"{'OK ' if finding.ok else 'FIX'} {finding.text}" for finding in findings))
     return 0 if all(finding.ok for finding in findings) else 1
+
+
+def demo_options(command: argparse.ArgumentParser) -> None:
+    out, seconds = "folder for bag and report (default out/demo)", "how long the arm moves [s] (default 12)"
+    command.add_argument("-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help=out)
+    command.add_argument("--seconds", type=options.number, default=12.0, metavar="S", help=seconds)
+
+
+def demo(arguments: argparse.Namespace) -> int:
+    """rft demo --seconds 20 -o out/demo"""
+    try:
+        from rft_ros.demo.run import demo as run
+    except ImportError as error:
+        raise InputError(
+            f"the demo needs ROS 2 ({error.name} is missing): source a ROS 2 setup file, or run"
+            " pip install ros-jazzy-common-interfaces 'ros-rclpy[fastrtps]'"
+        ) from None
+
+    parameters = share_directory("rft_ros") / "config" / "demo.yaml"
+    tare = 2.0  # s at the beginning, in which the arm rests in the air
+    bag, out = arguments.output / "bag", arguments.output / "replay"
+    run(bag, parameters, seconds=arguments.seconds)
+    arguments_of_replay = ["replay", str(bag), "--params", str(parameters), "--tare", f"{tare:g}", "-o", str(out)]
+    print(f"the same offline: {program()} {shlex.join(arguments_of_replay)}")
+    summary = replay(bag, out, read_parameter_file(parameters), ReplayOptions(tare=tare), report=True)
+    print("\n".join([*summary.lines(), f"-> {out / 'report.html'}"]))
+    return 0
+
+
+def warm_up(_arguments: argparse.Namespace) -> int:
+    """rft warm-up"""
+    prepare(lambda: print("compiling, ten seconds or more ...", flush=True))
+    print("everything is compiled")
+    return 0
