@@ -1,7 +1,7 @@
 """Files that a user or a parameter names: read within limits, written whole or not at all, never over an input.
 
 Every path that a parameter or a command takes is read here: `checked_file` refuses what is no regular file of a size
-within limits before it is opened, and says in one sentence what to give instead (test/unit/test_one_reading.py).
+within limits before it is opened, and says in one sentence what to give instead (test/unit/test_paths.py).
 """
 
 import errno

@@ -74,8 +74,7 @@ def _noise(places: Array) -> _PoseNoise:
         squares = np.sort(np.sum(third[:, part] ** 2, axis=1))
         if not len(squares):
             return 0.0
-        variance = squares[int(_CALM * (len(squares) - 1))] / _CHI2_OF_CALM / 20.0
-        return float(np.sqrt(variance * 3.0 / 3.0))  # without the factor 3 / 3 the last bits of results would change
+        return float(np.sqrt(squares[int(_CALM * (len(squares) - 1))] / _CHI2_OF_CALM / 20.0))
 
     return _PoseNoise(position=deviation(POSITION), quaternion=deviation(QUATERNION))
 
