@@ -10,7 +10,6 @@ from rft_ros.bags.replay import replay_model, results
 from rft_ros.bags.summary import Summary, check, read_limits
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
-from rft_ros.estimator.samples import FRAME_UNKNOWN
 from rft_ros.parameters import named_files
 from rft_ros.progress import busy
 
@@ -79,8 +78,6 @@ def _status(summary: Summary, limits: dict[str, tuple[float, float]]) -> int:
         if summary.reasons:
             reason = max(summary.reasons, key=summary.reasons.__getitem__)
             why = f"; most often {summary.unknown_frames.get(reason, reason)}"
-            if reason in FRAME_UNKNOWN:
-                why += "; set that parameter to the frame_id, or record a fixed transform between the two"
         none = f"bag '{summary.bag}' has no estimate for its {summary.messages['pose']:,} poses{why}"
         print(f"rft replay: {none}", file=sys.stderr, flush=True)
     return status

@@ -202,13 +202,10 @@ class Checkup:
             remedy = f"set world_frame: {min(of_poses)}, or publish the transform between the two on /tf_static"
             yield Finding(False, f"frames: {cause}; {remedy}")
         for reason, sentence in unknown.items():
-            remedy = "set the parameter to an existing frame, or publish the transform between the two on /tf_static"
-            if reason in OF_TRANSFORMS and reason is not Reason.TF_FRAME_UNKNOWN:
-                remedy = "stop or correct one of its publishers"
             if reason in OF_TRANSFORMS and self._transforms_unstamped():
                 continue  # the frames are unknown because their transforms have no stamps; another finding says so
             if reason is not Reason.TF_OUT_OF_ORDER:  # `_of_reasons` reports it if it is frequent
-                yield Finding(False, f"frames: {sentence}; {remedy}")
+                yield Finding(False, f"frames: {sentence}")
         frames = self._estimator.transforms.frames()
         if frames:
             yield Finding(True, f"frames: {', '.join(frames)}")

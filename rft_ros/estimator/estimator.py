@@ -127,7 +127,7 @@ class Estimator:
         return self.settings.tool_frame if self._intake.sensor_is_in_world else self.settings.sensor_frame
 
     def unknown_frames(self) -> dict[Reason, str]:
-        """For each reason that concerns frames, a sentence that names the frame which was refused last.
+        """For each reason that concerns frames, a sentence that names the frame refused last, and says what to do.
 
         Frames that transforms link in the meantime, and frames refused under earlier settings, are left out.
         """

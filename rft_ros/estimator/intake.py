@@ -19,7 +19,8 @@ _TWISTS = 256  # a pose that waited in a queue of 200 messages still finds the t
 _CLOUD_PERIOD = 190_000_000  # ns; a cloud that follows another one sooner is dropped: 5 Hz are enough
 _MOST_WANTED = 4096  # stamps that wait for transforms
 
-
+_LINK = "set the parameter to an existing frame, or publish the transform between the two on /tf_static"
+_CORRECT = "stop or correct one of its publishers"
 _UNKNOWN = {
     Reason.POSE_FRAME_UNKNOWN: "pose frame_id {!r} is not world_frame {!r}",
     Reason.TWIST_FRAME_UNKNOWN: "twist frame_id {!r} is neither world_frame {!r} nor tool_frame {!r}",
@@ -180,7 +181,7 @@ class Intake:
         raise RefusedError(reason)
 
     def unknown_frames(self) -> dict[Reason, str]:
-        """For each reason a sentence on the frame refused last under these settings, unless transforms link it now."""
+        """For each reason the frame refused last under these settings, unless it is linked now, and what to do."""
         s, tree, found = self._settings, self.transforms, dict[Reason, str]()
         for reason, (frame, *expected) in self._unknown.items():
             if all(tree.fixed(into, frame) is None for into in expected):
@@ -190,7 +191,9 @@ class Intake:
         sensor = tree.unlinked("sensor_frame", s.sensor_frame, s.tool_frame, fixed=True)
         if sensor and s.sensor_source == "tf":
             found[Reason.SENSOR_FRAME_UNKNOWN] = sensor
-        return {reason: sentence for reason, sentence in (found | tree.sentences).items() if self._counts[reason]}
+        said = {reason: f"{sentence}; {_LINK}" for reason, sentence in found.items()}
+        said |= {reason: f"{sentence}; {_CORRECT}" for reason, sentence in tree.sentences.items()}
+        return {reason: sentence for reason, sentence in said.items() if self._counts[reason]}
 
     # --- poses from transforms
 

@@ -6,7 +6,7 @@ from typing import NamedTuple
 from rft_ros.ground import Cloud
 from rft_ros.rft.frames import Quaternion, Vector, Wrench
 
-__all__ = ["ABSURD", "FRAME_UNKNOWN", "OF_TRANSFORMS", "STAMP_ZERO", "Answer", "Estimate", "Measurement", "NoEstimate"]
+__all__ = ["ABSURD", "OF_TRANSFORMS", "STAMP_ZERO", "Answer", "Estimate", "Measurement", "NoEstimate"]
 __all__ += ["PoseSample", "Reason", "RefusedError", "Sample", "Stamped", "TransformSample", "TwistSample"]
 __all__ += ["Vector", "Wrench", "WrenchSample"]
 
@@ -154,9 +154,6 @@ class Reason(str, Enum):
 
 STAMP_ZERO = frozenset(reason for reason in Reason if reason.value.endswith("_stamp_zero"))
 """Reasons for samples without a stamp."""
-
-FRAME_UNKNOWN = frozenset(reason for reason in Reason if reason.value.endswith("_frame_unknown"))
-"""Reasons for frames that are not the expected ones, or that no transforms link to these."""
 
 OF_TRANSFORMS = frozenset(reason for reason in Reason if reason.value.startswith("tf_"))
 """Reasons for transforms that are refused, and for poses that transforms do not give."""

@@ -157,6 +157,8 @@ def test_the_last_unknown_frame_is_named_with_the_expected_one_until_the_setting
         "wrench_frame_unknown": "wrench frame_id 'tool' is not sensor_frame 'ft_sensor', nor fixed to it or"
         " world_frame 'world'",
     }
+    remedy = "; set the parameter to an existing frame, or publish the transform between the two on /tf_static"
+    named = {reason: said + remedy for reason, said in named.items()}
     assert e.unknown_frames() == named
     assert e.counted() == [f"{name}: {1 + (name[0] == 'p')} ({said})" for name, said in named.items()]
     e.use(settings=replace(e.settings, world_frame="base_link"))

@@ -144,7 +144,7 @@ def test_another_parent_is_taken_with_a_warning_as_tf2_does_and_decides_from_its
         push(e, moving(stamp, parent, "flange", (x, 0.0, 0.0)))
     push(e, fixed("world", "camera", (0.0, 5.0, 0.0)))
     assert e.counts == {"tf_two_parents": 2}
-    assert e.unknown_frames() == {"tf_two_parents": "'flange' in 'world': before in 'camera'"}
+    assert e.unknown_frames()["tf_two_parents"].startswith("'flange' in 'world': before in 'camera'; ")
     places = [e.transforms.at("world", "flange", START + k * 5 * MS, AGE).position for k in range(5)]
     assert places == [(0.0, 0.0, 0.0), (0.0, 0.0, 0.0), (1.0, 5.0, 0.0), (1.0, 5.0, 0.0), (2.0, 0.0, 0.0)]
     push(e, fixed("camera", "flange", (3.0, 0.0, 0.0)))  # the mount was measured anew
@@ -166,7 +166,7 @@ def test_a_missing_frame_is_named_with_the_frames_that_there_are():
     e, poses = fed(fixed("world", "base"), fixed("base", "flange"), *(wrench(START + k * SECOND) for k in range(4)))
     assert (poses, e.counts) == ([], {"tf_frame_unknown": 2})
     there = "there are 'base' in 'world' (fixed), 'flange' in 'base' (fixed)"
-    assert e.unknown_frames() == {"tf_frame_unknown": f"no transform names tool_frame 'tool'; {there}"}
+    assert e.unknown_frames()["tf_frame_unknown"].startswith(f"no transform names tool_frame 'tool'; {there}; ")
     push(e, fixed("flange", "tool"))
     assert e.unknown_frames() == {}
 
