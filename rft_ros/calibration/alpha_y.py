@@ -113,7 +113,7 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treer
         beta=float(np.degrees(np.arccos(abs(normal[2])))),
         depth=depth,
         alpha=float(fit.coefficients[0]),
-        error=float(np.hypot(fit.errors[0], fit.inverse.sum() * sensor.zero_error)),
+        error=float(np.hypot(fit.error, fit.influence.sum() * sensor.zero_error)),
     )
 
 
@@ -147,11 +147,11 @@ def fit_alpha_y(
         )
     line = np.column_stack([np.ones_like(beta), beta])
     if model == "auto":
-        trial = fit_measurements(line, alpha, errors)
+        trial = fit_measurements(line[:, None], alpha, errors)
         sure = count >= 3 and span >= _BETA_SPAN and abs(trial.coefficients[1]) > _SURE * trial.errors[1]
         model = "linear" if sure else "constant"
     design = {"constant": line[:, :1], "linear": line, "table": np.eye(count)[steps]}[model]
-    fit = fit_measurements(design, alpha, errors)
+    fit = fit_measurements(design[:, None], alpha, errors)
     values = fit.coefficients
     covariance = fit.covariance + shared_error**2 * np.outer(values, values)
     if model == "table":
@@ -160,7 +160,7 @@ def fit_alpha_y(
         at, found = _LINE_ROWS, np.polyval(values[::-1], _LINE_ROWS)
         differences = design @ (values - np.array(alpha_y_model(model, medium)))
         published = bool((differences**2 <= 4.0 * np.einsum("ni,ij,nj->n", design, covariance, design)).all())
-    scatter = f"scatter {100 * fit.rms / alpha.mean():.1f} % over {len(used)} runs"
+    scatter = f"scatter {100 * np.std(fit.residuals) / alpha.mean():.1f} % over {len(used)} runs"
     value = FittedValue(
         name=f"alpha_y ({model})",
         values=tuple(values.tolist()),

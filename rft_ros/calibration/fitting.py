@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 from rft_ros.errors import InputError
 from rft_ros.parameters import checked, defaults
 
-__all__ = ["Curve", "Fit", "FitResults", "FittedValue", "Measurement", "NotIdentifiable", "best_start"]
+__all__ = ["Curve", "Estimates", "Fit", "FitResults", "FittedValue", "Measurement", "NotIdentifiable", "best_start"]
 __all__ += ["fit_curve", "fit_each", "fit_linear", "fit_measurements", "mean_of", "scatter_of_mean"]
 
 Array = NDArray[np.float64]
@@ -86,9 +86,165 @@ class FitResults:
 
 
 class Fit(NamedTuple):
-    """Coefficients, shape [k], their covariance, and the residuals, shape [n].
+    """Least squares of a time series, shape [n, axes].
 
-    `inverse`, shape [k, n], times a change of the data is the change of the coefficients.
+    `coefficients`: the parameters of a curve, then those that it is linear in. `error`: standard error of the first
+    coefficient, in its unit. `influence`, shape [n, axes], times a change of the data is the change of the first one.
+    """
+
+    coefficients: Array
+    error: float
+    residuals: Array
+    influence: Array
+
+    @property
+    def rms(self) -> float:
+        """Root mean square of the residuals."""
+        return float(np.sqrt(np.mean(self.residuals**2)))
+
+
+class Curve(NamedTuple):
+    """A model that is not linear in its p parameters, but in further coefficients.
+
+    `columns`: from the parameters to the columns of those, shape [n, axes, k]. `steps`: changes of the parameters for
+    derivatives. `low`, `high`: their limits. `expected`, `expected_error`: what is known of them, inf for nothing.
+    """
+
+    columns: Callable[[Array], Array]
+    steps: Array
+    low: Array
+    high: Array
+    expected: Array
+    expected_error: Array
+
+
+def _linear(columns: Array, observed: Array) -> tuple[Array, Array]:
+    """The coefficients of columns, shape [n, axes, k], by least squares, and the residuals, shape [n, axes]."""
+    matrix = columns.reshape(observed.size, -1)
+    found = np.asarray(np.linalg.lstsq(matrix, observed.ravel(), rcond=None)[0], dtype=np.float64)
+    return found, observed - (matrix @ found).reshape(observed.shape)
+
+
+def best_start(curve: Curve, observed: Array, starts: Iterable[Array]) -> Array:
+    """The parameters among `starts` with the least residual."""
+    return min(starts, key=lambda start: float(np.sum(_linear(curve.columns(start), observed)[1] ** 2)))
+
+
+def fit_linear(columns: Array, observed: Array) -> Fit:
+    """Least squares of a time series, shape [n, axes], any unit, on columns of shape [n, axes, k]."""
+    coefficients, residuals = _linear(columns, observed)
+    influence = np.linalg.pinv(columns.reshape(observed.size, -1))[0].reshape(observed.shape)
+    return Fit(coefficients, _error(influence, residuals, len(coefficients)), residuals, influence)
+
+
+def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
+    """Fit a curve to a time series, shape [n, axes], any unit, by least squares from `start` on.
+
+    The linear coefficients follow the parameters (variable projection: Golub and Pereyra, SIAM Journal on Numerical
+    Analysis 10, 1973).
+    """
+    # in units of the steps: in those of the parameters a weak one would be dropped, and its error be 0
+    low, high, expected, unsure = (
+        x / curve.steps for x in (curve.low, curve.high, curve.expected, curve.expected_error)
+    )
+    linear_at = cache(lambda *scaled: _linear(curve.columns(np.array(scaled) * curve.steps), observed))
+    one, free = np.ones(len(start)), len(start) + len(linear_at(*(start / curve.steps))[0])
+
+    def misfit(at: Array) -> Array:
+        return np.asarray(-linear_at(*at)[1].ravel())
+
+    def slopes(at: Array, ahead: Array, back: Array) -> Array:
+        after, before = np.clip(at + ahead, low, high), np.clip(at - back, low, high)
+        moved = [[np.where(own, end, at) for end in (after, before)] for own in np.eye(len(at), dtype=np.bool_)]
+        return np.stack([misfit(above) - misfit(below) for above, below in moved], axis=1) / (after - before)
+
+    def solved(start: Array) -> Array:
+        """From `start` on. What is expected of a parameter counts as one more measurement, with the noise there."""
+        weights = _deviation(linear_at(*start)[1], free) / unsure
+
+        def residuals_of(at: Array) -> Array:
+            return np.append(misfit(at), weights * (at - expected))
+
+        def slopes_of(at: Array) -> Array:
+            return np.vstack([slopes(at, np.where(at + one > high, -one, one), 0.0 * one), np.diag(weights)])
+
+        limits: dict[str, Any] = {"ftol": _CONVERGED, "xtol": _CONVERGED, "max_nfev": _MOST_STEPS}
+        return least_squares(residuals_of, start, slopes_of, (low, high), "dogbox", **limits).x
+
+    at = solved(np.clip(start / curve.steps, low, high))
+    if np.isfinite(unsure).any():
+        at = solved(at)
+    linear, residuals = linear_at(*at)
+    deviation = _deviation(residuals, free)
+
+    def fit(step: Array) -> Fit:
+        inverse = np.linalg.pinv(np.vstack([slopes(at, step, step), np.diag(deviation / unsure)]))[0] * curve.steps[0]
+        influence, of_expected = inverse[: observed.size].reshape(observed.shape), inverse[observed.size :]
+        error = float(np.hypot(_error(influence, residuals, free), deviation * np.linalg.norm(of_expected)))
+        return Fit(np.append(at * curve.steps, linear), error, residuals, influence)
+
+    found = fit(one)
+    # With memory the curve is not smooth. The standard error needs the slope over a step as wide as itself.
+    wide = np.clip(found.error / curve.steps[0], one, np.maximum(one, _WIDEST * (high - low)))
+    return max(found, fit(wide), key=lambda fit: fit.error) if (wide > one).any() else found
+
+
+def _correlation(noise: Array) -> float:
+    """Correlation of successive samples of noise, shape [n]."""
+    power = float(noise @ noise)
+    return float(noise[1:] @ noise[:-1]) / power if power > 0.0 else 0.0
+
+
+def _deviation(residuals: Array, free: int) -> float:
+    """Standard deviation of a sample, with the correlation of the `residuals`, shape [n, axes], counted in."""
+    n, axes = residuals.shape
+    total = 0.0
+    for noise in residuals.T:
+        rho = float(np.clip(_correlation(noise), -0.5, _MOST_ALIKE))
+        total += float(noise @ noise) / max(n - free, 1) * (1.0 + rho) / (1.0 - rho)
+    return float(max(total / axes, 1e-300) ** 0.5)
+
+
+def _error(influence: Array, residuals: Array, free: int) -> float:
+    """Standard error of the sum of `influence` times the noise, both of shape [n, axes]: the greater of two estimates.
+
+    One takes the residuals as a stationary process. The other takes each residual at its own moment, such as at a
+    corner. `free`: the number of coefficients.
+    """
+    pairs = zip(influence.T, residuals.T, strict=True)
+    variances = [(_stationary(own, noise, free), _at_its_moment(own, noise, free)) for own, noise in pairs]
+    return float(np.sum(variances, axis=0).max() ** 0.5)
+
+
+def _stationary(influence: Array, noise: Array, free: int) -> float:
+    """Variance of the sum: noise of first order with the variance and correlation of the residuals."""
+    rho = float(np.clip(_correlation(noise), -0.5, _MOST_ALIKE))
+    before = lfilter([1.0], [1.0, -rho], influence)
+    after = lfilter([1.0], [1.0, -rho], influence[::-1])[::-1]
+    return float(noise @ noise / max(len(noise) - free, 1) * (influence @ (before + after - influence)))
+
+
+def _at_its_moment(influence: Array, noise: Array, free: int) -> float:
+    """Variance of the sum by Newey and West (Econometrica 55, 1987).
+
+    On scores whitened by the residuals' lag-one correlation (Andrews, 60, 1992): else errors from a few hundred samples
+    are a third too small.
+    """
+    n = len(noise)
+    rho = float(np.clip(_correlation(noise - noise.mean()), -0.97, 0.97))  # at 1 the variance of a mean is unbounded
+    scores = influence * noise
+    scores = scores[1:] - rho * scores[:-1]
+    lags = int(4.0 * (n / 100.0) ** (2.0 / 9.0))
+    kernel = 1.0 - np.arange(1, lags + 1) / (lags + 1.0)
+    total = scores @ scores + 2.0 * sum(k * (scores[lag:] @ scores[:-lag]) for lag, k in enumerate(kernel, start=1))
+    # the coefficients and the kernel's width reduce the degrees of freedom
+    return float(total / (1.0 - rho) ** 2 * n / max(n - free - lags, 1))
+
+
+class Estimates(NamedTuple):
+    """Coefficients, shape [k], their covariance, and the residuals of m measurements, shape [m, axes].
+
+    `inverse`, shape [k, m * axes], times a change of the measurements is the change of the coefficients.
     """
 
     coefficients: Array
@@ -101,189 +257,20 @@ class Fit(NamedTuple):
         """Standard errors of the coefficients, shape [k], in their units."""
         return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
 
-    @property
-    def rms(self) -> float:
-        """Root mean square of the residuals."""
-        return float(np.sqrt(np.mean(self.residuals**2)))
 
-
-class Curve(NamedTuple):
-    """A model with k coefficients: of parameters, which it is not linear in, to its columns for the linear ones.
-
-    `columns`: from the parameters, shape [p], to shape [n, axes, k - p]. `steps`: changes of the parameters for
-    derivatives. `low`, `high`: their limits. `expected`, `expected_error`: what is known of them, inf for nothing.
-    """
-
-    columns: Callable[[Array], Array]
-    steps: Array
-    low: Array
-    high: Array
-    expected: Array
-    expected_error: Array
-
-    def linear(self, parameters: Array, observed: Array) -> tuple[Array, Array, Array]:
-        """The columns, the linear coefficients for these parameters, and the residuals, shape [n, axes]."""
-        columns = self.columns(parameters)
-        matrix = columns.reshape(observed.size, -1)
-        linear = np.asarray(np.linalg.lstsq(matrix, observed.ravel(), rcond=None)[0], dtype=np.float64)
-        return columns, linear, observed - (matrix @ linear).reshape(observed.shape)
-
-
-def best_start(curve: Curve, observed: Array, starts: Iterable[Array]) -> Array:
-    """The parameters among `starts` with the least residual."""
-    return min(starts, key=lambda start: float(np.sum(curve.linear(start, observed)[2] ** 2)))
-
-
-def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
-    """Fit a curve to a time series, shape [n, axes], any unit, by least squares from `start` on.
-
-    Coefficients: the parameters, then that of each column. The residuals have the shape of `observed`.
-    """
-    size, known = len(start), np.isfinite(curve.expected_error)
-    linear_at = cache(lambda *parameters: curve.linear(np.array(parameters), observed))
-
-    def jacobian(at: Array, ahead: Array, back: Array) -> Array:
-        columns, linear, _ = linear_at(*at)
-        slopes = []
-        for k in range(size):
-            after, before = at.copy(), at.copy()
-            after[k], before[k] = min(at[k] + ahead[k], curve.high[k]), max(at[k] - back[k], curve.low[k])
-            change = curve.columns(after) - (curve.columns(before) if back[k] else columns)
-            slopes.append(change @ linear / (after[k] - before[k]))
-        return np.concatenate([np.stack(slopes, axis=-1), columns], axis=-1)
-
-    def deviation(at: Array) -> float:
-        columns, _, residuals = linear_at(*at)
-        return float(max(_variances(columns, residuals)[1], 1e-300) ** 0.5)
-
-    # in units of the steps; what is expected of a parameter counts as one more measurement
-    parameters, low, high = (x / curve.steps for x in (start, curve.low, curve.high))
-    for _ in range(1 + int(known.any())):  # the residuals of the first fit give the weight of what is expected
-        weights = (deviation(parameters * curve.steps) / curve.expected_error)[known]
-
-        def residuals_of(scaled: Array, weights: Array = weights) -> Array:
-            at = scaled * curve.steps
-            return np.append(-linear_at(*at)[2].ravel(), weights * (at - curve.expected)[known])
-
-        def slopes_of(scaled: Array, weights: Array = weights) -> Array:
-            at = scaled * curve.steps
-            one_sided = np.where(at + curve.steps > curve.high, -1.0, 1.0) * curve.steps
-            total = jacobian(at, one_sided, np.zeros(size)).reshape(observed.size, -1)
-            slopes, basis = total[:, :size] * curve.steps, np.linalg.qr(total[:, size:])[0]
-            slopes -= basis @ (basis.T @ slopes)  # the linear coefficients follow the parameters
-            return np.vstack([slopes, weights[:, None] * np.diag(curve.steps)[known]])
-
-        parameters = least_squares(
-            residuals_of,
-            np.clip(parameters, low, high),
-            slopes_of,
-            bounds=(low, high),
-            method="dogbox",
-            ftol=_CONVERGED,
-            xtol=_CONVERGED,
-            max_nfev=_MOST_STEPS,
-        ).x
-    at = parameters * curve.steps
-    _, linear, residuals = linear_at(*at)
-    weight = np.where(known, curve.expected_error, np.inf) ** -2.0
-
-    def fit(steps: Array) -> Fit:
-        slopes = jacobian(at, steps, steps)
-        variance, total = deviation(at) ** 2, slopes.reshape(observed.size, -1)
-        normal = total.T @ total / variance
-        normal[range(size), range(size)] += weight
-        # in units of the steps: in those of the parameters a weak one would be dropped, and its error be 0
-        units = np.append(curve.steps, np.ones(len(linear)))
-        scaled = np.linalg.pinv(normal * np.outer(units, units), hermitian=True)
-        inverse = np.asarray(scaled * np.outer(units, units), dtype=np.float64)
-        covariance = _covariance(slopes, residuals, inverse / variance)
-        covariance += (inverse[:, :size] * weight) @ inverse[:size]
-        return Fit(np.append(at, linear), covariance, residuals, inverse @ total.T / variance)
-
-    found = fit(curve.steps)
-    # With memory the curve is not smooth. The standard error needs the slope over a step as wide as itself.
-    wide = np.minimum(found.errors[:size], _WIDEST * (curve.high - curve.low))
-    if (wide > curve.steps).any():
-        return max(found, fit(np.maximum(curve.steps, wide)), key=lambda one: float(one.errors[0]))
-    return found
-
-
-def fit_linear(columns: Array, observed: Array) -> Fit:
-    """Least squares of a time series, shape [n, axes], any unit, on columns of shape [n, axes, k]."""
-    matrix = columns.reshape(observed.size, -1)
-    coefficients = np.asarray(np.linalg.lstsq(matrix, observed.ravel(), rcond=None)[0], dtype=np.float64)
-    residuals = observed - (matrix @ coefficients).reshape(observed.shape)
-    inverse = np.asarray(np.linalg.pinv(matrix.T @ matrix, hermitian=True), dtype=np.float64)
-    return Fit(coefficients, _covariance(columns, residuals, inverse), residuals, inverse @ matrix.T)
-
-
-def _correlated(columns: Array, residuals: Array) -> tuple[Array, float]:
-    """Covariance of `columns`.T @ noise, columns of shape [n, k]; the variance of a sample, times (1 + ρ) / (1 - ρ).
-
-    The noise is a process of first order with the variance and the correlation of the residuals, shape [n].
-    """
-    n, power = len(residuals), float(residuals @ residuals)
-    rho = float(residuals[1:] @ residuals[:-1]) / power if power > 0.0 else 0.0
-    rho = float(np.clip(rho, -0.5, _MOST_ALIKE))
-    before = lfilter([1.0], [1.0, -rho], columns, axis=0)
-    after = lfilter([1.0], [1.0, -rho], columns[::-1], axis=0)[::-1]
-    one = power / max(n - columns.shape[1], 1)
-    return one * columns.T @ (before + after - columns), one * (1.0 + rho) / (1.0 - rho)
-
-
-def _variances(jacobian: Array, residuals: Array) -> tuple[Array, float]:
-    """Sum over the axes of `_correlated`, and the mean over the axes of its second number."""
-    each = [_correlated(jacobian[:, k], residuals[:, k]) for k in range(residuals.shape[1])]
-    return np.sum([variance for variance, _ in each], axis=0), float(np.mean([one for _, one in each]))
-
-
-def _correlated_anyhow(columns: Array, residuals: Array) -> Array:
-    """Covariance of `columns`.T @ noise, columns of shape [n, k], where each residual counts at its own moment.
-
-    Newey and West's estimate (Econometrica 55, 1987) on scores whitened by the residuals' lag-one correlation (Andrews,
-    60, 1992): else errors from a few hundred samples are a third too small.
-    """
-    n, k = columns.shape
-    e = residuals - residuals.mean()
-    power = float(e @ e)
-    # at a correlation of 1 the variance of a mean is unbounded
-    rho = float(np.clip(e[1:] @ e[:-1] / power, -0.97, 0.97)) if power > 0.0 else 0.0
-    scores = columns * residuals[:, None]
-    scores = scores[1:] - rho * scores[:-1]
-    lags = int(4.0 * (n / 100.0) ** (2.0 / 9.0))
-    total = scores.T @ scores
-    for lag in range(1, lags + 1):
-        product = scores[lag:].T @ scores[:-lag]
-        total += (1.0 - lag / (lags + 1.0)) * (product + product.T)
-    # the coefficients and the kernel's width reduce the degrees of freedom
-    return np.asarray(total / (1.0 - rho) ** 2 * n / max(n - k - lags, 1))
-
-
-def _covariance(jacobian: Array, residuals: Array, inverse: Array) -> Array:
-    """Covariance of coefficients: the greater of two estimates, by the error of the first coefficient.
-
-    One takes the residuals as a stationary process. The other takes each residual at its own moment, such as at a
-    corner.
-    """
-    axes = range(residuals.shape[1])
-    anyhow = np.sum([_correlated_anyhow(jacobian[:, axis], residuals[:, axis]) for axis in axes], axis=0)
-    found = [inverse @ total @ inverse for total in (_variances(jacobian, residuals)[0], anyhow)]
-    return max(found, key=lambda covariance: float(covariance[0, 0]))
-
-
-def fit_measurements(design: Array, observed: Array, errors: Array) -> Fit:
-    """Least squares of independent measurements and their errors, shape [m, axes], on a design, shape [m * axes, k].
+def fit_measurements(design: Array, observed: Array, errors: Array) -> Estimates:
+    """Least squares of independent measurements and their errors, shape [m, axes], on a design, shape [m, axes, k].
 
     The variance of one is the greater of its axis' scatter about the fit and its own error squared.
     """
-    y = observed.ravel()
-    inverse = np.asarray(np.linalg.pinv(design), dtype=np.float64)
-    found = inverse @ y
-    residuals = y - design @ found
-    freedom = max(1.0 - design.shape[1] / len(y), 1.0 / len(y))
-    scatter = (residuals.reshape(observed.shape) ** 2).mean(axis=0) / freedom
+    matrix = design.reshape(observed.size, -1)
+    inverse = np.asarray(np.linalg.pinv(matrix), dtype=np.float64)
+    found = inverse @ observed.ravel()
+    residuals = observed - (matrix @ found).reshape(observed.shape)
+    freedom = np.sum(1.0 - np.einsum("nk,kn->n", matrix, inverse).reshape(observed.shape), axis=0)
+    scatter = np.sum(residuals**2, axis=0) / np.maximum(freedom, 1.0)
     variance = np.maximum(scatter, errors**2).ravel()
-    return Fit(found, (inverse * variance) @ inverse.T, residuals, inverse)
+    return Estimates(found, (inverse * variance) @ inverse.T, residuals, inverse)
 
 
 def scatter_of_mean(values: Sequence[float]) -> float:

@@ -145,7 +145,7 @@ class Phase:
     @property
     def error(self) -> float:
         """Standard error of the value from the noise of the force."""
-        return float(self.fit.errors[0])
+        return self.fit.error
 
     @property
     def scale(self) -> float:
@@ -155,7 +155,7 @@ class Phase:
     def by_force(self, force: Array) -> float:
         """Change of the value by a force that is added to the measured one: shape [3], or [n, 3] of the recording."""
         added = np.broadcast_to(force, self.part.recording.forces.shape)[self.part.rows, self.part.axes]
-        return float(self.fit.inverse[0] @ added.ravel())
+        return float(np.sum(self.fit.influence * added))
 
     def measurement(self, error: float, misfit: float) -> Measurement:
         """The value with these errors."""
@@ -170,7 +170,7 @@ class Phase:
         recording, values = recording or self.part.recording, self.values._replace(**others)
         course = recording.predicted(values, self.part.first, self.part.last)
         modelled = self.part.columns(course, values) @ self.fit.coefficients[len(self.free) :]
-        return float(self.fit.inverse[0] @ (self.part.observed(recording) - modelled - self.fit.residuals).ravel())
+        return float(np.sum(self.fit.influence * (self.part.observed(recording) - modelled - self.fit.residuals)))
 
     def again(self, **others: float) -> "Phase":
         """The phase fitted again with other values, from the fitted ones on."""
