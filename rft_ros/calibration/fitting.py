@@ -3,7 +3,7 @@
 Load-cell noise is filtered and grains slip in bursts: errors for independent samples would be several times too small.
 """
 
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
@@ -18,7 +18,7 @@ from rft_ros.errors import InputError
 from rft_ros.parameters import checked, defaults
 
 __all__ = ["Curve", "Estimates", "Fit", "FitResults", "FittedValue", "Measurement", "NotIdentifiable", "best_start"]
-__all__ += ["fit_curve", "fit_each", "fit_linear", "fit_measurements", "mean_of", "scatter_of_mean"]
+__all__ += ["fit_curve", "fit_each", "fit_linear", "fit_measurements", "listed"]
 
 Array = NDArray[np.float64]
 
@@ -35,12 +35,16 @@ class NotIdentifiable(Exception):  # noqa: N818 (a result, not an error)
 
 
 class Measurement(NamedTuple):
-    """A quantity measured once, in one bag: `value` and standard `error`; `misfit`: RMS residual over the force."""
+    """A quantity measured once, in one bag: `value` and standard `error`."""
 
     bag: str
     value: float
     error: float
-    misfit: float
+
+
+def listed(measurements: Iterable[Measurement]) -> str:
+    """The measurements in words."""
+    return ", ".join(f"{m.bag} {m.value:.3g} ± {m.error:.2g}" for m in measurements)
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +79,13 @@ class FitResults:
     fitted: list[FittedValue] = field(default_factory=list)
     not_identifiable: dict[str, str] = field(default_factory=dict)
     warnings: list[str] = field(default_factory=list)
+
+    def add(
+        self, name: str, value: float, error: float, unit: str, goodness: str, source: str, *, spread: float = 0.0
+    ) -> None:
+        """Add a fitted number, or the reason why the parameter does not take it."""
+        with self.or_reason(name):
+            self.fitted.append(FittedValue(name, (value,), (error,), unit, goodness, source, spread))
 
     @contextmanager
     def or_reason(self, name: str) -> Iterator[None]:
@@ -271,26 +282,6 @@ def fit_measurements(design: Array, observed: Array, errors: Array) -> Estimates
     scatter = np.sum(residuals**2, axis=0) / np.maximum(freedom, 1.0)
     variance = np.maximum(scatter, errors**2).ravel()
     return Estimates(found, (inverse * variance) @ inverse.T, residuals, inverse)
-
-
-def scatter_of_mean(values: Sequence[float]) -> float:
-    """Standard error of a mean, from the scatter of the values; 0 for one value."""
-    return float(np.std(values, ddof=1)) / len(values) ** 0.5 if len(values) > 1 else 0.0
-
-
-def mean_of(
-    name: str,
-    measurements: Sequence[Measurement],
-    unit: str,
-    goodness: str,
-    *,
-    error: float,
-    spread: float = 0.0,
-) -> FittedValue:
-    """Mean of repeated measurements, with its standard error."""
-    values = [m.value for m in measurements]
-    each = ", ".join(f"{m.bag} {m.value:.3g} ± {m.error:.2g}" for m in measurements)
-    return FittedValue(name, (float(np.mean(values)),), (error,), unit, goodness, each, spread)
 
 
 def fit_each(fit: Callable[..., _Result], parts: Iterable[tuple[Any, ...]], *, none: str) -> list[_Result]:

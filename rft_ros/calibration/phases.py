@@ -30,6 +30,7 @@ from rft_ros.calibration.fitting import (
     fit_curve,
     fit_each,
     fit_linear,
+    listed,
 )
 from rft_ros.calibration.recorded import BedValues, Recorded
 from rft_ros.calibration.track import FEWEST, GAP, Indices, Track, Turn, down_strokes, turns_in_grains
@@ -157,13 +158,15 @@ class Phase:
         added = np.broadcast_to(force, self.part.recording.forces.shape)[self.part.rows, self.part.axes]
         return float(np.sum(self.fit.influence * added))
 
-    def measurement(self, error: float, misfit: float) -> Measurement:
-        """The value with these errors."""
-        return Measurement(self.part.recording.track.name, self.value, error, misfit)
+    def measurement(self, shared_error: float = 0.0) -> Measurement:
+        """The value, with its own error and one that it shares with others."""
+        return Measurement(self.part.recording.track.name, self.value, float(np.hypot(self.error, shared_error)))
 
-    def misfit(self, force: float) -> float:
-        """RMS residual over a force [N]."""
-        return self.fit.rms / force if force > 0.0 else 0.0
+    @property
+    def misfit(self) -> float:
+        """RMS residual over the greatest measured force."""
+        peak = float(np.linalg.norm(self.part.observed(self.part.recording), axis=1).max())
+        return self.fit.rms / peak if peak > 0.0 else 0.0
 
     def change(self, recording: Recorded | None = None, **others: float) -> float:
         """Change of the value with another motion or force of the recording, and other values; to first order."""
@@ -172,9 +175,10 @@ class Phase:
         modelled = self.part.columns(course, values) @ self.fit.coefficients[len(self.free) :]
         return float(np.sum(self.fit.influence * (self.part.observed(recording) - modelled - self.fit.residuals)))
 
-    def again(self, **others: float) -> "Phase":
-        """The phase fitted again with other values, from the fitted ones on."""
-        return _fitted(self.part, self.values._replace(**others), self.free)
+    def again(self, values: BedValues) -> "Phase":
+        """The phase fitted again with other values; those that are free from the fitted ones on."""
+        own = {name: getattr(self.values, name) for name in self.free}
+        return _fitted(self.part, values._replace(**own), self.free)
 
 
 def _fitted(part: _Part, values: BedValues, free: tuple[str, ...], starts: Iterable[tuple[float, ...]] = ()) -> Phase:
@@ -290,11 +294,10 @@ def turn_for_length(recording: Recorded, turn: Turn, values: BedValues) -> Phase
     where = f"{recording.track.name}, {recording.track.time[turn.at]:.1f} s after its beginning"
     rows = turn.rows
     part = _Part(recording=recording, where=where, first=turn.first, last=int(rows[-1]), rows=rows, axes=FORCE)
-    peak = float(np.linalg.norm(part.observed(recording), axis=1).max())
-    if not peak > 0.0:
+    if not part.observed(recording).any():
         raise NotIdentifiable(f"{where}: the load cell measures no force of the grains")
     found = _fitted(part, values, ("log_length", "lost_motion"), [(float(x), LOST_MOTION) for x in _LOG_LENGTHS])
-    length, misfit = float(np.exp(found.value)), found.misfit(peak)
+    length, misfit = float(np.exp(found.value)), found.misfit
     if found.value < np.log(SHORTEST) + 0.02 * np.log(_LONGEST / SHORTEST):
         raise TooShortToResolve(
             f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
@@ -309,8 +312,8 @@ def turn_for_length(recording: Recorded, turn: Turn, values: BedValues) -> Phase
     return found
 
 
-def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> Measurement:
-    """The delay [s] at one turn. Raises NotIdentifiable if the turn does not determine it.
+def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Measurement, float]:
+    """The delay [s] at one turn, and its misfit. Raises NotIdentifiable if the turn does not determine it.
 
     When the force changes is the delay, how fast is λ: the turn is fitted over both.
     """
@@ -333,7 +336,7 @@ def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> Measurem
     found = _fitted(part, values, ("delay", "log_length"), starts)
     between_poses = float(np.median(np.diff(time[rows]))) / 12.0**0.5  # where the turn lies
     error = float(np.linalg.norm([found.error, _DELAY_RESOLUTION, between_poses, found.by_force(recording.friction)]))
-    misfit = found.misfit(float(np.ptp(part.observed(recording), axis=0).max()))
+    misfit = found.fit.rms / max(float(np.ptp(part.observed(recording), axis=0).max()), 1e-300)
     sure = error < _DELAY_UNSURE and abs(found.value) < _LATEST - error
     if not (sure and misfit < _MOST_UNLIKE and found.scale > 0.0):
         raise NotIdentifiable(
@@ -341,7 +344,7 @@ def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> Measurem
             f" of the force's range; its error must be below {_DELAY_UNSURE:g} s, and the residual below"
             f" {100.0 * _MOST_UNLIKE:.0f} %"
         )
-    return found.measurement(error, misfit)
+    return Measurement(recording.track.name, found.value, error), misfit
 
 
 def fit_delay(recordings: Iterable[Recorded], surface: float, *, given: float) -> FittedValue:
@@ -354,18 +357,16 @@ def fit_delay(recordings: Iterable[Recorded], surface: float, *, given: float) -
     """
     turns = ((one, turn, surface) for one in recordings for turn in turns_in_grains(one.track, surface))
     none = "the tool never turns in the grains, and no recording begins at rest there"
-    found = fit_each(_turn_for_delay, turns, none=none)
-    values, errors = (np.array([getattr(m, name) for m in found]) for name in ("value", "error"))
-    weights = errors**-2.0
+    found, misfits = zip(*fit_each(_turn_for_delay, turns, none=none), strict=True)
+    values, weights = np.array([m.value for m in found]), np.array([m.error for m in found]) ** -2.0
     mean = float(weights @ values / weights.sum())
     scatter = float(weights @ (values - mean) ** 2) / max(len(values) - 1, 1)
     error = float(np.sqrt(max(1.0, scatter) / weights.sum()))
     if abs(mean) < _DELAY_SEEN * error:
         mean, error = 0.0, float(np.hypot(error, mean))
-    each = ", ".join(f"{m.bag} {given + m.value:.3f} ± {m.error:.2g}" for m in found)
-    misfit = 100.0 * max(m.misfit for m in found)
-    goodness = f"RMS up to {misfit:.1f} % of the force's range around turns"
-    return FittedValue("sensor.delay", (given + mean,), (error,), "s", goodness, each)
+    source = listed(m._replace(value=given + m.value) for m in found)
+    goodness = f"RMS up to {100.0 * max(misfits):.1f} % of the force's range around turns"
+    return FittedValue("sensor.delay", (given + mean,), (error,), "s", goodness, source)
 
 
 def way_down(recording: Recorded, stroke: Indices, values: BedValues) -> Phase:
@@ -391,9 +392,9 @@ def way_down(recording: Recorded, stroke: Indices, values: BedValues) -> Phase:
     return _fitted(part, values, ())
 
 
-def check_strength(way: Phase, error: float) -> None:
-    """Raises NotIdentifiable if ζ does not exceed this standard error, or if the forces do not correlate."""
-    part, recording = way.part, way.part.recording
+def check_strength(way: Phase, shared_error: float) -> Phase:
+    """The way down. Raises NotIdentifiable if ζ does not exceed its error, or if the forces do not correlate."""
+    part, recording, error = way.part, way.part.recording, way.measurement(shared_error).error
     measured = recording.forces[part.rows]
     modelled = recording.predicted(way.values, part.first, part.last)[part.rows - part.first]
     scale = float(np.linalg.norm(measured) * np.linalg.norm(modelled))
@@ -404,3 +405,4 @@ def check_strength(way: Phase, error: float) -> None:
             f" correlate by {alike:.2f}; ζ must exceed its error and the correlation {_ALIKE:g}: check"
             " sensor.quaternion, sensor.sign, surface_height, sensor.bias and mesh.file, as rft doctor does"
         )
+    return way

@@ -189,12 +189,12 @@ def test_runs_that_do_not_determine_alpha_y(count, alpha, model, reason):
 
 @pytest.mark.parametrize(("other", "told"), [(1.2, False), (1.5, True)])
 def test_penetrations_whose_zeta_differs_are_told(other, told):
-    both = [Measurement("a", zeta, 0.01, 0.02) for zeta in (1.0, other)]
+    both = [Measurement("a", zeta, 0.01) for zeta in (1.0, other)]
     assert (difference(both) != "") == told
 
 
 def test_the_spread_of_zeta_covers_the_tools_and_its_growth_with_their_size_is_said():
-    both = [Measurement(name, zeta, 0.01, 0.02) for name, zeta in (("a", 1.0), ("b", 1.31), ("c", 1.62))]
+    both = [Measurement(name, zeta, 0.01) for name, zeta in (("a", 1.0), ("b", 1.31), ("c", 1.62))]
     assert spread_of(both, ["a", "b", "c"]) == pytest.approx(0.31)
     assert spread_of(both[:1], ["a"]) == 0.0
     assert "ζ grows with the tool's size, 60 to 100 mm wide" in difference(both, [0.06, 0.08, 0.1])
@@ -204,7 +204,7 @@ def test_the_spread_of_zeta_covers_the_tools_and_its_growth_with_their_size_is_s
 
 def test_fewer_standard_errors_are_enough_where_zeta_follows_the_size_of_the_tools():
     """The round plates with the published rule: 2.98 standard errors apart."""
-    plates = [Measurement("a", 1.3, 0.14, 0.08), Measurement("b", 1.58, 0.14, 0.08), Measurement("c", 1.85, 0.12, 0.08)]
+    plates = [Measurement("a", 1.3, 0.14), Measurement("b", 1.58, 0.14), Measurement("c", 1.85, 0.12)]
     assert "ζ grows with the tool's size" in difference(plates, [0.06, 0.08, 0.1])
     assert difference(plates, [0.08, 0.08, 0.08]) == ""
 
