@@ -3,7 +3,7 @@
 Load-cell noise is filtered and grains slip in bursts: errors for independent samples would be several times too small.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import cache
@@ -17,7 +17,7 @@ from scipy.signal import lfilter
 from rft_ros.errors import InputError
 from rft_ros.parameters import checked, defaults
 
-__all__ = ["Curve", "Estimates", "Fit", "FitResults", "FittedValue", "Measurement", "NotIdentifiable", "best_start"]
+__all__ = ["Estimates", "Fit", "FitResults", "FittedValue", "Measurement", "NotIdentifiable", "Parameter"]
 __all__ += ["fit_curve", "fit_each", "fit_linear", "fit_measurements", "listed"]
 
 Array = NDArray[np.float64]
@@ -114,19 +114,14 @@ class Fit(NamedTuple):
         return float(np.sqrt(np.mean(self.residuals**2)))
 
 
-class Curve(NamedTuple):
-    """A model that is not linear in its p parameters, but in further coefficients.
+class Parameter(NamedTuple):
+    """A parameter of a curve, in its unit: the change for derivatives, the limits, and what is expected of it."""
 
-    `columns`: from the parameters to the columns of those, shape [n, axes, k]. `steps`: changes of the parameters for
-    derivatives. `low`, `high`: their limits. `expected`, `expected_error`: what is known of them, inf for nothing.
-    """
-
-    columns: Callable[[Array], Array]
-    steps: Array
-    low: Array
-    high: Array
-    expected: Array
-    expected_error: Array
+    step: float
+    low: float
+    high: float
+    expected: float = 0.0
+    expected_error: float = np.inf
 
 
 def _linear(columns: Array, observed: Array) -> tuple[Array, Array]:
@@ -136,11 +131,6 @@ def _linear(columns: Array, observed: Array) -> tuple[Array, Array]:
     return found, observed - (matrix @ found).reshape(observed.shape)
 
 
-def best_start(curve: Curve, observed: Array, starts: Iterable[Array]) -> Array:
-    """The parameters among `starts` with the least residual."""
-    return min(starts, key=lambda start: float(np.sum(_linear(curve.columns(start), observed)[1] ** 2)))
-
-
 def fit_linear(columns: Array, observed: Array) -> Fit:
     """Least squares of a time series, shape [n, axes], any unit, on columns of shape [n, axes, k]."""
     coefficients, residuals = _linear(columns, observed)
@@ -148,18 +138,21 @@ def fit_linear(columns: Array, observed: Array) -> Fit:
     return Fit(coefficients, _error(influence, residuals, len(coefficients)), residuals, influence)
 
 
-def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
-    """Fit a curve to a time series, shape [n, axes], any unit, by least squares from `start` on.
+def fit_curve(
+    columns: Callable[[Array], Array], parameters: Sequence[Parameter], observed: Array, starts: Iterable[Array]
+) -> Fit:
+    """Fit a curve to a time series, shape [n, axes], any unit, by least squares from the best of the `starts` on.
 
-    The linear coefficients follow the parameters (variable projection: Golub and Pereyra, SIAM Journal on Numerical
+    `columns`: from the parameters to the columns of further coefficients, in which the curve is linear, shape
+    [n, axes, k]. These follow the parameters (variable projection: Golub and Pereyra, SIAM Journal on Numerical
     Analysis 10, 1973).
     """
     # in units of the steps: in those of the parameters a weak one would be dropped, and its error be 0
-    low, high, expected, unsure = (
-        x / curve.steps for x in (curve.low, curve.high, curve.expected, curve.expected_error)
-    )
-    linear_at = cache(lambda *scaled: _linear(curve.columns(np.array(scaled) * curve.steps), observed))
-    one, free = np.ones(len(start)), len(start) + len(linear_at(*(start / curve.steps))[0])
+    step, low, high, expected, unsure = np.array(parameters).T
+    low, high, expected, unsure = low / step, high / step, expected / step, unsure / step
+    linear_at = cache(lambda *scaled: _linear(columns(np.array(scaled) * step), observed))
+    start = min((start / step for start in starts), key=lambda start: float(np.sum(linear_at(*start)[1] ** 2)))
+    one, free = np.ones(len(step)), len(step) + len(linear_at(*start)[0])
 
     def misfit(at: Array) -> Array:
         return np.asarray(-linear_at(*at)[1].ravel())
@@ -182,21 +175,21 @@ def fit_curve(curve: Curve, observed: Array, start: Array) -> Fit:
         limits: dict[str, Any] = {"ftol": _CONVERGED, "xtol": _CONVERGED, "max_nfev": _MOST_STEPS}
         return least_squares(residuals_of, start, slopes_of, (low, high), "dogbox", **limits).x
 
-    at = solved(np.clip(start / curve.steps, low, high))
+    at = solved(np.clip(start, low, high))
     if np.isfinite(unsure).any():
         at = solved(at)
     linear, residuals = linear_at(*at)
     deviation = _deviation(residuals, free)
 
-    def fit(step: Array) -> Fit:
-        inverse = np.linalg.pinv(np.vstack([slopes(at, step, step), np.diag(deviation / unsure)]))[0] * curve.steps[0]
+    def fit(width: Array) -> Fit:
+        inverse = np.linalg.pinv(np.vstack([slopes(at, width, width), np.diag(deviation / unsure)]))[0] * step[0]
         influence, of_expected = inverse[: observed.size].reshape(observed.shape), inverse[observed.size :]
         error = float(np.hypot(_error(influence, residuals, free), deviation * np.linalg.norm(of_expected)))
-        return Fit(np.append(at * curve.steps, linear), error, residuals, influence)
+        return Fit(np.append(at * step, linear), error, residuals, influence)
 
     found = fit(one)
     # With memory the curve is not smooth. The standard error needs the slope over a step as wide as itself.
-    wide = np.clip(found.error / curve.steps[0], one, np.maximum(one, _WIDEST * (high - low)))
+    wide = np.clip(found.error / step[0], one, np.maximum(one, _WIDEST * (high - low)))
     return max(found, fit(wide), key=lambda fit: fit.error) if (wide > one).any() else found
 
 

@@ -21,12 +21,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.calibration.fitting import (
-    Curve,
     Fit,
     FittedValue,
     Measurement,
     NotIdentifiable,
-    best_start,
+    Parameter,
     fit_curve,
     fit_each,
     fit_linear,
@@ -55,9 +54,6 @@ _LOG_LENGTHS = np.linspace(np.log(SHORTEST), np.log(_LONGEST), 16)
 _DELAYS = np.linspace(-_LATEST, _LATEST, 26)
 """Values that are tried before the best ones are refined. From fewer λ a delay was 6 ms off, in a local minimum."""
 _VERTICAL = slice(2, 3)
-_STEPS = {"surface": 2e-5, "log_length": 0.03, "lost_motion": 1e-6, "delay": 5e-4}
-"""Changes for derivatives."""
-
 _AIR = 0.02  # height [m] up to which the force in the air is used: further up the load cell may have drifted
 _SHALLOW, _AT_LEAST = 0.25, 0.004
 """First contact is fitted to this share of the stroke's depth, but at least this depth [m]. Over the whole depth, a
@@ -181,7 +177,7 @@ class Phase:
         return _fitted(self.part, values._replace(**own), self.free)
 
 
-def _fitted(part: _Part, values: BedValues, free: tuple[str, ...], starts: Iterable[tuple[float, ...]] = ()) -> Phase:
+def _fitted(part: _Part, values: BedValues, free: tuple[str, ...], starts: Sequence[tuple[float, ...]] = ()) -> Phase:
     """Fit the `free` values to a part, from the best of the `starts` on, or from `values`."""
     recording, observed = part.recording, part.observed(part.recording)
     if not free:
@@ -197,26 +193,15 @@ def _fitted(part: _Part, values: BedValues, free: tuple[str, ...], starts: Itera
         return part.columns(course(at._replace(delay=0.0)), at)
 
     heights = recording.heights[part.rows]
-    bounds = {
-        "surface": (float(heights.min()), float(heights.max())),
-        "log_length": (float(np.log(SHORTEST)), float(np.log(_LONGEST))),
-        "lost_motion": (0.0, _MOST_LOST),
-        "delay": (-_LATEST, _LATEST),
+    lost_motion_error = float(np.hypot(_LOST_MOTION_ERROR, _LEFT_AT_CORNERS * recording.noise()))
+    parameters = {
+        "surface": Parameter(2e-5, float(heights.min()), float(heights.max())),
+        "log_length": Parameter(0.03, float(np.log(SHORTEST)), float(np.log(_LONGEST))),
+        "lost_motion": Parameter(1e-6, 0.0, _MOST_LOST, LOST_MOTION, lost_motion_error),
+        "delay": Parameter(5e-4, -_LATEST, _LATEST),
     }
-    low, high = np.array([bounds[name] for name in free]).T
-    lost_motion_error = np.hypot(_LOST_MOTION_ERROR, _LEFT_AT_CORNERS * recording.noise())
-    expected_error = np.array([lost_motion_error if name == "lost_motion" else np.inf for name in free])
-    curve = Curve(
-        columns=columns_of,
-        steps=np.array([_STEPS[name] for name in free]),
-        low=low,
-        high=high,
-        expected=np.where(np.isfinite(expected_error), LOST_MOTION, 0.0),
-        expected_error=expected_error,
-    )
-    given = [np.array(start) for start in starts] or [np.array([getattr(values, name) for name in free])]
-    start = best_start(curve, observed, given) if len(given) > 1 else given[0]
-    fit = fit_curve(curve, observed, start)
+    given = starts or [tuple(getattr(values, name) for name in free)]
+    fit = fit_curve(columns_of, [parameters[name] for name in free], observed, map(np.array, given))
     found = values._replace(**dict(zip(free, fit.coefficients.tolist(), strict=False)))
     return Phase(part=part, free=free, values=found, fit=fit)
 
@@ -242,10 +227,8 @@ def _found_contact(number: int, track: Track, stroke: Indices, cell: LoadCell, l
             force_of_law = np.interp(parameters[0] - z, depths, predicted)
             return np.stack([force_of_law, np.ones_like(z)], axis=-1)[:, None]
 
-        step, bounds = np.array([1e-4 * (most - least)]), (np.array([least]), np.array([most]))
-        curve = Curve(columns, step, *bounds, expected=np.zeros(1), expected_error=np.array([np.inf]))
-        observed = force[used][:, None]
-        found = fit_curve(curve, observed, best_start(curve, observed, np.linspace(least, most, _HEIGHTS)[:, None]))
+        starts, parameter = np.linspace(least, most, _HEIGHTS)[:, None], Parameter(1e-4 * (most - least), least, most)
+        found = fit_curve(columns, [parameter], force[used][:, None], starts)
         surface = float(found.coefficients[0])
         least = surface - max(_SHALLOW * (surface - low), min(_AT_LEAST, surface - low))
         most = min(high, surface + 0.5 * _AIR)
