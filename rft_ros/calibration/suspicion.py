@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from rft_ros.calibration.track import Track
 from rft_ros.diagnosis import Evidence, diagnose
+from rft_ros.diagnosis.poses import REPEATED, repeats
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell
 from rft_ros.parameters import Settings
@@ -21,28 +22,18 @@ __all__ = ["refuse_implausible", "suspicions", "without_repeats"]
 Array = NDArray[np.float64]
 
 _TOLD = frozenset({"repeats", "saturation", "lever"})  # the fits go on, with a warning
-_REST = 0.1  # s between two changes of the pose; a longer time is a rest
-_REPEATED = 1.5  # poses per new pose while the tool moves, from which on repeats are left out
 _LARGEST = 1e6  # reading [N], [N m] that the fits can square, and limit of sensor.bias
 _FROZEN = 0.5  # share of the path; a load cell that repeats one reading over more is stuck
-_FAR, _FAST = 10.0, 1.0  # m, m/s: no arm exceeds both this extent and this mean speed in grains
 
 
 def refuse_implausible(track: Track) -> None:
-    """Raise InputError for readings beyond any load cell, a load cell that repeats itself, or poses in millimetres."""
+    """Raise InputError for readings beyond any load cell, or of a load cell that repeats itself."""
     largest = float(np.abs(track.readings).max())
     if not largest <= _LARGEST:
         limit = f"the limit is {_LARGEST:g}; check the driver and its unit"
         raise InputError(f"{track.name} has a load-cell reading of {largest:g} N or N m; {limit}")
-    positions = track.states[:, POSITION]
-    steps = np.linalg.norm(np.diff(positions, axis=0), axis=1)
-    extent, path = float(np.ptp(positions, axis=0).max()), float(steps.sum())
-    moving = np.diff(track.time)[steps > 0.0]
-    if extent > _FAR and path > _FAST * float(moving.sum()):
-        raise InputError(
-            f"{track.name}: the tool moves over {extent:.3g} m at {path / float(moving.sum()):.3g} m/s on average;"
-            " poses are in metres, so divide them by 1000 if the driver gives millimetres"
-        )
+    steps = np.linalg.norm(np.diff(track.states[:, POSITION], axis=0), axis=1)
+    path = float(steps.sum())
     changes = np.flatnonzero((np.diff(track.readings, axis=0) != 0.0).any(axis=1)) + 1
     edges = [0, *changes.tolist(), len(track.time)]
     frozen_path, start = max((float(steps[a : b - 1].sum()), a) for a, b in pairwise(edges))
@@ -61,21 +52,19 @@ def without_repeats(track: Track) -> Track:
 
     A driver that publishes faster than it measures sends them. Their readings belong to poses that nobody measured.
     """
-    new = np.append(True, (np.diff(track.states[:, POSE], axis=0) != 0.0).any(axis=1))
-    changed = np.flatnonzero(new)
-    short = np.diff(track.time[changed]) < _REST
-    counts = np.diff(changed)[short]
-    if not len(counts) or counts.mean() <= _REPEATED:
+    changed, moving, often = repeats(track.time, track.states[:, POSE])
+    if often <= REPEATED:
         return track
-    inside = np.append(short, False)[np.cumsum(new) - 1]  # between two changes that follow each other closely
-    return track.at(np.flatnonzero(new | ~inside))
+    new = np.isin(np.arange(len(track.time)), changed)
+    moves = np.append(np.append(False, moving), False)[np.cumsum(new)]  # between two changes that follow each other
+    return track.at(np.flatnonzero(new | ~moves))
 
 
 def suspicions(sent: Track, track: Track, settings: Settings, cell: LoadCell, law: Law, *, surface: float) -> list[str]:
     """What is probably wrong with a recording, as sentences. `sent`: with the repeats that `track` is without.
 
-    `law`: of the parameters, with their λ. Raises InputError if the force in the air depends on the motion: every fit
-    would believe it.
+    `law`: of the parameters, with their λ. Raises InputError for poses in millimetres, and if the force in the air
+    depends on the motion: every fit would believe it.
     """
     plates = track.tool.plates
     if law.mobilization_length > 0.0:
@@ -102,7 +91,7 @@ def suspicions(sent: Track, track: Track, settings: Settings, cell: LoadCell, la
         pose_time=sent.time,
         poses=sent.states[:, POSE],
     )
-    for finding in diagnose(evidence, told={"motion"}):
+    for finding in diagnose(evidence, told={"unit of poses", "motion"}):
         if not finding.ok:
             raise InputError(f"{track.name}: {finding.text}")
     return [f"{track.name}: {finding.text}" for finding in diagnose(evidence, told=_TOLD) if not finding.ok]

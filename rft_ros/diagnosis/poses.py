@@ -3,6 +3,7 @@
 from collections.abc import Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Array, Evidence, Finding
 from rft_ros.estimator.pose_noise import NOISY, PoseNoise
@@ -10,12 +11,24 @@ from rft_ros.estimator.quality import sentence_on
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.rft import FORCE, POSITION
 
-__all__ = ["noise_of_poses", "repeated_poses", "size_of_tool", "surface", "unit_of_poses", "unseen_surface"]
+__all__ = [
+    "REPEATED",
+    "noise_of_poses",
+    "repeated_poses",
+    "repeats",
+    "size_of_tool",
+    "surface",
+    "unit_of_poses",
+    "unseen_surface",
+]
 
 _FASTEST = 5.0  # m/s: no arm moves a tool faster
+_FAR, _FAST = 10.0, 1.0  # m, m/s: no arm exceeds both this extent and this mean speed in grains
 _FARTHEST = 1000.0  # of the tool's sizes: no arm moves a tool so far
 _APART = 0.1  # s between two changes of the pose; a longer time is a rest
-_REPEATED = 1.5  # poses per new pose
+REPEATED = 1.5
+"""Poses per new pose of a moving tool, from which on they are sent more often than measured."""
+
 _BEGUN = 0.05  # of the greatest force of a descent: a larger one shows that the tool has touched the grains
 _CONTACT_ERROR, _CONTACT_SHARE = 0.005, 0.1  # m, and share of the depth: together the greatest error of surface_height
 
@@ -28,11 +41,14 @@ def unit_of_poses(e: Evidence) -> Iterator[Finding]:
     steps = np.linalg.norm(np.diff(place, axis=0), axis=1)
     moving = (steps > 0.0) & (seconds > 0.0)
     speed = float(np.median(steps[moving] / seconds[moving])) if moving.any() else 0.0
+    extent, mean = float(np.ptp(place, axis=0).max()), steps[moving].sum() / max(seconds[moving].sum(), 1e-12)
     given = np.linalg.norm(e.velocity, axis=1) if e.settings.twist_source == "topic" else np.zeros(0)
     twist = float(np.median(given[given > 0.0])) if (given > 0.0).any() else speed
     far = sentence_on(e.tool, depth=float(e.depth.max(initial=0.0)), force=0.0)
     high = sentence_on(e.tool, depth=float(e.depth.min(initial=0.0)), force=0.0)
-    if speed > _FASTEST or (twist > 0.0 and speed > 100.0 * twist):
+    if extent > _FAR and mean > _FAST:
+        said = f"the tool moves over {extent:.3g} m at {mean:.3g} m/s on average"
+    elif speed > _FASTEST or (twist > 0.0 and speed > 100.0 * twist):
         said = f"the tool moves at {speed:.3g} m/s by the poses"
     elif "poses" in far + high:
         said = far if "poses" in far else high
@@ -72,15 +88,19 @@ def noise_of_poses(e: Evidence) -> Iterator[Finding]:
         yield Finding(False, f"noise: {said}, over {1e3 * NOISY:g} mm, so forces follow the motion late; {advice}")
 
 
+def repeats(time: Array, poses: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_], float]:
+    """The rows at which the pose changes; between which of them the tool moves; and the poses per new pose there."""
+    changed = np.flatnonzero((np.diff(poses, axis=0) != 0.0).any(axis=1)) + 1
+    seconds = np.diff(time[changed])
+    moving = (seconds > 0.0) & (seconds < _APART)
+    return changed, moving, float(np.diff(changed)[moving].mean()) if moving.any() else 1.0
+
+
 def repeated_poses(e: Evidence) -> Iterator[Finding]:
     """A driver that publishes faster than it measures: while the tool moves, most poses equal the one before."""
-    changed = np.flatnonzero((np.diff(e.poses, axis=0) != 0.0).any(axis=1)) + 1
-    if len(changed) < ENOUGH:
-        return
-    seconds, count = np.diff(e.pose_time[changed]), np.diff(changed)
-    moving = (seconds > 0.0) & (seconds < _APART)
-    if moving.sum() >= ENOUGH and (often := count[moving].mean()) > _REPEATED:
-        rate = 1.0 / seconds[moving].mean()
+    changed, moving, often = repeats(e.pose_time, e.poses)
+    if moving.sum() >= ENOUGH and often > REPEATED:
+        rate = 1.0 / np.diff(e.pose_time[changed])[moving].mean()
         said = f"each pose is sent {often:.1f} times while the tool moves: they are measured at {rate:.0f} Hz"
         sent = f"and sent at {often * rate:.0f} Hz"
         advice = f"let the driver send each once, or set max_rate: {rate:.0f}; repeats are left out of the velocity"

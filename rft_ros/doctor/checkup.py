@@ -1,4 +1,4 @@
-"""Checks a cell's set-up on recorded or live samples: inputs and frames here, all else by the table of hypotheses."""
+"""Checks a cell's set-up on its samples: clocks, inputs and frames here, the rest by `rft_ros.diagnosis`."""
 
 from collections import Counter
 from collections.abc import Collection, Iterator
@@ -7,12 +7,12 @@ from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rft_ros.bags.estimates import Run
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import Recording
 from rft_ros.diagnosis import Finding, diagnose, evidence_of
-from rft_ros.diagnosis.clocks import Arrivals, age_of, clock_findings
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimator, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
 from rft_ros.estimator.samples import OF_TRANSFORMS, STAMP_ZERO
@@ -21,7 +21,7 @@ from rft_ros.ground import Cloud
 from rft_ros.messages import Role
 from rft_ros.parameters import Model, Values, settings_of
 
-__all__ = ["Cell", "Checkup", "compiled", "examine_bag"]
+__all__ = ["Cell", "Checkup", "compiled", "delayed", "examine_bag"]
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -52,6 +52,8 @@ def compiled() -> Finding:
     return Finding(True, "compiled: yes")
 
 
+_SOONEST = 0.02  # quantile of the ages at arrival: due to clocks and drivers alone, without delays on the way
+_LEAST_SPAN = 1_500_000_000  # ns on both sides of a step of the clock: a busy machine stands still for less
 _RARE = 0.01  # share of poses: rarer reasons are not reported
 _AHEAD = 1.5  # s: senders of transforms that change slowly date them ahead by up to this
 _PLAYED = 60.0  # s: stamps in a recording that are older come from one that was played
@@ -65,6 +67,70 @@ _ADVICE: dict[Role, str] = {
     "wrench": "start the load cell's driver, or remap ~/wrench_measured",
     "surface": "the ground remains the map at the start",
 }
+
+
+@dataclass(frozen=True, slots=True)
+class _Arrivals:
+    """n messages of one sender on a topic: times of arrival and stamps [ns], shape [n], in the order of arrival."""
+
+    topic: str
+    arrival: NDArray[np.int64]
+    stamp: NDArray[np.int64]
+
+    @property
+    def ages(self) -> NDArray[np.float64]:
+        """Ages at arrival [s], of the messages that have a stamp."""
+        return np.asarray(1e-9 * (self.arrival - self.stamp)[self.stamp > 0], dtype=np.float64)
+
+
+def _age_of(ages: NDArray[np.float64]) -> float:
+    """The age [s] of messages that were not delayed on their way: the difference of the clocks."""
+    return float(np.quantile(ages, _SOONEST)) if len(ages) else 0.0
+
+
+def delayed(ages: NDArray[np.float64], limit: float) -> bool:
+    """Whether messages were delayed on their way by more than a limit [s]. `ages`: at arrival [s], shape [n].
+
+    A wrong clock or a slow driver makes all messages old. A busy machine delays only some of them.
+    """
+    return len(ages) > 0 and float(np.median(ages) - _age_of(ages)) > limit
+
+
+def _clock_findings(arrivals: _Arrivals, *, limit: float, live: bool) -> Iterator[Finding]:
+    """A step of a clock, or delays of single messages, by more than `limit` [s]. `live`: not from a recording."""
+    ages, topic = arrivals.ages, arrivals.topic
+    parts = [ages]
+    if (row := _clock_step(arrivals, limit)) is not None:
+        parts = [ages[:row], ages[row:]]
+        step = _age_of(parts[0]) - _age_of(parts[1])
+        after = 1e-9 * (arrivals.arrival[arrivals.stamp > 0][row] - arrivals.arrival[0])
+        clock = "this machine's clock" if live else "the recorder's clock"
+        said = f"the stamps on {topic} step by {step:+.3g} s against {clock}, {after:.1f} s after the start"
+        advice = "keep the clocks in step (NTP, PTP) from before the start"
+        advice += "" if live else ", or use the part before or after it with --start or --end"
+        yield Finding(False, f"clock: {said}; {advice}")
+    if any(delayed(part, limit) for part in parts):
+        least, most = 1e3 * ages.min(), 1e3 * ages.max()
+        if live:
+            said = f"messages on {topic} arrive {least:.0f} to {most:.0f} ms after their stamps"
+            busy = "this machine is too busy to judge, or the driver sends in bursts"
+            yield Finding(False, f"machine: {said}: {busy}; end other work, and run again")
+        else:
+            said = f"messages on {topic} were recorded {least:.0f} to {most:.0f} ms after their stamps"
+            cause = "the recorder or the network was behind, or the driver sends in bursts"
+            yield Finding(False, f"recording: {said}: {cause}; record again, on a machine with less work")
+
+
+def _clock_step(arrivals: _Arrivals, limit: float) -> int | None:
+    """The stamped message before which the clock stepped by more than `limit` [s], also by the soonest messages."""
+    ages, arrival = arrivals.ages, arrivals.arrival[arrivals.stamp > 0]
+    if len(ages) < 2:
+        return None
+    row = int(np.abs(np.diff(ages)).argmax()) + 1
+    spans = arrival[row - 1] - arrival[0], arrival[-1] - arrival[row]
+    if min(spans) < _LEAST_SPAN or abs(_age_of(ages[:row]) - _age_of(ages[row:])) <= limit:
+        return None
+    return row
 
 
 class _Heard(NamedTuple):
@@ -138,14 +204,14 @@ class Checkup:
             found += self._of_reasons(len(rows))
         return [*found, self._of_estimates(len(rows))]
 
-    def _arrivals(self, role: Role) -> dict[str, Arrivals]:
+    def _arrivals(self, role: Role) -> dict[str, _Arrivals]:
         """The messages of a role, by the frame that they place: "" but for transforms."""
         heard = self._heard[role]
         found = {}
         for child in sorted({message.child for message in heard}):
             own = [message for message in heard if message.child == child]
             times = (np.array([message[k] for message in own], dtype=np.int64) for k in range(2))
-            found[child] = Arrivals(self._topics[role], *times)
+            found[child] = _Arrivals(self._topics[role], *times)
         return found
 
     def _of_clocks(self) -> Iterator[Finding]:
@@ -153,7 +219,7 @@ class Checkup:
         for role in self._topics:
             if role != "surface":
                 for arrivals in self._arrivals(role).values():
-                    yield from clock_findings(arrivals, limit=limit, live=self._live)
+                    yield from _clock_findings(arrivals, limit=limit, live=self._live)
 
     def _of_inputs(self) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
@@ -167,7 +233,7 @@ class Checkup:
                 yield Finding(False, f"{role}: {unstamped} messages on {topic} have no stamp; the driver must set it")
                 continue
             senders = self._arrivals(role)
-            off = [(child, age) for child, sent in senders.items() if abs(age := age_of(sent.ages)) > limit]
+            off = [(child, age) for child, sent in senders.items() if abs(age := _age_of(sent.ages)) > limit]
             wrong = [(child, age) for child, age in off if not self._is_harmless(role, age)]
             if wrong:
                 child, age = wrong[0]

@@ -8,8 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from rft_ros.diagnosis import Finding
-from rft_ros.diagnosis.clocks import delayed
-from rft_ros.doctor.checkup import Cell, Checkup
+from rft_ros.doctor.checkup import Cell, Checkup, delayed
 from rft_ros.estimator import Sample, Stamped
 from rft_ros.files import resolved
 from rft_ros.messages import UNREADABLE, decoder

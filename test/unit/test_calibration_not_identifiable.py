@@ -181,7 +181,7 @@ def test_poses_in_millimetres_are_refused():
     readings = read_by(LOAD_CELL, states, grain_wrenches(time, states, law(0.8), surface=0.0), noise=(0.1, 0.002))
     states[:, :3] *= 1e3
     states[:, 7:10] *= 1e3
-    with pytest.raises(InputError, match=r"moves over 90 m at \S+ m/s.*divide them by 1000"):
+    with pytest.raises(InputError, match=r"moves over 90 m at \S+ m/s.*not millimetres"):
         calibrate([track_of(time, states, readings)], unknown())
 
 
