@@ -10,7 +10,7 @@ from typing import Any
 from rft_ros.bags.options import ReplayOptions, read_replay_options
 from rft_ros.files import refuse_overwriting
 from rft_ros.parameters import NODE, PARAMETERS, Values, defaults, read_parameter_file
-from rft_ros.parameters.short_names import SHORT_NAMES, parameters_of
+from rft_ros.parameters.from_values import SHORT_NAMES, parameters_of
 from rft_ros.rft import ALPHA_Y_MODELS, MEDIA
 
 BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, also with .zstd, or ROS 1 .bag"

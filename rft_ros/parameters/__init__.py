@@ -21,10 +21,15 @@ from rft_ros.parameters.from_values import (
     unused,
     with_grains,
 )
-from rft_ros.parameters.medium_file import is_medium_file, read_medium, write_medium
+from rft_ros.parameters.medium_file import (
+    is_medium_file,
+    read_alpha_y_table,
+    read_medium,
+    read_stress_map,
+    write_medium,
+)
 from rft_ros.parameters.sections import Section, read_sections
 from rft_ros.parameters.settings import LoadCell, Model, Settings
-from rft_ros.parameters.stress_tables import read_alpha_y_table, read_stress_map
 from rft_ros.parameters.table import MESH, PARAMETERS, Parameter, Value, Values, checked, defaults
 
 __all__ = ["FILES", "MESH", "NODE", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]

@@ -1,4 +1,4 @@
-"""Makes the estimator's settings and the model of tool and grains from the values of parameters."""
+"""Makes settings and the model of tool and grains from values of parameters, and these from short names of options."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import fields, replace
@@ -7,15 +7,14 @@ from typing import Any, NamedTuple
 
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap, read_height_map
-from rft_ros.parameters.medium_file import read_medium
+from rft_ros.parameters.medium_file import is_medium_file, read_alpha_y_table, read_medium
 from rft_ros.parameters.settings import LoadCell, Model, Settings
-from rft_ros.parameters.stress_tables import read_alpha_y_table
-from rft_ros.parameters.table import Values
+from rft_ros.parameters.table import Values, checked, defaults
 from rft_ros.rft import LAW_NUMBERS, Medium, Table, alpha_y_model, law_named, medium_named
 from rft_ros.tool import Tool, load_tool
 
-__all__ = ["GRAINS", "ground_of", "load_parts", "medium_of", "model_of", "parts_of", "settings_of", "tool_of"]
-__all__ += ["unused", "with_grains"]
+__all__ = ["GRAINS", "OF_MEDIUM", "OF_TOOL", "SHORT_NAMES", "ground_of", "load_parts", "medium_of", "model_of"]
+__all__ += ["parameters_of", "parts_of", "settings_of", "tool_of", "unused", "with_grains"]
 
 
 def settings_of(values: Values) -> Settings:
@@ -140,3 +139,39 @@ def model_of(
         ground=ground or ground_of(values),
         generation=generation,
     )
+
+
+OF_TOOL = {
+    "mesh": "mesh.file",
+    "scale": "mesh.scale",
+    "origin": "mesh.origin",
+    "rotate": "mesh.quaternion",
+    "integration": "integration",
+    "tolerance": "tolerance",
+}
+"""The parameter of each short name in an entry on a tool."""
+
+OF_MEDIUM = {
+    "law": "law",
+    "medium": "medium.name",
+    "alpha_y": "alpha_y.model",
+    "surface_height": "surface_height",
+    **{name: f"medium.{name}" for name in LAW_NUMBERS},
+}
+"""The parameter of each short name in an entry on a medium."""
+
+SHORT_NAMES = OF_TOOL | OF_MEDIUM
+"""The parameter of each short name."""
+
+
+def parameters_of(entry: Mapping[str, Any]) -> Values:
+    """The node's parameters from an entry's short names; the others have their defaults. Raises InputError.
+
+    Tools are not reduced. Without an integration, a tool has the rule of its file.
+    """
+    given = {SHORT_NAMES[key]: value for key, value in entry.items()}
+    medium = given.get("medium.name")
+    if isinstance(medium, str) and is_medium_file(medium):
+        given |= {"medium.name": defaults()["medium.name"], "medium.file": medium}
+    checks = {name: checked(name, value) for name, value in given.items()}
+    return {**defaults(), "tolerance": 0.0, "integration": None, **checks}

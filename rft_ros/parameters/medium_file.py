@@ -1,4 +1,4 @@
-"""Reads and writes the files that define a user's medium: nine coefficients (YAML), or a measured stress map (CSV).
+"""Reads and writes the files that define a medium: nine coefficients (YAML), a stress map or a table of α_y (CSV).
 
 The coefficients of a stress map are fitted when it is read.
 """
@@ -12,11 +12,130 @@ import yaml
 
 from rft_ros.errors import InputError, shown
 from rft_ros.files import read_yaml, whole
-from rft_ros.parameters.stress_map import MediumFit, fit_medium
-from rft_ros.parameters.stress_tables import GREATEST, LEAST, read_stress_map
-from rft_ros.rft import MEDIA, Medium
+from rft_ros.parameters.stress_map import MediumFit, StressMap, fit_medium
+from rft_ros.rft import MEDIA, Medium, Table
+from rft_ros.table_file import Column, Rows, read_table
 
-__all__ = ["is_medium_file", "read_medium", "write_medium"]
+__all__ = ["GREATEST", "LEAST", "is_medium_file", "read_alpha_y_table", "read_medium", "read_stress_map"]
+__all__ += ["write_medium"]
+
+LEAST, GREATEST = 1e-3, 50.0
+"""Plausible range of the greatest stress per depth [N/cm³]; loose poppy seeds have 0.25, the generic medium 1."""
+
+_LARGEST_MAP, _LARGEST_TABLE = 2 * 2**20, 4 * 2**20  # bytes; a grid of 180 x 360 angles takes 2 MB
+_MOST_CELLS = 5_000  # of a map
+_WIDEST_RADIANS = 3.2  # a table in degrees reaches further
+_FEW_ANGLES = 4  # this many different values of an angle within _WIDEST_RADIANS are in radians
+_WIDEST_DEGREES = 720.0
+
+_DEGREES = dict.fromkeys(("", "deg", "degree", "degrees", "°"), 1.0)
+_DEGREES |= dict.fromkeys(("rad", "radian", "radians"), float(np.rad2deg(1.0)))
+_NEWTONS_PER_CM3 = {"": 1.0, "n/cm3": 1.0, "ncm3": 1.0, "ncm-3": 1.0, "n/m3": 1e-6, "nm3": 1e-6, "nm-3": 1e-6}
+_NEWTONS_PER_CM3 |= {"pa/m": 1e-6, "pam-1": 1e-6, "kpa/m": 1e-3, "mpa/m": 1.0, "kpa/cm": 0.1, "kn/m3": 1e-3}
+_NEWTONS_PER_CM3 |= {"n/mm3": 1e3}
+
+
+def _angle(name: str) -> Column:
+    return Column(name, _DEGREES, "in deg or rad")
+
+
+def _stress(name: str, *, gaps: bool = False) -> Column:
+    return Column(name, _NEWTONS_PER_CM3, "a stress per depth in N/cm3 (1 N/cm3 = 1e6 Pa/m)", gaps)
+
+
+_BETA, _GAMMA = _angle("beta"), _angle("gamma")
+_MAP = (_BETA, _GAMMA, _stress("alpha_x", gaps=True), _stress("alpha_z", gaps=True))
+_ALPHA_Y = _stress("alpha_y")
+
+
+def read_stress_map(file: Path) -> StressMap:
+    """A map from a CSV file with the columns beta_deg, gamma_deg, alpha_x, alpha_z in any order.
+
+    A name may end in a unit, such as beta_rad or alpha_z_N/m3; without one the unit is degrees or N/cm³. An empty cell
+    or nan is a missing stress. Raises InputError for a file that cannot be used.
+    """
+    named = f"stress map '{file}'"
+    rows = read_table(file, "stress map", _MAP, limit=_LARGEST_MAP)
+    count = len(rows.lines)
+    if count > _MOST_CELLS:
+        raise InputError(f"{named} has {count:,} rows; the limit is {_MOST_CELLS:,}: take the mean of repeated cells")
+    _check_finite(rows, named, _MAP)
+    _check_angles(rows, named)
+    beta, gamma, alpha_x, alpha_z = rows.numbers.T
+    widest = float(np.abs(rows.numbers[:, :2]).max())
+    if widest <= _WIDEST_RADIANS and rows.factors["beta"] == rows.factors["gamma"] == 1.0:
+        advice = "these seem to be radians: name the columns beta_rad and gamma_rad, or give more angles"
+        raise InputError(f"{named} has no angle beyond {widest:.3g} degrees; {advice}")
+    if np.isnan(rows.numbers[:, 2:]).all():
+        raise InputError(f"{named} has no stress in any row; give alpha_x and alpha_z at some angles")
+    greatest = float(np.nanmax(np.abs(rows.numbers[:, 2:])))
+    if not LEAST <= greatest <= GREATEST:
+        unit = "1 N/cm³ = 1e6 Pa/m; a pressure in Pa must be divided by the depth"
+        raise InputError(f"{named} has stresses per depth of up to {greatest:.3g} N/cm³; no grains have that ({unit})")
+    return StressMap(beta=np.deg2rad(beta), gamma=np.deg2rad(gamma), alpha_x=alpha_x, alpha_z=alpha_z)
+
+
+def read_alpha_y_table(file: str) -> Table:
+    """A table from a CSV file with the columns beta, alpha_y, or beta, gamma, alpha_y on a full grid.
+
+    Units are as in `read_stress_map`. Without a header the columns stand in this order. Raises InputError.
+    """
+    if not file:
+        raise InputError("alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first")
+    named = f"alpha_y.table '{file}'"
+    rows = read_table(
+        Path(file),
+        "alpha_y.table",
+        (_BETA, _ALPHA_Y),
+        (_GAMMA,),
+        limit=_LARGEST_TABLE,
+        without_header=((_BETA, _ALPHA_Y), (_BETA, _GAMMA, _ALPHA_Y)),
+    )
+    _check_finite(rows, named, (_BETA, _GAMMA, _ALPHA_Y))
+    stresses = rows.column("alpha_y")
+    if stresses.min() < 0.0:
+        raise InputError(f"{named} has a negative alpha_y ({stresses.min():g}); give the size of a stress that resists")
+    if stresses.max() > GREATEST:
+        unit = f"over {GREATEST:g} N/cm³, which no grains have; check the order of the columns, and the unit"
+        raise InputError(f"{named} has alpha_y up to {stresses.max():.4g}, {unit} (1 N/cm³ = 1e6 Pa/m)")
+    _check_angles(rows, named)
+    beta, i = np.unique(rows.column("beta"), return_inverse=True)
+    gammas = rows.column("gamma") if "gamma" in rows.factors else np.zeros(len(stresses))
+    gamma, j = np.unique(gammas, return_inverse=True)
+    pairs = len(beta) * len(gamma)
+    if len({*zip(i.tolist(), j.tolist(), strict=True)}) != pairs or len(stresses) != pairs:
+        grid = f"a grid of {len(beta)} beta x {len(gamma)} gamma values needs each pair once ({pairs} rows)"
+        raise InputError(f"{named} has {len(stresses)} rows; {grid}")
+    values = np.empty((len(beta), len(gamma)))
+    values[i, j] = stresses
+    table = Table.sampled(np.deg2rad(beta), np.deg2rad(gamma), values)
+    if not np.isfinite([table.beta_nodes, table.gamma_nodes]).all():
+        raise InputError(f"{named} has angles that are too close together; space them further apart")
+    return table
+
+
+def _check_finite(rows: Rows, named: str, columns: tuple[Column, ...]) -> None:
+    for column in columns:
+        if column.name in rows.factors:
+            values = rows.column(column.name)
+            wrong = np.flatnonzero(np.isinf(values) if column.gaps else ~np.isfinite(values))
+            if len(wrong):
+                line, value = rows.lines[wrong[0]], values[wrong[0]]
+                raise InputError(f"{named} line {line}: {column.name} is {value:g}; it must be a finite number")
+
+
+def _check_angles(rows: Rows, named: str) -> None:
+    """Raise InputError if angles are implausible in the unit that the header names."""
+    for name in [name for name in ("beta", "gamma") if name in rows.factors]:
+        widest, different = float(np.abs(rows.column(name)).max()), len(np.unique(rows.column(name)))
+        in_radians = rows.factors[name] != 1.0
+        if widest > _WIDEST_DEGREES:
+            advice = f"name the column {name}_deg" if in_radians else "it is no angle in degrees"
+            raise InputError(f"{named} has {name} up to {widest:.4g} degrees; {advice}")
+        if widest <= _WIDEST_RADIANS and different >= _FEW_ANGLES and not in_radians:
+            found = f"{different} different {name}, none beyond {widest:.3g} degrees"
+            raise InputError(f"{named} has {found}; these seem to be radians: name the column {name}_rad")
+
 
 _YAML = (".yaml", ".yml")
 _MAX_COEFFICIENTS = 16 * 2**10  # bytes; YAML takes 12 s for 1 MB

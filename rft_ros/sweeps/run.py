@@ -26,7 +26,7 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.files import opened, read_text, whole
 from rft_ros.parameters import medium_of, model_of, parts_of, tool_of
-from rft_ros.parameters.short_names import parameters_of
+from rft_ros.parameters.from_values import parameters_of
 from rft_ros.progress import bar
 from rft_ros.rft import AXES, FORCE, POSITION, TWIST, WRENCH, Medium
 from rft_ros.states_file import read_states, wrenches_along

@@ -8,7 +8,7 @@ from refusals import refusal
 import rft_ros
 from rft_ros.cli import main
 from rft_ros.parameters import defaults, model_of, read_medium, read_parameter_file
-from rft_ros.parameters.short_names import parameters_of
+from rft_ros.parameters.from_values import parameters_of
 from rft_ros.rft import MEDIA
 from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import evaluate

@@ -24,8 +24,8 @@ from rft_ros.parameters import (
     with_grains,
     write_parameter_file,
 )
+from rft_ros.parameters.from_values import SHORT_NAMES
 from rft_ros.parameters.settings import CALIBRATED_ERROR
-from rft_ros.parameters.short_names import SHORT_NAMES
 from rft_ros.rft import LAW_NUMBERS, LAWS, MEDIA, Constant, Linear, law_named
 
 
