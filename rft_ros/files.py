@@ -22,17 +22,8 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
 
-__all__ = ["MAX_BYTES", "MAX_NUMBERS", "checked_file", "expanded", "opened", "read_arrays"]
-__all__ += [
-    "read_file",
-    "read_text",
-    "read_yaml",
-    "refuse_overwriting",
-    "replacing",
-    "resolved",
-    "whole",
-    "whole_folder",
-]
+__all__ = ["MAX_BYTES", "MAX_NUMBERS", "checked_file", "expanded", "opened", "read_arrays", "read_file", "read_text"]
+__all__ += ["read_yaml", "refuse_overwriting", "replacing", "resolved", "whole", "whole_folder"]
 
 MAX_BYTES = 256 * 2**20  # of a file, and of the unpacked arrays of an NPZ file
 MAX_NUMBERS = MAX_BYTES // 8  # in one array or table; each may become a double

@@ -42,24 +42,8 @@ from studies.choice import PUBLISHED, REMEMBERED, Choice
 from studies.dem import DATA, RUNS, modelled, smoothed
 from studies.result import BLUE, GREY, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
-__all__ = [
-    "LAGS",
-    "MODELS",
-    "PASSES",
-    "Learned",
-    "Series",
-    "bag_series",
-    "dem_model",
-    "dem_series",
-    "followed_force",
-    "learned",
-    "model_rows",
-    "pass_errors",
-    "passes_of",
-    "series_of",
-    "study",
-    "unlearned",
-]
+__all__ = ["LAGS", "MODELS", "PASSES", "Learned", "Series", "bag_series", "dem_model", "dem_series", "followed_force"]
+__all__ += ["learned", "model_rows", "pass_errors", "passes_of", "series_of", "study", "unlearned"]
 
 Array = NDArray[np.float64]
 

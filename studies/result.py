@@ -13,17 +13,9 @@ from PIL import Image
 
 from rft_ros.errors import InputError
 
-__all__ = ["BLACK", "BLUE", "GREEN", "GREY", "ORANGE", "PURPLE", "SKY", "VERMILION"]
-__all__ += [
-    "StudyResult",
-    "TextTable",
-    "label_axes",
-    "new_figure",
-    "picture",
-    "published_against_ours",
-    "result_of_rows",
-]
-__all__ += ["table_in", "write_tables"]
+__all__ = ["BLACK", "BLUE", "GREEN", "GREY", "ORANGE", "PURPLE", "SKY", "VERMILION", "StudyResult", "TextTable"]
+__all__ += ["label_axes", "new_figure", "picture", "published_against_ours", "result_of_rows", "table_in"]
+__all__ += ["write_tables"]
 
 # Okabe and Ito's palette, distinguishable with every kind of colour vision. Line styles and markers repeat the colour.
 BLACK, ORANGE, SKY, GREEN = "#000000", "#E69F00", "#56B4E9", "#009E73"

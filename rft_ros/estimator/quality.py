@@ -17,25 +17,21 @@ from rft_ros.rft.grains import WITH_INERTIA, WITHOUT_INERTIA
 from rft_ros.tool import Tool
 from rft_ros.tool.check import LARGEST, SMALLEST
 
-__all__ = ["DEEPEST", "DEEPEST_OF_SIZE", "HIGHEST", "LARGEST_FORCE", "QualityFlag", "QualityMonitor", "Trust", "Wake"]
-__all__ += ["begins_in_grains", "deepest", "flag_names", "is_plausible_tool", "sentence_on", "sentences", "trust"]
+__all__ = ["QualityFlag", "QualityMonitor", "Trust", "begins_in_grains", "flag_names", "sentence_on"]
+__all__ += ["sentences", "trust"]
 
-LARGEST_FORCE = 5e5
-"""Greatest plausible force [N], more than that of any arm and than the breakout force of an excavator of 50 t."""
-
-HIGHEST = 50.0
-"""Greatest plausible height of a tool frame above the surface [m]."""
-
-DEEPEST, DEEPEST_OF_SIZE = 0.3, 10.0
+_LARGEST_FORCE = 5e5  # N: more than that of any arm, and than the breakout force of an excavator of 50 t
+_HIGHEST = 50.0  # m: greatest plausible height of a tool frame above the surface
+_DEEPEST, _DEEPEST_OF_SIZE = 0.3, 10.0
 """Greatest plausible depth: the first [m] plus the second times the tool's largest extent. Small probes go deep."""
 
 
-def deepest(tool: Tool) -> float:
+def _deepest(tool: Tool) -> float:
     """The greatest plausible depth of the tool's lowest point [m]."""
-    return DEEPEST + DEEPEST_OF_SIZE * tool.size
+    return _DEEPEST + _DEEPEST_OF_SIZE * tool.size
 
 
-def is_plausible_tool(tool: Tool) -> bool:
+def _is_plausible(tool: Tool) -> bool:
     """Whether a tool of this size can move through grains on an arm."""
     return SMALLEST <= tool.size <= LARGEST
 
@@ -51,22 +47,22 @@ def sentence_on(tool: Tool, *, depth: float, force: float) -> str:
 
     `force`: on the tool [N].
     """
-    if depth > deepest(tool):
+    if depth > _deepest(tool):
         return (
             f"the tool's lowest point is {depth:g} m deep, {depth / tool.size:,.0f} times the tool's size; poses and"
             " surface_height are in metres: are these in millimetres?"
         )
-    if not is_plausible_tool(tool):
+    if not _is_plausible(tool):
         return (
             f"the tool's largest extent is {tool.size:g} m; mesh.scale (--scale) is in metres per mesh unit, 0.001 for"
             " a mesh in millimetres"
         )
-    if depth < -HIGHEST:
+    if depth < -_HIGHEST:
         return (
             f"the tool is {-depth:g} m above the grains; poses and surface_height are in metres: are these in"
             " millimetres?"
         )
-    if force > LARGEST_FORCE:
+    if force > _LARGEST_FORCE:
         return (
             f"the force is {force:g} N, more than any arm's; poses are in metres and mesh.scale (--scale) is in metres"
             " per mesh unit: is one of them in millimetres?"
@@ -137,9 +133,9 @@ class QualityFlag(IntFlag):
     MESH = 4096, "the mesh has faults, such as repeated or inverted facets, that make the force wrong"
     IMPOSSIBLE = (
         8192,
-        f"not plausible: deeper than {DEEPEST:g} m + {DEEPEST_OF_SIZE:g} times the tool's size, over {HIGHEST:g} m"
+        f"not plausible: deeper than {_DEEPEST:g} m + {_DEEPEST_OF_SIZE:g} times the tool's size, over {_HIGHEST:g} m"
         f" above the grains, a tool over {LARGEST:g} m or under {1e3 * SMALLEST:g} mm, or a force over"
-        f" {1e-3 * LARGEST_FORCE:g} kN, as with poses in millimetres or a wrong mesh.scale",
+        f" {1e-3 * _LARGEST_FORCE:g} kN, as with poses in millimetres or a wrong mesh.scale",
     )
     NOISY = (
         16384,
@@ -182,13 +178,13 @@ class QualityMonitor:
     """
 
     def __init__(self, tool: Tool) -> None:
-        self._plates, self._wake, self._deepest = tool.plates, Wake(tool), deepest(tool)
+        self._plates, self._wake, self._deepest = tool.plates, _Wake(tool), _deepest(tool)
         self._of_tool = 0
         if "concave" in tool.issues:
             self._of_tool |= QualityFlag.CONCAVE.value
         if tool.issues.keys() - _HARMLESS:
             self._of_tool |= QualityFlag.MESH.value
-        if not is_plausible_tool(tool):
+        if not _is_plausible(tool):
             self._of_tool |= QualityFlag.IMPOSSIBLE.value
         self._countdown = self._slow = 0
 
@@ -223,14 +219,14 @@ class QualityMonitor:
         if not in_grains:
             self._wake.clear()
             self._countdown = 0
-            if origin_depth < -HIGHEST:
+            if origin_depth < -_HIGHEST:
                 flags |= f.IMPOSSIBLE.value
             return flags
         if motion.is_noisy:
             flags |= f.NOISY.value
         # the lowest point is at most `reach` below the origin; its exact depth takes longer to compute
         may_be_deep = origin_depth + self._plates.reach > self._deepest
-        if math.hypot(*force) > LARGEST_FORCE or (may_be_deep and depth() > self._deepest):
+        if math.hypot(*force) > _LARGEST_FORCE or (may_be_deep and depth() > self._deepest):
             flags |= f.IMPOSSIBLE.value
         if withdrawn:
             flags |= f.WITHDRAWAL.value
@@ -280,7 +276,7 @@ _BENT = 0.85  # distance over path length; a straighter path does not return to 
 _STEP = 0.125  # widths of the tool between two places
 
 
-class Wake:
+class _Wake:
     """The path of the tool's centre since it entered the grains, and whether the tool returns to it.
 
     On a straight path the distance from an earlier place equals the path length since. The tool passes the same grains

@@ -15,14 +15,7 @@ from rft_ros.estimator.samples import Vector
 from rft_ros.rft.frames import WRENCH
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
-__all__ = [
-    "LEVER",
-    "SIGMA",
-    "Withdrawal",
-    "is_withdrawn",
-    "parts_of_prediction",
-    "predict_without_learning",
-]
+__all__ = ["LEVER", "SIGMA", "Withdrawal", "is_withdrawn", "parts_of_prediction", "predict_without_learning"]
 
 Array = NDArray[np.float64]
 

@@ -14,16 +14,8 @@ from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.files import checked_file, expanded, read_text, resolved
 from rft_ros.installation import share_directory
 
-__all__ = [
-    "LinkMesh",
-    "advice",
-    "checked_mesh",
-    "files_of_mesh",
-    "is_mesh_path",
-    "link_in",
-    "locate_mesh",
-    "meshes_of_link",
-]
+__all__ = ["LinkMesh", "advice", "checked_mesh", "files_of_mesh", "is_mesh_path", "link_in", "locate_mesh"]
+__all__ += ["meshes_of_link"]
 
 _SCHEMES = "package://", "file://"
 _LINK = ".urdf#"  # between the file and the link of a robot
