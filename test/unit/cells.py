@@ -7,7 +7,9 @@ from numpy.typing import NDArray
 from recordings import POSE, START, STEP, TF, TWIST, WRENCH, cdr, transforms_cdr, write_messages, write_ros2
 from scipy.spatial.transform import Rotation
 
-from rft_ros.estimator import TransformSample
+from rft_ros.bags.options import topics_of
+from rft_ros.doctor.checkup import Checkup
+from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
 from rft_ros.parameters import defaults, model_of
 from rft_ros.rft import POSITION, QUATERNION, STATE, VELOCITY, frames, wrenches
 from rft_ros.rft.frames import Placement
@@ -49,6 +51,30 @@ def loads(states: NDArray[np.float64], *, zeta: float = ZETA) -> NDArray[np.floa
     to_tool, to_cell = Rotation.from_quat(states[:, QUATERNION]).inv(), MOUNT.inverse()
     in_tool = np.hstack([to_tool.apply(world[:, :3]), to_tool.apply(world[:, 3:])])
     return np.array([to_cell.wrench(tuple(row)) for row in in_tool.tolist()])
+
+
+def wrong(
+    states, readings, *, poses=None, twists=None, stamps=None, arrivals=None, late=0.0, live=True, lost=(), **parameters
+) -> list[str]:
+    """What the doctor finds wrong with a cell of these states and readings; parameters with _ for dots: as __.
+
+    `stamps` and `arrivals` [ns]; `late`: of the load cell's stamps [s]. `lost`: the moments that do not arrive.
+    """
+    named = {**PARAMETERS, **{name.replace("__", "."): value for name, value in parameters.items()}}
+    values = {**defaults(), **named}
+    checkup = Checkup(values, model_of(values), named=named, topics=topics_of(values), live=live)
+    stamps = [START + k * STEP for k in range(len(states))] if stamps is None else stamps
+    places = states[:, POSITION] if poses is None else poses
+    velocities = states[:, VELOCITY] if twists is None else twists
+    rows = zip(stamps, stamps if arrivals is None else arrivals, states, places, velocities, readings, strict=True)
+    for k, (stamp, now, state, place, velocity, reading) in enumerate(rows):
+        if k in lost:
+            continue
+        checkup.push(WrenchSample(stamp + round(1e9 * late), "ft_sensor", tuple(reading.tolist())), now)
+        if values["twist_source"] == "topic":
+            checkup.push(TwistSample(stamp, "world", tuple(velocity.tolist()), tuple(state[10:].tolist())), now)
+        checkup.push(PoseSample(stamp, "world", tuple(place.tolist()), tuple(state[QUATERNION].tolist())), now)
+    return [text for ok, text in checkup.findings() if not ok]
 
 
 def record(

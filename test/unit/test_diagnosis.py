@@ -7,7 +7,7 @@ import re
 
 import numpy as np
 import pytest
-from cells import MOUNT, PARAMETERS, SURFACE, loads, motion
+from cells import MOUNT, PARAMETERS, SURFACE, loads, motion, wrong
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recordings import START, STEP
@@ -16,7 +16,7 @@ from scipy.spatial.transform import Rotation
 from rft_ros.bags.options import topics_of
 from rft_ros.demo import virtual_arm
 from rft_ros.doctor.checkup import Checkup
-from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
+from rft_ros.estimator import TransformSample, WrenchSample
 from rft_ros.parameters import defaults, model_of
 from rft_ros.rft import POSITION, QUATERNION, VELOCITY
 
@@ -28,26 +28,9 @@ SOURCES = st.sampled_from(["topic", "pose_difference"])
 few = settings(max_examples=5, deadline=None)
 
 
-def faults(*, states=STATES, readings=LOADS, poses=None, twists=None, late=0.0, live=True, lost=(), **parameters):
-    """What the doctor finds wrong; `late`: of the load cell's stamps [s]. `twist_source` and others with dots: as _.
-
-    `lost`: the moments that do not arrive.
-    """
-    named = {**PARAMETERS, **{name.replace("__", "."): value for name, value in parameters.items()}}
-    values = {**defaults(), **named}
-    checkup = Checkup(values, model_of(values), named=named, topics=topics_of(values), live=live)
-    places = states[:, POSITION] if poses is None else poses
-    velocities = states[:, VELOCITY] if twists is None else twists
-    rows = zip(places.tolist(), states[:, QUATERNION].tolist(), velocities.tolist(), readings.tolist(), strict=True)
-    for k, (place, quaternion, velocity, reading) in enumerate(rows):
-        if k in lost:
-            continue
-        stamp = START + k * STEP
-        checkup.push(WrenchSample(stamp + round(1e9 * late), "ft_sensor", tuple(reading)), stamp)
-        if values["twist_source"] == "topic":
-            checkup.push(TwistSample(stamp, "world", tuple(velocity), (0.0, 0.0, 0.0)), stamp)
-        checkup.push(PoseSample(stamp, "world", tuple(place), tuple(quaternion)), stamp)
-    return [text for ok, text in checkup.findings() if not ok]
+def faults(*, states=STATES, readings=LOADS, **more):
+    """What the doctor finds wrong with the cell."""
+    return wrong(states, readings, **more)
 
 
 @given(
@@ -154,7 +137,7 @@ def test_stamps_that_jitter_on_a_busy_machine_are_no_noise_of_poses(seed, source
 
 
 DEMO = {
-    "mesh.file": "ellipsoid",
+    "surface_height": 0.0,
     "medium.zeta": 0.33,
     "alpha_y.model": "constant",
     "medium.mobilization_length": 0.0,
@@ -170,17 +153,10 @@ PITCHING = list(virtual_arm.moments(10.0))
 @settings(max_examples=8, deadline=None)
 def test_an_untared_cell_on_a_tool_that_pitches_needs_a_tare_only(start, end, mass):
     """In other grains than the model's, which get harder, from any moment in the air; also without the tool's mass."""
-    values = {**defaults(), **DEMO, "sensor.mass": mass}
-    checkup = Checkup(values, model_of(values), named=[*DEMO, "surface_height"], topics=topics_of(values), live=False)
-    for t, state, reading in PITCHING:
-        if start <= t <= end:
-            stamp, row = START + round(1e9 * t), state.tolist()
-            checkup.push(WrenchSample(stamp, "ft_sensor", reading), stamp)
-            checkup.push(TwistSample(stamp, "world", tuple(row[7:10]), tuple(row[10:])), stamp)
-            checkup.push(PoseSample(stamp, "world", tuple(row[:3]), tuple(row[3:7])), stamp)
-    wrong = [text for ok, text in checkup.findings() if not ok]
-    kinds = ("saturation", "lever", "zero that moves", "delay", "units")
-    assert not [text for text in wrong if text.startswith(kinds)]
+    times, states, readings = zip(*(moment for moment in PITCHING if start <= moment[0] <= end), strict=True)
+    stamps = [START + round(1e9 * t) for t in times]
+    said = wrong(np.array(states), np.array(readings), stamps=stamps, live=False, **{**DEMO, "sensor.mass": mass})
+    assert not [text for text in said if text.startswith(("saturation", "lever", "zero that moves", "delay", "units"))]
 
 
 UNITS = {

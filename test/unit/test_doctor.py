@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from cells import MOUNT, PARAMETERS, SURFACE, loads, motion, record
+from cells import MOUNT, PARAMETERS, SURFACE, loads, motion, record, wrong
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from recordings import START, STEP
@@ -16,9 +16,9 @@ from rft_ros.bags.options import topics_of
 from rft_ros.bags.reading import Recording
 from rft_ros.cli import main
 from rft_ros.doctor.checkup import Checkup
-from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
+from rft_ros.estimator import TransformSample
 from rft_ros.parameters import defaults, model_of
-from rft_ros.rft import POSITION, QUATERNION, VELOCITY
+from rft_ros.rft import QUATERNION
 from rft_ros.rft.frames import Placement
 
 TURN = Rotation.from_euler("x", 180, degrees=True)
@@ -131,8 +131,8 @@ def test_what_comes_shortly_before_the_first_fixed_transforms_is_no_fault(bag, p
         fixed, *others = ((sample, recording.time) for sample in recording)
         for sample, time in [*others[:before], (fixed[0], others[before][1]), *others[before:]]:
             checkup.push(sample, time)
-    wrong = [text for ok, text in checkup.findings() if not ok]
-    assert bool(wrong) == (before > 75), wrong
+    found = [text for ok, text in checkup.findings() if not ok]
+    assert bool(found) == (before > 75), found
 
 
 @pytest.mark.parametrize("cell", [{"sensor.sign": -1.0}, {"sensor.quaternion": TURNED}], ids=["sign", "turned"])
@@ -143,17 +143,10 @@ def test_a_wrong_load_cell_does_not_hide_the_surface(examined, cell):
 
 
 def test_a_tool_that_pitches_on_its_way_down_shows_the_surface():
-    states, values = motion(100.0), {**defaults(), **PARAMETERS, "surface_height": SURFACE + 0.03}
-    time = 0.01 * np.arange(len(states))
+    states, time = motion(100.0), 0.01 * np.arange(1050)
     states[:, QUATERNION] = Rotation.from_rotvec(np.outer(0.4 * np.sin(3.0 * time), (0, 1, 0))).as_quat()
     states[:, 11] = 1.2 * np.cos(3.0 * time)
-    checkup = Checkup(values, model_of(values), named=PARAMETERS, topics=topics_of(values))
-    for k, (state, load) in enumerate(zip(states.tolist(), loads(states).tolist(), strict=True)):
-        stamp = START + k * STEP
-        checkup.push(WrenchSample(stamp, "ft_sensor", tuple(load)), stamp)
-        checkup.push(TwistSample(stamp, "world", tuple(state[VELOCITY]), tuple(state[10:])), stamp)
-        checkup.push(PoseSample(stamp, "world", tuple(state[POSITION]), tuple(state[QUATERNION])), stamp)
-    (found,) = (text for ok, text in checkup.findings() if not ok)
+    (found,) = wrong(states, loads(states), surface_height=SURFACE + 0.03)
     assert found.startswith("surface_height: the measured force begins 23 mm below")
 
 
@@ -218,21 +211,10 @@ def test_a_frame_that_is_its_own_parent_is_named_with_what_is_wrong(examined, tm
 
 
 def of_cell_with_delays(delays):
-    """The faults of a right cell whose messages arrive so late [s], shape [n]."""
-    states, values = motion(100.0), {**defaults(), **PARAMETERS}
-    checkup, pushed = Checkup(values, model_of(values), named=PARAMETERS, topics=topics_of(values)), []
-    arrival = 0
-    for k, (state, load) in enumerate(zip(states.tolist(), loads(states).tolist(), strict=True)):
-        stamp = START + k * STEP
-        arrival = max(arrival, stamp + round(1e9 * delays[k % len(delays)]))  # none overtakes another
-        pushed += [
-            (arrival, WrenchSample(stamp, "ft_sensor", tuple(load))),
-            (arrival, TwistSample(stamp, "world", tuple(state[VELOCITY]), tuple(state[10:]))),
-            (arrival, PoseSample(stamp, "world", tuple(state[POSITION]), tuple(state[QUATERNION]))),
-        ]
-    for arrival, sample in sorted(pushed, key=lambda one: one[0]):
-        checkup.push(sample, arrival)
-    return [finding.text for finding in checkup.findings() if not finding.ok]
+    """The faults of a right cell whose messages arrive so late [s], shape [n]; none overtakes another."""
+    states = motion(100.0)
+    arrivals = [START + k * STEP + round(1e9 * delays[k % len(delays)]) for k in range(len(states))]
+    return wrong(states, loads(states), arrivals=np.maximum.accumulate(arrivals).tolist())
 
 
 @given(st.lists(st.floats(0.0, 0.95), min_size=3, max_size=20))
@@ -241,13 +223,13 @@ def of_cell_with_delays(delays):
 def test_messages_that_a_busy_machine_delays_are_no_fault_of_the_clocks_or_of_the_cell(stops):
     """It stands still for so long [s] once in a second, and then takes all that has come meanwhile."""
     delays = np.concatenate([np.maximum(stop - 0.01 * np.arange(100), 0.001) for stop in stops])
-    wrong = of_cell_with_delays(delays)
-    assert all(text.startswith("machine: ") and "too busy to judge" in text for text in wrong), wrong
+    said = of_cell_with_delays(delays)
+    assert all(text.startswith("machine: ") and "too busy to judge" in text for text in said), said
 
 
 @pytest.mark.parametrize("off", [0.3, -0.3])
 def test_clocks_that_differ_are_named_also_where_messages_are_delayed(off):
     random = np.random.default_rng(1)
-    wrong = of_cell_with_delays(off + 0.05 * random.random(500))
-    assert any("stamps on /rft/pose are 0.3" in text or "stamps on /rft/pose are 0.2" in text for text in wrong), wrong
-    assert all("clocks" in text for text in wrong)
+    said = of_cell_with_delays(off + 0.05 * random.random(500))
+    assert any("stamps on /rft/pose are 0.3" in text or "stamps on /rft/pose are 0.2" in text for text in said), said
+    assert all("clocks" in text for text in said)
