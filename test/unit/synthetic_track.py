@@ -11,8 +11,9 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from rft_ros.calibration.alpha_y import faces_of
 from rft_ros.calibration.track import Track
-from rft_ros.estimator import LoadCell
+from rft_ros.estimator import LoadCell, PoseSample
 from rft_ros.estimator.load_cell import LoadCellFrame
+from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.parameters import defaults
 from rft_ros.rft import MEDIA, SLACK, Constant, Memory, Plates, alpha_y_model, treers2021, wrenches, wrenches_in_time
 from rft_ros.tool import load_tool
@@ -112,6 +113,16 @@ def shaken(states, rng, place, turn):
     turned = Rotation.from_rotvec(rng.normal(0.0, turn, (len(poses), 3)))
     poses[:, 3:7] = (turned * Rotation.from_quat(poses[:, 3:7])).as_quat()
     return poses
+
+
+def differenced(time, states):
+    """The states with the velocities that the estimator finds from the poses."""
+    difference = PoseDifference()
+    difference.span(window=0.2, max_age=0.1)
+    for row, t in zip(states, time, strict=True):
+        pose = PoseSample(1 + round(1e9 * t), "world", tuple(row[:3].tolist()), tuple(row[3:7].tolist()))
+        row[7:13] = difference.twist if difference.push(pose) else 0.0
+    return states
 
 
 def track_of(time, states, readings, name="synthetic", tool=TOOL):

@@ -143,45 +143,51 @@ def test_a_mass_within_its_error_is_0_and_identifies_no_centre():
 AIR_AND_GRAINS = in_the_air().move((0, 0, -0.09), 0.01).move((0, 0, 0.05), 0.01)
 
 
-def dead(readings):
-    return 0.0 * readings
+def resting_at(row, share):
+    """The load cell repeats a reading, or 0, from that row on."""
+
+    def change(_states, readings):
+        readings[row:] = share * readings[row]
+
+    return change
 
 
-def frozen(readings):
-    return 0.0 * readings + readings[40]
+def in_millimetres(states, _readings):
+    states[:, [0, 1, 2, 7, 8, 9]] *= 1e3
 
 
-def stuck_from_the_air_on(readings):
-    still = readings.copy()
-    still[500:] = readings[500]
-    return still
+def beyond_any_load_cell(_states, readings):
+    readings[:] = 1e99
+
+
+def rubbing(friction):
+    """A force that reverses with the motion."""
+
+    def change(states, readings):
+        readings[:, 2] -= friction * np.sign(np.round(states[:, 9], 6))
+
+    return change
 
 
 @pytest.mark.parametrize(
-    ("readings_of", "sentence"),
+    ("change", "sentence"),
     [
-        (dead, "the load cell reads 0 N and 0 N m from 0.0 s on, over 100 % of the tool's path"),
-        (frozen, r"the load cell repeats one reading \(\S+ N along its z\) from 0.0 s on, over 100 %"),
-        (stuck_from_the_air_on, r"the load cell repeats one reading \(\S+ N along its z\) from 5.0 s on, over 100 %"),
+        (resting_at(0, 0.0), "the load cell reads 0 N and 0 N m from 0.0 s on, over 100 % of the tool's path"),
+        (resting_at(0, 1.0), r"the load cell repeats one reading \(\S+ N along its z\) from 0.0 s on, over 100 %"),
+        (resting_at(500, 1.0), r"repeats one reading \(\S+ N along its z\) from 5.0 s on, over 100 %"),
+        (in_millimetres, r"moves over 90 m at \S+ m/s.*not millimetres"),
+        (beyond_any_load_cell, r"synthetic has a load-cell reading of 1e\+99"),
+        (rubbing(2.0), "reading in the air depends on the motion"),
+        (rubbing(16.0), "reading in the air depends on the motion"),
     ],
 )
-def test_a_load_cell_that_is_dead_or_frozen_is_refused(readings_of, sentence):
-    """It gave a mass of 0 ± 1e-15 kg, and the frozen reading as the bias."""
+def test_a_recording_that_no_arm_and_no_load_cell_gives_is_refused(change, sentence):
+    """A dead cell gave a mass of 0 ± 1e-15 kg, millimetres a ζ of 1.3e-4, and friction a ζ of 0.70 ± 0.08 for 1."""
     time, states = AIR_AND_GRAINS.states()
-    rng = np.random.default_rng(1)
     grains = grain_wrenches(time, states, law(0.8), surface=0.0)
-    readings = readings_of(read_by(LOAD_CELL, states, grains, rng, noise=(0.1, 0.002)))
+    readings = read_by(LOAD_CELL, states, grains, np.random.default_rng(1), noise=(0.1, 0.002))
+    change(states, readings)
     with pytest.raises(InputError, match=sentence):
-        calibrate([track_of(time, states, readings)], unknown())
-
-
-def test_poses_in_millimetres_are_refused():
-    """They gave a depth of 55 m and a zeta of 1.3e-4."""
-    time, states = AIR_AND_GRAINS.states()
-    readings = read_by(LOAD_CELL, states, grain_wrenches(time, states, law(0.8), surface=0.0), noise=(0.1, 0.002))
-    states[:, :3] *= 1e3
-    states[:, 7:10] *= 1e3
-    with pytest.raises(InputError, match=r"moves over 90 m at \S+ m/s.*not millimetres"):
         calibrate([track_of(time, states, readings)], unknown())
 
 
@@ -195,12 +201,6 @@ def test_the_calibrated_depth_is_that_of_a_penetration_with_zeta():
         tracks.append(track_of(time, states, readings))
     found = fitted(calibrate(tracks, known(), parts=("zeta",)))
     assert found["medium.calibrated_depth"] == pytest.approx((0.023,), abs=2e-4)
-
-
-def test_a_reading_that_no_load_cell_gives_is_refused():
-    time, states = down(30.0).states()
-    with pytest.raises(InputError, match=r"synthetic has a load-cell reading of 1e\+99"):
-        calibrate([track_of(time, states, np.full((len(time), 6), 1e99))], known())
 
 
 def test_a_plate_dragged_along_itself_does_not_identify_the_mobilization_length():
@@ -270,14 +270,6 @@ def test_a_tool_in_its_attitude_is_not_doubted_in_grains_unlike_the_model(tmp_pa
     assert not warnings_of(tmp_path, name, RIGHT, growth=growth, zeta=zeta)
 
 
-def test_a_zeta_that_no_dry_grains_have_is_said():
-    time, states = down(40.0).states()
-    readings = read_by(LOAD_CELL, states, grain_wrenches(time, states, law(8.0), surface=0.0))
-    readings += np.random.default_rng(1).normal(0.0, 0.01, readings.shape)
-    sentence, *_ = calibrate([track_of(time, states, readings)], known()).warnings
-    assert "medium.zeta is 8; dry grains have 0.05 to 5" in sentence
-
-
 def test_the_bias_has_an_error_for_the_weight_that_the_poses_do_not_separate_from_it():
     """With gravity turned about one axis between two poses the torques of the bias were 14 errors off."""
     for orientations in ([(40, 0, 0)], [(1, 0, 0)], [(35, 0, 0), (0.1, 0, 0)]):
@@ -285,15 +277,6 @@ def test_the_bias_has_an_error_for_the_weight_that_the_poses_do_not_separate_fro
         assert "sensor.center_of_mass" in result.not_identifiable
         (bias,) = (f for f in result.fitted if f.name == "sensor.bias")
         assert (np.abs(np.subtract(bias.values, LOAD_CELL.bias)) <= 3.0 * np.array(bias.errors)).all()
-
-
-def test_a_strength_that_no_parameter_takes_is_a_reason_and_not_an_error():
-    """As with a mesh in metres instead of millimetres: rft calibrate ended in a traceback."""
-    time, states = down(30.0).states()
-    readings = 1e-9 * grain_wrenches(time, states, law(0.8), surface=0.0)
-    result = calibrate([track_of(time, states, readings)], parameters(), parts=("zeta",))
-    assert "must lie between" in why(result, "medium.zeta")
-    assert any("medium.zeta is" in warning for warning in result.warnings)
 
 
 @given(force=st.floats(-12.0, 6.0), place=st.floats(-3.0, 3.0), offset=st.floats(-7.0, 7.0))
@@ -344,50 +327,32 @@ def test_recordings_whose_transforms_place_the_load_cell_differently_are_refused
 PRESS_AND_LIFT = in_the_air().move((0.0, 0.0, -0.09), 0.01).wait(1.0).move((0.0, 0.0, 0.09), 0.01)
 
 
-def pressed(cell=LOAD_CELL, rate=125.0):
+def pressed(rate):
     """States and readings, with noise, of a tool that was tilted in the air, pressed into the grains and lifted."""
     time, states = PRESS_AND_LIFT.states(rate)
     grains = grain_wrenches(time, states, law(0.8), surface=0.0, length=0.003)
-    return time, states, read_by(cell, states, grains, np.random.default_rng(1), noise=(0.02, 0.0004))
+    return time, states, read_by(LOAD_CELL, states, grains, np.random.default_rng(1), noise=(0.02, 0.0004))
 
 
-@pytest.mark.parametrize("share", [0.4, 0.6])
-def test_a_load_cell_that_is_clipped_is_said(share):
+def test_a_load_cell_that_is_clipped_is_said():
     """At half of the peak it gave a mass 40 % and a ζ 16 % too small, silently."""
-    time, states, readings = pressed()
+    time, states, readings = pressed(125.0)
     zero = np.median(readings[-100:, :3], axis=0)
-    limit = share * np.abs(readings[:, :3] - zero).max()
+    limit = 0.5 * np.abs(readings[:, :3] - zero).max()
     clipped = np.hstack([np.clip(readings[:, :3], zero - limit, zero + limit), readings[:, 3:]])
     assert any("saturation:" in warning for warning in warnings_on(time, states, clipped))
     assert not any("saturation:" in warning for warning in warnings_on(time, states, readings))
 
 
-@pytest.mark.parametrize("shift", [(0.15, 0.0, 0.0), (0.0, -0.12, 0.05)])
-def test_a_place_of_the_load_cell_that_the_torque_contradicts_is_said(shift):
-    elsewhere = replace(LOAD_CELL, position=tuple(np.add(LOAD_CELL.position, shift)))
-    (sentence,) = (w for w in warnings_on(*pressed(elsewhere)) if "lever:" in w)
-    assert "sensor.position" in sentence
-
-
-@pytest.mark.parametrize("times", [2, 5])
-def test_poses_that_are_repeated_are_left_out_and_said(times):
+def test_poses_that_are_repeated_are_left_out_and_said():
     """A topic of 500 Hz with poses of 90 Hz gave a ζ of 1.18 for 1."""
-    time, states, readings = pressed(rate=500.0)
-    repeated = states[np.arange(len(time)) // times * times]
+    time, states, readings = pressed(500.0)
+    repeated = states[np.arange(len(time)) // 5 * 5]
     result = calibrate([track_of(time, repeated, readings)], known(medium__mobilization_length=0.003), parts=("zeta",))
     assert any("repeat" in warning for warning in result.warnings)
     (zeta,) = (f for f in result.fitted if f.name == "medium.zeta")
     assert abs(zeta.values[0] - 0.8) <= 3.0 * zeta.errors[0]
     assert zeta.errors[0] < 0.05
-
-
-@pytest.mark.parametrize("friction", [2.0, 16.0])
-def test_a_force_in_the_air_that_depends_on_the_motion_is_refused(friction):
-    """± 16 N averaged out to 0.02 N in the air, and ζ was 0.70 ± 0.08 for 1."""
-    time, states, readings = pressed()
-    readings[:, 2] -= friction * np.sign(np.round(states[:, 9], 6))
-    with pytest.raises(InputError, match="reading in the air depends on the motion"):
-        calibrate([track_of(time, states, readings)], unknown())
 
 
 def warnings_on(time, states, readings):

@@ -17,6 +17,7 @@ from synthetic_track import (
     LOAD_CELL,
     ORIENTATIONS,
     Path,
+    differenced,
     grain_wrenches,
     known,
     law,
@@ -29,8 +30,6 @@ from synthetic_track import (
 from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.track import moved_back
 from rft_ros.errors import InputError
-from rft_ros.estimator import PoseSample
-from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.rft import Memory, wrenches_in_time
 from rft_ros.tool import load_tool
 
@@ -50,16 +49,6 @@ def tool_of(name, integration):
     with TemporaryDirectory() as folder:
         mesh.export(File(folder) / "tool.stl")
         return load_tool(str(File(folder) / "tool.stl"), scale=0.001, integration=integration, tolerance=0.1)
-
-
-def differenced(time, states):
-    """The states with the velocities that the estimator finds from the poses."""
-    difference = PoseDifference()
-    difference.span(window=0.2, max_age=0.1)
-    for row, t in zip(states, time, strict=True):
-        pose = PoseSample(1 + round(1e9 * t), "world", tuple(row[:3].tolist()), tuple(row[3:7].tolist()))
-        row[7:13] = difference.twist if difference.push(pose) else 0.0
-    return states
 
 
 def recording(seed):

@@ -8,16 +8,15 @@ from synthetic_track import (
     GENERIC,
     LOAD_CELL,
     Path,
+    differenced,
     dragged,
     grain_wrenches,
-    in_the_air,
     known,
     law,
     noisy,
     read_by,
     shaken,
     track_of,
-    unknown,
 )
 
 from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
@@ -25,8 +24,6 @@ from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.fitting import Measurement, NotIdentifiable
 from rft_ros.calibration.grains import difference, spread_of
 from rft_ros.calibration.track import turns_in_grains
-from rft_ros.estimator import PoseSample
-from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.rft import agarwal2023, treers2021
 from rft_ros.tool import load_tool
 
@@ -44,38 +41,10 @@ def assert_recovered(fit, exact, truth):
         assert (np.sum(np.array(off) <= 3.0, axis=0) >= 38).all(), name
 
 
-def test_load_cell_surface_and_zeta():
-    """From one recording: six poses in the air, a penetration, a dwell; the cell is turned and reports -1 times."""
-    path = in_the_air().move((0.0, 0.0, -0.095), 0.01).wait(1.0).move((0.0, 0.0, 0.05), 0.02)
-    time, states = path.states()
-    truth = {
-        "sensor.bias": LOAD_CELL.bias,
-        "sensor.mass": (LOAD_CELL.mass,),
-        "sensor.center_of_mass": LOAD_CELL.center_of_mass,
-        "surface_height": (SURFACE,),
-        "medium.zeta": (ZETA,),
-    }
-    assert_recovered(
-        lambda readings: (
-            calibrate([track_of(time, states, readings)], unknown(), parts=("sensor", "surface", "zeta")).fitted
-        ),
-        read_by(LOAD_CELL, states, grain_wrenches(time, states, law(ZETA), surface=SURFACE)),
-        truth,
-    )
-
-
-@pytest.mark.parametrize(
-    "path",
-    [
-        Path((0, 0, 0.01)).move((0, 0, -0.03), 0.02).wait(0.3).move((0, 0, 0.012), 0.01),
-        Path((0, 0, -0.03), UPRIGHT).wait(0.3).move((0, 0.015, 0), 0.01),
-    ],
-    ids=["reversal", "start from rest"],
-)
-def test_the_mobilization_length_is_recovered(path, tmp_path):
+def test_the_mobilization_length_is_recovered_from_a_start_from_rest(tmp_path):
     trimesh.creation.box((50.0, 30.0, 5.0)).export(tmp_path / "blade.stl")
     blade = load_tool(str(tmp_path / "blade.stl"))
-    time, states = path.states()
+    time, states = Path((0, 0, -0.03), UPRIGHT).wait(0.3).move((0, 0.015, 0), 0.01).states()
     grains = grain_wrenches(time, states, law(ZETA), surface=0.0, length=LENGTH, tool=blade)
 
     def fit(readings):
@@ -105,27 +74,15 @@ def test_turns_are_found_where_the_tool_turns_in_the_grains(path, seconds):
     assert found == pytest.approx(seconds, abs=0.1)
 
 
-@pytest.mark.parametrize(
-    "path",
-    [
-        Path((0, 0, 0.03)).move((0, 0, -0.075), 0.01).move((0, 0, 0.02), 0.01),
-        Path((0, 0, 0.03)).move((0, 0, -0.06), 0.01).move((0.015, 0, -0.002), 0.01),
-    ],
-    ids=["reversal", "turn to the side"],
-)
-def test_velocities_from_poses_give_lambda_within_15_percent(path):
-    """3 mm; turns at 10 mm/s, the grains computed at 1 kHz and the poses taken at 125 Hz."""
+def test_velocities_from_poses_give_lambda_within_15_percent():
+    """3 mm; a turn to the side at 10 mm/s, the grains computed at 1 kHz and the poses taken at 125 Hz."""
+    path = Path((0, 0, 0.03)).move((0, 0, -0.06), 0.01).move((0.015, 0, -0.002), 0.01)
     time, states = path.states(1000.0)
     grains = grain_wrenches(time, states, law(0.8), surface=0.0, length=0.003)
     time, states, grains = time[3::8], states[3::8], grains[3::8]
     rng = np.random.default_rng(1)
     poses = shaken(states, rng, 3e-6, 3e-5)
-    difference = PoseDifference()
-    difference.span(window=0.2, max_age=0.1)
-    for row, t in zip(poses, time, strict=True):
-        stamp = 1 + round(1e9 * t)
-        moves = difference.push(PoseSample(stamp, "world", tuple(row[:3].tolist()), tuple(row[3:7].tolist())))
-        row[7:13] = difference.twist if moves else 0.0
+    poses = differenced(time, poses)
     track = track_of(time, poses, read_by(LOAD_CELL, states, grains, rng, noise=NOISE))
     (found,) = calibrate([track], known(), parts=("mobilization",)).fitted
     assert found.values[0] == pytest.approx(0.003, rel=0.15)
@@ -187,26 +144,28 @@ def test_runs_that_do_not_determine_alpha_y(count, alpha, model, reason):
         fit_alpha_y(runs, GENERIC, model=model)
 
 
-@pytest.mark.parametrize(("other", "told"), [(1.2, False), (1.5, True)])
-def test_penetrations_whose_zeta_differs_are_told(other, told):
-    both = [Measurement("a", zeta, 0.01) for zeta in (1.0, other)]
-    assert (difference(both) != "") == told
+@pytest.mark.parametrize(
+    ("zetas", "error", "sizes", "told"),
+    [
+        ((1.0, 1.2), 0.01, (), False),
+        ((1.0, 1.5), 0.01, (), True),
+        ((1.0, 1.31, 1.62), 0.01, (60, 80, 100), True),
+        ((1.3, 1.58, 1.85), 0.13, (60, 80, 100), True),  # 2.98 errors apart are enough where ζ follows the size
+        ((1.3, 1.58, 1.85), 0.13, (80, 80, 80), False),
+    ],
+)
+def test_penetrations_whose_zeta_differs_are_told(zetas, error, sizes, told):
+    found = [Measurement("a", zeta, error) for zeta in zetas]
+    assert (difference(found, [1e-3 * size for size in sizes]) != "") == told
+    growing = [1e-3 * size for size in sorted(sizes, reverse=True)]
+    assert ("ζ grows with the tool's size, 60 to 100 mm" in difference(found, growing[::-1])) == (told and bool(sizes))
+    assert "grows" not in difference(found, growing)
 
 
-def test_the_spread_of_zeta_covers_the_tools_and_its_growth_with_their_size_is_said():
-    both = [Measurement(name, zeta, 0.01) for name, zeta in (("a", 1.0), ("b", 1.31), ("c", 1.62))]
-    assert spread_of(both, ["a", "b", "c"]) == pytest.approx(0.31)
-    assert spread_of(both[:1], ["a"]) == 0.0
-    assert "ζ grows with the tool's size, 60 to 100 mm wide" in difference(both, [0.06, 0.08, 0.1])
-    assert "grows" not in difference(both, [0.1, 0.08, 0.06])
-    assert "grows" not in difference(both, [0.08, 0.08, 0.08])
-
-
-def test_fewer_standard_errors_are_enough_where_zeta_follows_the_size_of_the_tools():
-    """The round plates with the published rule: 2.98 standard errors apart."""
-    plates = [Measurement("a", 1.3, 0.14), Measurement("b", 1.58, 0.14), Measurement("c", 1.85, 0.12)]
-    assert "ζ grows with the tool's size" in difference(plates, [0.06, 0.08, 0.1])
-    assert difference(plates, [0.08, 0.08, 0.08]) == ""
+def test_the_spread_of_zeta_covers_the_tools():
+    found = [Measurement("a", zeta, 0.01) for zeta in (1.0, 1.31, 1.62)]
+    assert spread_of(found, ["a", "b", "c"]) == pytest.approx(0.31)
+    assert spread_of(found[:1], ["a"]) == 0.0
 
 
 @pytest.mark.parametrize("second", [False, True], ids=["treers2021", "agarwal2023"])
