@@ -32,7 +32,8 @@ from rft_ros.calibration.fitting import (
     listed,
 )
 from rft_ros.calibration.recorded import BedValues, Recorded
-from rft_ros.calibration.track import FEWEST, GAP, Indices, Track, Turn, down_strokes, turns_in_grains
+from rft_ros.calibration.smoothing import GAP
+from rft_ros.calibration.track import FEWEST, Indices, Track, Turn, down_strokes, turns_in_grains
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import FORCE, STATE, TWIST, Law, wrenches
 

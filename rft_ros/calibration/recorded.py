@@ -6,8 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.smoothing import FineMotion, fine_motion, noise_of_poses, shaken_states, smoothed_states
-from rft_ros.calibration.track import GAP, Track, moved_back
+from rft_ros.calibration.smoothing import GAP, FineMotion, fine_motion, noise_of_poses, shaken_states, smoothed_states
+from rft_ros.calibration.track import Track, moved_back
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import FORCE, Law, Memory, wrenches, wrenches_in_time
 from rft_ros.rft.frames import ANGULAR_VELOCITY, TWIST, VELOCITY
@@ -77,7 +77,7 @@ class Recorded:
     def noise(self) -> float:
         """Standard deviation of one coordinate of the tool's fastest point [m]; 0 where the poses have no noise."""
         track = self.track
-        return noise_of_poses(track.time, track.states, gap=GAP, reach=track.tool.plates.reach)
+        return noise_of_poses(track.time, track.states, reach=track.tool.plates.reach)
 
     def measured(self, track: Track, cell: LoadCell) -> "Recorded":
         """The recording with other readings or another load cell, and the same motion."""
@@ -91,16 +91,16 @@ class Recorded:
     def shaken(self, rng: np.random.Generator) -> "Recorded":
         """The recording with noise added, so that its deviation doubles; itself if the poses have no noise."""
         track = self.track
-        states = shaken_states(track.time, track.states, gap=GAP, times=3.0**0.5, rng=rng)
+        states = shaken_states(track.time, track.states, times=3.0**0.5, rng=rng)
         return self if states is None else replace(self, motion=_motion(track, states))
 
 
 def _motion(track: Track, states: Array) -> FineMotion:
     """The motion without the noise of the poses, at rest with velocity 0."""
-    smooth = smoothed_states(track.time, states, gap=GAP)
+    smooth = smoothed_states(track.time, states)
     speed, spin = (np.linalg.norm(smooth[:, part], axis=1) for part in (VELOCITY, ANGULAR_VELOCITY))
     smooth[speed + spin * track.tool.plates.reach < track.rest_speed, TWIST] = 0.0
-    return fine_motion(track.time, smooth, gap=GAP)
+    return fine_motion(track.time, smooth)
 
 
 def _friction(track: Track, cell: LoadCell, in_air: NDArray[np.bool_]) -> Array:

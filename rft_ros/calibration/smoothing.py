@@ -6,6 +6,7 @@ intervals: Goldenshluger and Nemirovski, Mathematical Methods of Statistics 6, 1
 way and short at a corner, where an average over a fixed time would round the corner off by tenths of a millimetre.
 """
 
+from collections.abc import Iterator
 from typing import NamedTuple
 
 import numpy as np
@@ -14,9 +15,12 @@ from scipy.ndimage import correlate1d
 
 from rft_ros.rft.frames import POSE, POSITION, QUATERNION, TWIST, VELOCITY
 
-__all__ = ["FineMotion", "fine_motion", "noise_of_poses", "shaken_states", "smoothed_states"]
+__all__ = ["GAP", "FineMotion", "fine_motion", "noise_of_poses", "shaken_states", "smoothed_states"]
 
 Array = NDArray[np.float64]
+
+GAP = 0.5
+"""A longer time between samples [s] ends a segment."""
 
 _LONGEST = 0.25  # s, the longest line
 _GROWTH = 1.6  # factor of the number of poses from one line to the next longer one
@@ -52,31 +56,22 @@ class _Line(NamedTuple):
     deviation: Array
 
 
-class _PoseNoise(NamedTuple):
-    """Standard deviation of one number of the position [m], and of one of the quaternion [rad/2]."""
+def _parts(time: Array, states: Array) -> Iterator[tuple[NDArray[np.int64], Array, Array]]:
+    """The parts between gaps: their rows, their poses, shape [n, 7], and the noise of a pose's numbers, shape [7].
 
-    position: float
-    quaternion: float
-
-    @property
-    def of_numbers(self) -> Array:
-        """The deviation of each number of a pose, shape [7]."""
-        found = np.empty(QUATERNION.stop)
-        found[POSITION], found[QUATERNION] = self.position, self.quaternion
-        return found
-
-
-def _noise(places: Array) -> _PoseNoise:
-    """The noise of poses, shape [n, 7], from their third differences."""
-    third = np.diff(places, n=3, axis=0)
-
-    def deviation(part: slice) -> float:
-        squares = np.sort(np.sum(third[:, part] ** 2, axis=1))
-        if not len(squares):
-            return 0.0
-        return float(np.sqrt(squares[int(_CALM * (len(squares) - 1))] / _CHI2_OF_CALM / 20.0))
-
-    return _PoseNoise(position=deviation(POSITION), quaternion=deviation(QUATERNION))
+    Parts of less than four rows are left out. The signs of quaternions are such that they do not jump.
+    """
+    for rows in np.split(np.arange(len(time)), np.flatnonzero(np.diff(time) > GAP) + 1):
+        if len(rows) < 4:
+            continue
+        places, noise = states[rows, POSE].copy(), np.empty(QUATERNION.stop)
+        turned = np.sum(places[1:, QUATERNION] * places[:-1, QUATERNION], axis=1) < 0.0
+        places[1:, QUATERNION] *= np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
+        third = np.diff(places, n=3, axis=0)
+        for part in (POSITION, QUATERNION):
+            squares = np.sort(np.sum(third[:, part] ** 2, axis=1))
+            noise[part] = np.sqrt(squares[int(_CALM * (len(squares) - 1))] / _CHI2_OF_CALM / 20.0)
+        yield rows, places, noise
 
 
 def _line(time: Array, places: Array, before: int, after: int) -> _Line:
@@ -128,41 +123,25 @@ def _longest_lines(time: Array, places: Array, noise: Array) -> _Line:
     return best
 
 
-def _apart(time: Array, gap: float) -> list[NDArray[np.int64]]:
-    """The rows of each part between gaps longer than `gap` [s]. Parts of less than four rows are left out."""
-    parts = np.split(np.arange(len(time)), np.flatnonzero(np.diff(time) > gap) + 1)
-    return [rows for rows in parts if len(rows) >= 4]
-
-
-def _alike(places: Array) -> Array:
-    """The places, with the signs of quaternions chosen so that they do not jump: q and -q are one attitude."""
-    turned = np.sign(np.sum(places[1:, QUATERNION] * places[:-1, QUATERNION], axis=1))
-    signs = np.append(1.0, np.cumprod(np.where(turned < 0.0, -1.0, 1.0)))
-    return np.hstack([places[:, POSITION], signs[:, None] * places[:, QUATERNION]])
-
-
-def noise_of_poses(time: Array, states: Array, *, gap: float, reach: float) -> float:
+def noise_of_poses(time: Array, states: Array, *, reach: float) -> float:
     """Standard deviation of one coordinate of a point at `reach` [m] from the tool frame's origin [m].
 
     It is 0 if the noise is rounding.
     """
-    noise = [_noise(_alike(states[rows, POSE])) for rows in _apart(time, gap)]
-    if not noise:
+    noise = [noise for *_, noise in _parts(time, states)]
+    typical = np.median(noise, axis=0) if noise else np.zeros(QUATERNION.stop)
+    if typical.max() <= _QUIET:
         return 0.0
-    typical = _PoseNoise(*np.median(noise, axis=0).tolist())
-    if max(typical) <= _QUIET:
-        return 0.0
-    return float(np.hypot(typical.position, 2.0 * reach * typical.quaternion))
+    return float(np.hypot(typical[0], 2.0 * reach * typical[-1]))
 
 
-def shaken_states(time: Array, states: Array, *, gap: float, times: float, rng: np.random.Generator) -> Array | None:
+def shaken_states(time: Array, states: Array, *, times: float, rng: np.random.Generator) -> Array | None:
     """The states, shape [n, 13], with noise added to the poses: of `times` the deviation of their own noise.
 
     None if the poses' own noise is rounding.
     """
     result, shaken = states.copy(), False
-    for rows in _apart(time, gap):
-        noise = _noise(_alike(states[rows, POSE])).of_numbers
+    for rows, _, noise in _parts(time, states):
         noise[noise <= _QUIET] = 0.0
         shaken |= bool(noise.any())
         result[rows, POSE] += times * noise * rng.normal(size=(len(rows), 7))
@@ -170,16 +149,13 @@ def shaken_states(time: Array, states: Array, *, gap: float, times: float, rng: 
     return result if shaken else None
 
 
-def smoothed_states(time: Array, states: Array, *, gap: float) -> Array:
+def smoothed_states(time: Array, states: Array) -> Array:
     """The states with smoothed poses, and the velocities of these, shape [n, 13], columns `rft_ros.rft.STATE`.
 
-    `time` [s], shape [n]. Parts that are separated by more than `gap` [s] are smoothed on their own. Poses whose noise
-    is rounding stay as they are.
+    `time` [s], shape [n]. Parts between gaps are smoothed on their own. Poses whose noise is rounding stay as they are.
     """
     result = states.copy()
-    for rows in _apart(time, gap):
-        places = _alike(states[rows, POSE])
-        noise = _noise(places).of_numbers
+    for rows, places, noise in _parts(time, states):
         middle = places.mean(axis=0)
         line = _longest_lines(time[rows], places - middle, np.maximum(noise, _QUIET))
         value = np.where(noise > _QUIET, line.value + middle, states[rows, POSE])
@@ -196,7 +172,7 @@ def _spin(quaternions: Array, rates: Array) -> Array:
     return np.asarray(2.0 * (scalar * vector_rate - scalar_rate * vector - np.cross(vector_rate, vector)))
 
 
-def fine_motion(time: Array, states: Array, *, gap: float) -> FineMotion:
+def fine_motion(time: Array, states: Array) -> FineMotion:
     """The motion through smoothed states, shape [n, 13], with the corners between them, in steps of up to 20 µm.
 
     An arm turns back or stops between two poses. Without the corner the path is too short by what the arm did after the
@@ -210,7 +186,7 @@ def fine_motion(time: Array, states: Array, *, gap: float) -> FineMotion:
     speeds = np.linalg.norm(before, axis=1) + np.linalg.norm(after, axis=1)
     missed = np.diff(states[:, POSITION], axis=0) - after * span[:, None]
     share = np.sum(missed * bend, axis=1) / np.maximum(size**2 * span, 1e-300)
-    between = (size > _BENDS * speeds) & (span <= gap) & (share > _BETWEEN) & (share < 1.0 - _BETWEEN)
+    between = (size > _BENDS * speeds) & (span <= GAP) & (share > _BETWEEN) & (share < 1.0 - _BETWEEN)
     at = np.flatnonzero(between)
     corners = _between(states, at, share[at])
     corners[:, POSITION] = states[at, POSITION] + before[at] * (share[at] * span[at])[:, None]
@@ -220,7 +196,7 @@ def fine_motion(time: Array, states: Array, *, gap: float) -> FineMotion:
     states = np.insert(states, at + 1, corners, axis=0)
 
     way = np.linalg.norm(np.diff(states[:, POSITION], axis=0), axis=1)
-    steps = np.where(np.diff(time) <= gap, np.clip(np.ceil(way / _STEP), 1, _MOST_STEPS), 1).astype(np.int64)
+    steps = np.where(np.diff(time) <= GAP, np.clip(np.ceil(way / _STEP), 1, _MOST_STEPS), 1).astype(np.int64)
     ends = np.append(0, np.cumsum(steps))  # the row of each of these states among the steps
     row = np.arange(ends[-1])
     begin = np.repeat(np.arange(len(steps)), steps)

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.playback import play, reasons
 from rft_ros.bags.reading import Recording, bag_name
+from rft_ros.calibration.smoothing import GAP
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
@@ -20,7 +21,7 @@ from rft_ros.rft import FORCE
 from rft_ros.rft.frames import ANGULAR_VELOCITY, POSE, POSITION, QUATERNION, TWIST, VELOCITY, Placement
 from rft_ros.tool import Tool
 
-__all__ = ["FEWEST", "GAP", "Indices", "Track", "Turn", "down_strokes", "level_runs", "moved_back", "read_track"]
+__all__ = ["FEWEST", "Indices", "Track", "Turn", "down_strokes", "level_runs", "moved_back", "read_track"]
 __all__ += ["still_intervals", "turns_in_grains"]
 
 Array = NDArray[np.float64]
@@ -29,9 +30,6 @@ Indices = NDArray[np.int64]
 
 _BOTTOMLESS = -1e9  # m: with such a low surface the tool is in the air, and every pose has an estimate, also at rest
 _SMOOTHING = 0.1  # time over which velocities are averaged before they classify the motion [s]
-
-GAP = 0.5
-"""A longer time between samples [s] ends a segment."""
 
 FEWEST = 20
 """Samples that a usable segment in motion has at least."""
