@@ -17,8 +17,6 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.calibration.recorded import Recorded
 from rft_ros.calibration.track import Indices
-from rft_ros.rft import FORCE, wrenches
-from rft_ros.rft.frames import QUATERNION, STATE, TWIST
 
 __all__ = ["doubts_of_zeta"]
 
@@ -38,10 +36,7 @@ _POOR = 0.02  # RMS residual over the peak below which the given attitude is not
 
 
 class _Explained(NamedTuple):
-    """How an attitude explains a way down.
-
-    `misfit`: RMS residual over the peak, with the power of depth and the surface that suit it best. `zeta`: without.
-    """
+    """RMS residual over the peak, with the power of depth and the surface that suit an attitude best; ζ without."""
 
     misfit: float
     zeta: float
@@ -49,19 +44,6 @@ class _Explained(NamedTuple):
 
 def _is_of_dry_grains(zeta: float) -> bool:
     return _LEAST_ZETA <= zeta <= _GREATEST_ZETA
-
-
-def _forces_over_depth(recording: Recorded, bottom: int, turn: Rotation, depths: Array) -> Array:
-    """Model's force [N] at depths of the lowest point [m] of the turned tool, straight down; shape [len(depths), 3].
-
-    The attitude is that at the row `bottom`.
-    """
-    states = np.repeat(recording.track.states[[bottom]], len(depths), axis=0)
-    states[:, QUATERNION] = (Rotation.from_quat(states[:, QUATERNION]) * turn).as_quat()
-    states[:, TWIST] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
-    lowest, _ = recording.track.tool.lowest_points(states)
-    states[:, STATE.index("pz")] -= lowest + depths
-    return np.asarray(wrenches(recording.track.tool.plates, recording.law, states, threads=1)[:, FORCE])
 
 
 def _explained(recording: Recorded, rows: Indices, surface: float, turn: Rotation) -> _Explained:
@@ -75,7 +57,7 @@ def _explained(recording: Recorded, rows: Indices, surface: float, turn: Rotatio
     if not peak > 0.0:
         return _Explained(0.0, 0.0)
     depths = np.linspace(0.0, deepest * (1.0 + float(_SHIFTS.max())), _DEPTHS)
-    forces = _forces_over_depth(recording, int(rows[-1]), turn, depths)
+    forces = recording.track.forces_over_depth(recording.law, int(rows[-1]), depths, turn)
 
     def fitted(power: float, shift: float) -> tuple[float, float]:
         grown = forces * (np.maximum(depths, 1e-9)[:, None] / deepest) ** power

@@ -35,7 +35,7 @@ from rft_ros.calibration.recorded import BedValues, Recorded
 from rft_ros.calibration.smoothing import GAP
 from rft_ros.calibration.track import FEWEST, Indices, Track, Turn, down_strokes, turns_in_grains
 from rft_ros.estimator import LoadCell
-from rft_ros.rft import FORCE, STATE, TWIST, Law, wrenches
+from rft_ros.rft import FORCE, Law
 
 __all__ = ["LOST_MOTION", "SHORTEST", "Contact", "Phase", "TooShortToResolve", "check_strength", "find_contacts"]
 __all__ += ["first_contact", "fit_delay", "turn_for_length", "way_down"]
@@ -213,12 +213,8 @@ def _found_contact(number: int, track: Track, stroke: Indices, cell: LoadCell, l
     force = cell.sign * np.einsum("nj,nj->n", up, track.readings[stroke, FORCE])
     height = track.heights()[stroke]
     low, high = float(height.min()), float(height.max())
-    # the force over the depth of the lowest point, in the orientation at the bottom
     depths = np.linspace(0.0, high - low, 256)
-    states = np.repeat(track.states[stroke[-1:]], len(depths), axis=0)
-    states[:, STATE.index("pz")] -= height[-1] + depths
-    states[:, TWIST] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)  # straight down
-    predicted = wrenches(track.tool.plates, law, states, threads=1)[:, 2]
+    predicted = track.forces_over_depth(law, int(stroke[-1]), depths)[:, 2]
 
     used, least, most = np.ones(len(stroke), dtype=np.bool_), low, high
     for _ in range(6):

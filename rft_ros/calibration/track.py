@@ -17,7 +17,7 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.parameters import Values, model_of, settings_of
-from rft_ros.rft import FORCE
+from rft_ros.rft import FORCE, STATE, Law, wrenches
 from rft_ros.rft.frames import ANGULAR_VELOCITY, POSE, POSITION, QUATERNION, TWIST, VELOCITY, Placement
 from rft_ros.tool import Tool
 
@@ -114,6 +114,18 @@ class Track:
         measured = cell.sign * (self.readings[:, FORCE] - np.array(cell.bias[FORCE]))
         in_sensor = measured - cell.mass * self.gravity_in_sensor(cell)
         return np.asarray(np.einsum("nij,nj->ni", self.sensor_rotations(cell), in_sensor))
+
+    def forces_over_depth(self, law: Law, row: int, depths: Array, turn: Rotation | None = None) -> Array:
+        """The law's force [N] at depths of the lowest point [m] straight down, world axes, shape [len(depths), 3].
+
+        In the attitude at a row, with the tool turned in its frame.
+        """
+        states = np.repeat(self.states[[row]], len(depths), axis=0)
+        if turn is not None:
+            states[:, QUATERNION] = (Rotation.from_quat(states[:, QUATERNION]) * turn).as_quat()
+        states[:, TWIST] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
+        states[:, STATE.index("pz")] -= self.tool.lowest_points(states)[0] + depths
+        return np.asarray(wrenches(self.tool.plates, law, states, threads=1)[:, FORCE])
 
 
 def moved_back(time: Array, readings: Array, delay: float) -> Array:
