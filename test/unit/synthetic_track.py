@@ -140,6 +140,22 @@ LOAD_CELL = LoadCell(
 )
 """A mounting, sign, bias and weight that a calibration has to deal with."""
 
+NOISE = (0.1, 0.002)
+"""Of a load cell [N], [N m]."""
+
+
+def recorded(
+    path, *, rate=100.0, zeta=0.8, length=1e-9, surface=0.0, force=None, tool=TOOL, cell=LOAD_CELL, noise=NOISE, seed=5
+):
+    """The track of a path, with noise; `force`: from the states to the grains' wrenches, if not those of the law."""
+    time, states = path.states(rate)
+    if force is None:
+        grains = grain_wrenches(time, states, law(zeta), surface=surface, length=length, tool=tool)
+    else:
+        grains = force(states)
+    readings = read_by(cell, states, grains, np.random.default_rng(seed), noise=noise)
+    return track_of(time, states, readings, tool=tool)
+
 
 def unknown(**given):
     """Parameters with the mounting of the load cell only."""

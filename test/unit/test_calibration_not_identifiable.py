@@ -20,6 +20,7 @@ from synthetic_track import (
     law,
     parameters,
     read_by,
+    recorded,
     track_of,
     unknown,
 )
@@ -28,17 +29,15 @@ from rft_ros.calibration.alpha_y import faces_of
 from rft_ros.calibration.calibrate import PARTS, calibrate
 from rft_ros.calibration.fitting import NotIdentifiable
 from rft_ros.errors import InputError
+from rft_ros.estimator import LoadCell
 from rft_ros.parameters import checked
 from rft_ros.rft.frames import Placement
 from rft_ros.tool import load_tool, locate_mesh
 
 
-def calibrated(path, *, values=None, length=1e-9, force=None, parts=PARTS, cell=LOAD_CELL, seed=5):
+def calibrated(path, *, values=None, parts=PARTS, **of_recording):
     """Calibrate to a recording of the path, with 0.1 N of noise."""
-    time, states = path.states()
-    grains = force(states) if force else grain_wrenches(time, states, law(0.8), surface=0.0, length=length)
-    readings = read_by(cell, states, grains, np.random.default_rng(seed), noise=(0.1, 0.002))
-    return calibrate([track_of(time, states, readings)], values or known(), parts=parts)
+    return calibrate([recorded(path, **of_recording)], values or known(), parts=parts)
 
 
 def fitted(result):
@@ -117,11 +116,9 @@ def test_a_recording_that_lacks_something_is_told_what_it_lacks(path, given, rea
 
 def test_a_mass_below_its_error_is_no_mass():
     """The readings in the air scatter by some newtons, as those of a cable that pulls."""
-    time, states = in_the_air().states()
-    pull = np.random.default_rng(4).normal(0.0, 4.0, (12, 3))[(time / 1.3).astype(int)]
-    readings = read_by(replace(LOAD_CELL, mass=0.04), states, np.zeros((len(time), 6)))
-    readings[:, :3] += pull
-    result = calibrate([track_of(time, states, readings)], unknown())
+    track = recorded(in_the_air(), cell=replace(LOAD_CELL, mass=0.04), noise=(0.0, 0.0))
+    track.readings[:, :3] += np.random.default_rng(4).normal(0.0, 4.0, (12, 3))[(track.time / 1.3).astype(int)]
+    result = calibrate([track], unknown())
     reason = r"the fitted mass is -?0\.\d+ ± 0\.[1-9]\d* kg \(R² -?0\.\d+\).*kept: 0 kg"
     assert re.search(reason, why(result, "sensor.mass"))
     assert "sensor.bias" in fitted(result)
@@ -183,22 +180,15 @@ def rubbing(friction):
 )
 def test_a_recording_that_no_arm_and_no_load_cell_gives_is_refused(change, sentence):
     """A dead cell gave a mass of 0 ± 1e-15 kg, millimetres a ζ of 1.3e-4, and friction a ζ of 0.70 ± 0.08 for 1."""
-    time, states = AIR_AND_GRAINS.states()
-    grains = grain_wrenches(time, states, law(0.8), surface=0.0)
-    readings = read_by(LOAD_CELL, states, grains, np.random.default_rng(1), noise=(0.1, 0.002))
-    change(states, readings)
+    track = recorded(AIR_AND_GRAINS)
+    change(track.states, track.readings)
     with pytest.raises(InputError, match=sentence):
-        calibrate([track_of(time, states, readings)], unknown())
+        calibrate([track], unknown())
 
 
 def test_the_calibrated_depth_is_that_of_a_penetration_with_zeta():
     """In the deeper one the load cell reads only bias, weight and noise. The plate is 6 mm thick."""
-    tracks = []
-    for depth, zeta in ((20.0, 0.8), (40.0, 1e-6)):
-        time, states = down(depth).states()
-        grains = grain_wrenches(time, states, law(zeta), surface=0.0)
-        readings = read_by(LOAD_CELL, states, grains, np.random.default_rng(5), noise=(0.1, 0.002))
-        tracks.append(track_of(time, states, readings))
+    tracks = [recorded(down(depth), zeta=zeta) for depth, zeta in ((20.0, 0.8), (40.0, 1e-6))]
     found = fitted(calibrate(tracks, known(), parts=("zeta",)))
     assert found["medium.calibrated_depth"] == pytest.approx((0.023,), abs=2e-4)
 
@@ -285,11 +275,10 @@ def test_the_bias_has_an_error_for_the_weight_that_the_poses_do_not_separate_fro
 def test_whatever_the_units_of_a_recording_are_it_is_refused_or_its_values_are_those_of_parameters(
     force, place, offset
 ):
-    time, states = down(30.0).wait(1.0).move((0.0, 0.0, 0.05), 0.01).states()
-    readings = 10.0**force * grain_wrenches(time, states, law(0.8), surface=0.0, length=0.003)
-    states[:, [0, 1, 2, 7, 8, 9]] *= 10.0**place
-    states[:, 2] += 10.0**offset
-    track = track_of(time, states, readings)
+    track = recorded(down(30.0).wait(1.0).move((0.0, 0.0, 0.05), 0.01), length=0.003, cell=LoadCell(), noise=(0.0, 0.0))
+    track.readings[:] *= 10.0**force
+    track.states[:, [0, 1, 2, 7, 8, 9]] *= 10.0**place
+    track.states[:, 2] += 10.0**offset
     with suppress(InputError):
         for fit in calibrate([track], parameters(medium__mobilization_length=0.003)).fitted:
             assert checked(fit.name, fit.values if len(fit.values) > 1 else fit.values[0]) is not None
@@ -297,26 +286,22 @@ def test_whatever_the_units_of_a_recording_are_it_is_refused_or_its_values_are_t
 
 def test_the_error_of_a_bias_is_no_smaller_than_what_the_resolution_of_the_load_cell_hides():
     """A cell that reads in steps of 0.5 N, whose noise is smaller, repeats one reading at rest: ± 3e-16 N."""
-    time, states = in_the_air().states()
-    readings = read_by(LOAD_CELL, states, np.zeros((len(states), 6)), np.random.default_rng(1), noise=(0.03, 0.001))
-    readings[:, :3] = 0.5 * np.round(readings[:, :3] / 0.5)
-    result = calibrate([track_of(time, states, readings)], unknown(), parts=("sensor",))
+    track = recorded(in_the_air(), noise=(0.03, 0.001), seed=1)
+    track.readings[:, :3] = 0.5 * np.round(track.readings[:, :3] / 0.5)
+    result = calibrate([track], unknown(), parts=("sensor",))
     (bias,) = (f for f in result.fitted if f.name == "sensor.bias")
     off = np.abs(np.subtract(bias.values, LOAD_CELL.bias))
     assert (off <= 3.0 * np.array(bias.errors)).all()
-    one_pose = calibrate([track_of(time[:300], states[:300], readings[:300])], unknown(), parts=("sensor",))
+    one_pose = calibrate([track.at(np.arange(300))], unknown(), parts=("sensor",))
     (bias,) = (f for f in one_pose.fitted if f.name == "sensor.bias")
     assert min(bias.errors[:3]) > 0.1
 
 
 def test_recordings_whose_transforms_place_the_load_cell_differently_are_refused():
-    time, states = in_the_air().states()
-    readings = read_by(LOAD_CELL, states, np.zeros((len(time), 6)))
+    track = recorded(in_the_air())
     at_cell = Placement(LOAD_CELL.position, LOAD_CELL.quaternion)
     turned = at_cell._replace(quaternion=(0.0, 0.0, 0.0, 1.0))
-    one, other = (
-        replace(track_of(time, states, readings, name=n), mount=m) for n, m in (("a", at_cell), ("b", turned))
-    )
+    one, other = (replace(track, name=name, mount=mount) for name, mount in (("a", at_cell), ("b", turned)))
     of_tf = unknown(sensor__frame_source="tf")
     calibrate([one, replace(one, name="c")], of_tf, parts=["sensor"])
     with pytest.raises(InputError) as refused:
@@ -328,32 +313,27 @@ PRESS_AND_LIFT = in_the_air().move((0.0, 0.0, -0.09), 0.01).wait(1.0).move((0.0,
 
 
 def pressed(rate):
-    """States and readings, with noise, of a tool that was tilted in the air, pressed into the grains and lifted."""
-    time, states = PRESS_AND_LIFT.states(rate)
-    grains = grain_wrenches(time, states, law(0.8), surface=0.0, length=0.003)
-    return time, states, read_by(LOAD_CELL, states, grains, np.random.default_rng(1), noise=(0.02, 0.0004))
+    """A tool that was tilted in the air, pressed into the grains and lifted."""
+    return recorded(PRESS_AND_LIFT, rate=rate, length=0.003, noise=(0.02, 0.0004), seed=1)
 
 
 def test_a_load_cell_that_is_clipped_is_said():
     """At half of the peak it gave a mass 40 % and a ζ 16 % too small, silently."""
-    time, states, readings = pressed(125.0)
-    zero = np.median(readings[-100:, :3], axis=0)
-    limit = 0.5 * np.abs(readings[:, :3] - zero).max()
-    clipped = np.hstack([np.clip(readings[:, :3], zero - limit, zero + limit), readings[:, 3:]])
-    assert any("saturation:" in warning for warning in warnings_on(time, states, clipped))
-    assert not any("saturation:" in warning for warning in warnings_on(time, states, readings))
+    track, values = pressed(125.0), known(medium__mobilization_length=0.003)
+    assert not any("saturation:" in warning for warning in calibrate([track], values).warnings)
+    forces = track.readings[:, :3]
+    zero = np.median(forces[-100:], axis=0)
+    limit = 0.5 * np.abs(forces - zero).max()
+    forces[:] = np.clip(forces, zero - limit, zero + limit)
+    assert any("saturation:" in warning for warning in calibrate([track], values).warnings)
 
 
 def test_poses_that_are_repeated_are_left_out_and_said():
     """A topic of 500 Hz with poses of 90 Hz gave a ζ of 1.18 for 1."""
-    time, states, readings = pressed(500.0)
-    repeated = states[np.arange(len(time)) // 5 * 5]
-    result = calibrate([track_of(time, repeated, readings)], known(medium__mobilization_length=0.003), parts=("zeta",))
+    track = pressed(500.0)
+    repeated = replace(track, states=track.states[np.arange(len(track.time)) // 5 * 5])
+    result = calibrate([repeated], known(medium__mobilization_length=0.003), parts=("zeta",))
     assert any("repeat" in warning for warning in result.warnings)
     (zeta,) = (f for f in result.fitted if f.name == "medium.zeta")
     assert abs(zeta.values[0] - 0.8) <= 3.0 * zeta.errors[0]
     assert zeta.errors[0] < 0.05
-
-
-def warnings_on(time, states, readings):
-    return calibrate([track_of(time, states, readings)], known(medium__mobilization_length=0.003)).warnings

@@ -7,6 +7,7 @@ from scipy.spatial.transform import Rotation
 from synthetic_track import (
     GENERIC,
     LOAD_CELL,
+    NOISE,
     Path,
     differenced,
     dragged,
@@ -27,7 +28,6 @@ from rft_ros.calibration.track import turns_in_grains
 from rft_ros.rft import agarwal2023, treers2021
 from rft_ros.tool import load_tool
 
-NOISE = (0.1, 0.002)
 UPRIGHT = Rotation.from_euler("x", 90, degrees=True)
 BETAS = (30.0, 50.0, 70.0, 90.0)
 SURFACE, ZETA, LENGTH = 0.0123, 0.8, 0.003
