@@ -15,6 +15,12 @@ from rft_ros.rft import POSITION, QUATERNION
 
 __all__ = ["OFFSET_SENTENCE", "AirReading", "PastPose", "drift", "is_offset", "mean_in_air"]
 
+Array = NDArray[np.float64]
+
+_FEWEST_FOR_TARE = 10
+_STRETCH = 0.25
+"""Time over which poses are averaged to see a drift [s]. It reduces 10 µm of pose noise at 125 Hz to 0.01 mm/s."""
+
 _READINGS = 64  # averaged at most; half as many are enough to judge the mean
 _LEAST = 0.2  # N: a smaller mean is noise, or a small error of the tool's weight
 _SHARE = 0.1  # of the force in the grains: a smaller mean matters little beside it
@@ -69,13 +75,6 @@ class AirReading:
     def issues(self) -> list[str]:
         """`OFFSET_SENTENCE` if the load cell reads a force in the air; otherwise nothing."""
         return [OFFSET_SENTENCE] if self.is_offset else []
-
-
-Array = NDArray[np.float64]
-
-_FEWEST_FOR_TARE = 10
-_STRETCH = 0.25
-"""Time over which poses are averaged to see a drift [s]. It reduces 10 µm of pose noise at 125 Hz to 0.01 mm/s."""
 
 
 class PastPose(NamedTuple):

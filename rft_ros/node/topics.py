@@ -11,7 +11,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rft_ros.errors import InputError
 from rft_ros.messages import TYPES, Role
 
-__all__ = ["start_ros"]
+__all__ = ["INPUTS", "OUTPUTS", "message_class", "start_ros", "transforms_come", "type_name", "type_on"]
 
 # Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream.
 _SENSOR_DATA = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
