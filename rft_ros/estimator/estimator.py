@@ -64,7 +64,7 @@ class Estimator:
         """The load cell of the settings. With `sensor_source` tf, at the place that the transforms give."""
         self.learning: Learning | None = None
         self._memory: Memory | None = None
-        self._comparison, self._air = Comparison(self.counts), AirReading()
+        self._comparison, self._air = Comparison(self.counts, self._learn), AirReading()
         self._intake = Intake(settings, self.counts, self._comparison)
         self.transforms = self._intake.transforms
         self._kinematics = Kinematics(settings, self._intake.twists, model.tool.plates.reach)
@@ -157,7 +157,6 @@ class Estimator:
             self._kinematics.use_settings(s)
             self._comparison.use(max_age=round(s.max_input_age * 1e9))
             self._place_sensor()
-        self._learn_readings()  # first: the readings so far belong to the old load cell and the old filter
         new_axes = (s.world_frame, s.tool_frame) != (old.world_frame, old.tool_frame)
         new_tool, new_ground = m.tool is not old_model.tool, m.ground is not old_model.ground
         if new_ground:
@@ -250,7 +249,6 @@ class Estimator:
                 self.counts[refused.reason] += 1
             if isinstance(one, TransformSample) and one.fixed and self.settings.sensor_source == "tf":
                 self._place_sensor()
-        self._learn_readings()
         return None
 
     def answers(self, sample: samples.Sample) -> Iterator[tuple[PoseSample, Answer]]:
@@ -273,7 +271,6 @@ class Estimator:
     def finish(self) -> None:
         """Call this after the last sample: it makes the measurements final that still wait for load-cell samples."""
         self._comparison.settle(math.inf)
-        self._learn_readings()
         self._follow_air(math.inf)
 
     def tare(self, window: float) -> Wrench:
@@ -311,7 +308,6 @@ class Estimator:
         Raises `RefusedError` with the reason if a step has no result.
         """
         pose = self._accepted(sample)
-        self._learn_readings()
         self._follow_air(pose.stamp)
         frame = self._load_cell_frame
         if frame is None:
@@ -331,8 +327,8 @@ class Estimator:
             # refused only here: a tare and the phases need the state, and late readings still update the filter
             raise RefusedError(Reason.AT_REST)
         wrench, offset, sigma = frame.into_sensor(state[QUATERNION], with_sigma)
+        # the reading at this pose may have come already; it decides flags
         self._comparison.add(Prediction(pose, wrench, offset, frame, in_air=not in_grains))
-        self._learn_readings()  # the reading at this pose may have come already; it decides flags
         learning = self.learning
         flags = self._quality.flags(
             motion, self.surface, self.settings, self._limits, force=force, in_grains=in_grains, depth=self.depth,
@@ -399,12 +395,11 @@ class Estimator:
         passing, apply = self._withdrawal.active or fast, self.settings.learning_mode == "apply"
         return self.learning.predict(motion.pose.stamp, row, step=motion.path, passing=passing, apply=apply)
 
-    def _learn_readings(self) -> None:
-        """Update the filter with the readings since the last call."""
-        for compared in self._comparison.compared():
-            self._of_air.append(compared)
-            if self.learning is not None:
-                self.learning.learn(compared.stamp, compared.force, repeated=compared.repeated)
+    def _learn(self, compared: Compared) -> None:
+        """Update the filter with a reading."""
+        self._of_air.append(compared)
+        if self.learning is not None:
+            self.learning.learn(compared.stamp, compared.force, repeated=compared.repeated)
 
     def _follow_air(self, now: float) -> None:
         """Update the air reading with the readings before which no late one can come any more. `now` [ns]: of a pose.

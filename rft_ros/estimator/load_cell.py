@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter, deque
+from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -151,15 +152,15 @@ class Comparison:
     The reading is interpolated linearly between those on both sides of the stamp, each within `max_age` [ns]. If no
     reading follows within that, the last one before the stamp is used. A prediction waits for a later reading until
     another input has a stamp that is later by `patience`: 1 s, or `max_age` if that is longer. `readings`: the intake
-    adds them. Reasons for predictions without a measurement are counted in `counts`.
+    adds them. Reasons for predictions without a measurement are counted in `counts`. `on_compared` is called with each
+    comparison, in the order of the estimates.
     """
 
-    def __init__(self, counts: Counter[Reason]) -> None:
+    def __init__(self, counts: Counter[Reason], on_compared: Callable[[Compared], None]) -> None:
         self.readings: Timeline[Reading] = Timeline(HISTORY)
-        self._counts = counts
+        self._counts, self._on_compared = counts, on_compared
         self._pending: deque[Prediction] = deque()
         self._final: list[Measurement] = []
-        self._compared: list[Compared] = []
         self._last_raw: Wrench | None = None
         self.use(max_age=0)
 
@@ -189,11 +190,6 @@ class Comparison:
         final, self._final = self._final, []
         return final
 
-    def compared(self) -> list[Compared]:
-        """What was measured since the last call of this, in the order of the estimates."""
-        new, self._compared = self._compared, []
-        return new
-
     def _measured(self, prediction: Prediction) -> Measurement:
         pose, cell = prediction.pose, prediction.cell
         before, after, share = self.readings.around(pose.stamp)
@@ -209,7 +205,7 @@ class Comparison:
         compensated = _difference(cell.sign, wrench, prediction.offset)
         fx, fy, fz, *_ = prediction.wrench
         force, size = cell.into_world(pose, compensated[:3]), math.hypot(fx, fy, fz)
-        self._compared.append(Compared(pose.stamp, force, size, repeated, prediction.in_air))
+        self._on_compared(Compared(pose.stamp, force, size, repeated, prediction.in_air))
         return Measurement(pose.stamp, compensated, _difference(1.0, compensated, prediction.wrench), None)
 
 
