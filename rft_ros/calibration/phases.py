@@ -55,6 +55,7 @@ _LOG_LENGTHS = np.linspace(np.log(SHORTEST), np.log(_LONGEST), 16)
 _DELAYS = np.linspace(-_LATEST, _LATEST, 26)
 """Values that are tried before the best ones are refined. From fewer λ a delay was 6 ms off, in a local minimum."""
 _VERTICAL = slice(2, 3)
+
 _AIR = 0.02  # height [m] up to which the force in the air is used: further up the load cell may have drifted
 _SHALLOW, _AT_LEAST = 0.25, 0.004
 """First contact is fitted to this share of the stroke's depth, but at least this depth [m]. Over the whole depth, a
@@ -90,30 +91,33 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class _Part:
-    """Some rows of a recording, which the model follows from `first`, with an empty memory, to `last`.
+    """Some rows of a recording, which the model follows from `first`, with an empty memory.
 
-    `approach`: rows before it, from the air on. `axes` of the force that are compared. `zeros`: each has a free zero.
-    `where`: in words.
+    `axes` of the force that are compared. `zeros`: each has a free zero. `approach`: rows before it, from the air on.
+    `ahead`: rows that the model follows beyond the last.
     """
 
     recording: Recorded
-    where: str
     first: int
-    last: int
     rows: Indices
     axes: slice
-    approach: Indices = field(default_factory=lambda: np.arange(0))
     zeros: bool = False
+    approach: Indices = field(default_factory=lambda: np.arange(0))
+    ahead: int = 0
+
+    def course(self, recording: Recorded, values: BedValues) -> Array:
+        """The model's force from `first` on, world axes [N], shape [m, 3]."""
+        return recording.predicted(values, self.first, int(self.rows[-1]) + self.ahead)
 
     def observed(self, recording: Recorded) -> Array:
         """The measured force, shape [n, axes] [N]."""
         return recording.forces[self.rows, self.axes]
 
     def columns(self, course: Array, values: BedValues) -> Array:
-        """Columns of the linear coefficients, shape [n, axes, 1 or more]; `course`: `Recorded.predicted`."""
+        """Columns of the linear coefficients, shape [n, axes, 1 or more], from the model's force."""
         if values.delay:
             time = self.recording.track.time
-            at, span = time[self.rows] - values.delay, time[self.first : self.last + 1]
+            at, span = time[self.rows] - values.delay, time[self.first : self.first + len(course)]
             force = np.column_stack([np.interp(at, span, axis) for axis in course.T])[:, self.axes]
         else:
             force = course[self.rows - self.first, self.axes]
@@ -167,10 +171,10 @@ class Phase:
 
     def change(self, recording: Recorded | None = None, **others: float) -> float:
         """Change of the value with another motion or force of the recording, and other values; to first order."""
-        recording, values = recording or self.part.recording, self.values._replace(**others)
-        course = recording.predicted(values, self.part.first, self.part.last)
-        modelled = self.part.columns(course, values) @ self.fit.coefficients[len(self.free) :]
-        return float(np.sum(self.fit.influence * (self.part.observed(recording) - modelled - self.fit.residuals)))
+        part, values = self.part, self.values._replace(**others)
+        recording = recording or part.recording
+        modelled = part.columns(part.course(recording, values), values) @ self.fit.coefficients[len(self.free) :]
+        return float(np.sum(self.fit.influence * (part.observed(recording) - modelled - self.fit.residuals)))
 
     def again(self, values: BedValues) -> "Phase":
         """The phase fitted again with other values; those that are free from the fitted ones on."""
@@ -182,12 +186,12 @@ def _fitted(part: _Part, values: BedValues, free: tuple[str, ...], starts: Seque
     """Fit the `free` values to a part, from the best of the `starts` on, or from `values`."""
     recording, observed = part.recording, part.observed(part.recording)
     if not free:
-        columns = part.columns(recording.predicted(values, part.first, part.last), values)
+        columns = part.columns(part.course(recording, values), values)
         return Phase(part=part, free=free, values=values, fit=fit_linear(columns, observed))
 
     @cache
     def course(values: BedValues) -> Array:
-        return recording.predicted(values, part.first, part.last)
+        return part.course(recording, values)
 
     def columns_of(parameters: Array) -> Array:
         at = values._replace(**dict(zip(free, parameters.tolist(), strict=True)))
@@ -256,24 +260,15 @@ def first_contact(recording: Recorded, rows: Indices, values: BedValues) -> Phas
     The model with memory begins to resist at the first pose below the surface. The fitted height therefore depends on
     where the surface lies between two poses, and the error includes the standard deviation of that place.
     """
-    first, last = int(rows[0]), int(rows[-1])
-    part = _Part(
-        recording=recording,
-        where=recording.track.name,
-        first=first,
-        last=last,
-        rows=rows,
-        axes=_VERTICAL,
-        zeros=True,
+    return _fitted(
+        _Part(recording=recording, first=int(rows[0]), rows=rows, axes=_VERTICAL, zeros=True), values, ("surface",)
     )
-    return _fitted(part, values, ("surface",))
 
 
 def turn_for_length(recording: Recorded, turn: Turn, values: BedValues) -> Phase:
     """Log λ [log m] of a turn. Raises NotIdentifiable if the turn does not determine it."""
     where = f"{recording.track.name}, {recording.track.time[turn.at]:.1f} s after its beginning"
-    rows = turn.rows
-    part = _Part(recording=recording, where=where, first=turn.first, last=int(rows[-1]), rows=rows, axes=FORCE)
+    part = _Part(recording=recording, first=turn.first, rows=turn.rows, axes=FORCE)
     if not part.observed(recording).any():
         raise NotIdentifiable(f"{where}: the load cell measures no force of the grains")
     found = _fitted(part, values, ("log_length", "lost_motion"), [(float(x), LOST_MOTION) for x in _LOG_LENGTHS])
@@ -308,9 +303,8 @@ def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Me
     where = f"{recording.track.name}, {time[turn.at]:.1f} s after its beginning"
     if len(rows) < FEWEST or np.diff(time[wide]).max() > GAP:
         raise NotIdentifiable(f"{where}: {len(rows)} samples around a turn; the delay needs {FEWEST} without a gap")
-    part = _Part(
-        recording=recording, where=where, first=turn.first, last=int(wide[-1]), rows=rows, axes=FORCE, zeros=True
-    )
+    ahead = int(wide[-1] - rows[-1])
+    part = _Part(recording=recording, first=turn.first, rows=rows, axes=FORCE, zeros=True, ahead=ahead)
     starts = [(float(delay), float(log_length)) for log_length in _LOG_LENGTHS for delay in _DELAYS]
     values = BedValues(surface, log_length=starts[0][1], lost_motion=LOST_MOTION)
     found = _fitted(part, values, ("delay", "log_length"), starts)
@@ -360,15 +354,7 @@ def way_down(recording: Recorded, stroke: Indices, values: BedValues) -> Phase:
         )
     rows = stroke[depths > 0.0]
     first = recording.before_contact(int(rows[0]), values.surface)
-    part = _Part(
-        recording=recording,
-        where=recording.track.name,
-        first=first,
-        last=int(rows[-1]),
-        rows=rows,
-        approach=stroke[depths <= 0.0],
-        axes=_VERTICAL,
-    )
+    part = _Part(recording=recording, first=first, rows=rows, axes=_VERTICAL, approach=stroke[depths <= 0.0])
     return _fitted(part, values, ())
 
 
@@ -376,12 +362,12 @@ def check_strength(way: Phase, shared_error: float) -> Phase:
     """The way down. Raises NotIdentifiable if ζ does not exceed its error, or if the forces do not correlate."""
     part, recording, error = way.part, way.part.recording, way.measurement(shared_error).error
     measured = recording.forces[part.rows]
-    modelled = recording.predicted(way.values, part.first, part.last)[part.rows - part.first]
+    modelled = part.course(recording, way.values)[part.rows - part.first]
     scale = float(np.linalg.norm(measured) * np.linalg.norm(modelled))
     alike = float(np.sum(measured * modelled)) / scale if scale > 0.0 else 0.0
     if not (way.value > error and alike > _ALIKE):
         raise NotIdentifiable(
-            f"{part.where}: the fitted ζ is {way.value:.3f} ± {error:.3f}, and measured and modelled force"
+            f"{recording.track.name}: the fitted ζ is {way.value:.3f} ± {error:.3f}, and measured and modelled force"
             f" correlate by {alike:.2f}; ζ must exceed its error and the correlation {_ALIKE:g}: check"
             " sensor.quaternion, sensor.sign, surface_height, sensor.bias and mesh.file, as rft doctor does"
         )
