@@ -103,9 +103,14 @@ class Evidence:
         return np.asarray(self.in_grains & (rising <= 0.5 * self.speed))
 
     @cached_property
+    def push(self) -> tuple[Array, Array]:
+        """Predicted force and measured one less that in the air, while the tool is pushed [N], shape [m, 3]."""
+        return self.predicted[self.pushed, FORCE], self.without_air(self.force)[self.pushed]
+
+    @cached_property
     def push_is_seen(self) -> bool:
         """Whether grains push the tool in the model and in the load cell."""
-        predicted, measured = self.predicted[self.pushed, :3], self.without_air(self.measured)[self.pushed, :3]
+        predicted, measured = self.push
         if len(predicted) < ENOUGH or np.abs(predicted).max() < LEAST_FORCE:
             return False
         alike = (predicted * measured).sum() > _SAME * np.sqrt((predicted**2).sum() * (measured**2).sum())
@@ -120,12 +125,6 @@ class Evidence:
     def velocity(self) -> Array:
         """Of the tool frame's origin [m/s], shape [n, 3]."""
         return _array(self.state[:, VELOCITY])
-
-    @property
-    def strength(self) -> float:
-        """Measured over predicted force, by least squares while the tool is pushed."""
-        p, m = self.predicted[self.pushed, :3], self.without_air(self.force)[self.pushed]
-        return float((p * m).sum() / max((p * p).sum(), 1e-12))
 
     @property
     def place_parameter(self) -> str:

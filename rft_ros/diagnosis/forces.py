@@ -9,7 +9,7 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Array, Evidence, Finding, listed
 from rft_ros.estimator.tare import is_offset
-from rft_ros.rft import FORCE
+from rft_ros.rft import FORCE, TORQUE
 from rft_ros.rft.frames import Placement
 
 __all__ = ["axes", "lever", "mount", "push", "saturation", "strength", "unit_of_torque", "zero", "zero_that_moves"]
@@ -60,7 +60,8 @@ def zero_that_moves(e: Evidence) -> Iterator[Finding]:
     main = main if main[2] >= 0.0 else -main  # up
     way = np.where(e.speed[rows] > e.settings.rest_speed, np.sign(np.round(velocity @ main, 6)), 0.0)
     groups = {name: way == side for name, side in (("at rest", 0.0), ("one way", -1.0), ("back", 1.0))}
-    if sum(int(group.sum() >= ENOUGH) for group in groups.values()) < 2:
+    groups = {name: group for name, group in groups.items() if group.sum() >= ENOUGH}
+    if len(groups) < 2:
         return
     down = e.to_cell[rows].apply((0.0, 0.0, -1.0))
     known = np.column_stack([np.ones_like(time), time, down])
@@ -71,14 +72,10 @@ def zero_that_moves(e: Evidence) -> Iterator[Finding]:
     friction, spread = float(np.linalg.norm(of_motion)), float(np.sqrt((rest**2).sum(axis=1).mean()))
     greatest = float(np.linalg.norm(e.predicted[:, FORCE], axis=1).max(initial=0.0))
     explains = (rest**2).sum() < 0.6 * (without**2).sum() and spread < friction
-    levels = [force[group].mean(axis=0) for group in groups.values() if group.sum() >= ENOUGH]
     if not explains or not is_offset(friction, greatest, share=0.03):
         return
-    axis = of_motion / friction
-    shown = ", ".join(
-        f"{level @ axis:.3g} N {name}"
-        for level, name in zip(levels, [n for n, g in groups.items() if g.sum() >= ENOUGH], strict=True)
-    )
+    levels = {name: float(force[group].mean(axis=0) @ of_motion) / friction for name, group in groups.items()}
+    shown = ", ".join(f"{level:.3g} N {name}" for name, level in levels.items())
     advice = "use a load cell at the tool, or free the seal; a tare cannot remove it, and calibrate would trust it"
     yield Finding(False, f"zero that moves: the reading in the air depends on the motion: {shown}; {advice}")
 
@@ -148,7 +145,7 @@ def axes(e: Evidence) -> Iterator[Finding]:
     The reading may be fixed to the cell, with another sign or turned, or fixed to the world. What explains
     the force nearly as well as the best is named, too.
     """
-    predicted = e.predicted[e.pushed, :3]
+    predicted, measured = e.push
     carried = np.sqrt((predicted**2).mean(axis=0))
     judged = (carried >= _CARRIES * carried.max()) & (np.abs(predicted).max(axis=0) >= LEAST_FORCE)
 
@@ -162,7 +159,6 @@ def axes(e: Evidence) -> Iterator[Finding]:
         shared = max(float((predicted * force).sum()), 0.0)
         return 1.0 - shared**2 / max(float((predicted**2).sum() * (force**2).sum()), 1e-12)
 
-    measured = e.without_air(e.force)[e.pushed]
     own, of_world = misfit(measured), _of_world(e)
     agrees = (alike(measured) >= _ALIKE).all()
     shown = ", ".join(f"{n} {r:.2f}" for n, r in zip(np.array([*"xyz"])[judged], alike(measured), strict=True))
@@ -196,17 +192,16 @@ def _of_world(e: Evidence) -> _Axes:
 
 
 def _signs(e: Evidence) -> Iterator[_Axes]:
-    yield _Axes("sign", -e.without_air(e.force)[e.pushed], f"set sensor.sign: {-e.load_cell.sign:g}")
+    yield _Axes("sign", -e.push[1], f"set sensor.sign: {-e.load_cell.sign:g}")
 
 
 def _turns(e: Evidence) -> Iterator[_Axes]:
     """As if the cell were turned, by multiples of 90 degrees; the smallest turns first."""
-    measured = e.without_air(e.force)[e.pushed]
     to_set = f"correct {e.place_parameter} to a quaternion" if e.place_parameter else "set sensor.quaternion"
     for turn in sorted(_TURNS, key=lambda turn: float(turn.magnitude()))[1:]:
         turned = listed((Rotation.from_quat(e.load_cell.quaternion) * turn).as_quat())
         by = f"as if the cell were turned by {np.degrees(turn.magnitude()):.0f} degrees"
-        yield _Axes("turn", turn.apply(measured), f"{to_set}, such as {turned}, {by}")
+        yield _Axes("turn", turn.apply(e.push[1]), f"{to_set}, such as {turned}, {by}")
 
 
 def _torques(e: Evidence) -> tuple[Array, Array] | None:
@@ -216,11 +211,11 @@ def _torques(e: Evidence) -> tuple[Array, Array] | None:
     """
     if (~e.in_grains).sum() < ENOUGH or not np.any(e.measured[:, 3:] != e.measured[:1, 3:]):
         return None
-    model, torque = e.predicted[e.pushed, :3], e.predicted[e.pushed, 3:]
+    (model, force), torque = e.push, e.predicted[e.pushed, TORQUE]
     tool = np.array(Placement(e.load_cell.position, e.load_cell.quaternion).inverse().position)
     about_tool, square = torque - np.cross(tool, model), np.maximum((model**2).sum(axis=1, keepdims=True), 1e-12)
     place = tool + np.cross(model, about_tool) / square
-    return e.without_air(e.measured[:, 3:])[e.pushed], np.cross(place, e.without_air(e.force)[e.pushed])
+    return e.without_air(e.measured[:, 3:])[e.pushed], np.cross(place, force)
 
 
 def unit_of_torque(e: Evidence) -> Iterator[Finding]:
@@ -243,7 +238,7 @@ def lever(e: Evidence) -> Iterator[Finding]:
     if (both := _torques(e)) is None:
         return
     measured, expected = both
-    force, down = e.without_air(e.force)[e.pushed], e.to_cell[e.pushed].apply((0.0, 0.0, -1.0))
+    force, down = e.push[1], e.to_cell[e.pushed].apply((0.0, 0.0, -1.0))
     of_shift, of_weight = _cross(force).reshape(-1, 3), _cross(down).reshape(-1, 3)
     rest, of_shift = (
         part - of_weight @ np.linalg.lstsq(of_weight, part, rcond=None)[0]
@@ -275,7 +270,8 @@ def strength(e: Evidence) -> Iterator[Finding]:
     """Measured over predicted force; far from 1 it comes from a unit, a scale or the medium."""
     if not e.push_is_seen:
         return
-    ratio, advice = e.strength, ""
+    p, m = e.push
+    ratio, advice = float((p * m).sum() / max((p * p).sum(), 1e-12)), ""
     ok = _WEAKEST <= ratio <= _STRONGEST
     if not ok:
         unit = min(_UNITS, key=lambda name: abs(np.log(max(ratio, 1e-9) * _UNITS[name])))

@@ -69,7 +69,7 @@ def residual(columns, wanted):
 def test_what_is_fitted_to_each_trial(calibrated):
     """λ has errors of 3.1 and 3.0 mm, since the measured decay is straighter than the model's."""
     found = []
-    for trial, zeta, length, bias in ((2, 1.159, 5.8e-3, 1.84), (3, 1.009, 4.6e-3, 1.80)):
+    for trial, zeta, length, bias in ((2, 1.159, 5.8e-3, 1.84), (3, 1.015, 4.9e-3, 1.81)):
         values, made = read_parameter_file(calibrated[trial]), record(calibrated[trial])
         assert values["medium.zeta"] == pytest.approx(zeta, abs=0.01)
         assert values["medium.calibrated_depth"] == pytest.approx(0.0506, abs=2e-4)
@@ -77,7 +77,7 @@ def test_what_is_fitted_to_each_trial(calibrated):
         assert any(line.startswith("sensor.mass: gravity turns by 0.0°") for line in made["not_identifiable"])
         assert [line.partition("T")[0] for line in made["bags"]] == [f"abb_plate_{trial} (2021-05-25"]
         fit = made["fitted"]["medium_mobilization_length"]
-        assert fit["value"] == [pytest.approx(length, abs=3e-4)]
+        assert fit["value"] == [pytest.approx(length, abs=2e-4)]
         assert fit["standard_error"][0] < 0.0035
         found.append((*fit["value"], *fit["standard_error"]))
     (one, error), (other, error_of_other) = found
