@@ -12,7 +12,6 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
-from scipy.signal import lfilter
 
 from rft_ros.errors import InputError
 from rft_ros.parameters import checked, defaults
@@ -193,56 +192,34 @@ def fit_curve(
     return max(found, fit(wide), key=lambda fit: fit.error) if (wide > one).any() else found
 
 
-def _correlation(noise: Array) -> float:
-    """Correlation of successive samples of noise, shape [n]."""
-    power = float(noise @ noise)
-    return float(noise[1:] @ noise[:-1]) / power if power > 0.0 else 0.0
+def _correlation(noise: Array) -> Array:
+    """Correlation of successive samples, shape [n, axes], along each axis."""
+    return np.asarray((noise[1:] * noise[:-1]).sum(axis=0) / np.maximum((noise**2).sum(axis=0), 1e-300))
 
 
 def _deviation(residuals: Array, free: int) -> float:
     """Standard deviation of a sample, with the correlation of the `residuals`, shape [n, axes], counted in."""
-    n, axes = residuals.shape
-    total = 0.0
-    for noise in residuals.T:
-        rho = float(np.clip(_correlation(noise), -0.5, _MOST_ALIKE))
-        total += float(noise @ noise) / max(n - free, 1) * (1.0 + rho) / (1.0 - rho)
-    return float(max(total / axes, 1e-300) ** 0.5)
+    rho = np.clip(_correlation(residuals), -0.5, _MOST_ALIKE)
+    variances = (residuals**2).sum(axis=0) / max(len(residuals) - free, 1) * (1.0 + rho) / (1.0 - rho)
+    return float(np.sqrt(max(variances.mean(), 1e-300)))
 
 
 def _error(influence: Array, residuals: Array, free: int) -> float:
-    """Standard error of the sum of `influence` times the noise, both of shape [n, axes]: the greater of two estimates.
+    """Standard error of the sum of `influence` times the noise, both of shape [n, axes].
 
-    One takes the residuals as a stationary process. The other takes each residual at its own moment, such as at a
-    corner. `free`: the number of coefficients.
+    By Newey and West (Econometrica 55, 1987), where each residual counts at its own moment, such as at a corner, on
+    scores whitened by the residuals' lag-one correlation (Andrews, 60, 1992): else errors from a few hundred samples
+    are a third too small. `free`: the number of coefficients.
     """
-    pairs = zip(influence.T, residuals.T, strict=True)
-    variances = [(_stationary(own, noise, free), _at_its_moment(own, noise, free)) for own, noise in pairs]
-    return float(np.sum(variances, axis=0).max() ** 0.5)
-
-
-def _stationary(influence: Array, noise: Array, free: int) -> float:
-    """Variance of the sum: noise of first order with the variance and correlation of the residuals."""
-    rho = float(np.clip(_correlation(noise), -0.5, _MOST_ALIKE))
-    before = lfilter([1.0], [1.0, -rho], influence)
-    after = lfilter([1.0], [1.0, -rho], influence[::-1])[::-1]
-    return float(noise @ noise / max(len(noise) - free, 1) * (influence @ (before + after - influence)))
-
-
-def _at_its_moment(influence: Array, noise: Array, free: int) -> float:
-    """Variance of the sum by Newey and West (Econometrica 55, 1987).
-
-    On scores whitened by the residuals' lag-one correlation (Andrews, 60, 1992): else errors from a few hundred samples
-    are a third too small.
-    """
-    n = len(noise)
-    rho = float(np.clip(_correlation(noise - noise.mean()), -0.97, 0.97))  # at 1 the variance of a mean is unbounded
-    scores = influence * noise
-    scores = scores[1:] - rho * scores[:-1]
+    n, scores = len(residuals), influence * residuals
+    rho = np.clip(_correlation(residuals - residuals.mean(axis=0)), -0.97, 0.97)  # at 1 a mean has no bounded variance
+    scores = (scores[1:] - rho * scores[:-1]) / (1.0 - rho)
     lags = int(4.0 * (n / 100.0) ** (2.0 / 9.0))
-    kernel = 1.0 - np.arange(1, lags + 1) / (lags + 1.0)
-    total = scores @ scores + 2.0 * sum(k * (scores[lag:] @ scores[:-lag]) for lag, k in enumerate(kernel, start=1))
+    total = np.sum(scores**2)
+    for lag in range(1, lags + 1):
+        total += 2.0 * (1.0 - lag / (lags + 1.0)) * np.sum(scores[lag:] * scores[:-lag])
     # the coefficients and the kernel's width reduce the degrees of freedom
-    return float(total / (1.0 - rho) ** 2 * n / max(n - free - lags, 1))
+    return float(np.sqrt(total * n / max(n - free - lags, 1)))
 
 
 class Estimates(NamedTuple):
