@@ -14,7 +14,7 @@ demo: $(DEMO)
 	$(BIN)/rft demo -o out/demo
 
 test: venv lint
-	$(BIN)/python -m pytest test -n $$(nproc) --dist worksteal -q
+	$(BIN)/python -m pytest test -n $$((2 * $$(nproc))) --dist worksteal -q
 
 lint: venv
 	$(BIN)/ruff check .

@@ -135,9 +135,12 @@ class _Cache(NullCache):
                 if not _is_safe(file.parent):
                     continue
                 part = file.with_suffix(f".{os.getpid()}.part")
-                part.write_bytes(_digest(content).encode() + b"\n" + content)
-                part.chmod(0o644)  # whatever the umask: a file that a group may write is not loaded
-                part.replace(file)
+                try:
+                    part.write_bytes(_digest(content).encode() + b"\n" + content)
+                    part.chmod(0o644)  # whatever the umask: a file that a group may write is not loaded
+                    part.replace(file)
+                finally:
+                    part.unlink(missing_ok=True)  # as where the disk is full
                 for other in file.parent.glob(f"{self._name}.*.nbc"):
                     if f".{_sources(self._source)}." not in other.name:
                         other.unlink(missing_ok=True)
