@@ -9,7 +9,7 @@ import numpy as np
 from rft_ros.calibration.alpha_y import AlphaYFit, AlphaYModel, fit_alpha_y, plate_runs
 from rft_ros.calibration.fitting import FitResults, NotIdentifiable
 from rft_ros.calibration.grains import fit_grains
-from rft_ros.calibration.phases import LOST_MOTION, Contact, find_contacts, fit_delay
+from rft_ros.calibration.phases import Contact, find_contacts, fit_delay
 from rft_ros.calibration.recorded import BedValues, recorded
 from rft_ros.calibration.suspicion import refuse_implausible, suspicions, without_repeats
 from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight
@@ -69,7 +69,7 @@ def calibrate(
     for as_sent, track in zip(sent, tracks, strict=True):
         result.warnings += suspicions(as_sent, track, settings, sensor.cell, with_memory, surface=height)
     length = float(values["medium.mobilization_length"])
-    given = BedValues(settings.surface_height, math.log(length) if length > 0.0 else -math.inf, LOST_MOTION)
+    given = BedValues(settings.surface_height, math.log(length) if length > 0.0 else -math.inf)
     recordings = [
         recorded(_without_inertia(track, sensor.cell, inertial, law, height), sensor.cell, law, surface=air)
         for track in tracks

@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 _MOST_STEPS = 12  # of least squares
 _CONVERGED = 1e-4  # relative change of the squares or the parameters at which least squares end
 _WIDEST = 0.1  # greatest step for derivatives, relative to the range of a parameter
-_MOST_ALIKE = 0.999  # greatest correlation of successive samples of noise
+_MOST_ALIKE = 0.97  # greatest correlation of successive samples of noise; at 1 the variance of a mean is unbounded
 
 _Result = TypeVar("_Result")
 
@@ -114,13 +114,11 @@ class Fit(NamedTuple):
 
 
 class Parameter(NamedTuple):
-    """A parameter of a curve, in its unit: the change for derivatives, the limits, and what is expected of it."""
+    """A parameter of a curve, in its unit: the change for derivatives, and the limits."""
 
     step: float
     low: float
     high: float
-    expected: float = 0.0
-    expected_error: float = np.inf
 
 
 def _linear(columns: Array, observed: Array) -> tuple[Array, Array]:
@@ -147,8 +145,8 @@ def fit_curve(
     Analysis 10, 1973).
     """
     # in units of the steps: in those of the parameters a weak one would be dropped, and its error be 0
-    step, low, high, expected, unsure = np.array(parameters).T
-    low, high, expected, unsure = low / step, high / step, expected / step, unsure / step
+    step, low, high = np.array(parameters).T
+    low, high = low / step, high / step
     linear_at = cache(lambda *scaled: _linear(columns(np.array(scaled) * step), observed))
     start = min((start / step for start in starts), key=lambda start: float(np.sum(linear_at(*start)[1] ** 2)))
     one, free = np.ones(len(step)), len(step) + len(linear_at(*start)[0])
@@ -161,47 +159,21 @@ def fit_curve(
         moved = [[np.where(own, end, at) for end in (after, before)] for own in np.eye(len(at), dtype=np.bool_)]
         return np.stack([misfit(above) - misfit(below) for above, below in moved], axis=1) / (after - before)
 
-    def solved(start: Array) -> Array:
-        """From `start` on. What is expected of a parameter counts as one more measurement, with the noise there."""
-        weights = _deviation(linear_at(*start)[1], free) / unsure
+    def slopes_of(at: Array) -> Array:
+        return slopes(at, np.where(at + one > high, -one, one), 0.0 * one)
 
-        def residuals_of(at: Array) -> Array:
-            return np.append(misfit(at), weights * (at - expected))
-
-        def slopes_of(at: Array) -> Array:
-            return np.vstack([slopes(at, np.where(at + one > high, -one, one), 0.0 * one), np.diag(weights)])
-
-        limits: dict[str, Any] = {"ftol": _CONVERGED, "xtol": _CONVERGED, "max_nfev": _MOST_STEPS}
-        return least_squares(residuals_of, start, slopes_of, (low, high), "dogbox", **limits).x
-
-    at = solved(np.clip(start, low, high))
-    if np.isfinite(unsure).any():
-        at = solved(at)
+    limits: dict[str, Any] = {"ftol": _CONVERGED, "xtol": _CONVERGED, "max_nfev": _MOST_STEPS}
+    at = least_squares(misfit, np.clip(start, low, high), slopes_of, (low, high), "dogbox", **limits).x
     linear, residuals = linear_at(*at)
-    deviation = _deviation(residuals, free)
 
     def fit(width: Array) -> Fit:
-        inverse = np.linalg.pinv(np.vstack([slopes(at, width, width), np.diag(deviation / unsure)]))[0] * step[0]
-        influence, of_expected = inverse[: observed.size].reshape(observed.shape), inverse[observed.size :]
-        error = float(np.hypot(_error(influence, residuals, free), deviation * np.linalg.norm(of_expected)))
-        return Fit(np.append(at * step, linear), error, residuals, influence)
+        influence = (np.linalg.pinv(slopes(at, width, width))[0] * step[0]).reshape(observed.shape)
+        return Fit(np.append(at * step, linear), _error(influence, residuals, free), residuals, influence)
 
     found = fit(one)
     # With memory the curve is not smooth. The standard error needs the slope over a step as wide as itself.
     wide = np.clip(found.error / step[0], one, np.maximum(one, _WIDEST * (high - low)))
     return max(found, fit(wide), key=lambda fit: fit.error) if (wide > one).any() else found
-
-
-def _correlation(noise: Array) -> Array:
-    """Correlation of successive samples, shape [n, axes], along each axis."""
-    return np.asarray((noise[1:] * noise[:-1]).sum(axis=0) / np.maximum((noise**2).sum(axis=0), 1e-300))
-
-
-def _deviation(residuals: Array, free: int) -> float:
-    """Standard deviation of a sample, with the correlation of the `residuals`, shape [n, axes], counted in."""
-    rho = np.clip(_correlation(residuals), -0.5, _MOST_ALIKE)
-    variances = (residuals**2).sum(axis=0) / max(len(residuals) - free, 1) * (1.0 + rho) / (1.0 - rho)
-    return float(np.sqrt(max(variances.mean(), 1e-300)))
 
 
 def _error(influence: Array, residuals: Array, free: int) -> float:
@@ -212,7 +184,9 @@ def _error(influence: Array, residuals: Array, free: int) -> float:
     are a third too small. `free`: the number of coefficients.
     """
     n, scores = len(residuals), influence * residuals
-    rho = np.clip(_correlation(residuals - residuals.mean(axis=0)), -0.97, 0.97)  # at 1 a mean has no bounded variance
+    noise = residuals - residuals.mean(axis=0)
+    rho = (noise[1:] * noise[:-1]).sum(axis=0) / np.maximum((noise**2).sum(axis=0), 1e-300)
+    rho = np.clip(rho, -_MOST_ALIKE, _MOST_ALIKE)
     scores = (scores[1:] - rho * scores[:-1]) / (1.0 - rho)
     lags = int(4.0 * (n / 100.0) ** (2.0 / 9.0))
     total = np.sum(scores**2)

@@ -3,7 +3,7 @@
 | phase | determines | free besides |
 |---|---|---|
 | first contact of a way straight down | surface height | scale and zero of the vertical force |
-| turn: a reversal, another change of direction, a start from rest | λ and the lost motion | scale of the force |
+| turn: a reversal, another change of direction, a start from rest | λ | scale of the force |
 | the same with the moments at rest around it | delay of the load cell | λ, scale, zero of each axis |
 | whole way straight down | ζ (Treers et al. 2021, IV) | nothing |
 
@@ -37,7 +37,7 @@ from rft_ros.calibration.track import FEWEST, Indices, Track, Turn, down_strokes
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import FORCE, Law
 
-__all__ = ["LOST_MOTION", "SHORTEST", "Contact", "Phase", "TooShortToResolve", "check_strength", "find_contacts"]
+__all__ = ["SHORTEST", "Contact", "Phase", "TooShortToResolve", "check_strength", "find_contacts"]
 __all__ += ["first_contact", "fit_delay", "turn_for_length", "way_down"]
 
 Array = NDArray[np.float64]
@@ -45,11 +45,6 @@ Array = NDArray[np.float64]
 SHORTEST, _LONGEST = 1e-4, 0.1
 """Range of λ that is searched [m]."""
 
-LOST_MOTION = 5e-6
-"""Path [m] that an arm loses when it turns back, by backlash or in the dead band of noisy poses, before any fit."""
-
-_LOST_MOTION_ERROR, _MOST_LOST = 5e-6, 2e-4  # m: standard deviation before any fit, and greatest lost motion
-_LEFT_AT_CORNERS = 0.5  # share of the noise of a pose that is left at corners after smoothing
 _LATEST = 0.25  # greatest delay that is searched, to both sides [s]
 _LOG_LENGTHS = np.linspace(np.log(SHORTEST), np.log(_LONGEST), 16)
 _DELAYS = np.linspace(-_LATEST, _LATEST, 26)
@@ -198,11 +193,9 @@ def _fitted(part: _Part, values: BedValues, free: tuple[str, ...], starts: Seque
         return part.columns(course(at._replace(delay=0.0)), at)
 
     heights = recording.heights[part.rows]
-    lost_motion_error = float(np.hypot(_LOST_MOTION_ERROR, _LEFT_AT_CORNERS * recording.noise()))
     parameters = {
         "surface": Parameter(2e-5, float(heights.min()), float(heights.max())),
         "log_length": Parameter(0.03, float(np.log(SHORTEST)), float(np.log(_LONGEST))),
-        "lost_motion": Parameter(1e-6, 0.0, _MOST_LOST, LOST_MOTION, lost_motion_error),
         "delay": Parameter(5e-4, -_LATEST, _LATEST),
     }
     given = starts or [tuple(getattr(values, name) for name in free)]
@@ -271,7 +264,7 @@ def turn_for_length(recording: Recorded, turn: Turn, values: BedValues) -> Phase
     part = _Part(recording=recording, first=turn.first, rows=turn.rows, axes=FORCE)
     if not part.observed(recording).any():
         raise NotIdentifiable(f"{where}: the load cell measures no force of the grains")
-    found = _fitted(part, values, ("log_length", "lost_motion"), [(float(x), LOST_MOTION) for x in _LOG_LENGTHS])
+    found = _fitted(part, values, ("log_length",), [(float(x),) for x in _LOG_LENGTHS])
     length, misfit = float(np.exp(found.value)), found.misfit
     if found.value < np.log(SHORTEST) + 0.02 * np.log(_LONGEST / SHORTEST):
         raise TooShortToResolve(
@@ -306,7 +299,7 @@ def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Me
     ahead = int(wide[-1] - rows[-1])
     part = _Part(recording=recording, first=turn.first, rows=rows, axes=FORCE, zeros=True, ahead=ahead)
     starts = [(float(delay), float(log_length)) for log_length in _LOG_LENGTHS for delay in _DELAYS]
-    values = BedValues(surface, log_length=starts[0][1], lost_motion=LOST_MOTION)
+    values = BedValues(surface, log_length=starts[0][1])
     found = _fitted(part, values, ("delay", "log_length"), starts)
     between_poses = float(np.median(np.diff(time[rows]))) / 12.0**0.5  # where the turn lies
     error = float(np.linalg.norm([found.error, _DELAY_RESOLUTION, between_poses, found.by_force(recording.friction)]))

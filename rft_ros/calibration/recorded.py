@@ -6,7 +6,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.smoothing import GAP, FineMotion, fine_motion, noise_of_poses, shaken_states, smoothed_states
+from rft_ros.calibration.smoothing import GAP, FineMotion, fine_motion, shaken_states, smoothed_states
 from rft_ros.calibration.track import Track, moved_back
 from rft_ros.estimator import LoadCell
 from rft_ros.rft import FORCE, Law, Memory, wrenches, wrenches_in_time
@@ -16,19 +16,19 @@ __all__ = ["BedValues", "Recorded", "recorded"]
 
 Array = NDArray[np.float64]
 
+_LOST_MOTION = 5e-6  # m: path that an arm loses when it turns back, by backlash or in the dead band of noisy poses
 _CLEAR = 0.001  # m: at this height above the surface the memory is empty, despite noise of the poses
 
 
 class BedValues(NamedTuple):
     """Values of the model that all fits use; those that a phase of a recording determines are fitted to it.
 
-    Surface height [m]; natural logarithm of λ [m], -inf without memory; lost motion of the arm at a turn [m]; delay of
-    the load cell [s], on top of the one that the recording was read with.
+    Surface height [m]; natural logarithm of λ [m], -inf without memory; delay of the load
+    cell [s], on top of the one that the recording was read with.
     """
 
     surface: float
     log_length: float
-    lost_motion: float
     delay: float = 0.0
 
     @property
@@ -70,14 +70,9 @@ class Recorded:
         law = replace(self.law, mobilization_length=values.length)
         _, states, at = self.motion
         rows = at[first : last + 1]
-        memory = Memory(plates, slack=values.lost_motion)
+        memory = Memory(plates, slack=_LOST_MOTION)
         found = wrenches_in_time(plates, law, states[rows[0] : rows[-1] + 1], memory, surface_height=values.surface)
         return np.asarray(found[rows - rows[0], FORCE])
-
-    def noise(self) -> float:
-        """Standard deviation of one coordinate of the tool's fastest point [m]; 0 where the poses have no noise."""
-        track = self.track
-        return noise_of_poses(track.time, track.states, reach=track.tool.plates.reach)
 
     def measured(self, track: Track, cell: LoadCell) -> "Recorded":
         """The recording with other readings or another load cell, and the same motion."""

@@ -15,7 +15,7 @@ from scipy.ndimage import correlate1d
 
 from rft_ros.rft.frames import POSE, POSITION, QUATERNION, TWIST, VELOCITY
 
-__all__ = ["GAP", "FineMotion", "fine_motion", "noise_of_poses", "shaken_states", "smoothed_states"]
+__all__ = ["GAP", "FineMotion", "fine_motion", "shaken_states", "smoothed_states"]
 
 Array = NDArray[np.float64]
 
@@ -121,18 +121,6 @@ def _longest_lines(time: Array, places: Array, noise: Array) -> _Line:
                 kept[better] = new[better]
             count = max(count + 1, round(_GROWTH * count))
     return best
-
-
-def noise_of_poses(time: Array, states: Array, *, reach: float) -> float:
-    """Standard deviation of one coordinate of a point at `reach` [m] from the tool frame's origin [m].
-
-    It is 0 if the noise is rounding.
-    """
-    noise = [noise for *_, noise in _parts(time, states)]
-    typical = np.median(noise, axis=0) if noise else np.zeros(QUATERNION.stop)
-    if typical.max() <= _QUIET:
-        return 0.0
-    return float(np.hypot(typical[0], 2.0 * reach * typical[-1]))
 
 
 def shaken_states(time: Array, states: Array, *, times: float, rng: np.random.Generator) -> Array | None:
