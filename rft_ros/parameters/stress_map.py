@@ -6,7 +6,7 @@ of them open: there the generic medium fills in, scaled by the ζ that fits the 
 
 import itertools
 from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -29,27 +29,21 @@ _WORST = 3  # cells that a doubt lists
 _WEAKEST, _STRONGEST = 0.05, 5.0  # ζ of the generic medium; beyond, the stresses are probably in another unit
 
 
-class _Angle(NamedTuple):
-    """An angle of Eq. (3): `first` + `sign` · the map's angle in another convention, which `change` names in words."""
-
-    first: float
-    sign: float
-    change: str
-
-
 _RIGHT = 0.5 * np.pi
-_BETAS = (
-    _Angle(0.0, 1.0, ""),
-    _Angle(0.0, -1.0, "beta negated"),
-    _Angle(_RIGHT, -1.0, "90° - beta as beta"),
-    _Angle(_RIGHT, 1.0, "90° + beta as beta"),
-)
-_GAMMAS = (
-    _Angle(0.0, 1.0, ""),
-    _Angle(0.0, -1.0, "gamma negated"),
-    _Angle(_RIGHT, -1.0, "90° - gamma as gamma"),
-    _Angle(-_RIGHT, 1.0, "gamma - 90° as gamma"),
-)
+_SIGNS = (1.0, -1.0)
+_BETAS = {
+    "": (0.0, 1.0),
+    "beta negated": (0.0, -1.0),
+    "90° - beta as beta": (_RIGHT, -1.0),
+    "90° + beta as beta": (_RIGHT, 1.0),
+}
+"""For each change of convention: β of Eq. (3) is `first` + `sign` · the map's β."""
+_GAMMAS = {
+    "": (0.0, 1.0),
+    "gamma negated": (0.0, -1.0),
+    "90° - gamma as gamma": (_RIGHT, -1.0),
+    "gamma - 90° as gamma": (-_RIGHT, 1.0),
+}
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -98,7 +92,7 @@ class _OneStress(NamedTuple):
 
     coefficients: Array
     errors: Array
-    open: tuple[tuple[str, ...], ...]
+    open: list[tuple[str, ...]]
 
 
 def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
@@ -168,7 +162,7 @@ def _scaled(zeta: float) -> Medium:
 
 def _fitted(measured: StressMap, name: str) -> tuple[Medium | None, list[_OneStress], float]:
     """The medium, the parts of its fit and ζ of the generic medium; no medium where there is no stress to fit."""
-    zeta = _zeta(MEDIA["generic"], measured)
+    zeta = _zeta(*_both(MEDIA["generic"], measured))
     start = _scaled(zeta)
     of_z, of_x = stress_terms(measured.beta, measured.gamma)
     parts = [
@@ -188,7 +182,7 @@ def _fit(names: tuple[str, ...], terms: Array, stress: Array, start: Medium) -> 
     first = np.array([getattr(start, name) for name in names])
     unknown = np.full(len(names), np.nan)
     if len(stress) == 0:
-        return _OneStress(first, unknown, tuple((name,) for name in names))
+        return _OneStress(first, unknown, [(name,) for name in names])
     mean_squares, combinations = np.linalg.eigh(terms.T @ terms / len(stress))  # combinations: a column each
     known = mean_squares > _OPEN**2
     determined = combinations[:, known]
@@ -204,24 +198,19 @@ def _fit(names: tuple[str, ...], terms: Array, stress: Array, start: Medium) -> 
     return _OneStress(coefficients, np.where(is_open, np.nan, errors), groups)
 
 
-def _groups(names: tuple[str, ...], combinations: Array) -> tuple[tuple[str, ...], ...]:
+def _groups(names: tuple[str, ...], combinations: Array) -> list[tuple[str, ...]]:
     """The coefficients that open combinations, a column each, tie together.
 
     A group of one is a coefficient whose term is 0 at all measured angles.
     """
-    tied = combinations @ combinations.T  # the projector on what is open
-    left = [k for k in range(len(names)) if tied[k, k] > _PART**2]
-    groups = []
-    while left:
-        group: list[int] = []
-        added = [left.pop(0)]
-        while added:  # those tied to the ones that were added last
-            group += added
-            near = [j for k in added for j in left if abs(tied[j, k]) > _PART**2]
-            added = list(dict.fromkeys(near))
-            left = [j for j in left if j not in added]
-        groups.append(tuple(names[k] for k in sorted(group)))
-    return tuple(groups)
+    from scipy.sparse.csgraph import connected_components
+
+    tied = np.abs(combinations @ combinations.T) > _PART**2  # the projector on what is open
+    is_open = np.flatnonzero(np.diag(tied))
+    if len(is_open) == 0:
+        return []
+    count, group_of = connected_components(tied[np.ix_(is_open, is_open)], directed=False)
+    return [tuple(names[k] for k in is_open[group_of == group]) for group in range(count)]
 
 
 def _open_sentence(group: tuple[str, ...], stress: str, zeta: float) -> str:
@@ -236,44 +225,29 @@ def _listed(names: tuple[str, ...]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 
-def _zeta(medium: Medium, measured: StressMap) -> float:
-    """ζ, 0 or more, with which a medium fits a map best."""
-    model, stress = _both(medium, measured)
-    return _best_factor(model, stress)
-
-
-def _best_factor(model: Array, stress: Array) -> float:
-    """The factor, 0 or more, with which a model fits best."""
-    over = float(model @ model)
-    return max(float(model @ stress) / over, 0.0) if over > 0.0 else 0.0
-
-
 def _both(medium: Medium, measured: StressMap) -> tuple[Array, Array]:
-    """The stresses of a medium and as measured, one after the other, where measured."""
+    """The stresses of a medium and as measured, α_x and then α_z, where measured."""
     model = np.concatenate(medium.stresses(measured.beta, measured.gamma))
     stress = np.concatenate([measured.alpha_x, measured.alpha_z])
     there = np.isfinite(stress)
     return model[there], stress[there]
 
 
-def _rms(medium: Medium, measured: StressMap) -> float:
-    """RMS over the cells of the vector (α_x, α_z), measured less the medium's [N/cm³]."""
+def _zeta(model: Array, stress: Array) -> float:
+    """The factor ζ, 0 or more, with which a model fits best."""
+    over = float(model @ model)
+    return max(float(model @ stress) / over, 0.0) if over > 0.0 else 0.0
+
+
+def _rms(medium: Medium, measured: StressMap, *, scaled: bool = False) -> float:
+    """RMS over the cells of the vector (α_x, α_z), measured less the medium's [N/cm³], or less its best multiple."""
     model, stress = _both(medium, measured)
-    return _root_mean_square(stress - model)
-
-
-def _root_mean_square(components: Array) -> float:
-    """RMS of vectors of two components, of which either may be missing."""
-    return float(np.sqrt(2.0 * np.mean(components**2))) if len(components) else 0.0
+    residual = stress - model * (_zeta(model, stress) if scaled else 1.0)
+    return float(np.sqrt(2.0 * np.mean(residual**2))) if len(residual) else 0.0
 
 
 def _selected(measured: StressMap, rows: NDArray[np.bool_]) -> StressMap:
-    return StressMap(
-        beta=measured.beta[rows],
-        gamma=measured.gamma[rows],
-        alpha_x=measured.alpha_x[rows],
-        alpha_z=measured.alpha_z[rows],
-    )
+    return StressMap(**{field.name: getattr(measured, field.name)[rows] for field in fields(measured)})
 
 
 def _left_out(measured: StressMap, name: str) -> LeftOut | None:
@@ -320,19 +294,19 @@ def _conventions(measured: StressMap) -> list[str]:
     """
     if min(np.isfinite(measured.alpha_x).sum(), np.isfinite(measured.alpha_z).sum()) < _ENOUGH:
         return []
-    as_given, tried = np.inf, list[tuple[float, float, list[str]]]()
-    for of_beta, of_gamma in itertools.product(_BETAS, _GAMMAS):
-        beta = of_beta.first + of_beta.sign * measured.beta
-        gamma = of_gamma.first + of_gamma.sign * measured.gamma
-        models = [np.concatenate(medium.stresses(beta, gamma)) for medium in MEDIA.values()]
-        for x_sign, z_sign in itertools.product((1.0, -1.0), repeat=2):
-            stress = np.concatenate([x_sign * measured.alpha_x, z_sign * measured.alpha_z])
-            misfit = min(_rms_scaled(model, stress) for model in models)
-            changes = [change for change in (of_beta.change, of_gamma.change) if change]
-            changes += [f"{name} negated" for name, sign in (("alpha_x", x_sign), ("alpha_z", z_sign)) if sign < 0.0]
-            tried.append((misfit / _BETTER ** len(changes), misfit, changes))
-            if not changes:
-                as_given = misfit
+    tried = []
+    for (of_beta, beta), (of_gamma, gamma), x, z in itertools.product(_BETAS.items(), _GAMMAS.items(), _SIGNS, _SIGNS):
+        turned = StressMap(
+            beta=beta[0] + beta[1] * measured.beta,
+            gamma=gamma[0] + gamma[1] * measured.gamma,
+            alpha_x=x * measured.alpha_x,
+            alpha_z=z * measured.alpha_z,
+        )
+        changes = [change for change in (of_beta, of_gamma) if change]
+        changes += [f"{name} negated" for name, sign in (("alpha_x", x), ("alpha_z", z)) if sign < 0.0]
+        misfit = min(_rms(medium, turned, scaled=True) for medium in MEDIA.values())
+        tried.append((misfit / _BETTER ** len(changes), misfit, changes))
+    as_given = tried[0][1]
     _, misfit, changes = min(tried)
     if not changes:
         return []
@@ -347,10 +321,3 @@ def _units(zeta: float) -> list[str]:
         return []
     stresses = f"the stresses are {zeta:.3g} times those of the generic medium"
     return [f"{stresses}, outside of {_WEAKEST:g} to {_STRONGEST:g}; they must be in N/cm³, a pressure over its depth"]
-
-
-def _rms_scaled(model: Array, stress: Array) -> float:
-    """RMS of what remains of a stress after the best ζ of a model; α_x, then α_z, of each."""
-    there = np.isfinite(stress)
-    model, stress = model[there], stress[there]
-    return _root_mean_square(stress - _best_factor(model, stress) * model)
