@@ -88,10 +88,9 @@ def calibrate(
 
     if "sensor" in parts:
         with result.or_reason("sensor.bias"):
-            sensor, fitted, reasons = fit_tool_weight(tracks, sensor.cell, air=air + _CLEAR)
-            result.fitted += fitted
-            result.not_identifiable |= reasons
-    grains = fit_grains(
+            sensor = fit_tool_weight(result, tracks, sensor.cell, air=air + _CLEAR)
+    fit_grains(
+        result,
         [one.measured(track, sensor.cell) for one, track in zip(recordings, tracks, strict=True)],
         contacts=contacts,
         given=given,
@@ -99,11 +98,8 @@ def calibrate(
         zero_error=sensor.zero_error,
         delay_error=delay_error,
     )
-    result.fitted += grains.fitted
-    result.not_identifiable |= grains.not_identifiable
-    result.warnings += grains.warnings
     if "alpha_y" in parts:
-        found = {fit.name: (fit.values[0], fit.errors[0]) for fit in grains.fitted}
+        found = {fit.name: (fit.values[0], fit.errors[0]) for fit in result.fitted}
         height, height_error = found.get("surface_height", (height, 0.0))
         zeta, zeta_error = found.get("medium.zeta", (values["medium.zeta"], 0.0))
         with result.or_reason("alpha_y"):

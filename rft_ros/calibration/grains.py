@@ -81,6 +81,7 @@ def _settled(phases: dict[str, list[Phase]], values: BedValues) -> BedValues:
 
 
 def fit_grains(
+    result: FitResults,
     recordings: Sequence[Recorded],
     *,
     contacts: Sequence[Contact],
@@ -88,13 +89,13 @@ def fit_grains(
     parts: Collection[str],
     zero_error: float,
     delay_error: float,
-) -> FitResults:
-    """Fit those of surface, zeta and mobilization that are in `parts`; the others are as `given`.
+) -> None:
+    """Fit those of surface, zeta and mobilization that are in `parts`, into `result`; the others are as `given`.
 
     `recordings`: without memory and inertia. `contacts`: of these; the surface is fitted to them. All errors include
     the standard errors of the load cell's zero [N], one axis, and of its delay [s].
     """
-    result, values, own = FitResults(), given, dict.fromkeys(_NAMES, 0.0)
+    values, own = given, dict.fromkeys(_NAMES, 0.0)
     phases: dict[str, list[Phase]] = {name: [] for name in _NAMES}
     if "surface" not in parts:
         contacts = ()
@@ -126,7 +127,7 @@ def fit_grains(
     def effects(phase: Phase) -> Array:
         return _effects(phase, own, zero_error=zero_error, delay_error=delay_error)
 
-    def errors() -> Array:
+    def errors(phases: dict[str, list[Phase]]) -> Array:
         """Standard errors of the surface [m], log λ and ζ: to first order each follows the others."""
         found = np.zeros((3, 7 + _SHAKEN))
         for row, group in zip(found, phases.values(), strict=True):
@@ -140,29 +141,19 @@ def fit_grains(
     if "zeta" in parts:
         ways = ((r, stroke, values) for r in recordings for stroke in down_strokes(r.track, below=values.surface))
         with result.or_reason(_NAMES["zeta"]):
-            phases["zeta"] = found = fit_each(way_down, ways, none="no vertical penetration in the grains")
-            shared, phases["zeta"] = float(errors()[2]), []
+            found = fit_each(way_down, ways, none="no vertical penetration in the grains")
+            shared = float(errors({**phases, "zeta": found})[2])
             phases["zeta"] = fit_each(check_strength, ((way, shared) for way in found), none="")
             own["zeta"] = _own_error(phases["zeta"])
 
-    surface_error, length_error, zeta_error = errors().tolist()
+    surface_error, length_error, zeta_error = errors(phases).tolist()
     if contacts:
         heights, rise = [phase.measurement() for phase in phases["surface"]], max(c.misfit for c in contacts)
         goodness = f"RMS up to {100 * rise:.1f} % of the force's rise"
         result.add(_NAMES["surface"], values.surface, surface_error, "m", goodness, listed(heights))
     if phases["zeta"]:
-        ways_down = phases["zeta"]
-        strengths = [way.measurement(shared) for way in ways_down]
-        tools = [way.part.recording.track.tool for way in ways_down]
-        words = difference(strengths, [float(np.ptp(tool.corners, axis=0).max()) for tool in tools])
-        goodness = f"RMS up to {100 * max(way.misfit for way in ways_down):.1f} % of the peak{words}"
-        spread, zeta = spread_of(strengths, [str(tool.file) for tool in tools]), _mean(ways_down)
-        result.add(_NAMES["zeta"], zeta, zeta_error, "", goodness, listed(strengths), spread=spread)
-        approaches = [(way.part.recording, np.append(way.part.approach, way.part.rows)) for way in ways_down]
-        result.warnings += doubts_of_zeta(zeta, approaches, values.surface)
-        depth, where = max((values.surface - r.heights[rows].min(), r.track.name) for r, rows in approaches)
-        source = f"deepest penetration, {where}"
-        result.add("medium.calibrated_depth", float(depth), surface_error, "m", "", source)
+        strengths = [way.measurement(shared) for way in phases["zeta"]]
+        _add_zeta(result, phases["zeta"], strengths, values.surface, zeta_error=zeta_error, surface_error=surface_error)
     if phases["log_length"]:
         turns_fitted, length = phases["log_length"], values.length
         goodness = f"RMS {100.0 * np.mean([t.misfit for t in turns_fitted]):.1f} % of the greatest force around turns"
@@ -171,7 +162,28 @@ def fit_grains(
             for m in (turn.measurement() for turn in turns_fitted)
         ]
         result.add(_NAMES["log_length"], length, length * length_error, "m", goodness, listed(lengths))
-    return result
+
+
+def _add_zeta(
+    result: FitResults,
+    ways_down: Sequence[Phase],
+    strengths: Sequence[Measurement],
+    surface: float,
+    *,
+    zeta_error: float,
+    surface_error: float,
+) -> None:
+    """Add ζ, as the mean over the ways down, what makes it doubtful, and the depth of the deepest way."""
+    tools = [way.part.recording.track.tool for way in ways_down]
+    words = difference(strengths, [float(np.ptp(tool.corners, axis=0).max()) for tool in tools])
+    goodness = f"RMS up to {100 * max(way.misfit for way in ways_down):.1f} % of the peak{words}"
+    spread, zeta = spread_of(strengths, [str(tool.file) for tool in tools]), _mean(ways_down)
+    result.add(_NAMES["zeta"], zeta, zeta_error, "", goodness, listed(strengths), spread=spread)
+    approaches = [(way.part.recording, np.append(way.part.approach, way.part.rows)) for way in ways_down]
+    result.warnings += doubts_of_zeta(zeta, approaches, surface)
+    depth, where = max((surface - r.heights[rows].min(), r.track.name) for r, rows in approaches)
+    source = f"deepest penetration, {where}"
+    result.add("medium.calibrated_depth", float(depth), surface_error, "m", "", source)
 
 
 def _effects(phase: Phase, own: dict[str, float], *, zero_error: float, delay_error: float) -> Array:

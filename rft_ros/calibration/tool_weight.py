@@ -11,7 +11,14 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import Estimates, FittedValue, NotIdentifiable, fit_linear, fit_measurements
+from rft_ros.calibration.fitting import (
+    Estimates,
+    FitResults,
+    FittedValue,
+    NotIdentifiable,
+    fit_linear,
+    fit_measurements,
+)
 from rft_ros.calibration.track import Track, still_intervals
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
@@ -66,13 +73,11 @@ class _Poses(NamedTuple):
         return 1.0 - float((fit.residuals[:, part] ** 2).sum()) / spread if spread > 0.0 else 1.0
 
 
-def fit_tool_weight(
-    tracks: Sequence[Track], cell: LoadCell, *, air: float
-) -> tuple[Sensor, list[FittedValue], dict[str, str]]:
-    """Fit bias, mass and centre of mass, as far as the poses above z = `air` [m] determine them.
+def fit_tool_weight(result: FitResults, tracks: Sequence[Track], cell: LoadCell, *, air: float) -> Sensor:
+    """Fit bias, mass and centre of mass, as far as the poses above z = `air` [m] determine them, into `result`.
 
-    The reasons, by name, are those of values that stay as given. Raises NotIdentifiable if the tool never rests in the
-    air, or if the fitted mass is negative.
+    Raises NotIdentifiable if the tool never rests in the air, if the fitted mass is negative, or if a parameter does
+    not take a fitted value; then nothing is fitted.
     """
     poses = _poses_at_rest(tracks, cell, air)
     count, directions = len(poses.gravity), poses.gravity / GRAVITY
@@ -131,7 +136,9 @@ def fit_tool_weight(
         fitted.append(FittedValue("sensor.center_of_mass", (x, y, z), tuple(errors.tolist()), "m", goodness, source))
     fx, fy, fz, tx, ty, tz = bias.tolist()
     zero_error = float(np.hypot(fit.errors[FORCE].max(), 0.0 if unknown else GRAVITY * mass_error))
-    return Sensor(replace(cell, bias=(fx, fy, fz, tx, ty, tz)), zero_error), fitted, reasons
+    result.fitted += fitted
+    result.not_identifiable |= reasons
+    return Sensor(replace(cell, bias=(fx, fy, fz, tx, ty, tz)), zero_error)
 
 
 def _poses_at_rest(tracks: Sequence[Track], cell: LoadCell, air: float) -> _Poses:
