@@ -16,7 +16,6 @@ from functools import cache
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.attitude import doubts_of_zeta
 from rft_ros.calibration.fitting import FitResults, Measurement, NotIdentifiable, fit_each, listed
 from rft_ros.calibration.phases import (
     SHORTEST,
@@ -29,6 +28,7 @@ from rft_ros.calibration.phases import (
     way_down,
 )
 from rft_ros.calibration.recorded import BedValues, Recorded
+from rft_ros.calibration.suspicion import doubts_of_zeta
 from rft_ros.calibration.track import down_strokes, turns_in_grains
 
 __all__ = ["difference", "fit_grains", "spread_of"]
