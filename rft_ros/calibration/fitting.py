@@ -80,7 +80,7 @@ class FitResults:
     warnings: list[str] = field(default_factory=list)
 
     def add(
-        self, name: str, value: float, error: float, unit: str, goodness: str, source: str, *, spread: float = 0.0
+        self, name: str, value: float, error: float, *, unit: str, goodness: str, source: str, spread: float = 0.0
     ) -> None:
         """Add a fitted number, or the reason why the parameter does not take it."""
         with self.or_reason(name):

@@ -150,7 +150,9 @@ def fit_grains(
     if contacts:
         heights, rise = [phase.measurement() for phase in phases["surface"]], max(c.misfit for c in contacts)
         goodness = f"RMS up to {100 * rise:.1f} % of the force's rise"
-        result.add(_NAMES["surface"], values.surface, surface_error, "m", goodness, listed(heights))
+        result.add(
+            _NAMES["surface"], values.surface, surface_error, unit="m", goodness=goodness, source=listed(heights)
+        )
     if phases["zeta"]:
         strengths = [way.measurement(shared) for way in phases["zeta"]]
         _add_zeta(result, phases["zeta"], strengths, values.surface, zeta_error=zeta_error, surface_error=surface_error)
@@ -161,7 +163,9 @@ def fit_grains(
             Measurement(m.bag, float(np.exp(m.value)), float(np.exp(m.value)) * m.error)
             for m in (turn.measurement() for turn in turns_fitted)
         ]
-        result.add(_NAMES["log_length"], length, length * length_error, "m", goodness, listed(lengths))
+        result.add(
+            _NAMES["log_length"], length, length * length_error, unit="m", goodness=goodness, source=listed(lengths)
+        )
 
 
 def _add_zeta(
@@ -178,12 +182,12 @@ def _add_zeta(
     words = difference(strengths, [float(np.ptp(tool.corners, axis=0).max()) for tool in tools])
     goodness = f"RMS up to {100 * max(way.misfit for way in ways_down):.1f} % of the peak{words}"
     spread, zeta = spread_of(strengths, [str(tool.file) for tool in tools]), _mean(ways_down)
-    result.add(_NAMES["zeta"], zeta, zeta_error, "", goodness, listed(strengths), spread=spread)
+    result.add(_NAMES["zeta"], zeta, zeta_error, unit="", goodness=goodness, source=listed(strengths), spread=spread)
     approaches = [(way.part.recording, np.append(way.part.approach, way.part.rows)) for way in ways_down]
     result.warnings += doubts_of_zeta(zeta, approaches, surface)
     depth, where = max((surface - r.heights[rows].min(), r.track.name) for r, rows in approaches)
     source = f"deepest penetration, {where}"
-    result.add("medium.calibrated_depth", float(depth), surface_error, "m", "", source)
+    result.add("medium.calibrated_depth", float(depth), surface_error, unit="m", goodness="", source=source)
 
 
 def _effects(phase: Phase, own: dict[str, float], *, zero_error: float, delay_error: float) -> Array:
