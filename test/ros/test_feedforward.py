@@ -91,7 +91,7 @@ def test_it_follows_the_prediction_and_returns_to_zero_whatever_ends_the_estimat
     rises()
     assert rft.process.poll() is None
     rft.process.send_signal(signal.SIGTERM)
-    rft.process.wait()
+    assert rft.process.wait() == 0
     rft.spin(0.5)
     assert at_zero()
     assert max(np.linalg.norm(b - a) for a, b in pairwise(forces())) <= LARGEST_STEP * (1.0 + 1e-6)

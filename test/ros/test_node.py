@@ -4,12 +4,11 @@ import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
 from geometry_msgs.msg import TransformStamped
-from harness import OUTPUTS, WAIT, numbers, predicted_by_the_core, stamp_of
+from harness import OUTPUTS, numbers, predicted_by_the_core, stamp_of
 from recordings import cdr, transform_cdr
 
 from rft_ros.errors import InputError
 from rft_ros.estimator import TransformSample
-from rft_ros.parameters import read_parameter_file
 from rft_ros.tool import locate_mesh
 
 S = 1_000_000_000
@@ -178,17 +177,6 @@ def test_relative_files_lie_beside_the_parameter_file_whose_values_ros_takes(sta
     folder = tmp_path / str(rft.get("medium.zeta").double_value)
     assert rft.get("alpha_y.table").string_value == str(folder / "table.csv")
     assert rft.get("mesh.file").string_value == str(folder / "tool.stl")
-
-
-def test_a_parameter_file_that_ros_cannot_read_is_refused_in_the_words_of_a_replay(start_process, tmp_path):
-    file = tmp_path / "cell.yaml"
-    file.write_text("/**:\n  ros__parameters:\n    sensor.position: [0, 0, 0.5]\n")
-    rft = start_process("--params-file", str(file))
-    assert rft.process.wait(WAIT) == 2
-    with pytest.raises(InputError) as refusal:
-        read_parameter_file(file)
-    assert f"rft_node: {refusal.value}" in rft.said()
-    assert "Traceback" not in rft.said()
 
 
 def test_the_node_says_that_it_begins_in_the_grains_and_that_the_cell_reads_a_force_in_the_air(start_node):

@@ -1,29 +1,43 @@
 """Node and commands read parameter files alike: random ones, and those that once differed."""
 
-import json
-import os
-import subprocess
+import itertools
 import sys
-from pathlib import Path
+from unittest import mock
 
 import numpy as np
 import pytest
+import rclpy
 from hostile_parameters import hostile_file
-from refusals import refusal
+from rclpy.node import Node
+from refusals import assert_says, refusal
 
 from rft_ros.errors import InputError
+from rft_ros.node.arguments import parameter_files
+from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.parameters import defaults, read_parameter_file, read_sections
 
-READ = Path(__file__).with_name("read_as_a_node.py")
 
-
-def as_a_node(*files, nodes=("/rft",), arguments=()):
-    """For each file and node: the values that the real parameters of a node have, or why they are refused."""
-    command = [sys.executable, READ, json.dumps([*map(str, files)]), json.dumps(nodes), *arguments]
-    environment = {**os.environ, "RCUTILS_LOGGING_USE_STDOUT": "0"}
-    done = subprocess.run(command, capture_output=True, text=True, env=environment, timeout=600, check=False)
-    assert done.returncode == 0, done.stderr[-2000:]
-    return json.loads(done.stdout.splitlines()[-1])
+def as_a_node(file, node="/rft", *more):
+    """The values that the parameters of a real node have, or why they are refused. `more`: further ROS arguments."""
+    arguments = ["--ros-args", "--params-file", str(file), *more]
+    namespace, _, name = node.rpartition("/")
+    context = rclpy.Context()
+    with mock.patch.object(sys, "argv", ["rft_node", *arguments]):
+        try:
+            for given in parameter_files():
+                read_sections(given)  # as the node's `main` does, before ROS reads them
+            rclpy.init(args=arguments, context=context)
+            made = Node(name, namespace=namespace, context=context, enable_rosout=False, start_parameter_services=False)
+            try:
+                return NodeParameters(made, prepare=lambda _: None, apply=lambda _: None).values
+            finally:
+                made.destroy_node()
+        except InputError as error:
+            return str(error)
+        except Exception as error:  # of ROS
+            return f"{type(error).__name__}: {error}"
+        finally:
+            context.try_shutdown()
 
 
 def for_node(file, node):
@@ -32,7 +46,7 @@ def for_node(file, node):
 
 def as_a_command(file, node="/rft"):
     try:
-        return json.loads(json.dumps(read_parameter_file(file, node)))
+        return read_parameter_file(file, node)
     except InputError as error:
         return str(error)
 
@@ -43,17 +57,15 @@ def test_node_and_commands_agree_on_random_parameter_files(tmp_path, seed):
     files = [tmp_path / f"{k}.yaml" for k in range(120)]
     for k, file in enumerate(files):
         file.write_text(hostile_file(random, strange=(0.03, 0.5)[k % 2]), encoding="utf-8", newline="")
-    answers = as_a_node(*files, nodes=nodes)
     used = 0
-    for file, of_nodes in zip(files, answers, strict=True):
-        for node, theirs in zip(nodes, of_nodes, strict=True):
-            ours = as_a_command(file, node)
-            if "has no parameters for the node" in ours or (isinstance(ours, dict) and not for_node(file, node)):
-                continue  # the node takes nothing from the file; for /rft, a command takes what is rft's in a namespace
-            if isinstance(ours, str) and isinstance(theirs, str) and "use_sim_time" in theirs:
-                continue  # both refuse the file; in the node, ROS is the first to
-            assert ours == theirs, (file.read_text(), node)
-            used += not isinstance(ours, str)
+    for file, node in itertools.product(files, nodes):
+        theirs, ours = as_a_node(file, node), as_a_command(file, node)
+        if "has no parameters for the node" in ours or (isinstance(ours, dict) and not for_node(file, node)):
+            continue  # the node takes nothing from the file; for /rft, a command takes what is rft's in a namespace
+        if isinstance(ours, str) and isinstance(theirs, str) and "use_sim_time" in theirs:
+            continue  # both refuse the file; in the node, ROS is the first to
+        assert ours == theirs, (file.read_text(), node)
+        used += not isinstance(ours, str)
     assert used > 20
 
 
@@ -89,20 +101,20 @@ REFUSED = [
 """Files, and words of the sentence that refuses them."""
 
 
-def test_what_ros_would_read_otherwise_is_refused_in_node_and_commands_alike(tmp_path):
-    files = [tmp_path / f"cell{k}.yaml" for k in range(len(REFUSED))]
-    for file, (text, _) in zip(files, REFUSED, strict=True):
-        file.write_text(text)
-    for file, (said,), (_, words) in zip(files, as_a_node(*files), REFUSED, strict=True):
-        assert refusal(read_parameter_file, file) == said
-        assert all(word in said for word in (file.name, *words)), said
+@pytest.mark.parametrize(("text", "words"), REFUSED)
+def test_what_ros_would_read_otherwise_is_refused_in_node_and_commands_alike(tmp_path, text, words):
+    file = tmp_path / "cell.yaml"
+    file.write_text(text)
+    said = refusal(read_parameter_file, file)
+    assert_says(said, file.name, *words)
+    assert as_a_node(file) == said
 
 
 def test_a_time_that_is_not_true_or_false_is_refused_in_node_and_commands_alike(tmp_path):
     file = tmp_path / "cell.yaml"
     file.write_text(SECTION + "    use_sim_time: 1\n")
     assert "use_sim_time is 1; it must be true or false" in refusal(read_parameter_file, file)
-    assert "use_sim_time" in as_a_node(file)[0][0]
+    assert "use_sim_time" in as_a_node(file)
 
 
 ORDERED = {
@@ -117,15 +129,17 @@ NUMBERS = {"1e-1": 0.1, "1": 1.0, "010": 8.0, "0x1p-3": 0.125, ".5": 0.5, "!!flo
 """Numbers in ROS's ways."""
 
 
-def test_later_sections_override_and_numbers_are_read_in_ross_ways_in_node_and_commands_alike(tmp_path):
-    texts = [*ORDERED, *(f"{SECTION}    medium.zeta: {text}\n" for text in NUMBERS)]
-    files = [tmp_path / f"cell{k}.yaml" for k in range(len(texts))]
-    for file, text in zip(files, texts, strict=True):
-        file.write_text(text)
-    expected = [{"mesh.file": mesh} for mesh in ORDERED.values()] + [{"medium.zeta": z} for z in NUMBERS.values()]
-    for file, (theirs,), values in zip(files, as_a_node(*files), expected, strict=True):
-        assert read_parameter_file(file) == defaults() | values
-        assert theirs == json.loads(json.dumps(defaults() | values))
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        *((text, {"mesh.file": mesh}) for text, mesh in ORDERED.items()),
+        *((f"{SECTION}    medium.zeta: {text}\n", {"medium.zeta": number}) for text, number in NUMBERS.items()),
+    ],
+)
+def test_later_sections_override_and_numbers_are_read_in_ross_ways_in_node_and_commands_alike(tmp_path, text, value):
+    file = tmp_path / "cell.yaml"
+    file.write_text(text)
+    assert read_parameter_file(file) == as_a_node(file) == defaults() | value
 
 
 def test_values_of_two_types_that_ros_mixes_up_are_refused(tmp_path):
@@ -134,8 +148,6 @@ def test_values_of_two_types_that_ros_mixes_up_are_refused(tmp_path):
     file.write_text(f"{SECTION}    medium.zeta: 1\n")
     other.write_text(f"{SECTION}    medium.zeta: 0.5\n")
     for arguments in (("-p", "medium.zeta:=0.5"), ("--params-file", str(other))):
-        ((said,),) = as_a_node(file, arguments=arguments)
-        assert all(word in said for word in ("medium.zeta is 0.5", "1", "types", "such as 1.0"))
+        assert_says(as_a_node(file, "/rft", *arguments), "medium.zeta is 0.5", "1", "types", "such as 1.0")
     file.write_text(f"{SECTION}    medium.zeta: 1.0\n")
-    ((values,),) = as_a_node(file, arguments=("-p", "medium.zeta:=0.5"))
-    assert values["medium.zeta"] == 0.5
+    assert as_a_node(file, "/rft", "-p", "medium.zeta:=0.5")["medium.zeta"] == 0.5

@@ -12,10 +12,12 @@ import numpy as np
 import pytest
 from harness import WAIT, numbers, predicted_by_the_core
 from rclpy.executors import SingleThreadedExecutor
+from refusals import refusal
 
 import rft_ros
 from rft_ros.node.main import _refused_arguments
 from rft_ros.node.rft_node import executor_of
+from rft_ros.parameters import read_parameter_file
 from rft_ros.tool import locate_mesh
 
 PLATE = locate_mesh("plate")
@@ -74,7 +76,7 @@ def test_a_signal_right_after_the_first_process_starts_ends_with_status_0(start_
 
 @pytest.mark.parametrize(
     ("executor", "number", "status"),
-    [("events", signal.SIGINT, 0), ("single", signal.SIGTERM, 0), ("events", signal.SIGKILL, -signal.SIGKILL)],
+    [("single", signal.SIGINT, 0), ("events", signal.SIGKILL, -signal.SIGKILL)],
 )
 def test_each_executor_answers_and_no_child_outlives_it_whatever_ends_it(start_process, executor, number, status):
     rft = start_process("-p", "mesh.file:=plate", "-p", f"executor:={executor}").wait_ready()
@@ -144,26 +146,25 @@ def test_arguments_that_ros_would_ignore_are_refused(monkeypatch, arguments, sen
     assert _refused_arguments().startswith(sentence)
 
 
-@pytest.mark.parametrize(
-    ("argument", "words"),
-    [
-        (f"mesh.file:={PLATE.parent}", f"mesh file '{PLATE.parent}' is a folder"),
-        ("use_sim_time:=3", "Trying to set parameter 'use_sim_time' to '3' of type 'INTEGER', expecting type 'BOOL'"),
-    ],
-)
-def test_a_refusal_is_one_line_and_exit_status_2(start_process, argument, words):
-    rft = start_process("-p", "mesh.file:=plate", "-p", argument)
-    assert rft.process.wait(WAIT) == 2
-    assert rft.said().startswith(f"rft_node: {words}")
-    assert len(rft.said().splitlines()) == 1
+def test_a_parameter_that_ros_or_this_node_does_not_take_is_one_line_and_exit_status_2(start_process, tmp_path):
+    file = tmp_path / "cell.yaml"
+    file.write_text("/**:\n  ros__parameters:\n    sensor.position: [0, 0, 0.5]\n")
+    bool_expected = "Trying to set parameter 'use_sim_time' to '3' of type 'INTEGER', expecting type 'BOOL'"
+    refused = {
+        ("--params-file", str(file)): refusal(read_parameter_file, file),  # in the words of a replay
+        ("-p", "use_sim_time:=3"): bool_expected,
+    }
+    for arguments, sentence in refused.items():
+        rft = start_process(*arguments)
+        assert rft.process.wait(WAIT) == 2
+        assert rft.said().startswith(f"rft_node: {sentence}")
+        assert len(rft.said().splitlines()) == 1
 
 
-def test_a_parameter_file_that_is_a_pipe_is_refused_and_not_waited_for(start_process, tmp_path):
+def test_a_parameter_file_that_is_a_pipe_is_refused_and_not_waited_for(monkeypatch, tmp_path):
     os.mkfifo(tmp_path / "cell.yaml")
-    rft = start_process("--params-file", str(tmp_path / "cell.yaml"))
-    assert rft.process.wait(WAIT) == 2
-    assert rft.said().startswith(f"rft_node: parameter file '{tmp_path / 'cell.yaml'}' is a pipe")
-    assert len(rft.said().splitlines()) == 1
+    monkeypatch.setattr(sys, "argv", ["rft_node", "--ros-args", "--params-file", str(tmp_path / "cell.yaml")])
+    assert _refused_arguments().startswith(f"parameter file '{tmp_path / 'cell.yaml'}' is a pipe")
 
 
 @pytest.mark.parametrize("command", [("-m", "rft_ros.node.main"), ("-m", "rft_ros.cli", "doctor", str(CELL))])

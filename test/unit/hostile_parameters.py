@@ -11,48 +11,10 @@ _PLAIN_SCALARS = """
 """
 SCALARS = (
     *_PLAIN_SCALARS.split(),
-    *(
-        '"plate"',
-        '"off"',
-        '"1.0"',
-        '"x\\ty"',
-        '"\\u03b1"',
-        '"a\\0b"',
-        "!!str 5",
-        "!!str off",
-        "!!float 1",
-    ),
-    *(
-        "!!int '3'",
-        "!!bool yes",
-        "!own 1.5",
-        "! 5",
-        "&a 1.0",
-        "!!null ''",
-        "[1, 2]",
-        "[1.0, 2.0]",
-    ),
-    *(
-        "[0.0, 0.0, 0.0]",
-        "[1, 2.0]",
-        "[true, off]",
-        "[a, b]",
-        "[[1], [2]]",
-        "[1, ~]",
-        "[a, '1']",
-        "{a: 1}",
-    ),
-    *(
-        "[{a: 1}]",
-        "",
-        "|\n      10\n",
-        "|-\n      10\n",
-        ">-\n      on\n",
-        "|-\n",
-        "# nothing",
-        "a: b",
-    ),
-    *("1.0 # one",),
+    *('"plate"', '"off"', '"1.0"', '"x\\ty"', '"\\u03b1"', '"a\\0b"', "!!str 5", "!!str off", "!!float 1", "!!int '3'"),
+    *("!!bool yes", "!own 1.5", "! 5", "&a 1.0", "!!null ''", "[1, 2]", "[1.0, 2.0]", "[0.0, 0.0, 0.0]", "[1, 2.0]"),
+    *("[true, off]", "[a, b]", "[[1], [2]]", "[1, ~]", "[a, '1']", "{a: 1}", "[{a: 1}]", "", "|\n      10\n"),
+    *("|-\n      10\n", ">-\n      on\n", "|-\n", "# nothing", "a: b", "1.0 # one"),
 )
 NAMES = (
     *("mesh.file", "mesh.scale", "mesh.origin", "medium.zeta", "medium.name", "surface_height", "learning.mode", "law"),
@@ -76,24 +38,14 @@ GOOD = {
 }
 """Values that a parameter takes, by its name."""
 
-_PLAIN_ODD_NAMES = """
-    mesh medium.zetta << '<<' a.b.c 1 off '' mesh..file .a a.
-"""
 ODD_NAMES = (
-    *_PLAIN_ODD_NAMES.split(),
-    *(
-        "? a",
-        "!!str x",
-        "&k y",
-    ),
+    *("mesh", "medium.zetta", "<<", "'<<'", "a.b.c", "1", "off", "''", "mesh..file", ".a", "a.", "? a", "!!str x"),
+    "&k y",
 )
 NODES = ("/**", "rft", "/rft", "/**/rft", "/*", "'*'", "/*/rft", "/cell/rft", "cell/rft", "arm", "rft_replay", "/**/*")
-_PLAIN_ODD_NODES = """
-    / //rft rft/ my-node 1st '' /*** r* ros__parameters << ~ /a//b /**/**/rft
-"""
 ODD_NODES = (
-    *_PLAIN_ODD_NODES.split(),
-    *("a b",),
+    *("/", "//rft", "rft/", "my-node", "1st", "''", "/***", "r*", "ros__parameters", "<<", "~", "/a//b", "/**/**/rft"),
+    "a b",
 )
 ODD_BODIES = ("ros__parameters: 3", "ros__parameters: {}", "ros__parameters:", "x: 1", "{}", "ros__parameters_: {a: 1}")
 
@@ -105,16 +57,8 @@ def hostile_file(random: np.random.Generator, *, strange: float = 1.0) -> str:
         lines += _section(random, strange)
     text = "\n".join(lines) + "\n"
     if random.random() < 0.03:
-        text = random.choice(
-            [
-                "---\n" + text,
-                text + "---\n" + text,
-                "\ufeff" + text,
-                text.replace("\n", "\r\n"),
-                "%YAML 1.1\n---\n" + text,
-                text + "...",
-            ]
-        )
+        framed = ["---\n" + text, text + "---\n" + text, "\ufeff" + text, "%YAML 1.1\n---\n" + text, text + "..."]
+        text = random.choice([*framed, text.replace("\n", "\r\n")])
     if random.random() < 0.05 and text:
         k = int(random.integers(len(text)))
         text = text[:k] + str(random.choice(list("{}[]:,&*!?|>'\"%@`#- \t\n"))) + text[k + int(random.integers(2)) :]
