@@ -2,7 +2,6 @@
 
 from array import array
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -39,14 +38,6 @@ class UnknownParameterError(ParameterNotDeclaredException):
         Exception.__init__(self, sentence)  # rclpy's own names no parameter: "undeclared parameter(s): []"
 
 
-@dataclass(frozen=True, slots=True)
-class _Accepted(Generic[_Prepared]):
-    """A change that was accepted: the new values of the parameters that change, and the result of `prepare`."""
-
-    changes: dict[str, Value]
-    prepared: _Prepared
-
-
 class NodeParameters(Generic[_Prepared]):
     """The node's values of the parameter table.
 
@@ -61,8 +52,8 @@ class NodeParameters(Generic[_Prepared]):
         self._why = ""
         self._checked: dict[str, Value | InputError] = {}
         """For each parameter that is about to be set: its checked value, or the reason for refusing it."""
-        self._accepted: _Accepted[_Prepared] | None = None
-        """The change that was accepted last, until it is applied."""
+        self._accepted: tuple[dict[str, Value], _Prepared] | None = None
+        """The new values of the change that was accepted last, and the result of `prepare`, until it is applied."""
         overrides = node._parameter_overrides  # rclpy has no public access to overrides of undeclared parameters
         files = self._check_given(node.get_fully_qualified_name(), {n: _plain(p.value) for n, p in overrides.items()})
         values = defaults()
@@ -139,22 +130,19 @@ class NodeParameters(Generic[_Prepared]):
                 if value != self.values[name]:
                     changes[name] = value
             if changes:
-                self._accepted = _Accepted(changes, self._prepare({**self.values, **changes}))
+                self._accepted = changes, self._prepare({**self.values, **changes})
         except ValueError as error:  # an exception here would end the node
             return SetParametersResult(successful=False, reason=str(error))
         return SetParametersResult(successful=True)
 
     def _on_post_set(self, _: list[RosParameter]) -> None:
-        accepted, self._accepted = self._accepted, None
-        if accepted is None:
+        if self._accepted is None:
             return
-        before, changes = self.values, accepted.changes
+        before, (changes, prepared) = self.values, self._accepted
         said = ", ".join([f"{name} {before[name]!r} -> {value!r}" for name, value in sorted(changes.items())])
-        if self._why:
-            said += f" ({self._why})"
-        self._node.get_logger().info(f"parameters set: {said}")
+        self._node.get_logger().info(f"parameters set: {said}" + (f" ({self._why})" if self._why else ""))
         self.values = {**before, **changes}
-        self._apply(accepted.prepared)
+        self._apply(prepared)
 
 
 def _plain(value: Any) -> Any:

@@ -233,7 +233,7 @@ class RftNode(Node):
             self.get_logger().error(f"not swapped, the model in force stays: {swapped.reason}")
             self.table.set_all(swapped.undo, why="the swap failed")
         else:
-            self._use(self._swap.prepared)
+            self._use(swapped)
             self.announce("in force")
 
 

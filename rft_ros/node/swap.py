@@ -20,7 +20,7 @@ from rft_ros.node.tool_worker import ToolWorker, named
 from rft_ros.parameters import FILES, GRAINS, Values, model_of, parts_of, settings_of, unused, with_grains
 from rft_ros.tool.locate import checked_mesh
 
-__all__ = ["Failed", "Loaded", "Prepared", "Swap"]
+__all__ = ["Failed", "Prepared", "Swap"]
 
 _ANSWERS_WITHIN = 0.05  # s; a tick waits so long for a drive that does not say whether a file exists
 
@@ -47,11 +47,6 @@ class Prepared:
     wanted: dict[str, Values]
     in_force: dict[str, _InForce]
     only_grains: bool = False
-
-
-@dataclass(frozen=True, slots=True)
-class Loaded:
-    """A load that has succeeded: `Swap.prepared` has what was loaded."""
 
 
 class Failed(NamedTuple):
@@ -85,11 +80,11 @@ class Swap:
         prepare(on_cold_cache)
         wanted = parts_of(values)
         loaded = worker.load(wanted)  # after the code is in the cache; otherwise the worker compiles it, too
-        self._in_force = {part: _InForce(wanted[part], content) for part, content in loaded.items()}
+        in_force = {part: _InForce(wanted[part], content) for part, content in loaded.items()}
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
         self._loads: dict[str, _Load] = {}  # by part
-        self.prepared = self._made(values, generation=0)
+        self.prepared = self._made(values, in_force, generation=0)
         """The values, settings and model that are used now."""
 
     def prepare(self, values: Values) -> Prepared:
@@ -98,16 +93,16 @@ class Swap:
         changes = {name: value for name, value in values.items() if value != before.values[name]}
         if changes.keys() <= GRAINS:
             return replace(before, values=values, model=with_grains(before.model, changes), only_grains=True)
-        made = self._made(values, generation=self.prepared.model.generation + 1)
+        made = self._made(values, before.in_force, generation=before.model.generation + 1)
         check = self._check_thread.submit(_check_files, made.wanted, made.in_force)
         if wait([check], _ANSWERS_WITHIN).done:  # otherwise the drive stalls, and the worker finds what is wrong
             check.result()
         return made
 
-    def _made(self, values: Values, *, generation: int) -> Prepared:
+    def _made(self, values: Values, in_force: dict[str, _InForce], *, generation: int) -> Prepared:
         wanted = parts_of(values)
         at_once = {part: _InForce(of_part, None) for part, of_part in wanted.items() if unused(part, of_part)}
-        in_force = self._in_force | at_once
+        in_force = in_force | at_once
         parameters = {name: value for part in in_force.values() for name, value in part.values.items()}
         contents = {part: loaded.content for part, loaded in in_force.items()}
         model = model_of({**values, **parameters}, **contents, generation=generation)
@@ -123,14 +118,14 @@ class Swap:
 
     def want(self, prepared: Prepared) -> None:
         """Use what was prepared, and start to load what is missing for it. A load of the same files goes on."""
-        self.prepared, self._in_force = prepared, prepared.in_force
+        self.prepared = prepared
         for part, wanted in prepared.wanted.items():
             load = self._loads.get(part)
             if load is not None and load.wanted == wanted:
                 continue
             if load is not None:
                 self._give_up(part)
-            if wanted != self._in_force[part].values:
+            if wanted != prepared.in_force[part].values:
                 given_up = threading.Event()
                 future = self._file_thread.submit(self._load, part, wanted, given_up)
                 self._loads[part] = _Load(wanted=wanted, future=future, given_up=given_up, since=time.monotonic())
@@ -145,8 +140,8 @@ class Swap:
         load.given_up.set()  # the thread ends the worker process; from here it might end that of the next load
         load.future.cancel()
 
-    def poll(self) -> Loaded | Failed | None:
-        """The next load that has ended; None if none has. After success `prepared` has the loaded part."""
+    def poll(self) -> Prepared | Failed | None:
+        """What the next load that has ended gives, which is then `prepared`; None if none has ended."""
         part = next((part for part, load in self._loads.items() if load.future.done()), None)
         if part is None:
             return None
@@ -155,11 +150,11 @@ class Swap:
             loaded = load.future.result()
         except InputError as error:
             self.last_failure = str(error)
-            return Failed(undo=self._in_force[part].values, reason=self.last_failure)
-        self._in_force = {**self._in_force, part: _InForce(load.wanted, loaded[part])}
-        self.last_failure = ""
-        self.prepared = self._made(self.prepared.values, generation=self.prepared.model.generation + 1)
-        return Loaded()
+            return Failed(undo=self.prepared.in_force[part].values, reason=self.last_failure)
+        self.last_failure, before = "", self.prepared
+        in_force = {**before.in_force, part: _InForce(load.wanted, loaded[part])}
+        self.prepared = self._made(before.values, in_force, generation=before.model.generation + 1)
+        return self.prepared
 
 
 def _check_files(wanted: Mapping[str, Values], in_force: Mapping[str, _InForce]) -> None:

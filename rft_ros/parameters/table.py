@@ -2,10 +2,10 @@
 
 import math
 import sys
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass
 from difflib import get_close_matches
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 from rft_ros.errors import InputError, shown
 from rft_ros.parameters.settings import LoadCell, Settings
@@ -21,20 +21,14 @@ Values = Mapping[str, Any]
 """The values of all parameters, by name, each a `Value`."""
 
 
-class _Rule(NamedTuple):
-    """A further condition on a number within its bounds: the check, and the end of the sentence that refuses it."""
-
-    allows: Callable[[float], bool]
-    must: str
-
-
 @dataclass(frozen=True, slots=True)
 class Parameter:
     """One parameter. Its values have the type of `default`.
 
-    `bounds`: least and greatest value of each number. `rule`: a further condition on a number.
-    `kind`: "frame" for the name of a frame, "quaternion" for the four numbers of a rotation. `choices`: the values that
-    a text may have; empty: any. `applies`: "live", or "restart" if the running node refuses a change.
+    `bounds`: least and greatest value of each number. `least`: of a length [m] that may be 0, the least other value.
+    `kind`: "frame" for the name of a frame, "quaternion" for the four numbers of a rotation, "sign" for 1 or -1.
+    `choices`: the values that a text may have; empty: any. `applies`: "live", or "restart" if the running node refuses
+    a change.
     """
 
     name: str
@@ -43,13 +37,11 @@ class Parameter:
     unit: str = ""
     bounds: tuple[float, float] = (-math.inf, math.inf)
     _: KW_ONLY
-    kind: Literal["", "frame", "quaternion"] = ""
-    rule: _Rule | None = None
+    kind: Literal["", "frame", "quaternion", "sign"] = ""
+    least: float = 0.0
     choices: tuple[str, ...] = ()
     applies: Literal["live", "restart"] = "live"
 
-
-_SMALLEST_CELL, _SMALLEST_UNIT = 1e-4, 1e-9  # m
 
 MESH = (
     "path, package:// or file:// URI, robot.urdf#link, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere,"
@@ -69,7 +61,7 @@ PARAMETERS = (
         "Metres per mesh unit. 0.0: the unit that the file declares (COLLADA, glTF, URDF), or a millimetre.",
         "m",
         (0.0, 1e6),
-        rule=_Rule(lambda scale: scale == 0.0 or scale >= _SMALLEST_UNIT, f"0, or at least {_SMALLEST_UNIT:g} m"),
+        least=1e-9,
     ),
     Parameter("mesh.origin", _ORIGIN, "Where the tool frame's origin lies, in mesh-file coordinates.", "mesh units"),
     Parameter(
@@ -224,7 +216,7 @@ PARAMETERS = (
         "Side of a cell of the height map of the ground. 0.0: the ground is a level plane.",
         "m",
         (0.0, 1.0),
-        rule=_Rule(lambda side: side == 0.0 or side >= _SMALLEST_CELL, f"0, or at least {_SMALLEST_CELL:g} m"),
+        least=1e-4,
     ),
     Parameter(
         "ground.file",
@@ -262,7 +254,7 @@ PARAMETERS = (
         "1.0: the driver reports the force that acts on the tool. -1.0: the force with which the tool pushes.",
         "",
         (-1.0, 1.0),
-        rule=_Rule(lambda sign: abs(sign) == 1.0, "1.0 or -1.0"),
+        kind="sign",
     ),
     Parameter(
         "sensor.bias",
@@ -376,8 +368,10 @@ def checked(name: str, value: object) -> Value:
         return value
     if isinstance(default, float):
         number = _number(parameter, value)
-        if parameter.rule is not None and not parameter.rule.allows(number):
-            raise InputError(f"{name} is {number:g}; it must be {parameter.rule.must}")
+        if 0.0 < number < parameter.least:
+            raise InputError(f"{name} is {number:g}; it must be 0, or at least {parameter.least:g} m")
+        if parameter.kind == "sign" and abs(number) != 1.0:
+            raise InputError(f"{name} is {number:g}; it must be 1.0 or -1.0")
         return number
     if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(default):
         raise InputError(f"{name} is {shown(value)}; it must be {len(default)} numbers")

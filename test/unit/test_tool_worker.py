@@ -11,7 +11,7 @@ import pytest
 
 from rft_ros.errors import InputError
 from rft_ros.node import swap, tool_worker
-from rft_ros.node.swap import Failed, Loaded, Swap
+from rft_ros.node.swap import Failed, Swap
 from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.parameters import defaults, parts_of
 from rft_ros.tool import load_tool
@@ -141,7 +141,7 @@ def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
     for name in ("ellipsoid", "sphere"):
         pending.want(pending.prepare({**values, "mesh.file": name}))
         assert pending.preparing.startswith(f"mesh.file '{name}' for 0 s")
-    assert swapped(pending) == Loaded()
+    assert swapped(pending) is pending.prepared
     assert pending.prepared.model.tool.name == "sphere"
 
 
@@ -161,7 +161,7 @@ def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker, big, m
         assert f"mesh.file '{big}' for " in pending.preparing
     os.kill(process, signal.SIGCONT)
     while pending.preparing:
-        assert swapped(pending) == Loaded()
+        assert swapped(pending) is pending.prepared
     assert worker.process.pid == process
     assert pending.prepared.model.tool.name == "big"
     assert pending.prepared.model.ground is not None
