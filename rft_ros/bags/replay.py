@@ -85,7 +85,7 @@ def replay(
         write_estimates(run, rows, part, shift=recording.shift)
         if estimator.ground is not None:
             write_height_map(part / "ground.csv", estimator.ground)
-        evidence = evidence_of(rows[:_JUDGED], estimator, tare=options.tare)
+        evidence = evidence_of(rows[:_JUDGED], estimator)
         summary = summary_of(
             rows,
             faults=[finding.text for finding in diagnose(evidence, told=SILENT) if not finding.ok],
@@ -94,7 +94,6 @@ def replay(
             topics=topics,
             parameters=dict(values),
             bias=settings.load_cell.bias,
-            tared=bool(options.tare),
             messages={role: recording.counts[role] for role in ("pose", *topics)},
             reasons={reason.value: n for reason, n in sorted(estimator.counts.items())},
             unknown_frames={reason.value: said for reason, said in sorted(estimator.unknown_frames().items())},

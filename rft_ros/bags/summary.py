@@ -17,7 +17,7 @@ from rft_ros.bags.estimates import PHASES, Rows
 from rft_ros.errors import InputError, shown
 from rft_ros.estimator import Reason
 from rft_ros.estimator.quality import QualityFlag, Trust, begins_in_grains, trust
-from rft_ros.estimator.tare import OFFSET_SENTENCE, is_offset
+from rft_ros.estimator.tare import OFFSET_SENTENCE
 from rft_ros.files import read_yaml
 from rft_ros.messages import Role
 from rft_ros.parameters import Value
@@ -30,7 +30,6 @@ __all__ += ["check", "metric_rows", "read_limits", "statistics", "summary_of"]
 _BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
 _MOST_BINS = 10
 _TOUCHES = 1e-3  # m: least depth of a first pose in the grains, beyond the noise of a pose at the surface
-_OFFSET_SHARE = 0.01  # of the recording's peak: over a whole approach a smaller offset shows than in live readings
 _WRONG = 0.5  # a larger median error is likely due to the set-up
 
 
@@ -114,21 +113,20 @@ class Summary(Group):
         return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
-def summary_of(rows: Rows, *, issues: Counter[str], tared: bool, faults: Sequence[str] = (), **about: Any) -> Summary:
+def summary_of(rows: Rows, *, issues: Counter[str], faults: Sequence[str] = (), **about: Any) -> Summary:
     """The summary of rows, shape [n]. `about`: the other fields of `Summary`.
 
-    `issues`: for each issue of the estimator, the number of poses at which it was present. `tared`: the bias is a tare
-    over the first seconds of the recording. `faults`: sentences on faults of the set-up.
+    `issues`: for each issue of the estimator, the number of poses at which it was present. `faults`: sentences on
+    faults of the set-up.
     """
     whole, phases = statistics(rows)
     flags = rows["quality_flags"][rows["reason"] < 0]
     by_flag = {flag.label: int(np.count_nonzero(flags & flag)) for flag in QualityFlag if flag}
     levels = Counter(map(trust, flags.tolist()))
     by_trust = {level.value: levels[level] for level in Trust}
-    of_offset = _warnings_of_offset(whole, phases, tared=tared)
-    told = {OFFSET_SENTENCE} if of_offset else set()  # left out below: `of_offset` says it in the words for a recording
-    warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items() if issue not in told]
-    warnings += of_offset + _warnings_of_error(whole)
+    # a fault of the load cell's zero says more, and is judged on the whole recording
+    warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items() if issue != OFFSET_SENTENCE]
+    warnings += _warnings_of_error(whole)
     warnings += [*_warnings_of_poses(rows), *faults]
     return Summary(**vars(whole), quality_flags=by_flag, trust=by_trust, warnings=warnings, phases=phases, **about)
 
@@ -191,22 +189,6 @@ def _bin_edges(deepest: float) -> NDArray[np.float64]:
     width = 10.0 ** math.floor(math.log10(below / _MOST_BINS))
     width *= next(factor for factor in (1, 2, 5, 10) if below < _MOST_BINS * factor * width)
     return np.arange(math.ceil(below / width) + 1, dtype=np.float64) * width
-
-
-def _warnings_of_offset(whole: Group, phases: dict[str, PhaseGroup], *, tared: bool) -> list[str]:
-    """A warning that the load cell reads a force in the air."""
-    air = [phases["approach"].wrench[axis]["measured"]["mean"] or 0.0 for axis in AXES[FORCE]]
-    peak = whole.wrench["force"]["measured"]["peak"] or 0.0
-    load = math.hypot(*air)
-    if not is_offset(load, peak, share=_OFFSET_SHARE):
-        return []
-    advice = "replay with --tare, or calibrate sensor.bias and sensor.mass"
-    if tared:
-        advice = (
-            "it was tared, so the tool touches the grains there, or its weight changes with its attitude: check"
-            " surface_height, and calibrate sensor.mass"
-        )
-    return [f"the load cell reads {load:.3g} N in the air: {advice}"]
 
 
 def _warnings_of_error(whole: Group) -> list[str]:

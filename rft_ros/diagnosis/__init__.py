@@ -31,10 +31,12 @@ HYPOTHESES = (
     Hypothesis(
         name="unit of poses",
         judge=poses.unit_of_poses,
-        hides=("noise", "repeats", "surface", "unseen surface", "zero", "motion", *_OF_FORCES),
+        hides=("noise", "repeats", "surface", "unseen surface", "zero", "unseen air", "motion", *_OF_FORCES),
     ),
     Hypothesis(
-        name="size", judge=poses.size_of_tool, hides=("surface", "unseen surface", "zero", "motion", *_OF_FORCES)
+        name="size",
+        judge=poses.size_of_tool,
+        hides=("surface", "unseen surface", "zero", "unseen air", "motion", *_OF_FORCES),
     ),
     Hypothesis(name="repeats", judge=poses.repeated_poses, hides=("noise",)),
     Hypothesis(name="noise", judge=poses.noise_of_poses, hides=("surface", *_OF_FORCES)),
@@ -43,6 +45,7 @@ HYPOTHESES = (
     Hypothesis(name="unseen surface", judge=poses.unseen_surface),
     Hypothesis(name="mount", judge=forces.mount, hides=("lever", "torque")),
     Hypothesis(name="zero", judge=forces.zero),
+    Hypothesis(name="unseen air", judge=forces.unseen_air),
     Hypothesis(name="push", judge=forces.push, hides=_OF_FORCES),
     Hypothesis(name="saturation", judge=forces.saturation, hides=("delay", "torque", "lever", "strength")),
     Hypothesis(name="axes", judge=forces.axes, hides=("delay", "torque", "lever", "strength")),
@@ -54,7 +57,7 @@ HYPOTHESES = (
 """Every hypothesis that the doctor, a calibration and a replay judge, in the order of their findings."""
 
 
-SILENT = frozenset({"unit of poses", "repeats", "motion", "saturation", "delay", "lever", "torque"})
+SILENT = frozenset({"unit of poses", "repeats", "motion", "surface", "zero", "saturation", "delay", "lever", "torque"})
 """Causes of wrong numbers that the statistics and warnings of a replay or a calibration do not show by themselves."""
 
 

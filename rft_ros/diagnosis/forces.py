@@ -12,7 +12,8 @@ from rft_ros.estimator.tare import is_offset
 from rft_ros.rft import FORCE, TORQUE
 from rft_ros.rft.frames import Placement
 
-__all__ = ["axes", "lever", "mount", "push", "saturation", "strength", "unit_of_torque", "zero", "zero_that_moves"]
+__all__ = ["axes", "lever", "mount", "push", "saturation", "strength", "unit_of_torque", "unseen_air", "zero"]
+__all__ += ["zero_that_moves"]
 
 _ALIKE = 0.5  # least correlation of the measured and the predicted force along an axis
 _CARRIES = 0.2  # of the strongest axis's force: an axis with less is not judged
@@ -24,25 +25,30 @@ _TURNS = Rotation.create_group("O")  # the 24 turns by multiples of 90 degrees
 _LEVER, _LEVER_OF_SIZE = 0.01, 0.25  # m, and of the tool's size: the model does not give the lever more exactly
 _LONGEST_LEVER = 2.0  # m: a longer one comes from a torque in another unit
 _NOISE_OF_LEVER = 0.1  # of the misfit of the torque; with more, no lever is judged
+_SHOWS = 0.01  # of the greatest force: over a whole approach a smaller offset shows than in live readings
 _EXPLAINED = 0.25  # of a misfit: the greatest rest under a hypothesis that explains it
 
 
 def zero(e: Evidence) -> Iterator[Finding]:
     """The mean force in the air, which a tared cell does not have."""
-    if not len(e.time):
-        return
     air = ~e.in_grains
-    seen = air.sum() >= ENOUGH
-    load = float(np.linalg.norm(e.force[air].mean(axis=0))) if seen else 0.0
-    ok, said = True, f"{load:.3g} N in the air"
+    if air.sum() < ENOUGH:
+        return
+    load, greatest = float(np.linalg.norm(e.force[air].mean(axis=0))), float(np.linalg.norm(e.force, axis=1).max())
+    said = f"{load:.3g} N in the air"
     if e.tare:
         said += f"; a replay tares over its first {e.tare:g} s; for the node call ~/tare in the air"
-    elif not seen and e.complete:
-        ok, said = False, f"in the air at fewer than {ENOUGH} poses; lift the tool out and run again"
-    elif is_offset(load, greatest=0.0):  # whatever the forces in the grains: they may not have been seen
-        ok, advice = False, "call ~/tare, replay with --tare, or calibrate sensor.bias and sensor.mass"
-        said = f"it reads {said}; {advice}"
-    yield Finding(ok, f"load cell: {said}")
+    elif is_offset(load, greatest, share=_SHOWS):
+        advice = "tare it there (~/tare, --tare), or calibrate sensor.bias and sensor.mass"
+        yield Finding(False, f"load cell: it reads {said}; {advice}; after a tare, check surface_height")
+        return
+    yield Finding(True, f"load cell: {said}")
+
+
+def unseen_air(e: Evidence) -> Iterator[Finding]:
+    """Whether the load cell's zero was seen."""
+    if len(e.time) and e.complete and not e.tare and (~e.in_grains).sum() < ENOUGH:
+        yield Finding(False, f"load cell: in the air at fewer than {ENOUGH} poses; lift the tool out and run again")
 
 
 def zero_that_moves(e: Evidence) -> Iterator[Finding]:

@@ -63,9 +63,9 @@ def test_the_newcomers_way_leads_to_right_numbers(bag, rft, tmp_path, capsys):
 
 LEARNING = {"learning.mode": "observe"}
 FAULTS = {
-    "no tare": ("the load cell reads 2.78 N in the air: replay with --tare, or calibrate sensor.bias and", {}, False),
-    "tared at the wrong height": ("it was tared, so the tool touches the grains", {"surface_height": SURFACE - 0.03}),
-    "no tare, learning": ("the load cell reads 2.78 N in the air: replay with --tare, or calibrate", LEARNING, False),
+    "no tare": ("load cell: it reads 2.78 N in the air; tare it there (~/tare, --tare), or", {}, False),
+    "tared at the wrong height": ("set it to about 0.114, or calibrate", {"surface_height": SURFACE - 0.03}),
+    "no tare, learning": ("load cell: it reads 2.78 N in the air; tare it there", LEARNING, False),
     "sign": (" %: check the set-up with rft doctor", {"sensor.sign": -1.0}),
     "sign, learning": ("the measured force points against the model", LEARNING | {"sensor.sign": -1.0}),
     "turned, learning": ("turned by over 45", LEARNING | {"sensor.quaternion": [0.0, 0.0, 0.0, 1.0]}),
