@@ -41,7 +41,7 @@ HYPOTHESES = (
     Hypothesis(name="repeats", judge=poses.repeated_poses, hides=("noise",)),
     Hypothesis(name="noise", judge=poses.noise_of_poses, hides=("surface", *_OF_FORCES)),
     Hypothesis(name="motion", judge=forces.zero_that_moves, hides=("surface", "zero", *_OF_FORCES)),
-    Hypothesis(name="surface", judge=poses.surface, hides=("zero", *_OF_FORCES)),
+    Hypothesis(name="surface", judge=poses.surface, hides=("zero", "unseen air", *_OF_FORCES)),
     Hypothesis(name="unseen surface", judge=poses.unseen_surface),
     Hypothesis(name="mount", judge=forces.mount, hides=("lever", "torque")),
     Hypothesis(name="zero", judge=forces.zero),
