@@ -23,8 +23,8 @@ _CLEAR = 0.001  # m: at this height above the surface the memory is empty, despi
 class BedValues(NamedTuple):
     """Values of the model that all fits use; those that a phase of a recording determines are fitted to it.
 
-    Surface height [m]; natural logarithm of λ [m], -inf without memory; delay of the load
-    cell [s], on top of the one that the recording was read with.
+    Surface height [m]; natural logarithm of λ [m], -inf without memory; delay of the load cell [s], on top of the one
+    that the recording was read with.
     """
 
     surface: float
@@ -68,8 +68,7 @@ class Recorded:
             states = self.smooth[first : last + 1]
             return wrenches(plates, self.law, states, surface_height=values.surface, threads=1)[:, FORCE]
         law = replace(self.law, mobilization_length=values.length)
-        _, states, at = self.motion
-        rows = at[first : last + 1]
+        states, rows = self.motion.states, self.motion.rows[first : last + 1]
         memory = Memory(plates, slack=_LOST_MOTION)
         found = wrenches_in_time(plates, law, states[rows[0] : rows[-1] + 1], memory, surface_height=values.surface)
         return np.asarray(found[rows - rows[0], FORCE])

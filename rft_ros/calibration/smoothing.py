@@ -35,12 +35,11 @@ _ROUNDED = 9  # decimals of velocities: rounding must not decide whether a wall 
 
 
 class FineMotion(NamedTuple):
-    """A motion at m times [s], shape [m]. `states`: shape [m, 13]. `rows`: those of the recording's moments, shape [n].
+    """A motion as `states`, shape [m, 13]. `rows`: those of the recording's moments, shape [n].
 
     The other rows lie between two moments: corners of the path, and steps.
     """
 
-    time: Array
     states: Array
     rows: NDArray[np.int64]
 
@@ -191,8 +190,7 @@ def fine_motion(time: Array, states: Array) -> FineMotion:
     part = (row - ends[begin]) / steps[begin]
     fine = np.vstack([_between(states, begin, part), states[-1:]])
     fine[row[part > 0.0], TWIST] = states[begin[part > 0.0] + 1, TWIST]
-    times = time[begin] + part * np.diff(time)[begin]
-    return FineMotion(np.append(times, time[-1]), fine, ends[rows])
+    return FineMotion(fine, ends[rows])
 
 
 def _between(states: Array, rows: NDArray[np.int64], share: Array) -> Array:
