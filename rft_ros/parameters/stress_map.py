@@ -30,7 +30,6 @@ _WEAKEST, _STRONGEST = 0.05, 5.0  # ζ of the generic medium; beyond, the stress
 
 
 _RIGHT = 0.5 * np.pi
-_SIGNS = (1.0, -1.0)
 _BETAS = {
     "": (0.0, 1.0),
     "beta negated": (0.0, -1.0),
@@ -128,9 +127,9 @@ def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
         medium=medium,
         errors=errors,
         zeta=zeta,
-        size=_rms(_scaled(0.0), measured),
-        misfit=_rms(medium, measured),
-        misfit_scaled=_rms(generic, measured),
+        size=_misfit(_scaled(0.0), measured),
+        misfit=_misfit(medium, measured),
+        misfit_scaled=_misfit(generic, measured),
         left_out=_left_out(measured, name),
         remarks=tuple(remarks),
     )
@@ -143,7 +142,7 @@ def _far_cells(fitted: Medium, measured: StressMap) -> list[str]:
     """
     of_x, of_z = fitted.stresses(measured.beta, measured.gamma)
     residual = np.hypot(np.nan_to_num(measured.alpha_x - of_x), np.nan_to_num(measured.alpha_z - of_z))
-    size, misfit = _rms(_scaled(0.0), measured), _rms(fitted, measured)
+    size, misfit = _misfit(_scaled(0.0), measured), _misfit(fitted, measured)
     outlying = residual > max(_OUTLIER * float(np.median(residual)), _NO_MEDIUM * size)
     if misfit <= _NO_MEDIUM * size and not outlying.any():
         return []
@@ -239,11 +238,15 @@ def _zeta(model: Array, stress: Array) -> float:
     return max(float(model @ stress) / over, 0.0) if over > 0.0 else 0.0
 
 
-def _rms(medium: Medium, measured: StressMap, *, scaled: bool = False) -> float:
-    """RMS over the cells of the vector (α_x, α_z), measured less the medium's [N/cm³], or less its best multiple."""
+def _misfit(medium: Medium, measured: StressMap) -> float:
+    """RMS over the cells of the vector (α_x, α_z), measured less the medium's [N/cm³]."""
     model, stress = _both(medium, measured)
-    residual = stress - model * (_zeta(model, stress) if scaled else 1.0)
-    return float(np.sqrt(2.0 * np.mean(residual**2))) if len(residual) else 0.0
+    return _rms(stress - model)
+
+
+def _rms(components: Array) -> float:
+    """RMS of vectors of two components, of which either may be missing."""
+    return float(np.sqrt(2.0 * np.mean(components**2))) if len(components) else 0.0
 
 
 def _selected(measured: StressMap, rows: NDArray[np.bool_]) -> StressMap:
@@ -262,7 +265,7 @@ def _left_out(measured: StressMap, name: str) -> LeftOut | None:
         rest = _selected(measured, ~seen)
         fitted, _, zeta = _fitted(_selected(measured, seen), name)
         for k, medium in enumerate((fitted or _scaled(0.0), _scaled(zeta))):
-            squares[k] += (~seen).mean() * _rms(medium, rest) ** 2
+            squares[k] += (~seen).mean() * _misfit(medium, rest) ** 2
     return LeftOut(*np.sqrt(squares).tolist())
 
 
@@ -294,18 +297,17 @@ def _conventions(measured: StressMap) -> list[str]:
     """
     if min(np.isfinite(measured.alpha_x).sum(), np.isfinite(measured.alpha_z).sum()) < _ENOUGH:
         return []
+    there = np.isfinite([measured.alpha_x, measured.alpha_z])
     tried = []
-    for (of_beta, beta), (of_gamma, gamma), x, z in itertools.product(_BETAS.items(), _GAMMAS.items(), _SIGNS, _SIGNS):
-        turned = StressMap(
-            beta=beta[0] + beta[1] * measured.beta,
-            gamma=gamma[0] + gamma[1] * measured.gamma,
-            alpha_x=x * measured.alpha_x,
-            alpha_z=z * measured.alpha_z,
-        )
-        changes = [change for change in (of_beta, of_gamma) if change]
-        changes += [f"{name} negated" for name, sign in (("alpha_x", x), ("alpha_z", z)) if sign < 0.0]
-        misfit = min(_rms(medium, turned, scaled=True) for medium in MEDIA.values())
-        tried.append((misfit / _BETTER ** len(changes), misfit, changes))
+    for (of_beta, beta), (of_gamma, gamma) in itertools.product(_BETAS.items(), _GAMMAS.items()):
+        angles = beta[0] + beta[1] * measured.beta, gamma[0] + gamma[1] * measured.gamma
+        models = [np.array(medium.stresses(*angles))[there] for medium in MEDIA.values()]
+        for x, z in itertools.product((1.0, -1.0), repeat=2):
+            stress = np.array([x * measured.alpha_x, z * measured.alpha_z])[there]
+            changes = [change for change in (of_beta, of_gamma) if change]
+            changes += [f"{name} negated" for name, sign in (("alpha_x", x), ("alpha_z", z)) if sign < 0.0]
+            misfit = min(_rms(stress - _zeta(model, stress) * model) for model in models)
+            tried.append((misfit / _BETTER ** len(changes), misfit, changes))
     as_given = tried[0][1]
     _, misfit, changes = min(tried)
     if not changes:

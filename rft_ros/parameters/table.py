@@ -89,13 +89,12 @@ PARAMETERS = (
         "A medium of your own in place of medium.name: nine coefficients (YAML), or a measured stress map (CSV).",
         "N/cm3",
     ),
-    Parameter("medium.zeta", 1.0, "Scale factor of the medium, from calibration.", "", (1e-6, 1e6)),
+    Parameter("medium.zeta", 1.0, "Scale factor of the medium, from calibration.", bounds=(1e-6, 1e6)),
     Parameter(
         "medium.zeta_error",
         _SETTINGS.zeta_error or 0.0,
         "Relative standard error of medium.zeta. 0.0: not known.",
-        "",
-        (0.0, 2.0),
+        bounds=(0.0, 2.0),
     ),
     Parameter(
         "medium.mobilization_length",
@@ -118,15 +117,13 @@ PARAMETERS = (
         INERTIA,
         "Factor of the grains' inertia on an upright plate. On a level plate that moves down it is three times as "
         "large.",
-        "",
-        (0.0, 100.0),
+        bounds=(0.0, 100.0),
     ),
     Parameter(
         "medium.surface_friction",
         SURFACE_FRICTION,
         "Coefficient of friction between grains and tool, for law agarwal2023.",
-        "",
-        (0.0, 10.0),
+        bounds=(0.0, 10.0),
     ),
     Parameter(
         "alpha_y.model",
@@ -153,8 +150,7 @@ PARAMETERS = (
         0.025,
         "Reduce the tool to the fewest plates whose force and torque deviate by at most this share in 95 % of random "
         "motions. 0.0: use all plates.",
-        "",
-        (0.0, 1.0),
+        bounds=(0.0, 1.0),
     ),
     Parameter(
         "learning.mode",
@@ -175,8 +171,7 @@ PARAMETERS = (
         0.0,
         "Factor of the prediction on ~/wrench_feedforward. -1.0: the wrench that cancels the force of the "
         "grains. 0.0: publish no such wrench.",
-        "",
-        (-2.0, 2.0),
+        bounds=(-2.0, 2.0),
     ),
     Parameter(
         "feedforward.frame",
@@ -252,8 +247,7 @@ PARAMETERS = (
         "sensor.sign",
         _LOAD_CELL.sign,
         "1.0: the driver reports the force that acts on the tool. -1.0: the force with which the tool pushes.",
-        "",
-        (-1.0, 1.0),
+        bounds=(-1.0, 1.0),
         kind="sign",
     ),
     Parameter(

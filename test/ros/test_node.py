@@ -3,12 +3,10 @@
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
-from geometry_msgs.msg import TransformStamped
 from harness import OUTPUTS, numbers, predicted_by_the_core, stamp_of
-from recordings import cdr, transform_cdr
+from recordings import cdr
 
 from rft_ros.errors import InputError
-from rft_ros.estimator import TransformSample
 from rft_ros.tool import locate_mesh
 
 S = 1_000_000_000
@@ -210,21 +208,3 @@ def test_a_node_with_nothing_set_answers_every_pose_also_at_rest_and_says_its_mo
     rft._rft.announce("ready")  # as main does before the first pose
     in_words = "integration refined, law treers2021, medium generic, alpha_y linear, zeta 1, memory 3 mm"
     rft.until(lambda: in_words in rft.said())
-
-
-def test_poses_may_be_transforms_as_motion_capture_sends_them(start_process):
-    rft = start_process("-p", "mesh.file:=plate").wait_ready()
-    expected = numbers(rft.ask(rft.moment()))
-    rft.node.destroy_publisher(rft.pose)
-    capture = rft.node.create_publisher(TransformStamped, f"{rft.name}/pose", 100)
-    still = (0.0, 0.0, 0.0)
-
-    def answered():
-        stamp = rft.moment()
-        rft.twist.publish(cdr("twist", stamp, (0.0, 0.0, -0.01, *still)))
-        capture.publish(transform_cdr(TransformSample(stamp, "world", "tool", (0.0, 0.0, -0.01), (*still, 1.0), False)))
-        rft.spin(0.1)
-        return stamp_of(rft.received["wrench_predicted"][-1]) == stamp
-
-    rft.until(answered)
-    np.testing.assert_array_equal(numbers(rft.received["wrench_predicted"][-1]), expected)

@@ -11,14 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 import rclpy
-from geometry_msgs.msg import TwistStamped, WrenchStamped
+from geometry_msgs.msg import TransformStamped, TwistStamped, WrenchStamped
 from harness import WAIT, InlineWorker, numbers, parameters, predicted_by_the_core, stamp_of
 from rcl_interfaces.srv import SetParameters, SetParametersAtomically
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
-from recordings import cdr
+from recordings import cdr, transform_cdr
 from rosgraph_msgs.msg import Clock
 
 from rft_ros.bags.writing import BagWriter
+from rft_ros.estimator import TransformSample
 from rft_ros.node.rft_node import RftNode
 from rft_ros.node.topics import INPUTS
 
@@ -36,11 +37,11 @@ def test_a_driver_that_dies_and_returns_is_taken_up_again(rft):
     rft.until(lambda: rft.send(rft.moment()) or rft.diagnostic("inputs")[0] == b"\x00")
 
 
-def test_poses_that_come_before_the_node_do_no_harm(start_process):
+def test_poses_that_come_before_the_node_do_no_harm_and_poses_may_be_transforms_as_of_motion_capture(start_process):
     rft = start_process("-p", "mesh.file:=plate")
-    stamp = S
-    end, again = time.monotonic() + WAIT, time.monotonic() + 60.0
-    while not rft.received["wrench_predicted"]:
+    predicted, expected = rft.received["wrench_predicted"], predicted_by_the_core()
+    stamp, end, again = S, time.monotonic() + WAIT, time.monotonic() + 60.0
+    while not predicted:
         assert time.monotonic() < end
         if time.monotonic() > again:  # as `Harness.call`: on a busy machine a match can stay one-sided for good
             again += 60.0
@@ -49,7 +50,22 @@ def test_poses_that_come_before_the_node_do_no_harm(start_process):
         stamp += 10_000_000
         rft.send(stamp)
         rft.spin(0.01)
-    np.testing.assert_array_equal(numbers(rft.received["wrench_predicted"][0]), predicted_by_the_core())
+    np.testing.assert_array_equal(numbers(predicted[0]), expected)
+
+    rft.node.destroy_publisher(rft.pose)
+    capture = rft.node.create_publisher(TransformStamped, f"{rft.name}/pose", 100)
+    still, level = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+
+    def answered():
+        nonlocal stamp
+        stamp += S
+        rft.twist.publish(cdr("twist", stamp, (0.0, 0.0, -0.01, *still)))
+        capture.publish(transform_cdr(TransformSample(stamp, "world", "tool", (0.0, 0.0, -0.01), level, False)))
+        rft.spin(0.1)
+        return stamp_of(predicted[-1]) == stamp
+
+    rft.until(answered)
+    np.testing.assert_array_equal(numbers(predicted[-1]), expected)
 
 
 def test_simulated_time_dates_the_diagnostics_and_changes_no_estimate(start_node):
