@@ -8,7 +8,6 @@ from typing import Any
 
 import numpy as np
 
-from rft_ros.calibration.alpha_y import AlphaYFit
 from rft_ros.calibration.calibrate import Calibration
 from rft_ros.calibration.fitting import FittedValue
 from rft_ros.calibration.track import Track
@@ -54,11 +53,9 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
         _relocate_paths(parameters, source=source, file=file)
 
     numbers = {f.name: _rounded_values(f) for f in result.fitted}
-    known = defaults()
-    for name, values in numbers.items():
-        if name in known:
-            parameters[name] = values if len(values) > 1 else values[0]
     for f in result.fitted:
+        if f.name in defaults():
+            parameters[f.name] = numbers[f.name] if len(f.values) > 1 else numbers[f.name][0]
         if f.name == "medium.zeta":  # of another bed of the same grains, and of each tool that was recorded
             parameters["medium.zeta_error"] = float(f"{max(f.errors[0] / f.values[0], _BEDS_DIFFER, f.spread):.3g}")
     if "sensor.bias" in numbers:
@@ -70,7 +67,11 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
         if result.alpha_y.rows:
             table = alpha_y_table(file)
             parameters["alpha_y.table"] = table.name
-            texts[table] = _table_text(result.alpha_y, bags)
+            head = (
+                f"# {result.alpha_y.value.name} over β from {', '.join(bags)}; constant beyond the first and last row\n"
+            )
+            rows = "".join(f"{beta:g},{alpha:.6g}\n" for beta, alpha in result.alpha_y.rows)
+            texts[table] = f"{head}beta,alpha_y\n{rows}"
     tree[SECTION] = {"ros__parameters": _record(result, numbers, bags)}
     head = f"# {source.name} calibrated by rft calibrate; bags, sources and standard errors: {SECTION} below.\n"
     texts[file] = head + parameter_file_text(tree)
@@ -104,12 +105,6 @@ def _remove_tare(tree: dict[str, dict[str, dict[str, Any]]]) -> None:
     of_replay.pop("tare", None)
     if not of_replay:
         tree.pop("rft_replay", None)
-
-
-def _table_text(alpha_y: AlphaYFit, bags: Iterable[str]) -> str:
-    """The text of an α_y table."""
-    head = f"# {alpha_y.value.name} over β from {', '.join(bags)}; constant beyond the first and last row\n"
-    return head + "beta,alpha_y\n" + "".join(f"{beta:g},{alpha:.6g}\n" for beta, alpha in alpha_y.rows)
 
 
 def _record(result: Calibration, numbers: dict[str, list[float]], bags: list[str]) -> dict[str, Any]:

@@ -8,7 +8,8 @@ from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence, Finding
 
 __all__ = ["delay_of_load_cell"]
 
-_LONGEST, _STEP = 0.25, 0.002  # s: the delays that are tried
+_LONGEST = 0.25  # s
+_DELAYS = np.linspace(-_LONGEST, _LONGEST, 251)  # that are tried
 _WINDOW = 0.4  # s before and after a change of the motion
 _SHARP = 0.05  # s in which such a change takes place
 _LEAST = 0.012  # s: a smaller delay is not told from the time between two samples
@@ -25,13 +26,13 @@ def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
     errors of strength, surface and λ then change the fit of a single event, and hardly the time that all agree on.
     """
     misfits = [_misfits(e, at) for at in _events(e)]
-    delays, each = _delays(), np.array([m for m in misfits if m is not None and m.min() < _EXPLAINED])
+    each = np.array([m for m in misfits if m is not None and m.min() < _EXPLAINED])
     if len(each) < 2:
         return
     total = each.sum(axis=0)
-    best, none = int(total.argmin()), int(np.abs(delays).argmin())
-    delay = float(delays[best])
-    gains, own = each[:, none] - each.min(axis=1), delays[each.argmin(axis=1)]
+    best, none = int(total.argmin()), len(_DELAYS) // 2
+    delay = float(_DELAYS[best])
+    gains, own = each[:, none] - each.min(axis=1), _DELAYS[each.argmin(axis=1)]
     agree = np.abs(own - delay) <= max(_NEAR * abs(delay), 0.01)
     agreeing = gains[agree].sum() >= _AGREE * gains.sum() and agree.sum() >= 2
     if abs(delay) < _LEAST or total[best] > _BETTER * total[none] or not agreeing:
@@ -41,11 +42,6 @@ def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
     better = f"the misfit there falls to {100.0 * np.sqrt(total[best] / total[none]):.0f} % with it"
     set_to = e.load_cell.delay + delay
     yield Finding(False, f"delay: {said} ({better}); set sensor.delay: {set_to:.3f}, or fit it with rft calibrate")
-
-
-def _delays() -> Array:
-    count = round(_LONGEST / _STEP)
-    return np.asarray(_STEP * np.arange(-count, count + 1), dtype=np.float64)
 
 
 def _events(e: Evidence) -> list[float]:
@@ -84,7 +80,7 @@ def _misfits(e: Evidence, at: float) -> Array | None:
 
     measured, misfits = bent(e.force[rows]), []
     whole = (measured**2).sum(axis=0)
-    for delay in _delays():
+    for delay in _DELAYS:
         predicted = bent(np.stack([np.interp(time - delay, e.time, p) for p in e.predicted[:, :3].T], axis=1))
         shared = np.maximum((measured * predicted).sum(axis=0), 0.0)
         misfits.append((whole - shared**2 / np.maximum((predicted**2).sum(axis=0), 1e-12)).sum())
