@@ -136,9 +136,10 @@ class NodeParameters(Generic[_Prepared]):
         return SetParametersResult(successful=True)
 
     def _on_post_set(self, _: list[RosParameter]) -> None:
-        if self._accepted is None:
+        accepted, self._accepted = self._accepted, None  # `_apply` may declare qos_overrides, which calls this again
+        if accepted is None:
             return
-        before, (changes, prepared) = self.values, self._accepted
+        before, (changes, prepared) = self.values, accepted
         said = ", ".join([f"{name} {before[name]!r} -> {value!r}" for name, value in sorted(changes.items())])
         self._node.get_logger().info(f"parameters set: {said}" + (f" ({self._why})" if self._why else ""))
         self.values = {**before, **changes}

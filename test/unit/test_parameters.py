@@ -26,7 +26,7 @@ from rft_ros.parameters import (
 )
 from rft_ros.parameters.from_values import SHORT_NAMES
 from rft_ros.parameters.settings import CALIBRATED_ERROR
-from rft_ros.rft import LAW_NUMBERS, LAWS, MEDIA, Constant, Linear, law_named
+from rft_ros.rft import MEDIA, Constant, Linear, law_named
 
 
 @pytest.mark.parametrize("parameter", PARAMETERS, ids=lambda p: p.name)
@@ -306,6 +306,8 @@ def test_a_number_of_the_grains_changes_the_law_as_a_new_model_has_it_and_nothin
     old, new = model_of(before), model_of(after)
     made = with_grains(old, {name: after[name]})
     assert made.law == new.law
+    assert getattr(made.law, name.removeprefix("medium."), after[name]) == after[name]
+    assert SHORT_NAMES[name.removeprefix("medium.")] == name  # it can be varied in a study
     assert [*made.law.packed.numbers] == [*new.law.packed.numbers]
     assert (made.tool, made.ground, made.generation) == (old.tool, old.ground, old.generation + 1)
     assert settings_of(before) == settings_of(after)
@@ -317,16 +319,6 @@ def test_every_other_parameter_of_the_law_is_none_of_its_numbers():
     for name, value in {"medium.name": "poppy_seeds_loose", "alpha_y.model": "constant", "law": "agarwal2023"}.items():
         assert name not in GRAINS
         assert model_of({**defaults(), name: value}).law != model_of(defaults()).law
-
-
-def test_each_number_of_a_law_is_a_parameter_that_reaches_the_law_and_can_be_varied_in_a_study():
-    for name in LAW_NUMBERS:
-        parameter = f"medium.{name}"
-        assert SHORT_NAMES[name] == parameter
-        for law in LAWS:
-            values = {**defaults(), "law": law, parameter: 0.125}
-            made = model_of(values, tool=object()).law
-            assert getattr(made, name, 0.125) == 0.125
 
 
 def test_a_number_that_no_law_has_is_refused_by_its_name():
