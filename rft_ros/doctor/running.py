@@ -11,7 +11,7 @@ from rft_ros.diagnosis import Finding
 from rft_ros.doctor.checkup import Cell, Checkup, delayed
 from rft_ros.estimator import Sample, Stamped
 from rft_ros.files import resolved
-from rft_ros.messages import TYPES, UNREADABLE, decoder
+from rft_ros.messages import UNREADABLE, decoder
 from rft_ros.node.listen import Message, Topic, listener
 from rft_ros.parameters import FILES, Value, Values
 
@@ -109,9 +109,9 @@ def _of_topic(topic: Topic) -> Iterator[Finding]:
     """Whether node and doctor can receive the messages of a topic: type and QoS of its publishers."""
     right = True
     for publisher in topic.publishers:
-        if publisher.type not in TYPES[topic.role]:
+        if publisher.type not in topic.types:
             right = False
-            must = f"it must be {' or '.join(TYPES[topic.role])}"
+            must = f"it must be {' or '.join(topic.types)}"
             yield Finding(False, f"{topic.role}: {topic.name} is {publisher.type}; {must}")
         for node, why in publisher.unheard:
             right = False

@@ -15,7 +15,7 @@ from rclpy.subscription import Subscription
 
 from rft_ros.errors import InputError, reason_of
 from rft_ros.messages import TYPES, Role
-from rft_ros.node.topics import INPUTS, message_class, start_ros, transforms_come, type_on
+from rft_ros.node.topics import INPUTS, message_class, start_ros, transforms_come, type_name, type_on
 from rft_ros.parameters import Values, checked
 
 __all__ = ["Listener", "Message", "Publisher", "Topic", "listener"]
@@ -54,10 +54,11 @@ class Publisher:
 
 @dataclass(frozen=True, slots=True)
 class Topic:
-    """The topic of a role, and its publishers."""
+    """The topic of a role, the types that its messages may have, and its publishers."""
 
     role: Role
     name: str
+    types: tuple[str, ...]
     publishers: tuple[Publisher, ...]
 
 
@@ -137,7 +138,8 @@ class Listener:
                 if compatible != QoSCompatibility.OK:
                     unheard.append((subscription.node_name, why.strip()))
             publishers.append(Publisher(publisher.node_name, publisher.topic_type, tuple(unheard)))
-        return Topic(role, name, tuple(publishers))
+        # the names that the classes have, since tests put another message in place of that of tf2_msgs
+        return Topic(role, name, tuple(type_name(message_class(kind)) for kind in TYPES[role]), tuple(publishers))
 
 
 def _waiting(role: Role, kind: str, subscription: Subscription) -> Iterator[Message]:

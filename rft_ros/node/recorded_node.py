@@ -24,7 +24,7 @@ from std_srvs.srv import Trigger
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.estimator import Wrench
-from rft_ros.node.topics import start_ros
+from rft_ros.node.topics import start_ros, type_name
 
 _Array = NDArray[np.float64]
 
@@ -66,8 +66,7 @@ class RecordedNode:
         self._record(name, message)
 
     def _record(self, name: str, message: Any) -> None:
-        package, kind = type(message).__module__.partition(".")[0], type(message).__name__
-        self._bag.write_raw(f"/rft/{name}", f"{package}/msg/{kind}", _stamp(message), serialize_message(message))
+        self._bag.write_raw(f"/rft/{name}", type_name(type(message)), _stamp(message), serialize_message(message))
 
     @property
     def time(self) -> float:

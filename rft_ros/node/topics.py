@@ -11,7 +11,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rft_ros.errors import InputError
 from rft_ros.messages import TYPES, Role
 
-__all__ = ["INPUTS", "OUTPUTS", "message_class", "start_ros", "transforms_come", "type_on"]
+__all__ = ["INPUTS", "OUTPUTS", "message_class", "start_ros", "transforms_come", "type_name", "type_on"]
 
 # Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream.
 _SENSOR_DATA = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -22,6 +22,11 @@ INPUTS: dict[Role, QoSProfile] = {
     "tf_static": QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL),
 }
 OUTPUTS = QoSProfile(depth=200)  # reliable
+
+
+def type_name(message: Any) -> str:
+    """The ROS name of a message class, such as geometry_msgs/msg/PoseStamped."""
+    return f"{message.__module__.partition('.')[0]}/msg/{message.__name__}"
 
 
 def transforms_come() -> bool:

@@ -154,7 +154,7 @@ def test_a_message_arrives_when_the_middleware_receives_it_not_when_it_is_read(s
 
 @pytest.mark.parametrize(("taken", "lost"), [(range(1, 1001), 0), (range(1, 1001, 2), 499), ([5], 0), ([], 0)])
 def test_messages_that_were_lost_on_the_way_are_said(taken, lost):
-    topic = Topic("pose", "/rft/pose", (Publisher("arm", "", ()),))
+    topic = Topic("pose", "/rft/pose", (), (Publisher("arm", "", ()),))
     found = [f.text for f in _of_losses(topic, [Message("pose", "", b"", 0, number) for number in taken])]
     assert len(found) == (lost > 0)
     assert all(f"{lost} of 999 messages on /rft/pose were lost" in text and "too busy" in text for text in found)
