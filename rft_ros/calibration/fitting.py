@@ -166,14 +166,15 @@ def fit_curve(
     at = least_squares(misfit, np.clip(start, low, high), slopes_of, (low, high), "dogbox", **limits).x
     linear, residuals = linear_at(*at)
 
-    def fit(width: Array) -> Fit:
+    def fit_with(width: Array) -> Fit:
+        """The fit, with slopes over this width to either side."""
         influence = (np.linalg.pinv(slopes(at, width, width))[0] * step[0]).reshape(observed.shape)
         return Fit(np.append(at * step, linear), _error(influence, residuals, free), residuals, influence)
 
-    found = fit(one)
+    found = fit_with(one)
     # With memory the curve is not smooth. The standard error needs the slope over a step as wide as itself.
     wide = np.clip(found.error / step[0], one, np.maximum(one, _WIDEST * (high - low)))
-    return max(found, fit(wide), key=lambda fit: fit.error) if (wide > one).any() else found
+    return max(found, fit_with(wide), key=lambda fit: fit.error) if (wide > one).any() else found
 
 
 def _error(influence: Array, residuals: Array, free: int) -> float:

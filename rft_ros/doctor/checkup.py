@@ -206,13 +206,10 @@ class Checkup:
 
     def _arrivals(self, role: Role) -> dict[str, _Arrivals]:
         """The messages of a role, by the frame that they place: "" but for transforms."""
-        heard = self._heard[role]
-        found = {}
-        for child in sorted({message.child for message in heard}):
-            own = [message for message in heard if message.child == child]
-            times = (np.array([message[k] for message in own], dtype=np.int64) for k in range(2))
-            found[child] = _Arrivals(self._topics[role], *times)
-        return found
+        times: dict[str, list[tuple[int, int]]] = {}
+        for message in self._heard[role]:
+            times.setdefault(message.child, []).append((message.arrival, message.stamp))
+        return {child: _Arrivals(self._topics[role], *np.array(times[child]).T) for child in sorted(times)}
 
     def _of_clocks(self) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
