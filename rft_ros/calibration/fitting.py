@@ -12,6 +12,7 @@ from typing import Any, NamedTuple, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 from scipy.optimize import least_squares
+from scipy.signal import lfilter
 
 from rft_ros.errors import InputError
 from rft_ros.parameters import checked, defaults
@@ -25,6 +26,7 @@ _MOST_STEPS = 12  # of least squares
 _CONVERGED = 1e-4  # relative change of the squares or the parameters at which least squares end
 _WIDEST = 0.1  # greatest step for derivatives, relative to the range of a parameter
 _MOST_ALIKE = 0.97  # greatest correlation of successive samples of noise; at 1 the variance of a mean is unbounded
+_SMOOTH = 0.999  # the same, where the whole series is one misfit
 
 _Result = TypeVar("_Result")
 
@@ -178,23 +180,28 @@ def fit_curve(
 
 
 def _error(influence: Array, residuals: Array, free: int) -> float:
-    """Standard error of the sum of `influence` times the noise, both of shape [n, axes].
+    """Standard error of the sum of `influence` times the noise, both of shape [n, axes]: the greater of two estimates.
 
-    By Newey and West (Econometrica 55, 1987), where each residual counts at its own moment, such as at a corner, on
-    scores whitened by the residuals' lag-one correlation (Andrews, 60, 1992): else errors from a few hundred samples
-    are a third too small. `free`: the number of coefficients.
+    One is by Newey and West (Econometrica 55, 1987), where each residual counts at its own moment, such as at a corner,
+    on scores whitened by the residuals' lag-one correlation (Andrews, 60, 1992): else errors from a few hundred samples
+    are a third too small. The other takes the residuals as a stationary process of first order, for misfits of real
+    grains that stay alike over hundreds of samples. `free`: the number of coefficients.
     """
     n, scores = len(residuals), influence * residuals
     noise = residuals - residuals.mean(axis=0)
     rho = (noise[1:] * noise[:-1]).sum(axis=0) / np.maximum((noise**2).sum(axis=0), 1e-300)
-    rho = np.clip(rho, -_MOST_ALIKE, _MOST_ALIKE)
-    scores = (scores[1:] - rho * scores[:-1]) / (1.0 - rho)
+    whitening = np.clip(rho, -_MOST_ALIKE, _MOST_ALIKE)
+    scores = (scores[1:] - whitening * scores[:-1]) / (1.0 - whitening)
     lags = int(4.0 * (n / 100.0) ** (2.0 / 9.0))
     total = np.sum(scores**2)
     for lag in range(1, lags + 1):
         total += 2.0 * (1.0 - lag / (lags + 1.0)) * np.sum(scores[lag:] * scores[:-lag])
-    # the coefficients and the kernel's width reduce the degrees of freedom
-    return float(np.sqrt(total * n / max(n - free - lags, 1)))
+    by_moment = total * n / max(n - free - lags, 1)  # coefficients and the kernel's width reduce the degrees of freedom
+    stationary = 0.0
+    for alike, own, power in zip(np.clip(rho, -0.5, _SMOOTH), influence.T, (residuals**2).sum(axis=0), strict=True):
+        after, before = (lfilter([1.0], [1.0, -alike], way) for way in (own, own[::-1]))
+        stationary += power / max(n - free, 1) * float(own @ (after + before[::-1] - own))
+    return float(np.sqrt(max(by_moment, stationary)))
 
 
 class Estimates(NamedTuple):
