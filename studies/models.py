@@ -228,7 +228,7 @@ def _draw(axes: Axes, marks: Sequence[Mark], title: str, error: str) -> None:
     for mark in marks:
         shape = "D" if mark.peer else ("s" if mark.learns else "o")
         fill = "white" if mark.peer else mark.colour
-        percent = f"{100.0 * mark.error:.0f} %" if mark.error > 0.1 else f"{100.0 * mark.error:.1f} %"
+        percent = f"{100.0 * mark.error:.0f} %" if mark.error > 0.095 else f"{100.0 * mark.error:.1f} %"
         label = f"{mark.name}: {percent}"
         axes.plot(
             mark.seconds, 100.0 * mark.error, shape, color=mark.colour, mfc=fill, mew=1.8, ms=9.0, label=label, zorder=3
