@@ -1,53 +1,44 @@
-"""The node's command line: its parameter files, and the parameters that ``-p`` sets."""
+"""The node's command line: its parameter files, the parameters that ``-p`` sets, and what is not for ROS."""
 
 import itertools
 import sys
-from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from rft_ros.parameters.sections import Given
+    from rft_ros.parameters.sections import Section
 
-__all__ = ["given_parameters", "parameter_files"]
-
-
-def parameter_files() -> list[Path]:
-    """The parameter files on the command line."""
-    return [Path(value) for option, value in _options() if option == "--params-file"]
+__all__ = ["given_sections", "not_for_ros"]
 
 
-def _options() -> Iterator[tuple[str, str]]:
-    """The arguments after ``--ros-args``, each with the one that follows it."""
-    for_ros = False
-    for argument, after in itertools.pairwise([*sys.argv, ""]):
-        for_ros = (for_ros or argument == "--ros-args") and argument != "--"
-        if for_ros:
-            yield argument, after
+def _arguments(*, for_ros: bool) -> list[str]:
+    """The arguments between ``--ros-args`` and ``--``, or the others."""
+    found, inside = [], False
+    for argument in sys.argv[1:]:
+        if argument == ("--" if inside else "--ros-args"):
+            inside = not inside
+        elif inside == for_ros:
+            found.append(argument)
+    return found
 
 
-def given_parameters(node: str) -> "dict[str, tuple[Given, Path | None]]":
-    """The parameters that files and ``-p`` set for a node, each with its file. `node`: its full name.
+def not_for_ros() -> list[str]:
+    """The arguments that ROS would ignore."""
+    return _arguments(for_ros=False)
 
-    As in ROS, sections of one name are merged, also across files, and stand in the place of the first; a later value
-    overrides an earlier one. ``-p`` sets parameters of ``/**``.
-    """
-    from rft_ros.parameters.sections import Section, read_sections, read_value  # numba; `main` handles signals first
 
-    by_section: dict[str, dict[str, tuple[Given, Path | None]]] = {}
-    for option, text in _options():
-        file, sections = None, list[Section]()
+def given_sections() -> "list[tuple[Path | None, list[Section]]]":
+    """The sections of each parameter file, and of each parameter that ``-p`` sets, which has no file."""
+    from rft_ros.parameters import Section, read_sections, read_value  # numba; `main` handles signals first
+
+    found: list[tuple[Path | None, list[Section]]] = []
+    for option, text in itertools.pairwise(_arguments(for_ros=True)):
         if option == "--params-file":
-            file = Path(text)
-            sections = read_sections(file)
+            found.append((Path(text), read_sections(Path(text))))
         elif option in ("-p", "--param"):
             name, _, value = text.partition(":=")
             of_node, separator, parameter = name.rpartition(":")
             read = read_value(value)
             if read is not None:
-                sections = [Section(of_node if separator else "/**", {parameter: read})]
-        for section in sections:
-            found = by_section.setdefault(section.key, {})
-            if section.is_for(node):
-                found.update({name: (value, file) for name, value in section.parameters.items()})
-    return {name: given for found in by_section.values() for name, given in found.items()}
+                found.append((None, [Section(of_node if separator else "/**", {parameter: read})]))
+    return found

@@ -12,9 +12,10 @@ import socket
 import sys
 import threading
 import time
+from contextlib import ExitStack
 
 from rft_ros.errors import InputError
-from rft_ros.node.arguments import parameter_files
+from rft_ros.node.arguments import given_sections, not_for_ros
 
 _GRACE = 1.0  # s; longer than `FeedForward.end`, which takes up to 0.6 s on a busy machine
 
@@ -25,10 +26,12 @@ def main() -> int:
     if {"-h", "--help"} & set(sys.argv[1:]):
         print(__doc__)
         return 0
-    refusal = _refused_arguments() or _run(stop)
-    if refusal:
-        print(f"rft_node: {refusal}", file=sys.stderr)
-    return 2 if refusal else 0
+    try:
+        _run(stop)
+    except InputError as error:
+        print(f"rft_node: {error}", file=sys.stderr)
+        return 2
+    return 0
 
 
 def _stop_on_signal() -> threading.Event:
@@ -53,53 +56,36 @@ def _stop_on_signal() -> threading.Event:
     return stop
 
 
-def _refused_arguments() -> str:
-    """A sentence on arguments that ROS would ignore or block on; "" if there are none.
-
-    Without this check the node would run with default parameters.
-    """
-    from rft_ros.files import MAX_YAML, checked_file
-
-    try:
-        from rclpy._rclpy_pybind11 import RCLError, UnknownROSArgsError
-        from rclpy.utilities import remove_ros_args
-    except ImportError as error:
-        return f"the node needs ROS 2 ({error}); source a ROS 2 setup file"
-    try:
-        for file in parameter_files():
-            checked_file(file, "parameter file", limit=MAX_YAML)  # ROS would block on a pipe
-        left = remove_ros_args(sys.argv)[1:]
-    except InputError as error:
-        return str(error)
-    except UnknownROSArgsError as error:
-        return f"unknown ROS argument {str(error).strip('[]')}"
-    except RCLError:
-        return ""  # rclpy.init reports errors in ROS's own arguments
-    advice = "ROS arguments, such as --params-file, come after --ros-args"
-    return f"cannot use '{' '.join(left)}'; {advice}" if left else ""
-
-
-def _run(stop: threading.Event) -> str:
-    """Run the node until `stop` is set. Returns the reason if it cannot run, otherwise ""."""
+def _run(stop: threading.Event) -> None:
+    """Run the node until `stop` is set. Raises InputError if it cannot run."""
+    others = not_for_ros()
+    if others:  # ROS ignores them, and the node would run with default parameters
+        advice = "ROS arguments, such as --params-file, come after --ros-args"
+        raise InputError(f"cannot use '{' '.join(others)}'; {advice}")
     from rft_ros.node.tool_worker import ToolWorker
 
-    worker = ToolWorker()  # first: its imports take as long as the node's
-    import rclpy
-    from rclpy.exceptions import ParameterException
-    from rclpy.signals import SignalHandlerOptions
+    with ExitStack() as running:
+        worker = ToolWorker()  # first: its imports take as long as the node's
+        running.callback(worker.end)
+        try:
+            import rclpy
+            from rclpy._rclpy_pybind11 import UnknownROSArgsError
+            from rclpy.exceptions import ParameterException
+            from rclpy.signals import SignalHandlerOptions
+        except ImportError as error:
+            raise InputError(f"the node needs ROS 2 ({error}); source a ROS 2 setup file") from None
+        from rft_ros.node.rft_node import RftNode, executor_of
+        from rft_ros.node.topics import start_ros
 
-    from rft_ros.node.rft_node import RftNode, executor_of
-    from rft_ros.node.topics import start_ros
-    from rft_ros.parameters import read_sections
-
-    try:
-        for file in parameter_files():
-            read_sections(file)  # raises the same error as a replay; that of ROS is longer
+        given_sections()  # raises the errors of a replay; ROS would say more than a line, and block on a pipe
+        running.callback(rclpy.try_shutdown)
         try:
             start_ros(signal_handler_options=SignalHandlerOptions.NO)  # first: it checks arguments before code compiles
             node = RftNode(worker)
+        except UnknownROSArgsError as error:
+            raise InputError(f"unknown ROS argument {str(error).strip('[]')}") from None
         except (ParameterException, RuntimeError) as error:  # of arguments, qos_overrides and use_sim_time
-            return str(error).partition(", at ")[0]
+            raise InputError(str(error).partition(", at ")[0]) from None
         gc.collect()
         gc.freeze()  # collecting the objects of numba takes 22 ms and frees none
         executor = executor_of(node)
@@ -112,12 +98,6 @@ def _run(stop: threading.Event) -> str:
             node.feedforward.end()
         executor.shutdown()
         node.destroy_node()
-    except InputError as error:
-        return str(error)
-    finally:
-        rclpy.try_shutdown()
-        worker.end()
-    return ""
 
 
 if __name__ == "__main__":

@@ -1,9 +1,9 @@
 """Declares the parameter table as ROS parameters. A change is validated before it is accepted, and then applied."""
 
 from array import array
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
-from typing import Any, Generic, TypeVar
+from typing import Any
 
 from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
 from rclpy.exceptions import ParameterNotDeclaredException
@@ -11,12 +11,12 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from rft_ros.errors import InputError
-from rft_ros.node.arguments import given_parameters, parameter_files
-from rft_ros.parameters import read_sections
-from rft_ros.parameters.file import FILES, checked_names, node_parameters, path_beside
-from rft_ros.parameters.table import PARAMETERS, Parameter, Value, Values, checked, defaults, unknown_parameter
-
-_Prepared = TypeVar("_Prepared")
+from rft_ros.node.arguments import given_sections
+from rft_ros.node.swap import Prepared
+from rft_ros.parameters import PARAMETERS, Parameter, Value, Values, checked, defaults
+from rft_ros.parameters.file import absolute, checked_in_file, merged
+from rft_ros.parameters.sections import Given
+from rft_ros.parameters.table import unknown_parameter
 
 
 def _descriptor(p: Parameter) -> ParameterDescriptor:
@@ -38,61 +38,56 @@ class UnknownParameterError(ParameterNotDeclaredException):
         Exception.__init__(self, sentence)  # rclpy's own names no parameter: "undeclared parameter(s): []"
 
 
-class NodeParameters(Generic[_Prepared]):
+class NodeParameters:
     """The node's values of the parameter table.
 
     Before a change, `prepare` is called with all values, including the changed ones; it raises ValueError to refuse the
     change. After the change `apply` is called with the result of `prepare`. Each change is logged.
     """
 
-    def __init__(
-        self, node: Node, *, prepare: Callable[[Values], _Prepared], apply: Callable[[_Prepared], None]
-    ) -> None:
+    def __init__(self, node: Node, *, prepare: Callable[[Values], Prepared], apply: Callable[[Prepared], None]) -> None:
         self._node, self._prepare, self._apply = node, prepare, apply
         self._why = ""
         self._checked: dict[str, Value | InputError] = {}
         """For each parameter that is about to be set: its checked value, or the reason for refusing it."""
-        self._accepted: tuple[dict[str, Value], _Prepared] | None = None
+        self._accepted: tuple[dict[str, Value], Prepared] | None = None
         """The new values of the change that was accepted last, and the result of `prepare`, until it is applied."""
-        overrides = node._parameter_overrides  # rclpy has no public access to overrides of undeclared parameters
-        files = self._check_given(node.get_fully_qualified_name(), {n: _plain(p.value) for n, p in overrides.items()})
-        values = defaults()
-        for p in PARAMETERS:
-            # Not declared with rclpy's override, so that `checked` accepts an integer for a double.
-            if p.name in overrides:
-                values[p.name] = checked(p.name, _plain(overrides[p.name].value))
-            if p.name in FILES and p.name in files:
-                values[p.name] = path_beside(files[p.name].absolute().parent, p.name, values[p.name])
-            node.declare_parameter(p.name, _plain(values[p.name]), _descriptor(p), ignore_override=True)
-        self.values: Values = values
+        self.values: Values = {**defaults(), **self._given()}
         """The current checked values. When parameters are set, this mapping is replaced and not changed."""
-        logger = node.get_logger()
-        for name in overrides:
-            if not name.startswith("qos_overrides.") and not node.has_parameter(name):
-                logger.warning(f"there is no parameter '{name}'; it is ignored")
+        for p in PARAMETERS:
+            # Not with the value that ROS has read: after a name that is given twice it would mix up their types.
+            node.declare_parameter(p.name, _plain(self.values[p.name]), _descriptor(p), ignore_override=True)
         node.add_pre_set_parameters_callback(self._on_pre_set)
         node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._on_post_set)
 
-    def _check_given(self, own_name: str, overrides: Mapping[str, Any]) -> dict[str, Path]:
-        """The file of each parameter that one sets.
+    def _given(self) -> dict[str, Value]:
+        """The checked values on the command line. Raises InputError for values of a file that cannot be used.
 
-        Raises InputError if values of the files cannot be used, or if ROS's parser read other values.
+        As in ROS, sections of one name are merged, also across files, and stand in the place of the first; a later
+        value overrides an earlier one. ``-p`` sets parameters of ``/**``.
         """
-        for file in parameter_files():
-            sections = read_sections(file)
-            checked_names(file, node_parameters(file, own_name))
-            if any(s.parameters for s in sections) and not any(s.is_for(own_name) for s in sections):
-                warning = f"no section of {file} is for {own_name}: ROS takes nothing from it"
-                self._node.get_logger().warning(warning)
-        given = given_parameters(own_name)
-        for name, (value, _) in given.items():
-            # compared by repr, for which 1 differs from 1.0, and nan equals nan
-            if name in overrides and repr(value) != repr(overrides[name]):
-                why = "ROS mixes up the values of a name that is given with different types"
-                advice = "give it once, or each time with the same type, such as 1.0"
-                raise InputError(f"{name} is {value!r}, but ROS takes {overrides[name]!r}: {why}; {advice}")
-        return {name: file for name, (_, file) in given.items() if file is not None}
+        own_name = self._node.get_fully_qualified_name()
+        by_section: dict[str, dict[str, tuple[Given, Path | None]]] = {}
+        for file, sections in given_sections():
+            own = [section for section in sections if section.is_for(own_name)]
+            if file:
+                merged(file, own)  # raises the faults of all sections before those of values
+                if not own and any(section.parameters for section in sections):
+                    warning = f"no section of {file} is for {own_name}: ROS takes nothing from it"
+                    self._node.get_logger().warning(warning)
+            for section in sections:
+                found = by_section.setdefault(section.key, {})
+                found |= {name: (value, file) for name, value in section.parameters.items() if section in own}
+        values: dict[str, Value] = {}
+        for name, (value, file) in [item for found in by_section.values() for item in found.items()]:
+            if file:
+                values |= absolute(checked_in_file(file, {name: value}))
+            elif name in defaults():
+                values[name] = checked(name, value)
+            elif not (name == "use_sim_time" or name.startswith("qos_overrides.")):
+                self._node.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
+        return values
 
     def set_all(self, values: Values, *, why: str) -> str:
         """Set parameters together, from within the node. `why`: the reason for the log. Returns the refusal, or ""."""

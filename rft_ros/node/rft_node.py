@@ -211,9 +211,6 @@ class RftNode(Node):
 
     def _apply(self, prepared: Prepared) -> None:
         self._swap.want(prepared)
-        if prepared.only_grains:
-            self.estimator.use(model=prepared.model)
-            return
         self.feedforward.use_parameters(prepared.values)
         self._use(prepared)
         self._publish_measurements()  # those that waited when the settings changed

@@ -15,7 +15,6 @@ from rft_ros.estimator import Estimator
 from rft_ros.estimator.learning import Learning
 from rft_ros.ground import write_height_map
 from rft_ros.node.node_parameters import NodeParameters
-from rft_ros.node.swap import Prepared
 from rft_ros.parameters import write_parameter_file
 
 _TARE_WINDOW = 1.0  # s
@@ -26,7 +25,7 @@ class Services:
     """Answers each service with a sentence. An InputError becomes an answer without success."""
 
     def __init__(
-        self, node: Node, estimator: Estimator, parameters: NodeParameters[Prepared], *, status: Callable[[], str]
+        self, node: Node, estimator: Estimator, parameters: NodeParameters, *, status: Callable[[], str]
     ) -> None:
         self._estimator, self._parameters = estimator, parameters
         answers = {"tare": self._tare, "status": status, "forget": self._forget, "save_medium": self._save_medium}

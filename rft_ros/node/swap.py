@@ -7,7 +7,7 @@ import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -17,7 +17,7 @@ from rft_ros.estimator.warm_up import prepare
 from rft_ros.files import checked_file
 from rft_ros.messages import decoder
 from rft_ros.node.tool_worker import ToolWorker, named
-from rft_ros.parameters import FILES, GRAINS, Values, model_of, parts_of, settings_of, unused, with_grains
+from rft_ros.parameters import FILES, Values, model_of, parts_of, settings_of, unused
 from rft_ros.tool.locate import checked_mesh
 
 __all__ = ["Failed", "Prepared", "Swap"]
@@ -36,17 +36,13 @@ class _InForce(NamedTuple):
 class Prepared:
     """Everything that is made from the checked `values` of all parameters. It is made once, when they are validated.
 
-    `settings` and `model` can be used at once: the model has the parts that are loaded. `wanted`, as `parts_of`: those
-    that the values need; used once they are loaded. `in_force`: the parts of `model`. `only_grains`: only parameters in
-    `GRAINS` have changed, so that all but `values` and `model` are as before.
+    `settings` and `model` can be used at once: the model has the parts that are loaded, which are `in_force`.
     """
 
     values: Values
     settings: Settings
     model: Model
-    wanted: dict[str, Values]
     in_force: dict[str, _InForce]
-    only_grains: bool = False
 
 
 class Failed(NamedTuple):
@@ -90,24 +86,19 @@ class Swap:
     def prepare(self, values: Values) -> Prepared:
         """Prepare a change to these values, without reading files. Raises InputError for unusable values."""
         before = self.prepared
-        changes = {name: value for name, value in values.items() if value != before.values[name]}
-        if changes.keys() <= GRAINS:
-            return replace(before, values=values, model=with_grains(before.model, changes), only_grains=True)
         made = self._made(values, before.in_force, generation=before.model.generation + 1)
-        check = self._check_thread.submit(_check_files, made.wanted, made.in_force)
+        check = self._check_thread.submit(_check_files, parts_of(values), made.in_force)
         if wait([check], _ANSWERS_WITHIN).done:  # otherwise the drive stalls, and the worker finds what is wrong
             check.result()
         return made
 
     def _made(self, values: Values, in_force: dict[str, _InForce], *, generation: int) -> Prepared:
-        wanted = parts_of(values)
-        at_once = {part: _InForce(of_part, None) for part, of_part in wanted.items() if unused(part, of_part)}
+        at_once = {part: _InForce(wanted, None) for part, wanted in parts_of(values).items() if unused(part, wanted)}
         in_force = in_force | at_once
         parameters = {name: value for part in in_force.values() for name, value in part.values.items()}
         contents = {part: loaded.content for part, loaded in in_force.items()}
         model = model_of({**values, **parameters}, **contents, generation=generation)
-        settings = settings_of(values)
-        return Prepared(values=values, settings=settings, model=model, wanted=wanted, in_force=in_force)
+        return Prepared(values=values, settings=settings_of(values), model=model, in_force=in_force)
 
     @property
     def preparing(self) -> str:
@@ -119,7 +110,7 @@ class Swap:
     def want(self, prepared: Prepared) -> None:
         """Use what was prepared, and start to load what is missing for it. A load of the same files goes on."""
         self.prepared = prepared
-        for part, wanted in prepared.wanted.items():
+        for part, wanted in parts_of(prepared.values).items():
             load = self._loads.get(part)
             if load is not None and load.wanted == wanted:
                 continue

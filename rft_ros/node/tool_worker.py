@@ -24,8 +24,6 @@ _BLOCKED_AFTER, _BLOCKED_CPU = 60.0, 0.01
 _STARVED_AFTER, _STARVED_SHARE = 5.0, 0.5
 """A process of low priority that gets less than this share of a core is replaced after this time [s]."""
 
-_BEGUN = True  # what the process sends before it loads
-
 
 class ToolWorker:
     """A process that loads one model's files at a time. It is started early for its imports, and replaced if it ends.
@@ -37,8 +35,6 @@ class ToolWorker:
 
     def __init__(self) -> None:
         self._start(low_priority=False)
-        self.begun = False
-        """Whether the process has begun the load in progress."""
 
     def _start(self, *, low_priority: bool) -> None:
         self._low_priority = low_priority
@@ -46,67 +42,52 @@ class ToolWorker:
         with theirs:
             self.process = start_child(_serve, theirs.fileno(), low_priority, pass_fds=[theirs.fileno()])
 
-    def _replace(self, *, low_priority: bool) -> None:
-        self.end()
-        self._connection.close()
-        self._start(low_priority=low_priority)
-
     def load(self, files: Mapping[str, Values], given_up: threading.Event | None = None) -> dict[str, Any]:
         """Load parts of `parts_of`. Raises InputError if they cannot be used, do not end, or if `given_up` is set."""
-        given_up = given_up or threading.Event()
         try:
-            answer = self._answer(files, given_up)
+            answer = self._answer(files, given_up or threading.Event())
         except Exception as error:  # of any kind: no process or descriptor is left, or the answer is damaged
             self.end()
             if isinstance(error, InputError):
                 raise
-            ended = isinstance(error, EOFError | ConnectionError)
-            why = f"the process that loads {named(files)} ended" if ended else str(error)
-            raise InputError(f"{why}; set it again") from None
-        finally:
-            self.begun = False
+            raise InputError(f"{error}; set it again") from None
         if isinstance(answer, str):
             raise InputError(answer)
         return answer
 
     def _answer(self, files: Mapping[str, Values], given_up: threading.Event) -> dict[str, Any] | str:
-        """The answer of the process. A process that ended before it began this request is replaced."""
-        if self.process.poll() is not None:
-            self._replace(low_priority=True)
-        try:
-            self._connection.send(files)
-            return self._wait(files, given_up)
-        except (EOFError, ConnectionError):
-            if self.begun or given_up.is_set():
-                raise
-        self._replace(low_priority=True)
-        self._connection.send(files)
-        return self._wait(files, given_up)
+        """The answer of the process. One that has ended, perhaps long ago, is replaced once."""
+        for _ in range(2):
+            if self.process.poll() is not None:
+                self._start(low_priority=True)
+            with suppress(EOFError, ConnectionError):
+                self._connection.send(files)
+                answer = self._wait(files, given_up)
+                self._low_priority = True  # it lowers its priority once it has answered
+                return answer
+            self.end()
+        raise RuntimeError(f"the process that loads {named(files)} ended")
 
     def _wait(self, files: Mapping[str, Values], given_up: threading.Event) -> dict[str, Any] | str:
         """Wait for the answer to a request that was sent. A process that gets no CPU time is replaced."""
         begin = moved = time.monotonic()
         first = used_then = self._cpu_time()
-        while True:
-            if self._connection.poll(_LOOK):
-                message = self._connection.recv()
-                if message is not _BEGUN:
-                    self._low_priority = True  # it lowers its priority once it has answered
-                    answer: dict[str, Any] | str = message
-                    return answer
-                self.begun = True
+        while not self._connection.poll(_LOOK):
             if given_up.is_set():
                 raise InputError(f"{named(files)} is no longer wanted")
             now, used = time.monotonic(), self._cpu_time()
             starved = now - begin > _STARVED_AFTER and used - first < _STARVED_SHARE * (now - begin)
             if self._low_priority and starved:
-                self._replace(low_priority=False)
+                self.end()
+                self._start(low_priority=False)
                 self._connection.send(files)
-                self.begun, moved, used_then = False, now, 0.0
+                moved, used_then = now, 0.0
             elif used - used_then > _BLOCKED_CPU:
                 moved, used_then = now, used
             elif now - moved > _BLOCKED_AFTER:
                 raise InputError(f"{named(files)} could not be read for {_BLOCKED_AFTER:g} s; give a regular file")
+        answer: dict[str, Any] | str = self._connection.recv()
+        return answer
 
     def _cpu_time(self) -> float:
         """CPU time that the process has used [s]; 0 where the system does not tell."""
@@ -134,9 +115,7 @@ def _serve(descriptor: int, low_priority: int) -> None:
 
     with suppress(EOFError, OSError):
         while True:
-            files = connection.recv()
-            connection.send(_BEGUN)
-            connection.send(_loaded(files))
+            connection.send(_loaded(connection.recv()))
             _lower_priority()
 
 

@@ -11,7 +11,6 @@ from rft_ros.parameters.file import (
     write_parameter_file,
 )
 from rft_ros.parameters.from_values import (
-    GRAINS,
     load_parts,
     medium_of,
     model_of,
@@ -19,7 +18,6 @@ from rft_ros.parameters.from_values import (
     settings_of,
     tool_of,
     unused,
-    with_grains,
 )
 from rft_ros.parameters.medium_file import (
     is_medium_file,
@@ -28,14 +26,13 @@ from rft_ros.parameters.medium_file import (
     read_stress_map,
     write_medium,
 )
-from rft_ros.parameters.sections import Section, read_sections
+from rft_ros.parameters.sections import Section, read_sections, read_value
 from rft_ros.parameters.settings import LoadCell, Model, Settings
 from rft_ros.parameters.table import MESH, PARAMETERS, Parameter, Value, Values, checked, defaults
 
 __all__ = ["FILES", "MESH", "NODE", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
 __all__ += ["LoadCell", "Model", "Settings"]
-__all__ += ["GRAINS", "load_parts", "medium_of", "model_of", "parts_of", "settings_of", "tool_of"]
-__all__ += ["unused", "with_grains"]
-__all__ += ["is_medium_file", "read_medium", "read_stress_map", "write_medium"]
-__all__ += ["Section", "named_files", "node_parameters", "read_sections", "section_parameters", "sections_for"]
-__all__ += ["read_alpha_y_table", "read_parameter_file", "write_parameter_file"]
+__all__ += ["load_parts", "medium_of", "model_of", "parts_of", "settings_of", "tool_of", "unused"]
+__all__ += ["is_medium_file", "read_alpha_y_table", "read_medium", "read_stress_map", "write_medium"]
+__all__ += ["Section", "named_files", "node_parameters", "read_sections"]
+__all__ += ["read_parameter_file", "read_value", "section_parameters", "sections_for", "write_parameter_file"]

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterable, Mapping
 from pathlib import Path
-from typing import Any
 
 from rft_ros.errors import InputError, shown
 from rft_ros.files import whole
@@ -10,7 +9,7 @@ from rft_ros.parameters.sections import Given, Section, parameter_file_text, rea
 from rft_ros.parameters.table import Value, Values, checked, defaults
 from rft_ros.tool import is_mesh_path, locate_mesh
 
-__all__ = ["FILES", "NODE", "checked_names", "named_files", "node_parameters", "path_beside"]
+__all__ = ["FILES", "NODE", "absolute", "checked_in_file", "merged", "named_files", "node_parameters", "path_beside"]
 __all__ += ["read_parameter_file", "section_parameters", "sections_for", "write_parameter_file"]
 
 NODE = "/rft"
@@ -36,15 +35,16 @@ def node_parameters(file: Path, node: str = NODE) -> dict[str, Given]:
 
     Raises InputError for a file that ROS would read differently from what is written.
     """
-    return _merged(file, sections_for(read_sections(file), node))
+    return merged(file, sections_for(read_sections(file), node))
 
 
 def section_parameters(file: Path, name: str) -> dict[str, Given]:
     """The parameters of the section of this name alone; empty where there is none."""
-    return _merged(file, [section for section in read_sections(file) if section.name == f"/{name}"])
+    return merged(file, [section for section in read_sections(file) if section.name == f"/{name}"])
 
 
-def _merged(file: Path, sections: Iterable[Section]) -> dict[str, Given]:
+def merged(file: Path, sections: Iterable[Section]) -> dict[str, Given]:
+    """The parameters of all these sections of a file. Raises InputError for the fault of a section."""
     found: dict[str, Given] = {}
     for section in sections:
         if section.fault:
@@ -53,9 +53,9 @@ def _merged(file: Path, sections: Iterable[Section]) -> dict[str, Given]:
     return found
 
 
-def checked_names(file: Path, given: Mapping[str, Given]) -> dict[str, Value]:
-    """Checked values of the table's parameters in a file. Raises InputError that names the file and the parameter."""
-    values = {}
+def checked_in_file(file: Path, given: Mapping[str, Given]) -> dict[str, Value]:
+    """Checked values of the table's parameters in a file, with whole paths."""
+    values: dict[str, Value] = {}
     for name, value in given.items():
         if name == "use_sim_time" and not isinstance(value, bool):
             raise InputError(f"parameter file '{file}': use_sim_time is {shown(value)}; it must be true or false")
@@ -65,6 +65,8 @@ def checked_names(file: Path, given: Mapping[str, Given]) -> dict[str, Value]:
             values[name] = checked(name, value)
         except InputError as error:
             raise InputError(f"parameter file '{file}': {error}") from None
+        if name in FILES:
+            values[name] = path_beside(file.parent, name, str(value))
     return values
 
 
@@ -77,10 +79,7 @@ def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
     if not given:
         there = ", ".join(section.key for section in read_sections(file))
         raise InputError(f"parameter file '{file}' has no parameters for the node {node}; its sections are {there}")
-    values = defaults() | checked_names(file, given)
-    for name in FILES:
-        values[name] = path_beside(file.parent, name, values[name])
-    return values
+    return defaults() | checked_in_file(file, given)
 
 
 FILES = ("mesh.file", "medium.file", "alpha_y.table", "ground.file")
@@ -99,11 +98,14 @@ def path_beside(folder: Path, name: str, path: str) -> str:
     return str(folder / path)
 
 
+def absolute(values: Values) -> dict[str, Value]:
+    """The values with absolute paths in `FILES`."""
+    return {name: path_beside(Path.cwd(), name, v) if name in FILES else v for name, v in values.items()}
+
+
 def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
     """Write a file for `read_parameter_file` and the node; relative paths in `FILES` become absolute."""
-    plain: dict[str, Any] = {name: list(v) if isinstance(v, tuple) else v for name, v in values.items()}
-    for name in FILES:
-        plain[name] = path_beside(Path.cwd(), name, plain[name])
+    plain = {name: list(v) if isinstance(v, tuple) else v for name, v in absolute(values).items()}
     text = parameter_file_text({"/**": {"ros__parameters": plain}})
     with whole(file, "parameter file") as part:
         part.write_text(f"# {comment}\n{text}", encoding="utf-8")

@@ -1,7 +1,7 @@
 """Makes settings and the model of tool and grains from values of parameters, and these from short names of options."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields, replace
+from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -13,8 +13,8 @@ from rft_ros.parameters.table import Values, checked, defaults
 from rft_ros.rft import LAW_NUMBERS, Medium, Table, alpha_y_model, law_named, medium_named
 from rft_ros.tool import Tool, load_tool
 
-__all__ = ["GRAINS", "OF_MEDIUM", "OF_TOOL", "SHORT_NAMES", "ground_of", "load_parts", "medium_of", "model_of"]
-__all__ += ["parameters_of", "parts_of", "settings_of", "tool_of", "unused", "with_grains"]
+__all__ = ["OF_MEDIUM", "OF_TOOL", "SHORT_NAMES", "ground_of", "load_parts", "medium_of", "model_of", "parameters_of"]
+__all__ += ["parts_of", "settings_of", "tool_of", "unused"]
 
 
 def settings_of(values: Values) -> Settings:
@@ -103,20 +103,6 @@ def load_parts(parts: Mapping[str, Values]) -> dict[str, Any]:
 def medium_of(values: Values) -> Medium:
     """The medium from checked values: of medium.file if it is set, otherwise of medium.name. Raises InputError."""
     return read_medium(values["medium.file"]) if values["medium.file"] else medium_named(values["medium.name"])
-
-
-GRAINS = frozenset(f"medium.{name}" for name in LAW_NUMBERS)
-"""Parameters that are fields of the law. A change of these changes the law and no other part of a model."""
-
-
-def with_grains(model: Model, changes: Values) -> Model:
-    """The next model, which differs in its law only. `changes`: checked values of parameters in `GRAINS`."""
-    changed = {}
-    for parameter, value in changes.items():
-        field_name = parameter.removeprefix("medium.")
-        if hasattr(model.law, field_name):  # surface_friction, for example, is a field of one law only
-            changed[field_name] = value
-    return replace(model, law=replace(model.law, **changed), generation=model.generation + 1)
 
 
 def model_of(

@@ -10,12 +10,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from harness import WAIT, numbers, predicted_by_the_core
+from harness import NODE, WAIT, numbers, predicted_by_the_core
 from rclpy.executors import SingleThreadedExecutor
 from refusals import refusal
 
 import rft_ros
-from rft_ros.node.main import _refused_arguments
 from rft_ros.node.rft_node import executor_of
 from rft_ros.parameters import read_parameter_file
 from rft_ros.tool import locate_mesh
@@ -132,39 +131,25 @@ def test_after_compiling_ahead_nothing_is_left_to_compile():
     assert (done.returncode, done.stderr) == (0, "")
 
 
-@pytest.mark.parametrize(
-    ("arguments", "sentence"),
-    [
-        (("--params-file", "cell.yaml"), "cannot use '--params-file cell.yaml'; ROS arguments, such as"),
-        (("--foo", "--ros-args", "-p", "mesh.file:=plate"), "cannot use '--foo'; ROS arguments, such as"),
-        (("--ros-args", "-p", "mesh.file:=plate", "--", "plate"), "cannot use 'plate'; ROS arguments, such as"),
-        (("--ros-args", "--foo"), "unknown ROS argument '--foo'"),
-    ],
-)
-def test_arguments_that_ros_would_ignore_are_refused(monkeypatch, arguments, sentence):
-    monkeypatch.setattr(sys, "argv", ["rft_node", *arguments])
-    assert _refused_arguments().startswith(sentence)
-
-
-def test_a_parameter_that_ros_or_this_node_does_not_take_is_one_line_and_exit_status_2(start_process, tmp_path):
-    file = tmp_path / "cell.yaml"
+def test_arguments_and_parameters_that_cannot_be_used_are_one_line_and_exit_status_2(tmp_path):
+    file, pipe = tmp_path / "cell.yaml", tmp_path / "pipe.yaml"
     file.write_text("/**:\n  ros__parameters:\n    sensor.position: [0, 0, 0.5]\n")
+    os.mkfifo(pipe)
     bool_expected = "Trying to set parameter 'use_sim_time' to '3' of type 'INTEGER', expecting type 'BOOL'"
     refused = {
-        ("--params-file", str(file)): refusal(read_parameter_file, file),  # in the words of a replay
-        ("-p", "use_sim_time:=3"): bool_expected,
+        f"--params-file {file}": f"cannot use '--params-file {file}'; ROS arguments, such as",
+        "--foo --ros-args -p mesh.file:=plate": "cannot use '--foo'; ROS arguments, such as",
+        "--ros-args -p mesh.file:=plate -- plate": "cannot use 'plate'; ROS arguments, such as",
+        "--ros-args --foo": "unknown ROS argument '--foo'",
+        f"--ros-args --params-file {pipe}": f"parameter file '{pipe}' is a pipe",
+        f"--ros-args --params-file {file}": refusal(read_parameter_file, file),  # in the words of a replay
+        "--ros-args -p use_sim_time:=3": bool_expected,
     }
     for arguments, sentence in refused.items():
-        rft = start_process(*arguments)
-        assert rft.process.wait(WAIT) == 2
-        assert rft.said().startswith(f"rft_node: {sentence}")
-        assert len(rft.said().splitlines()) == 1
-
-
-def test_a_parameter_file_that_is_a_pipe_is_refused_and_not_waited_for(monkeypatch, tmp_path):
-    os.mkfifo(tmp_path / "cell.yaml")
-    monkeypatch.setattr(sys, "argv", ["rft_node", "--ros-args", "--params-file", str(tmp_path / "cell.yaml")])
-    assert _refused_arguments().startswith(f"parameter file '{tmp_path / 'cell.yaml'}' is a pipe")
+        done = subprocess.run([*NODE[:-1], *arguments.split()], capture_output=True, text=True, timeout=WAIT)
+        assert done.returncode == 2
+        assert done.stderr.startswith(f"rft_node: {sentence}")
+        assert len(done.stderr.splitlines()) == 1
 
 
 @pytest.mark.parametrize("command", [("-m", "rft_ros.node.main"), ("-m", "rft_ros.cli", "doctor", str(CELL))])

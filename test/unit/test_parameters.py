@@ -12,21 +12,18 @@ from refusals import assert_says, refusal
 from rft_ros.errors import InputError, shown
 from rft_ros.estimator import LoadCell, Settings
 from rft_ros.parameters import (
-    GRAINS,
     PARAMETERS,
     checked,
     defaults,
     model_of,
-    parts_of,
     read_alpha_y_table,
     read_parameter_file,
     settings_of,
-    with_grains,
     write_parameter_file,
 )
 from rft_ros.parameters.from_values import SHORT_NAMES
 from rft_ros.parameters.settings import CALIBRATED_ERROR
-from rft_ros.rft import MEDIA, Constant, Linear, law_named
+from rft_ros.rft import LAW_NUMBERS, LAWS, MEDIA, Constant, Linear, law_named
 
 
 @pytest.mark.parametrize("parameter", PARAMETERS, ids=lambda p: p.name)
@@ -298,27 +295,12 @@ def test_a_file_that_was_written_means_the_same_tool_from_any_folder(tmp_path, m
         assert read(node=f"mesh.file: {mesh}")["mesh.file"] == mesh
 
 
-@pytest.mark.parametrize("name", sorted(GRAINS))
-@pytest.mark.parametrize("law", ["treers2021", "agarwal2023"])
-def test_a_number_of_the_grains_changes_the_law_as_a_new_model_has_it_and_nothing_else(law, name):
-    before = {**defaults(), "law": law}
-    after = {**before, name: before[name] + 0.25}
-    old, new = model_of(before), model_of(after)
-    made = with_grains(old, {name: after[name]})
-    assert made.law == new.law
-    assert getattr(made.law, name.removeprefix("medium."), after[name]) == after[name]
-    assert SHORT_NAMES[name.removeprefix("medium.")] == name  # it can be varied in a study
-    assert [*made.law.packed.numbers] == [*new.law.packed.numbers]
-    assert (made.tool, made.ground, made.generation) == (old.tool, old.ground, old.generation + 1)
-    assert settings_of(before) == settings_of(after)
-    assert parts_of(before) == parts_of(after)
-
-
-def test_every_other_parameter_of_the_law_is_none_of_its_numbers():
-    """A parameter that is not among the numbers is prepared with all else; each of these changes the law."""
-    for name, value in {"medium.name": "poppy_seeds_loose", "alpha_y.model": "constant", "law": "agarwal2023"}.items():
-        assert name not in GRAINS
-        assert model_of({**defaults(), name: value}).law != model_of(defaults()).law
+@pytest.mark.parametrize("number", LAW_NUMBERS)
+def test_a_number_of_a_law_is_a_parameter_and_can_be_varied_in_a_study(number):
+    name = SHORT_NAMES[number]
+    assert name == f"medium.{number}"
+    models = [model_of({**defaults(), "law": law, name: defaults()[name] + 0.25}) for law in LAWS]
+    assert defaults()[name] + 0.25 in [getattr(model.law, number, None) for model in models]
 
 
 def test_a_number_that_no_law_has_is_refused_by_its_name():
