@@ -67,13 +67,12 @@ class Estimator:
         self._comparison, self._air = Comparison(self.counts, self._learn), AirReading()
         self._intake = Intake(settings, self.counts, self._comparison)
         self.transforms = self._intake.transforms
-        self._kinematics = Kinematics(settings, self._intake.twists, model.tool.plates.reach)
+        self._kinematics = Kinematics(settings, self._intake.twists, reach=model.tool.plates.reach)
         self._use_ground()
         self._pose: PoseSample | None = None  # the last one that was accepted
         self.surface = LocalSurface(settings.surface_height)
         """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
         self._poses: deque[PastPose] = deque(maxlen=HISTORY)  # for a tare
-        self._of_air: deque[Compared] = deque()  # waits until no late reading can come before it
         self._result = np.zeros((1, WIDTH))
         self.state: Array = np.zeros(len(STATE))
         """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
@@ -154,7 +153,6 @@ class Estimator:
         self.surface = LocalSurface(s.surface_height)
         if settings is not None:
             self._intake.use_settings(s)
-            self._kinematics.use_settings(s)
             self._comparison.use(max_age=round(s.max_input_age * 1e9))
             self._place_sensor()
         new_axes = (s.world_frame, s.tool_frame) != (old.world_frame, old.tool_frame)
@@ -163,16 +161,13 @@ class Estimator:
             self._use_ground()
         elif new_tool and self._mapper is not None:
             self._mapper.use_tool(m.tool.corners)
-        self._kinematics.reach = m.tool.plates.reach
+        self._kinematics.use(s, reach=m.tool.plates.reach)
         if new_axes:
             self._start_run()
-        elif new_tool:
+        elif new_tool or m.law.has_memory != old_model.law.has_memory:
             self._start_tool()
-        elif m.law.has_memory != old_model.law.has_memory:
-            self._start_memory()
         if self.load_cell != old_cell:
             self._air.forget()
-            self._of_air.clear()
         if (s.learning_mode == "off") != (self.learning is None) or s.zeta_error != old.zeta_error:
             self._start_learning()
         if self.learning is not None:
@@ -208,15 +203,11 @@ class Estimator:
         """Start with a tool that has not moved yet: no path, no memory, no flags."""
         self._sliver = _SLIVER * self.model.tool.plates.area
         self._air.start_run()
-        self._start_memory()
-        self._withdrawal = Withdrawal()
-        self._quality = QualityMonitor(self.model.tool)
-
-    def _start_memory(self) -> None:
-        """Start with the memory of a tool that has not moved yet, or with none if the law has none."""
         plates, has_memory = self.model.tool.plates, self.model.law.has_memory
         self._memory = Memory(plates) if has_memory else None
         self._step = prepared(plates, self._memory)
+        self._withdrawal = Withdrawal()
+        self._quality = QualityMonitor(self.model.tool)
 
     def _start_run(self) -> None:
         """Start a new run, or a run in new axes: no path, no memory, the ground at the start.
@@ -271,7 +262,7 @@ class Estimator:
     def finish(self) -> None:
         """Call this after the last sample: it makes the measurements final that still wait for load-cell samples."""
         self._comparison.settle(math.inf)
-        self._follow_air(math.inf)
+        self._air.settle(math.inf)
 
     def tare(self, window: float) -> Wrench:
         """The bias that makes the mean compensated wrench of the last `window` [s] zero, in the driver's sign.
@@ -308,7 +299,7 @@ class Estimator:
         Raises `RefusedError` with the reason if a step has no result.
         """
         pose = self._accepted(sample)
-        self._follow_air(pose.stamp)
+        self._air.settle(pose.stamp - self._comparison.patience)
         frame = self._load_cell_frame
         if frame is None:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
@@ -397,18 +388,6 @@ class Estimator:
 
     def _learn(self, compared: Compared) -> None:
         """Update the filter with a reading."""
-        self._of_air.append(compared)
+        self._air.add(compared)
         if self.learning is not None:
             self.learning.learn(compared.stamp, compared.force, repeated=compared.repeated)
-
-    def _follow_air(self, now: float) -> None:
-        """Update the air reading with the readings before which no late one can come any more. `now` [ns]: of a pose.
-
-        So it depends on stamps and not on the order of arrival.
-        """
-        while self._of_air and self._of_air[0].stamp < now - self._comparison.patience:
-            compared = self._of_air.popleft()
-            if compared.in_air:
-                self._air.add_in_air(compared.force)
-            else:
-                self._air.add_in_grains(compared.predicted)

@@ -4,7 +4,7 @@ import math
 from collections import Counter, deque
 
 from rft_ros.estimator import samples
-from rft_ros.estimator.load_cell import Comparison, Reading
+from rft_ros.estimator.load_cell import Comparison
 from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TransformSample, TwistSample, WrenchSample
 from rft_ros.estimator.timeline import LATE, NEW_RUN, NEXT, PATIENCE, REPEATED, S, Succession, Timeline, succession
 from rft_ros.estimator.transforms import Transforms
@@ -136,8 +136,9 @@ class Intake:
             wrench = (there._replace(position=(0.0, 0.0, 0.0)) if in_world else there).wrench(wrench)
         if not _are_finite(*wrench):
             raise RefusedError(Reason.WRENCH_NOT_FINITE)
+        reading = WrenchSample(stamp, s.world_frame if in_world else s.sensor_frame, wrench)
         # of several with one stamp the first one is kept, also if a pose came between them
-        self._keep(self._comparison.readings, Reading(stamp, wrench, in_world), Reason.WRENCH_OUT_OF_ORDER)
+        self._keep(self._comparison.readings, reading, Reason.WRENCH_OUT_OF_ORDER)
 
     def _keep(self, timeline: Timeline[S], sample: S, late: Reason) -> None:
         """Keep a sample if it is not late, and compare the predictions that have waited for it."""
@@ -262,9 +263,10 @@ class Intake:
         return found
 
 
-def _of_readings(settings: Settings) -> tuple[str, float, bool]:
+def _of_readings(settings: Settings) -> tuple[str, str, float, bool]:
     """What decides the stamps and the axes of the load cell's readings."""
-    return settings.sensor_frame, settings.load_cell.delay, settings.sensor_source == "world"
+    s = settings
+    return s.world_frame, s.sensor_frame, s.load_cell.delay, s.sensor_source == "world"
 
 
 def _are_finite(*numbers: float) -> bool:

@@ -8,14 +8,14 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.samples import Measurement, PoseSample, Reason, Vector, Wrench
+from rft_ros.estimator.samples import Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample
 from rft_ros.estimator.sigma import parts_of_prediction
-from rft_ros.estimator.timeline import PATIENCE, Timeline
+from rft_ros.estimator.timeline import PATIENCE, Timeline, between
 from rft_ros.parameters import LoadCell
 from rft_ros.rft.frames import Placement, attitude, into_frame
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 
-__all__ = ["GRAVITY", "HISTORY", "Compared", "Comparison", "LoadCellFrame", "Prediction", "Reading"]
+__all__ = ["GRAVITY", "HISTORY", "Compared", "Comparison", "LoadCellFrame", "Prediction"]
 
 Array = NDArray[np.float64]
 
@@ -74,17 +74,6 @@ def _into_sensor(mounts, quaternion, with_sigma, outs):
         sigma[i] = math.sqrt(sigma[i])
 
 
-class Reading(NamedTuple):
-    """A raw reading of the load cell, at the stamp of its event [ns]; in sensor axes or, if `in_world`, in world axes.
-
-    `wrench`: force [N] and torque about the sensor's origin [N m].
-    """
-
-    stamp: int
-    wrench: Wrench
-    in_world: bool
-
-
 class LoadCellFrame:
     """A load cell's mounting, tool weight and bias, prepared once."""
 
@@ -109,9 +98,12 @@ class LoadCellFrame:
         wrench, offset, sigma = map(tuple, rows)
         return wrench, offset, sigma
 
-    def in_own_axes(self, reading: "Reading", tool: PoseSample) -> Wrench:
-        """A reading in the sensor frame. `tool`: the pose of the tool frame at its stamp."""
-        if not reading.in_world:
+    def in_own_axes(self, reading: WrenchSample, tool: PoseSample) -> Wrench:
+        """The wrench of a reading in the sensor frame. `tool`: the pose of the tool frame at its stamp.
+
+        A reading in the frame of this pose is in world axes; its torque is about the sensor's origin.
+        """
+        if reading.frame != tool.frame:
             return reading.wrench
         (x, y, z), (i, j, k) = reading.wrench[:3], reading.wrench[3:]
         to_sensor = Placement(tool.position, tool.quaternion).of(self._place).inverse()
@@ -157,7 +149,7 @@ class Comparison:
     """
 
     def __init__(self, counts: Counter[Reason], on_compared: Callable[[Compared], None]) -> None:
-        self.readings: Timeline[Reading] = Timeline(HISTORY)
+        self.readings: Timeline[WrenchSample] = Timeline(HISTORY)
         self._counts, self._on_compared = counts, on_compared
         self._pending: deque[Prediction] = deque()
         self._final: list[Measurement] = []
@@ -197,31 +189,19 @@ class Comparison:
             reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
             self._counts[reason] += 1
             return Measurement(pose.stamp, None, None, reason)
-        raw = before.wrench
-        if share > 0.0 and after and after.stamp - pose.stamp <= self.max_age and after.in_world == before.in_world:
-            raw = _interpolated(raw, after.wrench, share)
-        repeated, self._last_raw = raw == self._last_raw, raw
-        wrench = cell.in_own_axes(Reading(pose.stamp, raw, before.in_world), pose)
-        compensated = _difference(cell.sign, wrench, prediction.offset)
-        fx, fy, fz, *_ = prediction.wrench
-        force, size = cell.into_world(pose, compensated[:3]), math.hypot(fx, fy, fz)
+        raw = before
+        if after and after.stamp - pose.stamp <= self.max_age and after.frame == before.frame:
+            fx, fy, fz, tx, ty, tz = between(before.wrench, after.wrench, share)
+            raw = before._replace(wrench=(fx, fy, fz, tx, ty, tz))
+        repeated, self._last_raw = raw.wrench == self._last_raw, raw.wrench
+        compensated = _difference(cell.sign, cell.in_own_axes(raw, pose), prediction.offset)
+        force, size = cell.into_world(pose, compensated[:3]), math.hypot(*prediction.wrench[:3])
         self._on_compared(Compared(pose.stamp, force, size, repeated, prediction.in_air))
         return Measurement(pose.stamp, compensated, _difference(1.0, compensated, prediction.wrench), None)
 
 
-# Written out by component, since loops take twice as long.
-
-
-def _interpolated(a: Wrench, b: Wrench, share: float) -> Wrench:
-    """The wrench at a share of the way from one to the other."""
-    (ax, ay, az, dx, dy, dz), (bx, by, bz, ex, ey, ez) = a, b
-    rest = 1.0 - share
-    force = rest * ax + share * bx, rest * ay + share * by, rest * az + share * bz
-    return *force, rest * dx + share * ex, rest * dy + share * ey, rest * dz + share * ez
-
-
 def _difference(factor: float, a: Wrench, b: Wrench) -> Wrench:
-    """`factor` times one wrench, minus the other."""
+    """`factor` times one wrench, minus the other; written out, since a loop takes twice as long."""
     (ax, ay, az, dx, dy, dz), (bx, by, bz, ex, ey, ez) = a, b
     force = factor * ax - bx, factor * ay - by, factor * az - bz
     return *force, factor * dx - ex, factor * dy - ey, factor * dz - ez

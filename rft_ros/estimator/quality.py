@@ -172,20 +172,13 @@ def sentences(quality_flags: int) -> str:
 
 
 class QualityMonitor:
-    """Sets the quality flags of one tool's successive estimates.
-
-    They are joined as integers: an operation on two `QualityFlag`s takes a microsecond.
-    """
+    """Sets the quality flags of one tool's successive estimates."""
 
     def __init__(self, tool: Tool) -> None:
+        f, issues = QualityFlag, tool.issues.keys()
         self._plates, self._wake, self._deepest = tool.plates, _Wake(tool), _deepest(tool)
-        self._of_tool = 0
-        if "concave" in tool.issues:
-            self._of_tool |= QualityFlag.CONCAVE.value
-        if tool.issues.keys() - _HARMLESS:
-            self._of_tool |= QualityFlag.MESH.value
-        if not _is_plausible(tool):
-            self._of_tool |= QualityFlag.IMPOSSIBLE.value
+        self._is_plausible = _is_plausible(tool)
+        self._of_mesh = _joined((f.CONCAVE, "concave" in issues), (f.MESH, bool(issues - _HARMLESS)))
         self._countdown = self._slow = 0
 
     def flags(
@@ -208,67 +201,50 @@ class QualityMonitor:
         `withdrawn`: the tool is pulled out. `surprises`: the force is not the expected one. `disagrees`: there are
         issues of the load cell or the model.
         """
-        f, flags = QualityFlag, 0
-        if surprises:
-            flags |= f.SURPRISE.value
-        if disagrees:
-            flags |= f.DISAGREEMENT.value
+        f, speed = QualityFlag, motion.speed_bound
         x, y, z = motion.pose.position
         height = surface.height + surface.slope[0] * x + surface.slope[1] * y
         origin_depth = height - z  # of the tool frame's origin
+        flags = _joined((f.SURPRISE, surprises), (f.DISAGREEMENT, disagrees))
         if not in_grains:
             self._wake.clear()
             self._countdown = 0
-            if origin_depth < -_HIGHEST:
-                flags |= f.IMPOSSIBLE.value
-            return flags
-        if motion.is_noisy:
-            flags |= f.NOISY.value
+            return flags | _joined((f.IMPOSSIBLE, origin_depth < -_HIGHEST))
+        if self._countdown == 0:  # these take long to find, and change slowly
+            self._countdown = _EVERY
+            self._wake.extend(motion.state[0])
+            calibrated, edges = (
+                settings.calibrated_depth,
+                edge_share(self._plates, motion.state[0], surface_height=height),
+            )
+            self._slow = self._of_mesh | _joined(
+                (f.WAKE, self._wake.is_crossed),
+                (f.DEEP, calibrated is not None and depth() > _DEEPER * calibrated),
+                (f.KNIFE_EDGE, edges > _EDGE_SHARE),
+            )
+        self._countdown -= 1
         # the lowest point is at most `reach` below the origin; its exact depth takes longer to compute
         may_be_deep = origin_depth + self._plates.reach > self._deepest
-        if math.hypot(*force) > _LARGEST_FORCE or (may_be_deep and depth() > self._deepest):
-            flags |= f.IMPOSSIBLE.value
-        if withdrawn:
-            flags |= f.WITHDRAWAL.value
-        flags |= _flags_of_speed(motion.speed_bound, limits, settings.rest_speed) | _flags_of_ground(surface)
-        if self._countdown == 0:
-            self._countdown = _EVERY
-            self._slow = self._slow_flags(motion.state[0], height, settings.calibrated_depth, depth)
-        self._countdown -= 1
-        return flags | self._slow
-
-    def _slow_flags(
-        self, state: Array, height: float, calibrated_depth: float | None, depth: Callable[[], float]
-    ) -> int:
-        """The flags that take long to find, and change slowly. `height` of the surface at the tool frame [m]."""
-        f, flags = QualityFlag, self._of_tool
-        self._wake.extend(state)
-        if self._wake.is_crossed:
-            flags |= f.WAKE.value
-        if calibrated_depth is not None and depth() > _DEEPER * calibrated_depth:
-            flags |= f.DEEP.value
-        if edge_share(self._plates, state, surface_height=float(height)) > _EDGE_SHARE:
-            flags |= f.KNIFE_EDGE.value
-        return flags
+        is_deep = may_be_deep and depth() > self._deepest
+        return (
+            flags
+            | self._slow
+            | _joined(
+                (f.IMPOSSIBLE, is_deep or not self._is_plausible or math.hypot(*force) > _LARGEST_FORCE),
+                (f.NOISY, motion.is_noisy),
+                (f.WITHDRAWAL, withdrawn),
+                (f.INERTIAL, speed > limits.inertial),
+                (f.FAST, speed > limits.checked),
+                (f.NEAR_REST, speed < min(_NEAR_REST_FACTOR * settings.rest_speed, limits.checked)),
+                (f.STEEP, math.hypot(*surface.slope) > _STEEP_SLOPE),
+                (f.UNEVEN, surface.roughness > _UNEVEN_SHARE * surface.depth),
+            )
+        )
 
 
-def _flags_of_speed(speed: float, limits: SpeedLimits, rest_speed: float) -> int:
-    if speed > limits.inertial:
-        return QualityFlag.FAST.value | QualityFlag.INERTIAL.value
-    if speed > limits.checked:
-        return QualityFlag.FAST.value
-    return QualityFlag.NEAR_REST.value if speed < _NEAR_REST_FACTOR * rest_speed else 0
-
-
-def _flags_of_ground(surface: LocalSurface) -> int:
-    if math.isnan(surface.depth):  # the ground is a level plane
-        return 0
-    flags = 0
-    if math.hypot(*surface.slope) > _STEEP_SLOPE:
-        flags |= QualityFlag.STEEP.value
-    if surface.roughness > _UNEVEN_SHARE * surface.depth:
-        flags |= QualityFlag.UNEVEN.value
-    return flags
+def _joined(*table: tuple[QualityFlag, bool]) -> int:
+    """The flags that are set, as an integer: an operation on two `QualityFlag`s takes a microsecond."""
+    return sum(flag for flag, is_set in table if is_set)
 
 
 _KEPT = 512  # places of the path

@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.load_cell import HISTORY, LoadCellFrame, Reading
-from rft_ros.estimator.samples import PoseSample, Vector
+from rft_ros.estimator.load_cell import HISTORY, Compared, LoadCellFrame
+from rft_ros.estimator.samples import PoseSample, WrenchSample
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.rft import POSITION, QUATERNION
 
@@ -41,11 +41,12 @@ class AirReading:
     """The mean of the last compensated forces in the air, and whether it is an offset."""
 
     def __init__(self) -> None:
-        self._greatest = 0.0  # predicted force in the grains so far [N]
-        self.forget()
+        self._waiting: deque[Compared] = deque()  # until no late reading can come before it
+        self.start_run()
 
     def forget(self) -> None:
         """Drop the readings in the air: the load cell was tared, or has other settings."""
+        self._waiting.clear()
         self._mean, self._count = (0.0, 0.0, 0.0), 0
         self.load = 0.0
         """Magnitude of the mean [N]; 0 before there are enough readings."""
@@ -54,22 +55,28 @@ class AirReading:
 
     def start_run(self) -> None:
         """Start with another tool, or another run of samples."""
-        self._greatest = 0.0
+        self._greatest = 0.0  # predicted force in the grains so far [N]
         self.forget()
 
-    def add_in_grains(self, predicted: float) -> None:
-        """Add a predicted force in the grains [N]."""
-        if predicted > self._greatest:
-            self._greatest = predicted
-            self.is_offset = is_offset(self.load, predicted)
+    def add(self, compared: Compared) -> None:
+        """Add a reading; it counts from `settle` on."""
+        self._waiting.append(compared)
 
-    def add_in_air(self, measured: Vector) -> None:
-        """Add a compensated force in the air [N], world axes."""
-        self._count = n = min(self._count + 1, _READINGS)
-        (x, y, z), (a, b, c) = self._mean, measured
-        self._mean = x, y, z = x + (a - x) / n, y + (b - y) / n, z + (c - z) / n
-        if 2 * n >= _READINGS:
-            self.load = math.sqrt(x * x + y * y + z * z)
+    def settle(self, before: float) -> None:
+        """Count the readings stamped before this [ns]. So the mean depends on stamps, and not on the order of arrival.
+
+        The mean in the air is that of the compensated force, in world axes.
+        """
+        while self._waiting and self._waiting[0].stamp < before:
+            compared = self._waiting.popleft()
+            if compared.in_air:
+                self._count = n = min(self._count + 1, _READINGS)
+                (x, y, z), (a, b, c) = self._mean, compared.force
+                self._mean = x, y, z = x + (a - x) / n, y + (b - y) / n, z + (c - z) / n
+                if 2 * n >= _READINGS:
+                    self.load = math.sqrt(x * x + y * y + z * z)
+            else:
+                self._greatest = max(self._greatest, compared.predicted)
             self.is_offset = is_offset(self.load, self._greatest)
 
     def issues(self) -> list[str]:
@@ -102,7 +109,7 @@ def drift(time: Array, places: Array, reach: float) -> float:
 
 
 def mean_in_air(
-    readings: Timeline[Reading],
+    readings: Timeline[WrenchSample],
     poses: deque[PastPose],
     cell: LoadCellFrame,
     *,

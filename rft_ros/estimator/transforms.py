@@ -3,15 +3,13 @@
 import math
 
 from rft_ros.estimator.samples import ABSURD, Reason, TransformSample
-from rft_ros.estimator.timeline import NEW_RUN, NEXT, Timeline, between, succession, turned_between
+from rft_ros.estimator.timeline import LATE, NEW_RUN, NEXT, REPEATED, Timeline, between, succession, turned_between
 from rft_ros.rft import unit_quaternion
 from rft_ros.rft.frames import Placement
 
 __all__ = ["Transforms"]
 
 _HISTORY = 1024  # transforms kept of a moving frame: 2 s at 500 Hz, twice `PATIENCE`
-_LONGEST_NAME = 255
-_MOST_FRAMES = 4096
 _MOST_LISTED = 20
 _IDENTITY = Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
@@ -32,84 +30,72 @@ class Transforms:
 
     def keep(self, target: str, source: str) -> None:
         """Keep the history of the frames on the way between two frames only, once transforms link the two."""
-        if self._ends != (target, source):
-            self._ends = target, source
-            self._relink()
+        self._ends = target, source
+        self._relink()
 
     def push(self, sample: TransformSample) -> Reason | None:
         """Add a transform. Returns the reason if it is refused.
 
         `TF_TWO_PARENTS` is returned for a transform that is used, but has another parent than the one before.
         """
-        last = self._last(sample.child)
+        child, last = sample.child, self._last(sample.child)
         is_same_link = last is not None and (last.parent, last.fixed) == (sample.parent, sample.fixed)
-        if is_same_link and not sample.fixed and self._kept is not None and sample.child not in self._kept:
+        if is_same_link and not sample.fixed and self._kept is not None and child not in self._kept:
             return None  # the history of this frame is not needed
         quaternion = unit_quaternion(*sample.quaternion)
-        reason, what = self._refused(sample)
+        reason, what = self._fault(sample, is_new_link=not is_same_link)
         if quaternion is None:
             reason, what = Reason.TF_INVALID, "the quaternion is not of unit length"
         elif reason is None:
-            is_stream = last is not None and not last.fixed and not sample.fixed
-            follows = self._frames[sample.child].follows(sample.stamp) if is_stream else NEXT
-            is_used = follows is NEXT or follows is NEW_RUN
+            goes_on = last is not None and not last.fixed and not sample.fixed
+            follows = self._frames[child].follows(sample.stamp) if goes_on else NEXT
             if last is not None and not is_same_link:
                 reason, what = Reason.TF_TWO_PARENTS, f"before in {last.parent!r}{_kind(last)}"
-            elif last is not None and not is_used:
+            elif last is not None and follows in (REPEATED, LATE):
                 reason, what = Reason.TF_OUT_OF_ORDER, f"{last.stamp - sample.stamp} ns before the last one"
-            if follows is NEW_RUN:
-                self.start_run(sample.stamp)
-            if is_used:
-                self._add(sample._replace(quaternion=quaternion), is_same_link=is_same_link)
+            if follows in (NEXT, NEW_RUN):
+                if follows is NEW_RUN:
+                    self.start_run(sample.stamp)
+                if not goes_on or follows is NEW_RUN:
+                    self._frames[child] = Timeline(_HISTORY)
+                self._frames[child].add(sample._replace(quaternion=quaternion))
+                if not (goes_on and is_same_link and follows is NEXT):
+                    self._relink()
         if reason is not None:
             self.sentences[reason] = f"{_described(sample)}: {what}"
         return reason
+
+    def _fault(self, sample: TransformSample, *, is_new_link: bool) -> tuple[Reason | None, str]:
+        """Why a transform cannot be used, wherever it comes in the order of its frame; (None, "") if it can."""
+        if not (sample.parent and sample.child):
+            return Reason.TF_INVALID, "a name is missing"
+        if not math.hypot(*sample.position) < ABSURD:
+            return Reason.TF_INVALID, "the position is not finite"
+        if not sample.fixed and sample.stamp <= 0:
+            return Reason.TF_INVALID, "the stamp is zero"
+        if sample.parent == sample.child:
+            return Reason.TF_LOOP, "a frame cannot be its own parent"
+        ancestors = self._line(sample.parent) if is_new_link else []
+        if sample.child in ancestors:
+            loop = ancestors[: ancestors.index(sample.child) + 1]
+            return Reason.TF_LOOP, f"but {' in '.join(map(repr, loop))}"
+        return None, ""
 
     def _last(self, child: str) -> TransformSample | None:
         """The last transform of a frame; None if it has none, as the root of the tree."""
         frame = self._frames.get(child)
         return frame.last if frame else None
 
-    def _add(self, sample: TransformSample, *, is_same_link: bool) -> None:
-        """Add a transform that can be used."""
-        last = self._last(sample.child)
-        if last is None or last.fixed or sample.fixed:
-            self._frames[sample.child] = Timeline(_HISTORY)
-            is_same_link = False
-        self._frames[sample.child].add(sample)
-        if not is_same_link:
-            self._relink()
-
-    def _refused(self, sample: TransformSample) -> tuple[Reason | None, str]:
-        """Why a transform cannot be used, wherever it comes in the order of its frame; (None, "") if it can."""
-        stamp, parent, child, position, _, fixed = sample
-        if not (parent and child and max(len(parent), len(child)) <= _LONGEST_NAME):
-            return Reason.TF_INVALID, f"a name is missing or longer than {_LONGEST_NAME} characters"
-        if not math.hypot(*position) < ABSURD:
-            return Reason.TF_INVALID, "the position is not finite"
-        if not fixed and stamp <= 0:
-            return Reason.TF_INVALID, "the stamp is zero"
-        last = self._last(child)
-        if last is None and len(self._frames) >= _MOST_FRAMES:
-            return Reason.TF_INVALID, f"there are {_MOST_FRAMES:,} frames already"
-        if parent == child:
-            return Reason.TF_LOOP, "a frame cannot be its own parent"
-        ancestors = [] if last is not None and last.parent == parent else self._line(parent)
-        if child in ancestors:
-            return Reason.TF_LOOP, f"but {' in '.join(map(repr, ancestors[: ancestors.index(child) + 1]))}"
-        return None, ""
-
     def start_run(self, stamp: int) -> None:
         """Start a new run at `stamp` [ns]: drop the moving frames whose transforms belong to the run before."""
         before = [
-            name
-            for name, frame in self._frames.items()
-            if (last := frame.last) and not last.fixed and succession(stamp, after=last.stamp) is NEW_RUN
+            child
+            for child, last in self._links().items()
+            if not last.fixed and succession(stamp, after=last.stamp) is NEW_RUN
         ]
-        for name in before:
-            del self._frames[name]
-        if before:
-            self._relink()
+        for child in before:
+            del self._frames[child]
+        self._relink()
 
     # --- places
 
@@ -135,10 +121,7 @@ class Transforms:
     def fixed(self, target: str, source: str) -> Placement | None:
         """Placement of the frame `source` in the frame `target`; None if fixed transforms alone do not link them."""
         if (target, source) not in self._places:
-            way = self._way(target, source)
-            lasts = [self._last(frame) for frames in way or () for frame in frames]
-            is_fixed = way is not None and all(last is not None and last.fixed for last in lasts)
-            place = self.at(target, source, 0, 0) if is_fixed else None
+            place = self.at(target, source, 0, 0)  # before all stamps of moving transforms
             self._places[target, source] = place if isinstance(place, Placement) else None
         return self._places[target, source]
 
@@ -237,8 +220,7 @@ def _placed(frame: Timeline[TransformSample], stamp: int, max_age: int) -> Place
 
 
 def _described(sample: TransformSample) -> str:
-    """A frame in its parent; names that are too long are cut."""
-    return f"{sample.child[:_LONGEST_NAME]!r} in {sample.parent[:_LONGEST_NAME]!r}{_kind(sample)}"
+    return f"{sample.child!r} in {sample.parent!r}{_kind(sample)}"
 
 
 def _kind(sample: TransformSample) -> str:

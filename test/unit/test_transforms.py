@@ -121,7 +121,6 @@ REFUSED = {
     "another parent at the same stamp": (Reason.TF_TWO_PARENTS, moving(START, "camera", "flange")),
     "an older stamp": (Reason.TF_OUT_OF_ORDER, moving(START - 1, "world", "flange")),
     "the same stamp": (Reason.TF_OUT_OF_ORDER, moving(START, "world", "flange")),
-    "a name of 300 letters": (Reason.TF_INVALID, fixed("world", "x" * 300)),
 }
 
 
@@ -134,7 +133,7 @@ def test_a_bad_transform_is_refused_with_its_reason_counted_and_named_and_change
     assert push(e, sample) is reason
     assert e.counts == {reason: 1}
     assert e.transforms.at("world", "sensor", START, AGE) == before
-    assert e.unknown_frames()[reason.value].startswith(f"{sample.child[:255]!r}"[:200])
+    assert e.unknown_frames()[reason.value].startswith(f"{sample.child!r}")
     assert f" in {sample.parent!r}" in e.unknown_frames()[reason.value]
 
 
