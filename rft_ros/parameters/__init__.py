@@ -26,9 +26,10 @@ from rft_ros.parameters.medium_file import (
     read_stress_map,
     write_medium,
 )
+from rft_ros.parameters.parameter import Parameter, Value, Values
 from rft_ros.parameters.sections import Section, read_sections, read_value
 from rft_ros.parameters.settings import LoadCell, Model, Settings
-from rft_ros.parameters.table import MESH, PARAMETERS, Parameter, Value, Values, checked, defaults
+from rft_ros.parameters.table import MESH, PARAMETERS, checked, defaults
 
 __all__ = ["FILES", "MESH", "NODE", "PARAMETERS", "Parameter", "Value", "Values", "checked", "defaults"]
 __all__ += ["LoadCell", "Model", "Settings"]

@@ -5,8 +5,9 @@ from pathlib import Path
 
 from rft_ros.errors import InputError, shown
 from rft_ros.files import whole
+from rft_ros.parameters.parameter import Value, Values
 from rft_ros.parameters.sections import Given, Section, parameter_file_text, read_sections
-from rft_ros.parameters.table import Value, Values, checked, defaults
+from rft_ros.parameters.table import checked, defaults
 from rft_ros.tool import is_mesh_path, locate_mesh
 
 __all__ = ["FILES", "NODE", "absolute", "checked_in_file", "merged", "named_files", "node_parameters", "path_beside"]

@@ -1,15 +1,15 @@
 """Makes settings and the model of tool and grains from values of parameters, and these from short names of options."""
 
 from collections.abc import Callable, Mapping
-from dataclasses import fields
 from pathlib import Path
 from typing import Any, NamedTuple
 
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap, read_height_map
 from rft_ros.parameters.medium_file import is_medium_file, read_alpha_y_table, read_medium
+from rft_ros.parameters.parameter import Values, values_of
 from rft_ros.parameters.settings import LoadCell, Model, Settings
-from rft_ros.parameters.table import Values, checked, defaults
+from rft_ros.parameters.table import checked, defaults
 from rft_ros.rft import LAW_NUMBERS, Medium, Table, alpha_y_model, law_named, medium_named
 from rft_ros.tool import Tool, load_tool
 
@@ -19,16 +19,7 @@ __all__ += ["parts_of", "settings_of", "tool_of", "unused"]
 
 def settings_of(values: Values) -> Settings:
     """The estimator's settings from checked values."""
-    same_name = {field.name: values[field.name] for field in fields(Settings) if field.name in values}
-    return Settings(
-        **same_name,
-        load_cell=LoadCell(**{field.name: values[f"sensor.{field.name}"] for field in fields(LoadCell)}),
-        sensor_source=values["sensor.frame_source"],
-        calibrated_depth=values["medium.calibrated_depth"] or None,
-        zeta_error=values["medium.zeta_error"] or None,
-        learning_mode=values["learning.mode"],
-        learning_lag=values["learning.lag"],
-    )
+    return Settings(**values_of(Settings, values), load_cell=LoadCell(**values_of(LoadCell, values)))
 
 
 def tool_of(values: Values) -> Tool:

@@ -5,6 +5,7 @@ from typing import Literal
 
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap
+from rft_ros.parameters.parameter import Parameter
 from rft_ros.rft import Law, described
 from rft_ros.rft.frames import Quaternion, Vector, Wrench
 from rft_ros.tool import Tool
@@ -20,54 +21,90 @@ _UNCALIBRATED_ERROR = 1.0
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LoadCell:
-    """The load cell's mounting, sign and bias, and the mass attached to it.
+    """The load cell's mounting, sign and bias, and the mass attached to it: the parameters ``sensor.*``."""
 
-    `position` [m] and `quaternion` xyzw: place of the sensor frame in the tool frame. `sign`: +1 if the driver reports
-    the force that acts on the tool, -1 if it reports the force with which the tool pushes. `bias`: the driver's raw
-    reading with nothing attached [N, N m]. `mass` [kg] and `center_of_mass` [m, sensor frame]: of everything that is
-    attached below the cell. `delay` [s]: how much later than the event its stamps are.
-    """
-
-    position: Vector = (0.0, 0.0, 0.0)
-    quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
-    sign: float = 1.0
-    bias: Wrench = (0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    mass: float = 0.0
-    center_of_mass: Vector = (0.0, 0.0, 0.0)
-    delay: float = 0.0
+    position: Vector = Parameter("sensor.position", (0.0, 0.0, 0.0), "m", (-1e3, 1e3)).field(
+        "Origin of sensor_frame in tool_frame."
+    )
+    quaternion: Quaternion = Parameter("sensor.quaternion", (0.0, 0.0, 0.0, 1.0), "xyzw", kind="quaternion").field(
+        "Orientation of sensor_frame in tool_frame, unit length."
+    )
+    sign: float = Parameter("sensor.sign", 1.0, bounds=(-1.0, 1.0), kind="sign").field(
+        "1.0: the driver reports the force that acts on the tool. -1.0: the force with which the tool pushes."
+    )
+    bias: Wrench = Parameter("sensor.bias", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), "N, N m", (-1e6, 1e6)).field(
+        "Reading of the load cell without load: fx, fy, fz, tx, ty, tz."
+    )
+    mass: float = Parameter("sensor.mass", 0.0, "kg", (0.0, 1e3)).field("Mass that hangs below the load cell.")
+    center_of_mass: Vector = Parameter("sensor.center_of_mass", (0.0, 0.0, 0.0), "m", (-1e3, 1e3)).field(
+        "Centre of that mass in sensor_frame."
+    )
+    delay: float = Parameter("sensor.delay", 0.0, "s", (-10.0, 10.0)).field(
+        "How much later than the poses' stamps those of the load cell are for one event; negative: earlier."
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Settings:
-    """The estimator's settings, in m, s, m/s and Hz. Each field is the parameter of the node with the same name.
+    """The estimator's settings: parameters of the node, in m, s, m/s and Hz.
 
-    Some names differ: `load_cell` holds ``sensor.*``, `sensor_source` is ``sensor.frame_source``, `calibrated_depth`
-    and `zeta_error` are ``medium.*``, and `learning_mode` and `learning_lag` are ``learning.*``. config/default.yaml
-    lists the parameters. A value of 0 has a special meaning in some fields. `max_rate`: every pose gets an estimate.
-    `tf_rate`: transforms give a pose at each load-cell stamp. `calibrated_depth` and `zeta_error` are None if they are
-    not known; the parameter is 0 then.
-
-    Raises InputError if `world_frame` and `tool_frame` have the same name, because the frame_id of a twist then does
-    not say in which axes the twist is, and for a `calibrated_depth` or `zeta_error` that is not positive.
+    `calibrated_depth` and `zeta_error` are None if they are not known; the parameter is 0 then. Raises InputError if
+    they are not positive, and if `world_frame` and `tool_frame` have the same name, because the frame_id of a twist
+    then does not say in which axes the twist is.
     """
 
-    world_frame: str = "world"
-    tool_frame: str = "tool"
-    sensor_frame: str = "ft_sensor"
     load_cell: LoadCell = field(default_factory=LoadCell)
-    sensor_source: Literal["parameters", "tf", "world"] = "parameters"
-    surface_height: float = 0.0
-    pose_source: Literal["topic", "tf"] = "topic"
-    tf_rate: float = 0.0
-    twist_source: Literal["topic", "pose_difference"] = "topic"
-    twist_window: float = 0.2
-    max_input_age: float = 0.1
-    max_rate: float = 0.0
-    rest_speed: float = 2e-4
-    calibrated_depth: float | None = None
-    zeta_error: float | None = None
-    learning_mode: Literal["off", "observe", "apply"] = "off"
-    learning_lag: float = 0.002
+    zeta_error: float | None = Parameter("medium.zeta_error", 0.0, bounds=(0.0, 2.0)).field(
+        "Relative standard error of medium.zeta. 0.0: not known.", default=None
+    )
+    calibrated_depth: float | None = Parameter("medium.calibrated_depth", 0.0, "m", (0.0, 1e3)).field(
+        "Greatest depth reached in the calibration. Estimates at greater depth get the flag deep. 0.0: not known.",
+        default=None,
+    )
+    learning_mode: Literal["off", "observe", "apply"] = Parameter("learning.mode", "off").field(
+        "Estimate the medium from the load cell. observe: only report the estimates. apply: also correct the "
+        "predictions."
+    )
+    learning_lag: float = Parameter("learning.lag", 0.002, "m", (1e-5, 1.0)).field(
+        "Path of the tool between a load-cell sample and the first prediction that uses it."
+    )
+    surface_height: float = Parameter("surface_height", 0.0, "m", (-1e6, 1e6)).field(
+        "z of the undisturbed surface in world_frame."
+    )
+    world_frame: str = Parameter("world_frame", "world", kind="frame").field("frame_id of poses; z up.")
+    tool_frame: str = Parameter("tool_frame", "tool", kind="frame").field(
+        "Frame of the mesh; twists may be in its axes."
+    )
+    sensor_frame: str = Parameter("sensor_frame", "ft_sensor", kind="frame").field(
+        "frame_id of the load cell, and of all published wrenches."
+    )
+    sensor_source: Literal["parameters", "tf", "world"] = Parameter("sensor.frame_source", "parameters").field(
+        "Source of the sensor's place on the tool. parameters: sensor.position and sensor.quaternion. tf: fixed "
+        "transforms. world: as parameters, but the readings are in the axes of world_frame, whatever their "
+        "frame_id says."
+    )
+    pose_source: Literal["topic", "tf"] = Parameter("pose_source", "topic", applies="restart").field(
+        "Source of the pose. topic: ~/pose. tf: the transforms of TF."
+    )
+    tf_rate: float = Parameter("tf_rate", 0.0, "Hz", (0.0, 1e4)).field(
+        "Rate of the poses from TF. 0.0: a pose at each stamp of the load cell."
+    )
+    twist_source: Literal["topic", "pose_difference"] = Parameter("twist_source", "topic").field(
+        "Source of the velocity. topic: ~/twist. pose_difference: computed from the last poses."
+    )
+    twist_window: float = Parameter("twist_window", 0.2, "s", (1e-4, 1.0)).field(
+        "Longest span of poses to which pose_difference fits a curve."
+    )
+    max_input_age: float = Parameter("max_input_age", 0.1, "s", (1e-6, 1e6)).field(
+        "Greatest time between a pose and another sample that is used with it."
+    )
+    max_rate: float = Parameter("max_rate", 0.0, "Hz", (0.0, 1e6)).field(
+        "Highest rate of estimates. 0.0: an estimate at every pose."
+    )
+    rest_speed: float = Parameter("rest_speed", 2e-4, "m/s", (0.0, 1e3)).field(
+        "A tool that is slower than this is at rest. The filter is then not updated. If the model has no memory "
+        "and the tool is in the grains, there is no estimate either."
+    )
 
     def __post_init__(self) -> None:
         if self.world_frame == self.tool_frame:

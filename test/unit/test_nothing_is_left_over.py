@@ -1,13 +1,13 @@
 """A parameter that nobody reads is found, and a quality flag or an option without a test."""
 
 import ast
-from dataclasses import fields
 from pathlib import Path
 
 import rft_ros
 from rft_ros.cli import parser
 from rft_ros.estimator.quality import QualityFlag
 from rft_ros.parameters import PARAMETERS, LoadCell, Settings
+from rft_ros.parameters.parameter import parameters_of
 from rft_ros.rft import LAW_NUMBERS
 
 PACKAGE = Path(rft_ros.__file__).parent
@@ -23,8 +23,8 @@ def unread(parameters):
         node.slice.value for node in NODES if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant)
     }
     taken = keys | {f"medium.{name}" for name in LAW_NUMBERS if name in attributes}
-    taken |= {f"sensor.{f.name}" for f in fields(LoadCell) if f.name in attributes}
-    taken |= {f.name for f in fields(Settings) if f.name in attributes}
+    for owner in (LoadCell, Settings):
+        taken |= {parameter.name for field, parameter in parameters_of(owner).items() if field in attributes}
     return [name for name in parameters if name not in taken]
 
 

@@ -2,7 +2,6 @@
 
 import math
 import re
-from dataclasses import fields
 from pathlib import Path
 
 import numpy as np
@@ -22,6 +21,7 @@ from rft_ros.parameters import (
     write_parameter_file,
 )
 from rft_ros.parameters.from_values import SHORT_NAMES
+from rft_ros.parameters.parameter import parameters_of
 from rft_ros.parameters.settings import CALIBRATED_ERROR
 from rft_ros.rft import LAW_NUMBERS, LAWS, MEDIA, Constant, Linear, law_named
 
@@ -97,20 +97,12 @@ def test_a_zeta_whose_error_is_not_known_counts_as_calibrated_only_where_nothing
 
 def test_default_values_make_the_default_settings_and_other_values_reach_them():
     assert settings_of(defaults()) == Settings()
-    for owner, prefix in ((Settings, ""), (LoadCell, "sensor.")):
-        for name in (prefix + f.name for f in fields(owner)):
-            parameter = next((p for p in PARAMETERS if p.name == name), None)
-            if parameter is None:
-                continue
-            value = parameter.default
-            if isinstance(parameter.default, str):
-                value = parameter.choices[-1] if parameter.choices else "other"
-            elif isinstance(parameter.default, float):
-                value = -1.0 if name == "sensor.sign" else 0.5 * value + 0.25
-            else:
-                value = value[::-1] if name == "sensor.quaternion" else tuple(range(len(value)))
-            changed = settings_of({**defaults(), name: value})
-            assert getattr(changed.load_cell if prefix else changed, name.removeprefix(prefix)) == value, name
+    others = {str: "other", float: 0.25}
+    for owner in (Settings, LoadCell):
+        for name, parameter in parameters_of(owner).items():
+            other = others.get(type(parameter.default)) or tuple(range(len(parameter.default)))
+            changed = settings_of({**defaults(), parameter.name: other})
+            assert getattr(changed if owner is Settings else changed.load_cell, name) == other
 
 
 def test_one_frame_for_two_is_refused():

@@ -1,0 +1,113 @@
+"""One parameter: its default, its allowed values and what it means; and the check of a value."""
+
+import math
+import sys
+from collections.abc import Mapping, Sequence
+from dataclasses import KW_ONLY, dataclass, field, fields, replace
+from functools import cache
+from typing import Any, Literal, get_args, get_origin, get_type_hints
+
+from rft_ros.errors import InputError, shown
+from rft_ros.rft.frames import UNIT_TOLERANCE
+
+__all__ = ["LONGEST_NAME", "Parameter", "Value", "Values", "parameters_of", "values_of"]
+
+Value = str | float | tuple[float, ...]
+"""A parameter's value, in the parameter's type."""
+
+Values = Mapping[str, Any]
+"""The values of all parameters, by name, each a `Value`."""
+
+LONGEST_NAME = 256  # characters, of a frame or a parameter
+_LONGEST = 4096  # characters, of a path
+_LARGEST = sys.float_info.max  # a comparison with it also refuses large integers, for which math.isfinite raises
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """One parameter. Its values have the type of `default`.
+
+    `bounds`: least and greatest value of each number. `least`: of a length [m] that may be 0, the least other value.
+    `kind`: "frame" for the name of a frame, "quaternion" for the four numbers of a rotation, "sign" for 1 or -1.
+    `choices`: the values that a text may have; empty: any. `applies`: "live", or "restart" if the running node refuses
+    a change.
+    """
+
+    name: str
+    default: Value
+    unit: str = ""
+    bounds: tuple[float, float] = (-math.inf, math.inf)
+    _: KW_ONLY
+    least: float = 0.0
+    kind: Literal["", "frame", "quaternion", "sign"] = ""
+    choices: tuple[str, ...] = ()
+    applies: Literal["live", "restart"] = "live"
+    description: str = ""
+
+    def means(self, description: str) -> "Parameter":
+        """The parameter with its description."""
+        return replace(self, description=description)
+
+    def field(self, description: str, **options: Any) -> Any:
+        """A field of a dataclass that has the parameter's value; if its type is a Literal, that gives the choices.
+
+        A field whose default is None is None where the parameter has its default.
+        """
+        return field(**{"default": self.default, **options}, metadata={"parameter": self.means(description)})
+
+    def checked(self, value: object) -> Value:
+        """The value in the parameter's type. Raises InputError that names parameter and value, and what is allowed."""
+        name, default, choices = self.name, self.default, self.choices
+        if isinstance(default, str):
+            if value is False and "off" in choices:  # YAML, and so ROS, reads an unquoted off as false
+                value = "off"
+            if not isinstance(value, str):
+                raise InputError(f"{name} is {shown(value)}; it must be a string")
+            limit = LONGEST_NAME if self.kind == "frame" else _LONGEST
+            if len(value) > limit:
+                raise InputError(f"{name} has {len(value):,} characters; the limit is {limit:,}")
+            if choices and value not in choices:
+                raise InputError(f"{name} is {shown(value)}; it must be one of {', '.join(choices)}")
+            return value
+        if isinstance(default, float):
+            number = self._number(value)
+            if 0.0 < number < self.least:
+                raise InputError(f"{name} is {number:g}; it must be 0, or at least {self.least:g} m")
+            if self.kind == "sign" and abs(number) != 1.0:
+                raise InputError(f"{name} is {number:g}; it must be 1.0 or -1.0")
+            return number
+        if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(default):
+            raise InputError(f"{name} is {shown(value)}; it must be {len(default)} numbers")
+        numbers = tuple(self._number(v) for v in value)
+        if self.kind == "quaternion":
+            norm = math.hypot(*numbers)
+            if not abs(norm - 1.0) <= UNIT_TOLERANCE:
+                raise InputError(f"{name} has norm {norm:g}; it must be 1")
+            numbers = tuple(v / norm for v in numbers)
+        return numbers
+
+    def _number(self, value: object) -> float:
+        name, (low, high) = self.name, self.bounds
+        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
+            raise InputError(f"{name} is {shown(value)}; it must be a finite number (such as 1.0)")
+        if not low <= value <= high:
+            raise InputError(f"{name} is {value:g}; it must lie between {low:g} and {high:g}")
+        return float(value)
+
+
+@cache
+def parameters_of(owner: type) -> dict[str, Parameter]:
+    """The parameters that are fields of a dataclass, by the names of the fields."""
+    hints, found = get_type_hints(owner), {}
+    for f in fields(owner):
+        if "parameter" in f.metadata:
+            choices = get_args(hints[f.name]) if get_origin(hints[f.name]) is Literal else ()
+            found[f.name] = replace(f.metadata["parameter"], choices=choices)
+    return found
+
+
+def values_of(owner: type, values: Values) -> dict[str, Any]:
+    """The values of the fields of a dataclass that are parameters."""
+    own, defaults = parameters_of(owner), {f.name: f.default for f in fields(owner)}
+    at_default = {name for name, parameter in own.items() if values[parameter.name] == parameter.default}
+    return {name: defaults[name] if name in at_default else values[p.name] for name, p in own.items()}
