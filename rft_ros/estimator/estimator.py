@@ -171,7 +171,7 @@ class Estimator:
         if (s.learning_mode == "off") != (self.learning is None) or s.zeta_error != old.zeta_error:
             self._start_learning()
         if self.learning is not None:
-            self.learning.use(lag=s.learning_lag, reach=m.tool.plates.reach)
+            self.learning.lag, self.learning.reach = s.learning_lag, m.tool.plates.reach
             if m.law != old_model.law:
                 self.learning.forget()
             elif new_tool or new_axes or new_ground or s.surface_height != old.surface_height:

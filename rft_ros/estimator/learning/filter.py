@@ -61,9 +61,6 @@ FILTER_FIELDS = [
     ("path_learned", float),  # path of the last record that updated the filter
     ("scale", float, 3),  # m of (L5): mean of the squared errors of each component
     ("bias", float),  # b of (L5): mean of the vertical errors
-    ("fitted", float, 3),  # work space
-    ("gain", float, 4),
-    ("a", float, (4, 4)),
 ]
 """Fields of a state that the functions below use."""
 
@@ -114,15 +111,11 @@ def copy_place(target, source):
 
 
 @inlined
-def _bound(belief):
-    """Bound θ to values that the model can have, and make P symmetric."""
-    theta, p = belief.theta, belief.p
+def _bound(theta):
+    """Bound θ to values that the model can have."""
     for i in (VERTICAL, HORIZONTAL):
         theta[i] = min(max(theta[i], _STRENGTH_LEAST), _STRENGTH_MOST)
     theta[TURN] = min(max(theta[TURN], -theta[HORIZONTAL]), theta[HORIZONTAL])
-    for i in range(4):
-        for j in range(i):
-            p[i, j] = p[j, i] = 0.5 * (p[i, j] + p[j, i])
 
 
 @inlined
@@ -131,7 +124,6 @@ def grow(belief, path):
     for i in range(4):
         for j in range(4):
             belief.p[i, j] += path * _GROWTH[i, j]
-    _bound(belief)
 
 
 @inlined
@@ -161,10 +153,11 @@ def _design(h, row):
 
 
 @inlined
-def correct(state, record, row, out, apply):
+def correct(state, record, row, out, apply, lag, reach):
     """Correct a row of the model by (L1), (L3) and (L4), with `state.now`.
 
-    Writes F, H, F', S and r to the record, and wrench and standard deviations to `out`, shape [12].
+    Writes F, H, F', S and r to the record, and wrench and standard deviations to `out`, shape [12]. `lag` of the
+    readings and `reach` of the tool [m].
     """
     h, now, force = record.h, state.now, row[FORCE]
     wrench, sigma = out[WRENCH], out[SIGMA]
@@ -177,7 +170,7 @@ def correct(state, record, row, out, apply):
     for i in range(3):
         for j in range(3):
             record.s[i, j] = _form(h[i], now.p, h[j]) + (record.r if i == j else 0.0)
-    growth = _BIAS_GROWTH * min(state.lag, _BIAS_LAG_MOST)
+    growth = _BIAS_GROWTH * min(lag, _BIAS_LAG_MOST)
     vertical = state.scale[Z] + growth * state.bias**2
     greatest = max(state.scale[X], state.scale[Y], vertical)
     for i in range(6):
@@ -186,7 +179,7 @@ def correct(state, record, row, out, apply):
             variance = (vertical if i == Z else state.scale[i]) * record.s[i, i]
         else:
             variance = greatest * (_form(h[i], now.p, h[i]) + (_NOISE * learned) ** 2)
-            variance += (LEVER * state.reach) ** 2 * square
+            variance += (LEVER * reach) ** 2 * square
         wrench[i] = learned if apply else model
         sigma[i] = math.sqrt(variance + (learned - wrench[i]) ** 2)  # a correction not applied is an error, too
 
@@ -213,45 +206,34 @@ def _adapt(state, record, step):
 
 
 @inlined
-def _update_with_component(state, belief, h, y, variance):
-    """Update with a component y of the force, whose row of H is h.
-
-    In Joseph's form: P = (I - K H) P (I - K H)ᵀ + K R Kᵀ.
-    """
-    gain, a = state.gain, state.a
-    for i in range(4):
-        gain[i] = dot(belief.p[i], h)
+def _update_with_component(belief, h, y, variance):
+    """Update with a component y of the force, whose row of H is h."""
+    theta, p = belief.theta, belief.p
+    gain = dot(p[0], h), dot(p[1], h), dot(p[2], h), dot(p[3], h)
     s = dot(h, gain) + variance
-    innovation = y - dot(h, belief.theta)
+    innovation = y - dot(h, theta)
     for i in range(4):
+        theta[i] += gain[i] / s * innovation
         for j in range(4):
-            a[i, j] = belief.p[i, j] - gain[i] * gain[j] / s
-    for i in range(4):
-        gain[i] /= s
-        belief.theta[i] += gain[i] * innovation
-    for i in range(4):
-        ah = dot(a[i], h)
-        for j in range(4):
-            belief.p[i, j] = a[i, j] - ah * gain[j] + variance * gain[i] * gain[j]
+            p[i, j] -= gain[i] * gain[j] / s
 
 
 @inlined
 def update(state, record):
     """Update with a measured force: adapt the scale (L5), grow P (L2), gate the innovation, use the noise of (L3)."""
-    belief, h, step = state.latest, record.h, record.path - state.path_learned
+    belief, h, y, step = state.latest, record.h, record.y, record.path - state.path_learned
     state.path_learned = record.path
     _adapt(state, record, step)
     grow(belief, step)
+    fitted = dot(h[X], belief.theta), dot(h[Y], belief.theta), dot(h[Z], belief.theta)
     square = trace = 0.0
     for i in range(3):
-        state.fitted[i] = dot(h[i], belief.theta)
-        square += (record.y[i] - state.fitted[i]) ** 2
+        square += (y[i] - fitted[i]) ** 2
         trace += _form(h[i], belief.p, h[i]) + record.r
     share = min(1.0, _GATE * math.sqrt(trace / max(square, 1e-300)))
     variance = record.r * max(1.0, _NOISE_LENGTH / step)
     for i in range(3):
-        gated = state.fitted[i] + share * (record.y[i] - state.fitted[i])
-        _update_with_component(state, belief, h[i], gated, variance)
-    _bound(belief)
+        _update_with_component(belief, h[i], fitted[i] + share * (y[i] - fitted[i]), variance)
+    _bound(belief.theta)
     if not record.passing:
         copy(state.of_push, belief)

@@ -1,34 +1,69 @@
-"""Corrects predictions by a Kalman filter, which is updated with load-cell readings at least a lag of path behind."""
+"""Corrects predictions by a Kalman filter, which is updated with load-cell readings at least a lag of path behind.
+
+Each pose in the grains has a record, which waits for its reading, and updates the filter once the tool moved on by the
+lag. The path of the tool's fastest point takes the place of time: at rest nothing changes, and speed does not matter.
+"""
 
 import math
-from typing import Any, Literal, NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.learning.filter import reset
-from rft_ros.estimator.learning.records import (
-    AWAY,
-    CAPACITY,
-    FILTER_STATE,
-    RECORD,
-    STEP_LEAST,
-    STEP_MOST,
-    add_reading,
-    predict,
-)
-from rft_ros.estimator.learning.surprise import ISSUES, JUDGE_FIELDS
+from rft_ros.estimator.learning.filter import FILTER_FIELDS, copy, copy_place, correct, grow, reset, update
+from rft_ros.estimator.learning.surprise import ISSUES, JUDGE_FIELDS, OFFSET, judge
 from rft_ros.estimator.samples import ABSURD, Vector
 from rft_ros.estimator.tare import AirReading
 from rft_ros.parameters.settings import CALIBRATED_ERROR
+from rft_ros.rft import SUBMERGED_AREA
 from rft_ros.rft.frames import WIDTH
-from rft_ros.rft.kernel.compilation import machine_code
+from rft_ros.rft.kernel.compilation import compiled, inlined, machine_code
 
 __all__ = ["Belief", "Learning"]
 
 Array = NDArray[np.float64]
 
 _STRENGTHS = slice(0, 2)  # places of s_v and s_h in θ
+_CHANGES = {0: "", 1: "harder", -1: "softer"}
+_CAPACITY, _RECORDS_PER_LAG = 2048, 1024
+_STEP_LEAST, _STEP_MOST = 1e-15, 1.0
+"""Limits of a path between two poses [m]. A shorter one counts as rest: the noise of (L3) over it would be infinite."""
+
+_RECORD = np.dtype(
+    [
+        ("stamp", np.int64),
+        ("travel", float),  # path in air and grains
+        ("path", float),  # path in the grains
+        ("passing", np.bool_),
+        ("measured", np.bool_),  # y holds a force that will update the filter
+        ("fault", np.bool_),  # no θ explains the measured force
+        ("force", float, 3),  # of the model, F
+        ("h", float, (6, 4)),  # H: rows for force and torque
+        ("predicted", float, 3),  # F' as it was predicted, and its covariance S
+        ("s", float, (3, 3)),
+        ("r", float),  # variance of the noise
+        ("y", float, 3),  # measured force
+    ],
+    align=True,
+)
+
+_PUSHING, _INTERRUPTED, _AWAY = range(3)
+"""Stages of a push. The tool moves through the grains; it was withdrawn or fast since; it was in the air since."""
+
+_STATE = np.dtype(
+    [
+        *FILTER_FIELDS,
+        *JUDGE_FIELDS,
+        ("doubts", int),  # issues under which the filter was updated
+        ("first", int),  # number of the first record that waits; record n is at index n modulo `_CAPACITY`
+        ("open", int),  # number of the first record whose measurement may still come
+        ("end", int),  # number of the next record
+        ("travel", float),
+        ("path", float),
+        ("stage", int),  # `_PUSHING`, `_INTERRUPTED` or `_AWAY`
+    ],
+    align=True,
+)
 
 
 class Belief(NamedTuple):
@@ -57,7 +92,8 @@ class Learning:
 
     At each pose call `predict`. When its compensated force is known, call `learn` with the pose's stamp, in the order
     of stamps. A prediction uses the measurements at least `lag` of path [m] behind, so no sample is part of its own.
-    `strength_error`: relative standard error of ζ. `reach` of the tool's surface from the tool frame's origin [m].
+    `strength_error`: relative standard error of ζ. `reach` of the tool's surface from the tool frame's origin [m]. Lag
+    and reach may change.
     `air`: what the load cell reads in the air; its owner adds the readings.
     """
 
@@ -69,46 +105,32 @@ class Learning:
         reach: float = 0.0,
         air: AirReading | None = None,
     ) -> None:
+        self.lag, self.reach = lag, reach
         self._strength_error, self._air = strength_error, air or AirReading()
-        self._states, self._records = np.zeros(1, FILTER_STATE), np.zeros(CAPACITY, RECORD)
+        self._states, self._records = np.zeros(1, _STATE), np.zeros(_CAPACITY, _RECORD)
         self._state: Any = self._states[0]
-        self._change, self._issues = self._states["change"], self._states["issues"]
         self._row, self._y, out = np.zeros(WIDTH), np.zeros(3), np.zeros(12)
         arrays = self._states, self._records
-        self._predict = machine_code(predict, (*arrays, self._row, out, 0, 0.0, False, True))
-        self._learn: Any = machine_code(add_reading, (*arrays, self._y, 0, False, 0.0, False))
-        self.use(lag=lag, reach=reach)
+        self._predict = machine_code(_predict, (*arrays, self._row, out, 0, 0.0, False, True, 0.0, 0.0))
+        self._learn: Any = machine_code(_add_reading, (*arrays, self._y, 0, False, 0.0, False))
         self.forget()
-
-    def use(self, *, lag: float, reach: float) -> None:
-        """Use another lag, or a tool of another reach."""
-        self._state["lag"], self._state["reach"] = lag, reach
-
-    @property
-    def lag(self) -> float:
-        """Path [m] between a prediction and the measurements that it uses."""
-        return float(self._state["lag"])
 
     def forget(self) -> None:
         """Go back to the calibration."""
-        lag, reach = self._state["lag"], self._state["reach"]
-        self._states[:] = np.zeros(1, FILTER_STATE)
-        self.use(lag=lag, reach=reach)
+        self._states[:] = 0
         reset(self._state, self._strength_error)
 
     def forget_place(self) -> None:
         """Keep the strength, and reset surface and turn: the tool moved elsewhere or is another one, or time jumped."""
-        state = self._state
-        latest, prior, of_push = state["latest"], state["prior"], state["of_push"]
+        state, of_push = self._state, self._state["of_push"]
         for name, *_ in JUDGE_FIELDS:
-            if name != "doubts":
-                state[name] = 0
+            state[name] = 0
         state["first"] = state["open"] = state["end"]
         state["path_learned"] = state["path_judged"] = state["path"]
-        latest["theta"], latest["p"] = prior["theta"], prior["p"]
-        latest["theta"][_STRENGTHS] = of_push["theta"][_STRENGTHS]
-        latest["p"][_STRENGTHS, _STRENGTHS] = of_push["p"][_STRENGTHS, _STRENGTHS]
-        state["stage"] = AWAY
+        state["latest"] = state["prior"]
+        state["latest"]["theta"][_STRENGTHS] = of_push["theta"][_STRENGTHS]
+        state["latest"]["p"][_STRENGTHS, _STRENGTHS] = of_push["p"][_STRENGTHS, _STRENGTHS]
+        state["stage"] = _AWAY
 
     def predict(self, stamp: int, row: Array, *, step: float, passing: bool = False, apply: bool = True) -> Array:
         """Corrected wrench and its standard deviations at a pose, world axes.
@@ -120,9 +142,10 @@ class Learning:
         wrench is corrected. Returns shape [12]: force, torque about the tool frame's origin, deviation of each.
         """
         self._row[:], out = row, np.empty(12)
-        path = min(float(step), STEP_MOST) if step > STEP_LEAST else 0.0
+        path = min(float(step), _STEP_MOST) if step > _STEP_LEAST else 0.0
         self._predict(
-            self._states, self._records, self._row, out, int(stamp), path, bool(passing), bool(apply)
+            self._states, self._records, self._row, out, int(stamp), path, bool(passing), bool(apply),
+            float(self.lag), float(self.reach),
         )  # fmt: skip
         return out
 
@@ -181,25 +204,22 @@ class Learning:
         return float(weights @ mean[_STRENGTHS]), math.sqrt(float(weights @ covariance @ weights))
 
     @property
-    def change(self) -> Literal["", "harder", "softer"]:
-        """How the grains at the last measurement differ from what the filter expected; "" within its deviation."""
-        change = int(self._change[0])
-        if change == 0:
-            return ""
-        return "harder" if change > 0 else "softer"
+    def change(self) -> str:
+        """How the grains at the last measurement differ from what the filter expected: harder, softer, or "" if not."""
+        return _CHANGES[int(self._state["change"])]
 
     def surprise_sentence(self) -> str:
         """A sentence: the grains are harder or softer than learned, and by how much; empty if they are as learned."""
-        percent = 100.0 * self.belief().excess
-        if not self.change:
+        percent, change = 100.0 * self.belief().excess, self._state["change"]
+        if change == 0:
             return ""
-        by = f": force {percent:+.0f} %" if percent * self._change[0] >= 1.0 else ""  # not while its sign changes
+        by = f": force {percent:+.0f} %" if percent * change >= 1.0 else ""  # not while its sign changes
         return f"grains {self.change} than learned{by}"
 
     @property
     def disagrees(self) -> bool:
         """Whether there are `issues`."""
-        return self._air.is_offset or self._issues[0] != 0
+        return self._air.is_offset or self._state["issues"] != 0
 
     def issues(self) -> list[str]:
         """Sentences on an implausible load cell or model, from `ISSUES`."""
@@ -213,3 +233,80 @@ class Learning:
 def _sentences(issues: int) -> list[str]:
     """Those of issues, a bitwise or of keys of `ISSUES`."""
     return [sentence for issue, sentence in ISSUES.items() if issues & issue]
+
+
+@inlined
+def _move(state, step, wet, passing):
+    """Advance the path. When the tool pushes again, the filter resumes with its state at the last push.
+
+    After a time in the air, turn and surface begin with the prior.
+    """
+    state.travel += step
+    if not wet:
+        state.stage = _AWAY
+        return
+    state.path += step
+    if passing:
+        if state.stage == _PUSHING:
+            state.stage = _INTERRUPTED
+    elif state.stage != _PUSHING and step > 0.0:
+        copy(state.latest, state.of_push)
+        if state.stage == _AWAY:
+            copy_place(state.latest, state.prior)
+        state.stage, state.path_entered = _PUSHING, state.path
+
+
+@inlined
+def _update_with_due(state, records, lag):
+    """Update the filter with the records that the tool has passed by the lag."""
+    while state.first < state.open and records[state.first % _CAPACITY].travel <= state.travel - lag:
+        oldest = records[state.first % _CAPACITY]
+        if oldest.fault:  # earlier updates may have been wrong as well
+            copy(state.latest, state.prior)
+            copy(state.of_push, state.prior)
+        elif oldest.measured and oldest.path > max(state.path_learned, state.path_entered if oldest.passing else 0.0):
+            update(state, oldest)
+        state.first += 1
+    if state.end - state.first == _CAPACITY:  # no reading came for the oldest record: drop it
+        state.first += 1
+        state.open = max(state.open, state.first)
+
+
+@compiled
+def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach):
+    """Advance, update the filter with the records `lag` behind, predict with (L4), and add a record of this pose."""
+    state = states[0]
+    wet = row[SUBMERGED_AREA] > 0.0
+    _move(state, step, wet, passing)
+    _update_with_due(state, records, lag)
+    copy(state.now, state.latest)
+    grow(state.now, max(state.path - state.path_learned, 0.0))
+
+    record = records[state.end % _CAPACITY]
+    correct(state, record, row, out, apply, lag, reach)
+    last = records[(state.end - 1) % _CAPACITY].travel
+    close = state.end > state.first and state.travel - last < lag / _RECORDS_PER_LAG
+    if wet and step > 0.0 and not close:
+        record.stamp, record.travel, record.path = stamp, state.travel, state.path
+        record.passing, record.measured, record.fault = passing, False, False
+        state.end += 1
+
+
+@compiled
+def _add_reading(states, records, y, stamp, repeated, air_load, has_offset):
+    """Add the measurement at a stamp to the record of that stamp, and judge it.
+
+    `air_load`: mean force that the load cell reads in the air [N]. `has_offset`: whether it is an offset, an issue.
+    """
+    state = states[0]
+    while state.open < state.end and records[state.open % _CAPACITY].stamp < stamp:
+        state.open += 1
+    record = records[state.open % _CAPACITY]
+    if state.open < state.end and record.stamp == stamp:
+        state.open += 1
+        record.r += air_load**2
+        judge(state, record, y, min(record.path - state.path_judged, _STEP_MOST), repeated)
+        if has_offset:
+            state.doubts |= OFFSET
+        for i in range(3):
+            record.y[i] = y[i]

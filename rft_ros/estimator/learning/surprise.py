@@ -39,7 +39,6 @@ JUDGE_FIELDS = [
     ("flat_cross", float),
     ("flat_square", float),
     ("issues", int),  # a bitwise or of keys of `ISSUES`
-    ("doubts", int),  # issues under which the filter was updated
 ]
 """Fields of a state that the functions below use."""
 
