@@ -77,8 +77,6 @@ class Table(NamedTuple):
         return cls(float(b[0]), beta_nodes, float(g[0]), gamma_nodes, np.ascontiguousarray(v.T))
 
 
-AlphaY = Constant | Linear | Table
-
 UNDIRECTED = math.sin(math.radians(5.0))
 """abs(v23) over abs(v) below which the refined rule fills v23 up along the normal, for the γ of a table."""
 
@@ -160,6 +158,8 @@ def _given(medium: Medium, table: Table | None) -> Table:
         raise ValueError("alpha_y.model 'table' needs alpha_y.table to name a CSV file")
     return table
 
+
+AlphaY = Constant | Linear | Table
 
 # By the name in `alpha_y.model`: the model's type, its function, and its factory from a medium and a table.
 _MODELS: dict[str, tuple[type, Callable[..., float], Callable[[Medium, Table | None], Any]]] = {

@@ -39,6 +39,7 @@ With a change of depth the force follows the load at constant τ.
 """
 
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 
@@ -48,7 +49,7 @@ from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.memory_state import FAR, HEAD, IN_MEMORY, OF_BLOCK, moved_by
 from rft_ros.rft.plates import BLOCK
 
-__all__ = ["DEPTH", "STIFF", "add_memory", "advance", "follow_gap", "is_elastic"]
+__all__ = ["DEPTH", "STIFF", "Mobilization", "add_memory", "advance", "follow_gap", "is_elastic"]
 
 DEPTH = 0.03
 """Depth [m] at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
@@ -64,6 +65,14 @@ FADES = 3.0
 
 OPEN = 0.2
 """G: growth of the gap over the retreat."""
+
+
+class Mobilization(NamedTuple):
+    """The numbers of a law that its memory takes: mobilization length [m] and strength [N/m³]."""
+
+    length: float
+    strength: float
+
 
 _TINY = 1e-60  # least tractions per depth, and lengths, that are divided by
 
@@ -139,14 +148,13 @@ def advance(past, normal, width, moved, target, span, strength):
     return (keeps * tau_x, keeps * tau_y, keeps * tau_z), radius, gap - closed + slack + OPEN * beyond, tangent
 
 
-def _add_memory(chunk, count, memory, motion, below, slope, grains):
+def _add_memory(chunk, count, memory, motion, below, slope, mobilization):
     """Replace the law's tractions of the blocks in a chunk, `count`, by those with memory, and store their states.
 
     `memory`: a row of `Memory.numbers`. `motion`: of `displacement`, world axes; `below`, `slope`: depth of the tool
-    frame's origin [m], and the surface's; `grains`: mobilization length [m] and strength of the law [N/m³].
+    frame's origin [m], and the surface's; `mobilization`: of the law.
     """
     wide_vectors()
-    length, strength = grains
     for b in range(count):
         first = np.uint64(HEAD) + np.uint64(chunk[at(row.NUMBER, b)]) * np.uint64(OF_BLOCK)
         for j in range(BLOCK):
@@ -156,14 +164,13 @@ def _add_memory(chunk, count, memory, motion, below, slope, grains):
             # the depth half a step before
             depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
             ratio = min(max(depth * depth * (1.0 / (DEPTH * DEPTH)), LEAST), GREATEST)
-            span = max(length, 1.0 / FAR) * ratio
+            span = max(mobilization.length, 1.0 / FAR) * ratio
             share, (tx, ty, tz) = chunk[at(row.SHARE, i)], triple(chunk, row.TRACTION, i)
             target = share * tx, share * ty, share * tz
             kept = triple(memory, first + IN_MEMORY.traction, j, BLOCK)
             past = kept, memory[at(first + IN_MEMORY.radius, j)], memory[at(first + IN_MEMORY.gap, j)]
-            traction, radius, gap, tangent = advance(
-                past, triple(chunk, row.NORMAL, i), 0.5 / chunk[at(row.PER_WIDTH, i)], moved, target, span, strength
-            )
+            normal, width = triple(chunk, row.NORMAL, i), 0.5 / chunk[at(row.PER_WIDTH, i)]
+            traction, radius, gap, tangent = advance(past, normal, width, moved, target, span, mobilization.strength)
             load = chunk[at(row.LOAD, i)]
             wet = 1.0 if load > 0.0 else 0.0
             traction = wet * traction[0], wet * traction[1], wet * traction[2]

@@ -6,6 +6,7 @@ density and memory. `tractions` takes its `packed` form, and evaluates it for th
 
 import itertools
 import math
+from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field, fields
 from math import radians, sin, sqrt
 from typing import Any, ClassVar, NamedTuple
@@ -190,7 +191,10 @@ def law_named(name: str, medium: Medium, alpha_y_model: AlphaY, **numbers: float
     if unknown:
         raise TypeError(f"no law has a number '{unknown[0]}'; use {', '.join(LAW_NUMBERS)}")
     used = {number: value for number, value in numbers.items() if number in _OPTIONAL[name]}
-    return Agarwal2023(**used) if name == Agarwal2023.name else treers2021(medium, alpha_y_model, **used)
+    if name == Treers2021.name:
+        return treers2021(medium, alpha_y_model, **used)
+    make: Callable[..., Law] = _LAWS[name]
+    return make(**used)
 
 
 def described(law: Law) -> str:

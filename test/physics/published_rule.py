@@ -9,7 +9,7 @@ from math import atan2, atanh, cos, degrees, hypot, pi, sin, tanh
 from rft_ros.rft import ANGULAR_VELOCITY, QUATERNION, VELOCITY
 
 Vec = Sequence[float]
-AlphaY = Callable[[float], float]  # β [rad] -> N/cm³
+AlphaY = Callable[[float, float], float]  # β, γ [rad] -> N/cm³
 
 # A00, A10, B11, B01, B-11, C11, C01, C-11, D10 (Li, Zhang, Goldman 2013, table S2)
 MEDIA = {
@@ -41,14 +41,14 @@ def alpha_x(medium: str, beta: float, gamma: float) -> float:
 
 def constant(medium: str) -> AlphaY:
     value = alpha_x(medium, 0.0, 0.0)
-    return lambda _beta: value
+    return lambda _beta, _gamma: value
 
 
-def linear(beta: float) -> float:
+def linear(beta: float, _gamma: float) -> float:
     return 0.2035 - 0.0015 * degrees(beta)
 
 
-def tabulated(beta: float) -> float:
+def tabulated(beta: float, _gamma: float) -> float:
     """That of `TABLE`, which is constant beyond its nodes: with e2 from the velocity β can be a little below 0."""
     return 0.1 + (0.3 - 0.1) * min(max(beta, 0.0), pi) / pi
 
@@ -101,7 +101,7 @@ def plate_force(n: Vec, v: Vec, depth: float, area: float, medium: str, zeta: fl
     v23 = hypot(dot(v, e2), v[2])
     speed = hypot(*v)
     sign = (v1 > 0) - (v1 < 0)
-    along_e1 = -f1(abs(v1) / speed) * alpha_y(beta) * sign
+    along_e1 = -f1(abs(v1) / speed) * alpha_y(beta, gamma) * sign
     along_e2 = -f23(v23 / speed) * alpha_x(medium, beta, gamma)
     along_e3 = f23(v23 / speed) * alpha_z(medium, beta, gamma)
     scale = zeta * 1e6 * depth * area

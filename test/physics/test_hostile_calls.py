@@ -83,7 +83,7 @@ def refused(call):
 
 
 def expected(alpha_y, zeta, depth):
-    force = rule.plate_force(NORMAL, (1, 1, -1), depth, 1.0, "generic", zeta, lambda _beta: alpha_y)
+    force = rule.plate_force(NORMAL, (1, 1, -1), depth, 1.0, "generic", zeta, lambda _beta, _gamma: alpha_y)
     return [*force, 0.0, 0.0, 0.0]
 
 

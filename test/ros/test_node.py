@@ -1,5 +1,7 @@
 """The node as a user meets it: parameters, topics and services over DDS."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from diagnostic_msgs.msg import DiagnosticStatus
@@ -27,6 +29,17 @@ def test_a_pose_is_answered_by_three_wrenches_with_its_stamp_in_the_sensor_frame
     for frame in ("wrist", "ft_sensor"):  # ends the comparison, which keeps the frame of its prediction
         assert rft.set(sensor_frame=frame)[0]
     rft.until(lambda: any(m.header == waits.header for m in rft.received["wrench_residual"]))
+
+
+def test_the_page_of_the_node_names_each_of_its_topics_and_services(rft):
+    page = (Path(__file__).parents[2] / "docs" / "node.md").read_text(encoding="utf-8")
+    namespace, _, name = rft.name.rpartition("/")
+    node, of = rft.node, (name, namespace or "/")
+    found = node.get_publisher_names_and_types_by_node(*of) + node.get_subscriber_names_and_types_by_node(*of)
+    found += [service for service in node.get_service_names_and_types_by_node(*of) if "Trigger" in service[1][0]]
+    own = {topic.removeprefix(f"{rft.name}/") for topic, _ in found if topic.startswith(f"{rft.name}/")}
+    assert {"wrench_predicted", "pose", "tare"} <= own
+    assert [topic for topic in own if f"\n| `~/{topic}` |" not in page] == []
 
 
 def test_laws_densities_and_memory_change_without_a_restart(rft):

@@ -295,6 +295,16 @@ def test_a_number_of_a_law_is_a_parameter_and_can_be_varied_in_a_study(number):
     assert defaults()[name] + 0.25 in [getattr(model.law, number, None) for model in models]
 
 
+@pytest.mark.parametrize("name", LAWS)
+def test_a_law_is_made_by_its_name_and_has_the_defaults_of_the_table_but_no_memory(name):
+    law, values = law_named(name, MEDIA["generic"], Constant(0.1)), defaults()
+    numbers = [number for number in LAW_NUMBERS if hasattr(law, number)]
+    assert law.name == name
+    assert {number: values[f"medium.{number}"] for number in numbers} | {"mobilization_length": 0.0} == {
+        number: getattr(law, number) for number in numbers
+    }
+
+
 def test_a_number_that_no_law_has_is_refused_by_its_name():
     with pytest.raises(TypeError, match=r"'stiffness'.*zeta"):
         law_named("treers2021", MEDIA["generic"], Constant(0.1), stiffness=2.0)

@@ -25,7 +25,7 @@ from rft_ros.rft.grains import IN_LAW, inertia_force
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import OPTIONS, compiled, inlined
-from rft_ros.rft.memory import add_memory, follow_gap, is_elastic
+from rft_ros.rft.memory import Mobilization, add_memory, follow_gap, is_elastic
 from rft_ros.rft.memory_state import HEAD, IN_HEAD, IN_STIFFNESS, OF_BLOCK, displacement
 from rft_ros.rft.plates import (
     BLOCK,
@@ -331,7 +331,7 @@ def _sums(form, law, height, slope, states, past, out):
     rows, bounds, refined, reach = form
     has_memory, memories = past
     chunk, inertia = new_chunk(), law.numbers[IN_LAW.inertia]
-    grains = law.numbers[IN_LAW.mobilization_length], law.numbers[IN_LAW.stiffness]
+    mobilization = Mobilization(law.numbers[IN_LAW.mobilization_length], law.numbers[IN_LAW.stiffness])
     level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == _FORCES
     for i in range(row.LENGTH):
         chunk[at(row.PER_WIDTH, i)] = np.inf  # plates for the published rule keep it
@@ -378,7 +378,7 @@ def _sums(form, law, height, slope, states, past, out):
                 flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
                 tractions(law, chunk, n, flatness, refined)
                 if has_memory:
-                    add_memory(chunk, count, memory, motion, below, slope, grains)
+                    add_memory(chunk, count, memory, motion, below, slope, mobilization)
                     _add_stiffness(chunk, n, memory)
                 for inertial in range(2 if inertia > 0.0 else 1):
                     if inertial == 1:
