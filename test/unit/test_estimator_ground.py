@@ -9,7 +9,6 @@ from one_plate import MS, SECOND, START, plate_model, pose, push, twist
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, Estimator, Reason, Settings, TransformSample
-from rft_ros.estimator.quality import QualityFlag
 from rft_ros.ground import DELAY, Cloud, HeightMap
 
 CELL = 0.004
@@ -104,21 +103,6 @@ def test_clouds_out_of_order_too_often_or_without_a_map_are_counted():
         assert push(e, cloud(START + after * MS)) is reason
     assert push(without, cloud(START)) is Reason.SURFACE_OFF
     assert not without.level_ground()
-
-
-@pytest.mark.parametrize(
-    ("height", "flag"),
-    [
-        (0.2 * X, QualityFlag.NONE),
-        (0.3 * X, QualityFlag.STEEP),
-        (np.where(np.abs(X) < 0.006, 0.010, -0.010), QualityFlag.UNEVEN),
-    ],
-)
-def test_steep_ground_and_a_crest_narrower_than_the_tool_are_flagged(height, flag):
-    e = on_map()
-    forces(e, [cloud(START, height)])
-    answer = push(e, twist(START + 2 * SECOND), pose(START + 2 * SECOND))
-    assert answer.quality_flags & (QualityFlag.STEEP | QualityFlag.UNEVEN) == flag
 
 
 def test_a_cloud_with_a_stamp_in_the_future_does_not_hold_up_later_ones():
