@@ -37,7 +37,10 @@ NUMBERS = (
     *(math.nan, math.inf, -math.inf, 0.0, -0.0, 5e-324, -5e-324, 1e-310, 1e-200, 1e-12),
     *(1.0, -1.0, 1e3, -2e4, 1e12, 1e99, 1e101, -1e160, 1e200, 1e300, 1e308, -1.7e308),
 )
-NAMES = ("", "wor ld", "w\nd", "\u202eworld", "a" * 256, *"world tool ft_sensor base wörld 世界 world/".split())
+NAMES = (
+    *("", "world", "tool", "ft_sensor", "base", "wörld", "世界"),
+    *("a" * 256, "wor ld", "world/", "\u202eworld", "w\nd"),
+)
 _PERIOD = 4_000_000  # ns between two poses
 _FIXED = ("mesh.file", "medium.file", "alpha_y.table", "ground.file", "tolerance", "executor")  # not random
 _ANSWER = 1e100  # greatest size of a component of an answer [N], [N m]

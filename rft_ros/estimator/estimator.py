@@ -3,7 +3,6 @@
 import math
 from collections import Counter, deque
 from collections.abc import Iterator
-from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -21,14 +20,13 @@ from rft_ros.estimator.samples import (
     PoseSample,
     Reason,
     RefusedError,
-    TransformSample,
     Wrench,
 )
 from rft_ros.estimator.sigma import Withdrawal, predict_without_learning
 from rft_ros.estimator.tare import AirReading, PastPose, mean_in_air
 from rft_ros.estimator.timeline import NEW_RUN
 from rft_ros.ground import GroundMapper, HeightMap, LocalSurface
-from rft_ros.parameters import Model, Settings
+from rft_ros.parameters import LoadCell, Model, Settings
 from rft_ros.rft import QUATERNION, STATE, TWIST, Memory, rotation_matrix
 from rft_ros.rft.arguments import number
 from rft_ros.rft.frames import WIDTH
@@ -59,9 +57,6 @@ class Estimator:
     def __init__(self, settings: Settings, model: Model) -> None:
         self.counts, self.estimates = Counter[Reason](), 0
         self.settings, self.model = settings, model
-        self._load_cell_frame: LoadCellFrame | None = None
-        self.load_cell = settings.load_cell
-        """The load cell of the settings. With `sensor_source` tf, at the place that the transforms give."""
         self.learning: Learning | None = None
         self._memory: Memory | None = None
         self._comparison, self._air = Comparison(self.counts, self._learn), AirReading()
@@ -89,6 +84,11 @@ class Estimator:
         up = np.array([-sx, -sy, 1.0])
         lowest = self.model.tool.lowest_point(rotation_matrix(self._pose.quaternion), (sx, sy))
         return float(height - up @ self._pose.position - lowest)
+
+    @property
+    def load_cell(self) -> LoadCell:
+        """The load cell of the settings. With `sensor_source` tf, at the place that the transforms give, once known."""
+        return self._intake.load_cell
 
     @property
     def ground(self) -> HeightMap | None:
@@ -154,7 +154,6 @@ class Estimator:
         if settings is not None:
             self._intake.use_settings(s)
             self._comparison.use(max_age=round(s.max_input_age * 1e9))
-            self._place_sensor()
         new_axes = (s.world_frame, s.tool_frame) != (old.world_frame, old.tool_frame)
         new_tool, new_ground = m.tool is not old_model.tool, m.ground is not old_model.ground
         if new_ground:
@@ -169,7 +168,8 @@ class Estimator:
         if self.load_cell != old_cell:
             self._air.forget()
         if (s.learning_mode == "off") != (self.learning is None) or s.zeta_error != old.zeta_error:
-            self._start_learning()
+            is_off, error = s.learning_mode == "off", s.strength_error
+            self.learning = None if is_off else Learning(strength_error=error, air=self._air)
         if self.learning is not None:
             self.learning.lag, self.learning.reach = s.learning_lag, m.tool.plates.reach
             if m.law != old_model.law:
@@ -181,23 +181,6 @@ class Estimator:
         """Start with the model's map of the ground. A level plane needs no mapper."""
         ground, tool = self.model.ground, self.model.tool
         self._mapper = None if ground is None else GroundMapper(ground, tool.corners)
-
-    def _start_learning(self) -> None:
-        """Start to learn from the load cell with the prior, or do not learn any more."""
-        s, self.learning = self.settings, None
-        if s.learning_mode != "off":
-            self.learning = Learning(lag=s.learning_lag, strength_error=s.strength_error, air=self._air)
-
-    def _place_sensor(self) -> None:
-        """Prepare the load cell's frame. With `sensor_source` tf its place comes from fixed transforms, once known."""
-        s = self.settings
-        self.load_cell, self._load_cell_frame = s.load_cell, None
-        if s.sensor_source == "tf":
-            found = self.transforms.fixed(s.tool_frame, s.sensor_frame)
-            if found is None:
-                return
-            self.load_cell = replace(s.load_cell, **found._asdict())
-        self._load_cell_frame = LoadCellFrame(self.load_cell)
 
     def _start_tool(self) -> None:
         """Start with a tool that has not moved yet: no path, no memory, no flags."""
@@ -238,8 +221,6 @@ class Estimator:
                 self._intake.add(one, self._mapper)
             except RefusedError as refused:
                 self.counts[refused.reason] += 1
-            if isinstance(one, TransformSample) and one.fixed and self.settings.sensor_source == "tf":
-                self._place_sensor()
         return None
 
     def answers(self, sample: samples.Sample) -> Iterator[tuple[PoseSample, Answer]]:
@@ -271,7 +252,7 @@ class Estimator:
         grains or had an unknown velocity, or if there are too few load-cell samples.
         """
         rest, reach = self.settings.rest_speed, self.model.tool.plates.reach
-        frame = self._load_cell_frame or LoadCellFrame(self.load_cell)
+        frame = LoadCellFrame(self.load_cell)
         mean = mean_in_air(
             self._comparison.readings, self._poses, frame, window=window, rest_speed=rest, reach=reach
         )  # fmt: skip
@@ -300,7 +281,7 @@ class Estimator:
         """
         pose = self._accepted(sample)
         self._air.settle(pose.stamp - self._comparison.patience)
-        frame = self._load_cell_frame
+        frame = self._intake.load_cell_frame
         if frame is None:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
         motion = self._kinematics.at(pose)

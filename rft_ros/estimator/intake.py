@@ -2,9 +2,10 @@
 
 import math
 from collections import Counter, deque
+from dataclasses import replace
 
 from rft_ros.estimator import samples
-from rft_ros.estimator.load_cell import Comparison
+from rft_ros.estimator.load_cell import Comparison, LoadCellFrame
 from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TransformSample, TwistSample, WrenchSample
 from rft_ros.estimator.timeline import LATE, NEW_RUN, NEXT, PATIENCE, REPEATED, S, Succession, Timeline, succession
 from rft_ros.estimator.transforms import Transforms
@@ -34,17 +35,16 @@ class Intake:
 
     `twists`: those kept; readings of the load cell are kept in `comparison`. The first sample of a new run
     (`Succession`) drops the earlier ones. With `pose_source` tf, `counts` counts the reasons for which transforms give
-    no pose.
+    no pose. `load_cell_frame`: None until transforms give the sensor's place.
     """
 
     def __init__(self, settings: Settings, counts: Counter[Reason], comparison: Comparison) -> None:
         self.transforms = Transforms()
-        self.twists: Timeline[TwistSample] = Timeline(_TWISTS)
+        self.twists: Timeline[TwistSample] = Timeline(maxlen=_TWISTS)
         self._counts, self._comparison = counts, comparison
         self._pose_stamp = 0  # of the last pose
         self._wanted: deque[int] = deque()  # stamps whose poses wait for transforms
-        self._last_wanted = 0
-        self._last_transforms = 0  # with `tf_rate`: stamp up to which poses were scheduled
+        self._scheduled = 0  # stamp up to which poses were scheduled
         self._unknown: dict[Reason, tuple[str, ...]] = {}  # the frame refused last, and those expected
         self._settings = settings
         self.use_settings(settings)
@@ -68,9 +68,20 @@ class Intake:
         self._comparison.readings.start_run(stamp)
 
     def _place_sensor(self) -> None:
-        world, sensor = self._settings.world_frame, self._settings.sensor_frame
-        self.sensor_is_in_world = sensor == world or self.transforms.fixed(world, sensor) is not None
+        """Find the sensor in the world and on the tool. With `sensor_source` tf its place comes from transforms."""
+        s = self._settings
+        self.sensor_is_in_world = (
+            s.sensor_frame == s.world_frame or self.transforms.fixed(s.world_frame, s.sensor_frame) is not None
+        )
         """Whether `sensor_frame` is the world frame, or fixed in it, and so does not turn with the tool."""
+        self.load_cell = s.load_cell
+        self.load_cell_frame: LoadCellFrame | None = None
+        if s.sensor_source == "tf":
+            on_tool = self.transforms.fixed(s.tool_frame, s.sensor_frame)
+            if on_tool is None:
+                return
+            self.load_cell = replace(s.load_cell, **on_tool._asdict())
+        self.load_cell_frame = LoadCellFrame(self.load_cell)
 
     # --- samples
 
@@ -147,7 +158,8 @@ class Intake:
             raise RefusedError(late)
         if follows is NEW_RUN:  # the predictions belong to the run before
             self._comparison.settle(math.inf)
-        timeline.add(sample)
+            timeline.clear()
+        timeline.append(sample)
         self._comparison.settle(sample.stamp)
 
     def _add_cloud(self, cloud: Cloud, mapper: GroundMapper | None) -> None:
@@ -205,43 +217,40 @@ class Intake:
         once the transforms on both sides of its stamp have come, so it depends on stamps only. If they do not come
         within `PATIENCE`, the stamp has no pose, and the reason is counted.
         """
-        s = self._settings
+        s, newest = self._settings, None
         if s.pose_source != "tf" or isinstance(sample, TwistSample):
             return []
-        if isinstance(sample, WrenchSample):
-            stamp = sample.stamp - self._delay
-            if s.tf_rate == 0.0 and stamp > 0:
-                self._want(stamp)
-            return self._ready(stamp)
-        if isinstance(sample, samples.Stamped):
-            return self._ready(sample.stamp)
-        newest = self.transforms.newest(s.world_frame, s.tool_frame) if s.tf_rate > 0.0 else None
-        if newest is not None:
-            self._want_until(newest, round(min(1e9 / s.tf_rate, 1e18)))
-        return self._ready(max((transform.stamp for transform in sample), default=0))
+        if not isinstance(sample, samples.Stamped):
+            now = max((transform.stamp for transform in sample), default=0)
+            if s.tf_rate > 0.0:
+                newest = self.transforms.newest(s.world_frame, s.tool_frame)
+        elif isinstance(sample, WrenchSample):
+            now = sample.stamp - self._delay
+            newest = now if s.tf_rate == 0.0 else None
+        else:
+            now = sample.stamp
+        if newest is not None and newest > 0:
+            self._schedule(newest)
+        return self._ready(now)
 
-    def _want_until(self, newest: int, period: int) -> None:
-        """Schedule the poses at multiples of `period` [ns] up to the stamp `newest` [ns] of the transforms."""
-        is_new_run = succession(newest, after=self._last_transforms) is NEW_RUN
-        if is_new_run:
-            self._wanted.clear()
-        if is_new_run or newest - self._last_transforms >= PATIENCE:  # a gap has no poses
-            self._last_transforms = newest - 1
-            self._last_wanted = min(self._last_wanted, self._last_transforms)
-        for stamp in range((self._last_transforms // period + 1) * period, newest + 1, period):
-            self._want(stamp)
-        self._last_transforms = max(newest, self._last_transforms)
+    def _schedule(self, newest: int) -> None:
+        """Schedule a pose at the stamp `newest` [ns] or, with `tf_rate`, those at the multiples of its period up to it.
 
-    def _want(self, stamp: int) -> None:
-        """Schedule a pose at a stamp [ns]. One out of order is left out: it was scheduled before, or has no pose."""
-        follows = succession(stamp, after=self._last_wanted)
+        A stamp out of order is left out: it was scheduled before, or has no pose.
+        """
+        follows, rate = succession(newest, after=self._scheduled), self._settings.tf_rate
+        if follows in (REPEATED, LATE):
+            return
         if follows is NEW_RUN:
             self._wanted.clear()
-            self.transforms.start_run(stamp)
-        elif follows is not NEXT:
-            return
-        self._last_wanted = stamp
-        self._wanted.append(stamp)
+            self.transforms.start_run(newest)
+        if rate > 0.0:
+            period, is_gap = round(min(1e9 / rate, 1e18)), abs(newest - self._scheduled) >= PATIENCE
+            last = newest - 1 if is_gap else self._scheduled  # a gap has no poses
+            self._wanted.extend(range((last // period + 1) * period, newest + 1, period))
+        else:
+            self._wanted.append(newest)
+        self._scheduled = newest
 
     def _ready(self, now: int) -> list[PoseSample]:
         """The scheduled poses whose transforms have come. `now`: stamp of a sample [ns].

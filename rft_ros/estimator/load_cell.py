@@ -149,7 +149,7 @@ class Comparison:
     """
 
     def __init__(self, counts: Counter[Reason], on_compared: Callable[[Compared], None]) -> None:
-        self.readings: Timeline[WrenchSample] = Timeline(HISTORY)
+        self.readings: Timeline[WrenchSample] = Timeline(maxlen=HISTORY)
         self._counts, self._on_compared = counts, on_compared
         self._pending: deque[Prediction] = deque()
         self._final: list[Measurement] = []

@@ -2,10 +2,11 @@
 
 import math
 from collections import deque
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from enum import Enum
-from typing import Generic, Protocol, TypeVar
+from typing import TypeVar
 
+from rft_ros.estimator.samples import TransformSample, TwistSample, WrenchSample
 from rft_ros.rft.frames import Quaternion
 
 __all__ = ["LATE", "NEW_RUN", "NEXT", "PATIENCE", "REPEATED", "TIME_JUMP", "Succession", "Timeline"]
@@ -43,53 +44,25 @@ def succession(stamp: int, *, after: int) -> Succession:
     return LATE if behind else REPEATED
 
 
-class _Stamped(Protocol):
-    @property
-    def stamp(self) -> int: ...
+S = TypeVar("S", TransformSample, TwistSample, WrenchSample)
 
 
-S = TypeVar("S", bound=_Stamped)
-
-
-class Timeline(Generic[S]):
-    """The last samples of one input, `most` at most, in the order of their stamps."""
-
-    def __init__(self, most: int) -> None:
-        self._samples: deque[S] = deque(maxlen=most)
-
-    def __iter__(self) -> Iterator[S]:
-        return iter(self._samples)
-
-    def __len__(self) -> int:
-        return len(self._samples)
+class Timeline(deque[S]):
+    """The last samples of one input, `maxlen` at most, in the order of their stamps."""
 
     @property
     def last(self) -> S | None:
         """The sample with the latest stamp."""
-        return self._samples[-1] if self._samples else None
+        return self[-1] if self else None
 
     def follows(self, stamp: int) -> Succession:
         """How a stamp [ns] follows the last one."""
-        return succession(stamp, after=self._samples[-1].stamp) if self._samples else NEXT
-
-    def add(self, sample: S) -> None:
-        """Add a sample that is not late. The first one of a new run drops those before it."""
-        self.start_run(sample.stamp)
-        self._samples.append(sample)
+        return succession(stamp, after=self[-1].stamp) if self else NEXT
 
     def start_run(self, stamp: int) -> None:
         """Drop the samples if they belong to the run before the one that starts at `stamp` [ns]."""
         if self.follows(stamp) is NEW_RUN:
-            self._samples.clear()
-
-    def clear(self) -> None:
-        """Drop all samples."""
-        self._samples.clear()
-
-    def forget(self, *, but: int) -> None:
-        """Drop all but the last `but` samples."""
-        while len(self._samples) > but:
-            self._samples.popleft()
+            self.clear()
 
     def around(self, stamp: float) -> tuple[S | None, S | None, float]:
         """The last sample at or before a stamp [ns], the first one after it, and the share of the way between them.
@@ -97,7 +70,7 @@ class Timeline(Generic[S]):
         None where there is no such sample; then the share is 0.
         """
         after = None
-        for sample in reversed(self._samples):
+        for sample in reversed(self):
             if sample.stamp <= stamp:
                 if after is None:
                     return sample, None, 0.0

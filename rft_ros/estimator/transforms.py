@@ -57,8 +57,8 @@ class Transforms:
                 if follows is NEW_RUN:
                     self.start_run(sample.stamp)
                 if not goes_on or follows is NEW_RUN:
-                    self._frames[child] = Timeline(_HISTORY)
-                self._frames[child].add(sample._replace(quaternion=quaternion))
+                    self._frames[child] = Timeline(maxlen=_HISTORY)
+                self._frames[child].append(sample._replace(quaternion=quaternion))
                 if not (goes_on and is_same_link and follows is NEXT):
                     self._relink()
         if reason is not None:
@@ -196,7 +196,8 @@ class Transforms:
         self._kept = None if way is None else {*way[0], *way[1]}
         for name, frame in self._frames.items():
             if self._kept is not None and name not in self._kept:
-                frame.forget(but=1)
+                while len(frame) > 1:
+                    frame.popleft()
 
 
 def _placed(frame: Timeline[TransformSample], stamp: int, max_age: int) -> Placement | Reason:
