@@ -69,7 +69,9 @@ def open_box():
 
 def each_plate(velocity):
     """The flags that the plate has with either integration, but for the one of its mesh."""
-    both = [moving(load_tool("plate", integration=rule), velocity) & ~F.MESH for rule in ("centroid", "refined")]
+    both = [
+        moving(load_tool("plate", integration=rule), velocity) & ~QualityFlag.MESH for rule in ("centroid", "refined")
+    ]
     assert both[0] == both[1]
     return both[0]
 
@@ -91,38 +93,50 @@ def at_depth(root, depth, **settings):
     return last_flags(root, [[0.0, 0.0, height]] * 20, velocity=(0.0, 0.0, -0.01), **settings)
 
 
-F, ASLANT = QualityFlag, np.array([0.3, 0.1, -0.94])
+ASLANT = np.array([0.3, 0.1, -0.94])
 DOWN = straight(0.08, direction=(0, 0, -1))
 UP_AND_OUT = np.concatenate([DOWN, DOWN[::-1], [[0, 0, 0.2]], straight(0.05, start=(0, 0, -0.03))])
 NOISE = np.random.default_rng(0).normal(0.0, 1e-4, (502, 3))
 SCENES = {
-    "slow and straight": (F.NONE, lambda root: last_flags(root, straight(0.15))),
-    "1 m/s above the grains": (F.NONE, lambda root: last_flags(root, straight(0.1, speed=1.0, start=(0, 0, 1.0)))),
-    "20 mm/s": (F.NONE, lambda root: moving(root, 0.02 * ASLANT)),
-    "50 mm/s": (F.FAST, lambda root: moving(root, 0.05 * ASLANT)),
-    "0.3 m/s": (F.FAST | F.INERTIAL, lambda root: moving(root, 0.3 * ASLANT)),
-    "0.99 m/s with a density": (F.NONE, lambda root: moving(root, 0.99 * ASLANT, density=1500.0)),
-    "1.1 m/s with a density": (F.FAST | F.INERTIAL, lambda root: moving(root, 1.1 * ASLANT, density=1500.0)),
-    "4 um/s": (F.NEAR_REST, lambda root: moving(root, 4e-6 * ASLANT)),
-    "a helix of small pitch": (F.WAKE, lambda root: helix(root, pitch=0.012, radius=0.006)),
-    "a helix of 40 mm pitch": (F.NONE, lambda root: helix(root, pitch=0.04, radius=0.003)),
-    "turned back": (F.WAKE | F.WITHDRAWAL, lambda root: last_flags(root, np.concatenate([DOWN, DOWN[::-1]])[:-20])),
-    "out, and down aside": (F.NONE, lambda root: last_flags(root, UP_AND_OUT)),
-    "hollow": (F.CONCAVE, lambda _: last_flags(mesh(trimesh.creation.annulus(0.01, 0.02, 0.03)), straight(0.05))),
-    "plates along themselves": (F.KNIFE_EDGE, lambda _: each_plate((0.01, 0.0, 0.0))),
-    "plates aslant": (F.NONE, lambda _: each_plate((0.0098, 0.0, -0.002))),
-    "plates straight down": (F.NONE, lambda _: each_plate((0.0, 0.0, -0.01))),
-    "as deep as calibrated": (F.NONE, lambda root: at_depth(root, 0.1, calibrated_depth=0.1)),
-    "deeper by rounding": (F.NONE, lambda root: at_depth(root, 0.101, calibrated_depth=0.1)),
-    "deeper": (F.DEEP, lambda root: at_depth(root, 0.103, calibrated_depth=0.1)),
-    "softer grains learned": (F.SURPRISE, lambda _: pressed([1.0] * 300 + [3.0] * 30)),
-    "a slope of 0.2": (F.NONE, lambda _: on_ground(lambda x: 0.2 * x)),
-    "a slope of 0.3": (F.STEEP, lambda _: on_ground(lambda x: 0.3 * x)),
-    "a narrow crest": (F.UNEVEN, lambda _: on_ground(lambda x: np.where(np.abs(x) < 0.006, 0.01, -0.01))),
-    "a cell not tared": (F.DISAGREEMENT, lambda _: pressed([1.0] * 180, offset=3.0, surface=-0.02)),
-    "an open mesh": (F.MESH, lambda _: last_flags(open_box(), straight(0.01))),
-    "noisy poses": (F.NOISY, lambda root: last_flags(root, straight(0.05) + NOISE, velocity=0.01 * ASLANT)),
-    "30 m deep": (F.IMPOSSIBLE, lambda root: at_depth(root, 30.0)),
+    "slow and straight": (QualityFlag.NONE, lambda root: last_flags(root, straight(0.15))),
+    "1 m/s above the grains": (
+        QualityFlag.NONE,
+        lambda root: last_flags(root, straight(0.1, speed=1.0, start=(0, 0, 1.0))),
+    ),
+    "20 mm/s": (QualityFlag.NONE, lambda root: moving(root, 0.02 * ASLANT)),
+    "50 mm/s": (QualityFlag.FAST, lambda root: moving(root, 0.05 * ASLANT)),
+    "0.3 m/s": (QualityFlag.FAST | QualityFlag.INERTIAL, lambda root: moving(root, 0.3 * ASLANT)),
+    "0.99 m/s with a density": (QualityFlag.NONE, lambda root: moving(root, 0.99 * ASLANT, density=1500.0)),
+    "1.1 m/s with a density": (
+        QualityFlag.FAST | QualityFlag.INERTIAL,
+        lambda root: moving(root, 1.1 * ASLANT, density=1500.0),
+    ),
+    "4 um/s": (QualityFlag.NEAR_REST, lambda root: moving(root, 4e-6 * ASLANT)),
+    "a helix of small pitch": (QualityFlag.WAKE, lambda root: helix(root, pitch=0.012, radius=0.006)),
+    "a helix of 40 mm pitch": (QualityFlag.NONE, lambda root: helix(root, pitch=0.04, radius=0.003)),
+    "turned back": (
+        QualityFlag.WAKE | QualityFlag.WITHDRAWAL,
+        lambda root: last_flags(root, np.concatenate([DOWN, DOWN[::-1]])[:-20]),
+    ),
+    "out, and down aside": (QualityFlag.NONE, lambda root: last_flags(root, UP_AND_OUT)),
+    "hollow": (
+        QualityFlag.CONCAVE,
+        lambda _: last_flags(mesh(trimesh.creation.annulus(0.01, 0.02, 0.03)), straight(0.05)),
+    ),
+    "plates along themselves": (QualityFlag.KNIFE_EDGE, lambda _: each_plate((0.01, 0.0, 0.0))),
+    "plates aslant": (QualityFlag.NONE, lambda _: each_plate((0.0098, 0.0, -0.002))),
+    "plates straight down": (QualityFlag.NONE, lambda _: each_plate((0.0, 0.0, -0.01))),
+    "as deep as calibrated": (QualityFlag.NONE, lambda root: at_depth(root, 0.1, calibrated_depth=0.1)),
+    "deeper by rounding": (QualityFlag.NONE, lambda root: at_depth(root, 0.101, calibrated_depth=0.1)),
+    "deeper": (QualityFlag.DEEP, lambda root: at_depth(root, 0.103, calibrated_depth=0.1)),
+    "softer grains learned": (QualityFlag.SURPRISE, lambda _: pressed([1.0] * 300 + [3.0] * 30)),
+    "a slope of 0.2": (QualityFlag.NONE, lambda _: on_ground(lambda x: 0.2 * x)),
+    "a slope of 0.3": (QualityFlag.STEEP, lambda _: on_ground(lambda x: 0.3 * x)),
+    "a narrow crest": (QualityFlag.UNEVEN, lambda _: on_ground(lambda x: np.where(np.abs(x) < 0.006, 0.01, -0.01))),
+    "a cell not tared": (QualityFlag.DISAGREEMENT, lambda _: pressed([1.0] * 180, offset=3.0, surface=-0.02)),
+    "an open mesh": (QualityFlag.MESH, lambda _: last_flags(open_box(), straight(0.01))),
+    "noisy poses": (QualityFlag.NOISY, lambda root: last_flags(root, straight(0.05) + NOISE, velocity=0.01 * ASLANT)),
+    "30 m deep": (QualityFlag.IMPOSSIBLE, lambda root: at_depth(root, 30.0)),
 }
 """For each scene the flags that are set after it, and a function that plays it with the root tip. The rest is unset."""
 
@@ -138,7 +152,9 @@ def test_a_scene_sets_its_flags_and_no_other(root, name):
 
 
 def test_a_flag_lowers_the_trust_and_one_of_a_force_that_cannot_be_ends_it():
-    assert [trust(flags) for flags in (F.NONE, F.FAST, F.FAST | F.INERTIAL)] == [Trust.OK, Trust.CAUTION, Trust.NO]
+    assert [
+        trust(flags) for flags in (QualityFlag.NONE, QualityFlag.FAST, QualityFlag.FAST | QualityFlag.INERTIAL)
+    ] == [Trust.OK, Trust.CAUTION, Trust.NO]
 
 
 def test_a_recording_played_again_does_not_cross_the_wake_of_its_first_run(root):
