@@ -13,9 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, shown
-from rft_ros.files import MAX_BYTES, MAX_NUMBERS, opened, read_file
-
-__all__ = ["Column", "Rows", "columns_named", "columns_of", "read_table"]
+from rft_ros.files import MAX_BYTES, MAX_NUMBERS, read_file
 
 _LONGEST_LINE = 2**16  # bytes; as a list of cells, a line of 60 MB would take 1.7 GB
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "--", "nodata"}
@@ -90,13 +88,6 @@ def read_table(
     data, named = read_file(file, what, limit=limit), f"{what} '{file}'"
     with file_errors(named, "read"):
         return _rows(data, named, _header(data, named, (columns, *optional), without_header))
-
-
-def columns_of(file: Path, what: str, columns: Sequence[Column], *optional: Sequence[Column]) -> list[str]:
-    """The names of the columns that `read_table` would read; the rest as there. Does not read the rows."""
-    with opened(file, what) as stream:
-        header = _header(stream.read(_LONGEST_LINE), f"{what} '{file}'", (columns, *optional), ())
-    return [column.name for column in header.places]
 
 
 def _lines(data: bytes, named: str) -> Iterator[tuple[int, bytes]]:

@@ -1,19 +1,19 @@
-"""Limits on reading bags. rosbags and mcap allocate the lengths that a damaged file gives, and unpack to any size."""
+"""Limits on reading bags. rosbags and mcap allocate the lengths that a damaged file gives, and unpack to any size.
+
+With the import of this module the readers of rosbags unpack no more than the limits, in the whole process.
+"""
 
 import io
 from bz2 import BZ2Decompressor
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
-from threading import Lock
 from typing import Any
 
 import zstandard
 from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.rosbag1 import reader as rosbag1
 from rosbags.rosbag2 import storage_mcap
-
-__all__ = ["MOST_BYTES", "LimitError", "LimitedPath", "limited_rosbags", "unpack", "unpacked"]
 
 MOST_BYTES = 256 * 2**20
 """Greatest size of a record or a chunk. Recorders write chunks of up to some MiB."""
@@ -86,9 +86,7 @@ def _too_large(size: int, what: str) -> "LimitError":
 def unpack(file: Path, copy: Path) -> None:
     """Unpack a file compressed by zstd, up to its damage. Raises LimitError where it is too large."""
     most = max(MOST_BYTES, _DENSEST * file.stat().st_size)
-    with ExitStack() as opened:
-        packed, out = opened.enter_context(file.open("rb")), opened.enter_context(copy.open("wb"))
-        opened.enter_context(suppress(zstandard.ZstdError))
+    with file.open("rb") as packed, copy.open("wb") as out, suppress(zstandard.ZstdError):
         stream = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
         while content := stream.read(2**20):
             out.write(content)
@@ -103,41 +101,6 @@ def _limited(compression: str) -> Callable[..., bytes]:
     return lambda data, size=None: unpacked(data, compression, size)
 
 
-# rosbags has no option for a limit, but it takes the decompressor of every chunk from two tables.
-_REPLACED: tuple[tuple[dict[str, Any], dict[str, Any]], ...] = (
-    (storage_mcap.DECOMPRESSORS, {name: _limited(name) for name in ("lz4", "zstd")}),
-    (rosbag1.decompressors, {name: _limited(name) for name in ("lz4", "bz2")}),
-)
-_lock = Lock()
-_users = 0  # blocks that read with limits now
-_originals: list[dict[str, Any]] = []
-
-
-@contextmanager
-def limited_rosbags() -> Iterator[None]:
-    """Let the readers of rosbags unpack no more than the limits, in this block; afterwards they are as before.
-
-    Blocks may overlap, also in several threads. Raises RuntimeError if rosbags does not have what is replaced: a later
-    version of it would read without limits.
-    """
-    global _users
-    with _lock:
-        for names, limited in _REPLACED:
-            missing = limited.keys() - names.keys()
-            if missing:
-                raise RuntimeError(
-                    f"rosbags has no {', '.join(sorted(missing))} any more, by which its memory is limited"
-                )
-        if _users == 0:
-            _originals[:] = [{name: names[name] for name in limited} for names, limited in _REPLACED]
-            for names, limited in _REPLACED:
-                names.update(limited)
-        _users += 1
-    try:
-        yield
-    finally:
-        with _lock:
-            _users -= 1
-            if _users == 0:
-                for (names, _), originals in zip(_REPLACED, _originals, strict=True):
-                    names.update(originals)
+# rosbags has no option for a limit, but takes the decompressor of every chunk from these two tables.
+storage_mcap.DECOMPRESSORS.update({name: _limited(name) for name in ("lz4", "zstd")})
+rosbag1.decompressors.update({name: _limited(name) for name in ("lz4", "bz2")})

@@ -10,18 +10,16 @@ from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
-from rft_ros.bags.limits import limited_rosbags
 from rft_ros.bags.options import ReplayOptions, topics_of
 from rft_ros.bags.sources import Messages, Source, sources_of
-from rft_ros.bags.table import is_table, source_of_table, values_for_table
+from rft_ros.bags.table import is_table, read_recorded_table, source_of_table, values_for_table
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.estimator import Sample, TransformSample
 from rft_ros.files import resolved
-from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role
+from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder
 from rft_ros.parameters import Values
 
-__all__ = ["Recording", "bag_name"]
-
+_OPTIONAL: tuple[Role, ...] = ("wrench", "surface")
 _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
 _INSTEAD: dict[Role, str] = {"pose": "pose_source: tf, or ", "twist": "twist_source: pose_difference, or "}
 _LATEST = 100_000_000  # ns; messages that lie up to this late in their file are put in order, as in split bags
@@ -38,12 +36,13 @@ class Recording:
 
     `values`: the parameters; those for this recording, which has its velocities or has none, are `self.values`.
     `options`: the topic of each role, and the part that is read, by receive time since the first message on any topic.
-    `topics`: those of the options if not given. `optional`: roles whose topic may be missing. Order: receive time (the
-    bag's log time); at equal times surface, wrench, twist, pose, tf; then the file's.
+    `topics`: those of the options if not given. Order: receive time (the bag's log time); at equal times surface,
+    wrench, twist, pose, tf; then the file's.
 
-    Raises InputError for a missing topic, one of another type, and a path that is no recording. Of a damaged bag all
-    that is intact is used, and `damage` describes the rest; messages that cannot be decoded are counted in
-    `unreadable`.
+    Raises InputError for a path that is no recording, and for a topic that is missing or of another type; those of
+    wrenches and clouds may be missing. If not `strict`, all may be missing, and topics of another type are left out,
+    with a sentence on each in `mistyped`. Of a damaged bag all that is intact is used, and `damage` describes the rest;
+    messages that cannot be decoded are counted in `unreadable`.
     """
 
     def __init__(
@@ -53,28 +52,28 @@ class Recording:
         options: ReplayOptions | None = None,
         *,
         topics: Mapping[Role, str] | None = None,
-        optional: Collection[Role] = frozenset[Role]({"wrench", "surface"}),
-        refuse_types: bool = True,
+        strict: bool = True,
     ) -> None:
         self.bag, self.options = bag, options or ReplayOptions()
-        self.values = values_for_table(bag, values) if is_table(bag) else values
-        given = None if is_table(bag) else topics  # the columns of a table have no names to choose
+        self.values, given = values, topics
+        if is_table(bag):
+            self._table = read_recorded_table(bag)
+            self.values, given = values_for_table(self._table, values), None  # its columns have no names to choose
         self.topics = dict(topics_of(self.values, self.options.remap) if given is None else given)
-        self.mistyped: dict[Role, str] = {}  # without `refuse_types`: a sentence on each topic of another type
+        self.mistyped: dict[Role, str] = {}
         self._kinds: dict[Role, str] = {}  # message type of each topic
         self.counts: Counter[Role] = Counter()
         self.fixed: tuple[TransformSample, ...] = ()  # of the whole bag, from /tf_static
         self.time = 0  # receive time of the last sample [ns]
         self.shift = 0  # of the stamps of a table that begins at 0 [ns]
         self.unreadable = 0
-        self._optional, self._refuse_types = optional, refuse_types
+        self._strict = strict
         self._faults: list[str] = []
 
     def __enter__(self) -> "Recording":
         with file_errors(f"bag '{self.bag}'", "read"), ExitStack() as opened:
-            opened.enter_context(limited_rosbags())
             if is_table(self.bag):
-                source, self.shift = source_of_table(self.bag, self.topics, self.values)
+                source, self.shift = source_of_table(self.bag, self._table, self.topics, self.values)
                 sources = [source]
             else:
                 sources, self._faults = sources_of(self.bag, opened)
@@ -107,7 +106,7 @@ class Recording:
         topic = self.topics.get("tf", "/tf") + "_static"
         for source in self._sources:
             if (topic, *TYPES["tf_static"]) in source.types:
-                decode = source.decoder("tf_static")
+                decode = decoder("tf_static", ros1=source.ros1)
                 with suppress(Exception):  # damage, which `_stream` reports
                     for _, _, data in source.read([topic], source.first, source.last):
                         try:
@@ -132,15 +131,18 @@ class Recording:
         """The samples in order, after the fixed transforms of the whole bag."""
         if self.fixed:
             yield self.fixed
-        decode = [self._sources[0].decoder(role, kind=self._kinds.get(role, "")) for role in _RANK]
+        ros1, kinds = self._sources[0].ros1, self._kinds
+        decode = {role: decoder(role, ros1=ros1, kind=kinds.get(role, "")) for role in self.topics}
+        in_table = is_table(self.bag)  # whose rows are samples already
         for time, rank, _, data in self._in_order():
+            role = _RANK[rank]
             try:
-                sample = decode[rank](data)
+                sample = data if in_table else decode[role](data)
             except UNREADABLE as error:
-                self._leave_out(self.topics[_RANK[rank]], error)
+                self._leave_out(self.topics[role], error)
                 continue
             self.time = time
-            self.counts[_RANK[rank]] += 1
+            self.counts[role] += 1
             yield sample
 
     def _in_order(self) -> Iterator[tuple[int, int, int, Any]]:
@@ -183,12 +185,12 @@ class Recording:
             if len(types) == 1 and types[0] in wanted:
                 self._kinds[role] = types[0]
                 continue
-            if not types and role in self._optional:
+            if not types and (role in _OPTIONAL or not self._strict):
                 continue
             fault = f" has no {role} topic '{topic}'"
             if types:
                 is_not = f"is {' and '.join(types)}; it must be {' or '.join(wanted)}"
-                if not self._refuse_types:
+                if not self._strict:
                     self.mistyped[role] = f"{topic} {is_not}"
                     del self.topics[role]
                     continue

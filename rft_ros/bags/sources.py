@@ -6,11 +6,9 @@ rosbags cannot open is read record by record, up to its damage.
 
 import shutil
 import sqlite3
-from collections import Counter
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass, replace
-from functools import partial
 from pathlib import Path
 from struct import Struct
 from tempfile import TemporaryDirectory
@@ -25,11 +23,7 @@ from rosbags.rosbag2 import Reader as Reader2
 
 from rft_ros.bags.limits import MOST_BYTES, LimitedPath, LimitError, unpack, unpacked
 from rft_ros.errors import InputError, reason_of
-from rft_ros.estimator import Sample
 from rft_ros.files import checked_file, read_yaml
-from rft_ros.messages import decoder
-
-__all__ = ["SUFFIXES", "Messages", "Source", "sources_of"]
 
 SUFFIXES = (".mcap", ".db3", ".bag")
 _PACKED = (".zstd", ".zst")
@@ -52,8 +46,7 @@ class Source:
 
     `types`: the pairs of a topic and its type. `count`, `first`, `last`: number of messages on all topics, and receive
     times of the first and the last one [ns]. `read`: the messages on some topics, from one receive time to another,
-    both included; raises an exception at damage, after what comes before it. `decoder`: the function from a message of
-    a role, and of a `kind` of `TYPES`, to its sample.
+    both included; raises an exception at damage, after what comes before it. `ros1`: whether it is a bag of ROS 1.
     """
 
     name: str
@@ -62,7 +55,7 @@ class Source:
     first: int
     last: int
     read: Callable[[Collection[str], int, int], Messages]
-    decoder: Callable[..., Callable[[Any], Sample]]
+    ros1: bool = False
 
 
 def sources_of(bag: Path, opened: ExitStack) -> tuple[list[Source], list[str]]:
@@ -147,7 +140,7 @@ def _merged(file: Path, opened: ExitStack) -> Path:
 def _opened(file: Path, name: str, opened: ExitStack) -> Source:
     """Open a file by rosbags."""
     limited, ros1 = LimitedPath(file), file.suffix == ".bag"
-    reader, decode = Reader1(limited) if ros1 else Reader2(limited), partial(decoder, ros1=ros1)
+    reader = Reader1(limited) if ros1 else Reader2(limited)
     reader.open()
     opened.callback(reader.close)
     first, last = reader.start_time, reader.end_time - 1
@@ -175,7 +168,7 @@ def _opened(file: Path, name: str, opened: ExitStack) -> Source:
         if missing > 0 and begin <= first and last <= end:  # rosbags skips what it cannot find in a chunk
             raise ValueError(f"{missing} of its messages are missing")
 
-    return Source(name=name, types=types, count=reader.message_count, first=first, last=last, read=read, decoder=decode)
+    return Source(name=name, types=types, count=reader.message_count, first=first, last=last, read=read, ros1=ros1)
 
 
 def _type(name: str, encoding: str) -> str:
@@ -185,11 +178,10 @@ def _type(name: str, encoding: str) -> str:
 def _recovered(file: Path, name: str, fault: str) -> tuple[Source | None, str]:
     """The messages of an .mcap file up to its damage. It may be intact, but not of ROS 2 or without an index."""
     types = dict[str, str]()
-    counts: Counter[str] = Counter()
-    first, last = _FOREVER, 0
+    count, first, last = 0, _FOREVER, 0
     try:
         for topic, kind, message in _messages(file):
-            types[topic], counts[topic] = kind, counts[topic] + 1
+            types[topic], count = kind, count + 1
             first, last = min(first, message.log_time), max(last, message.log_time)
         fault = ""
     except LimitError as limit:
@@ -203,16 +195,8 @@ def _recovered(file: Path, name: str, fault: str) -> tuple[Source | None, str]:
                 if topic in topics and begin <= message.log_time <= end:
                     yield message.log_time, topic, message.data
 
-    found = Source(
-        name=name,
-        types=[*types.items()],
-        count=counts.total(),
-        first=first,
-        last=last,
-        read=read,
-        decoder=partial(decoder, ros1=False),
-    )
-    return found if found.count else None, fault
+    found = Source(name=name, types=[*types.items()], count=count, first=first, last=last, read=read)
+    return found if count else None, fault
 
 
 def _messages(file: Path) -> Iterator[tuple[str, str, Message]]:

@@ -13,9 +13,7 @@ from rft_ros.estimator import PoseSample, Sample, TwistSample, WrenchSample
 from rft_ros.messages import TYPES, Role
 from rft_ros.parameters import Values
 from rft_ros.rft import AXES, POSE, STATE, TWIST
-from rft_ros.table_file import columns_named, columns_of, read_table
-
-__all__ = ["COLUMNS", "is_table", "source_of_table", "values_for_table"]
+from rft_ros.table_file import Rows, columns_named, read_table
 
 _GROUPS: dict[Role, tuple[str, ...]] = {"pose": tuple(STATE[POSE]), "twist": tuple(STATE[TWIST]), "wrench": AXES}
 _TIME_AND_POSE = columns_named(("t", *_GROUPS["pose"]))
@@ -36,19 +34,23 @@ def is_table(bag: Path) -> bool:
     return bag.suffix.lower() == ".csv"
 
 
-def values_for_table(file: Path, values: Values) -> Values:
+def read_recorded_table(file: Path) -> Rows:
+    """Those of `COLUMNS` that a table has, in their order. Raises InputError, which names the line."""
+    return read_table(file, "table", _TIME_AND_POSE, _TWIST, _WRENCH)
+
+
+def values_for_table(rows: Rows, values: Values) -> Values:
     """The parameters with which a table is read: velocities are found from the poses unless it has them."""
-    twist_source = "topic" if "vx" in columns_of(file, "table", _TIME_AND_POSE, _TWIST) else "pose_difference"
+    twist_source = "topic" if "vx" in rows.factors else "pose_difference"
     return {**values, "pose_source": "topic", "twist_source": twist_source}
 
 
-def source_of_table(file: Path, topics: Mapping[Role, str], values: Values) -> tuple[Source, int]:
+def source_of_table(file: Path, rows: Rows, topics: Mapping[Role, str], values: Values) -> tuple[Source, int]:
     """The samples of a table as messages on the topics of their roles, and how much their stamps are shifted [ns].
 
     In ROS a stamp of 0 means none: stamps that begin at 0 or below are shifted by whole seconds. Raises InputError,
     which names the line.
     """
-    rows = read_table(file, "table", _TIME_AND_POSE, _TWIST, _WRENCH)
     table, lines, times = rows.numbers, rows.lines, rows.numbers[:, 0]
     wrong = np.flatnonzero(~(np.abs(times) < _LAST) | (np.diff(times, prepend=-np.inf) < 0.0))
     if len(wrong):
@@ -78,10 +80,5 @@ def source_of_table(file: Path, topics: Mapping[Role, str], values: Values) -> t
 
     types = [(topics[role], TYPES[role][0]) for role in parts if role in topics]
     count, first, last = len(types) * len(stamps), stamps[0], stamps[-1]
-    source = Source(name=file.name, types=types, count=count, first=first, last=last, read=read, decoder=_as_it_is)
+    source = Source(name=file.name, types=types, count=count, first=first, last=last, read=read)
     return source, shift * 1_000_000_000
-
-
-def _as_it_is(*_: Role, **__: str) -> Callable[[Sample], Sample]:
-    """The decoder of a table, whose rows are samples already."""
-    return lambda sample: sample

@@ -298,8 +298,7 @@ class Checkup:
 
 def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
     """The findings on a recording of the cell. Raises InputError for a bag that cannot be used."""
-    every = tuple(cell.topics)
-    recording = Recording(bag, cell.values, options, topics=cell.topics, optional=every, refuse_types=False)
+    recording = Recording(bag, cell.values, options, topics=cell.topics, strict=False)
     values, topics = recording.values, recording.topics
     checkup = Checkup(values, cell.model, named=cell.named, topics=topics, tare=options.tare, live=False)
     with recording:

@@ -10,8 +10,6 @@ from rft_ros.ground import HeightMap, Support
 from rft_ros.rft import POSITION, QUATERNION, Law, plate_forces, rotation_matrix
 from rft_ros.tool import Tool
 
-__all__ = ["TRACTION", "Animation", "DrawnMesh", "animate", "animation_figure", "drawn_mesh", "what_is_shown"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
@@ -19,9 +17,7 @@ _MOST_FACES = 10_000  # of a mesh that is drawn as it is
 _FEWER = 5000, 20_000, 80_000  # numbers of faces that are tried for a finer one
 _EXTENT_ERROR = 0.01  # of the largest extent: how far a face of the bounding box may move
 _AREA_ERROR = 0.02  # of the area: error of the area that faces +x, -x, ..., -z
-_GAP = 0.05  # of the largest extent: how far the drawn surface may be from a facet
 _TURN = 0.1  # of the largest extent: the distance that is as bad as an error of the normal by 1 rad
-_SAMPLES = 20_000  # points on the drawn surface
 
 
 class DrawnMesh(NamedTuple):
@@ -38,8 +34,8 @@ class DrawnMesh(NamedTuple):
 def drawn_mesh(tool: Tool, *, most_faces: int = _MOST_FACES) -> DrawnMesh:
     """The mesh with which a tool is drawn. Up to `most_faces` faces, it is the tool's own mesh.
 
-    For a finer mesh it is the coarsest simplification that keeps the extent, the area and the place of the surface. If
-    no simplification keeps them, as with thin blades, the full mesh is drawn.
+    For a finer mesh it is the coarsest simplification that keeps the extent, and the area towards each side. If no
+    simplification keeps them, as with thin blades, the full mesh is drawn.
     """
     import trimesh
     from scipy.spatial import KDTree
@@ -63,21 +59,12 @@ def _places(full: Any, points: Array, normals: Array) -> Array:
 
 
 def _keeps_shape(full: Any, fewer: Any) -> bool:
-    """Whether a simplified mesh keeps the full one's extent, its area towards each side, and its surface."""
-    from scipy.spatial import KDTree
-    from trimesh.sample import sample_surface
-
-    size = full.extents.max()
-    if np.abs(full.bounds - fewer.bounds).max() > _EXTENT_ERROR * size:
+    """Whether a simplified mesh keeps the full one's extent, and its area towards each of the six sides."""
+    if np.abs(full.bounds - fewer.bounds).max() > _EXTENT_ERROR * full.extents.max():
         return False
     vectors = [mesh.face_normals * mesh.area_faces[:, None] for mesh in (full, fewer)]
     sides, drawn_sides = (np.maximum([v, -v], 0.0).sum(axis=1) for v in vectors)
-    if np.abs(sides - drawn_sides).max() > _AREA_ERROR * full.area:
-        return False
-    points, faces = sample_surface(fewer, _SAMPLES, seed=0)
-    drawn = KDTree(_places(full, points, fewer.face_normals[faces]))
-    gaps = drawn.query(_places(full, full.triangles_center, full.face_normals))[0]
-    return bool(np.max(gaps) <= _GAP * size)
+    return bool(np.abs(sides - drawn_sides).max() <= _AREA_ERROR * full.area)
 
 
 _SURFACE, _FORCE, _PATH = "#C2A878", "#0072B2", "#555555"
@@ -164,15 +151,11 @@ def what_is_shown(law: Law, *, learned: bool) -> str:
 
     The line is the whole predicted force. The colours are the law's traction without memory and learned corrections.
     """
-    more = []
-    if law.has_memory:
-        more.append("memory")
-    if learned:
-        more.append("learned corrections")
+    parts = {"memory": law.has_memory, "learned corrections": learned}
+    effects = " and ".join(name for name, present in parts.items() if present)
     force = "The line from the tool's middle shows the predicted force on the tool, and |F| is its magnitude"
     colours = "The colours show the law's traction on the facets"
-    if more:
-        effects = " and ".join(more)
+    if effects:
         return f"{force}, both with {effects}. {colours}, without {effects}."
     return f"{force}. {colours}."
 

@@ -18,11 +18,8 @@ from rft_ros.sweeps.motions import FAMILIES, Trajectory
 from rft_ros.tool import locate_mesh
 from rft_ros.tool.locate import files_of_mesh
 
-__all__ = ["Content", "Design", "Variant", "checksum_of", "motion_of", "read_design"]
-
 Kind = Literal["release", "mesh", "file"]
 
-_RELEASE: tuple[Kind, str] = ("release", "rft_ros")
 _VECTORS = ("origin", "rotate")  # a list of numbers is one value of these
 _MOST = 1_000_000  # variants, values in a range, samples, and the greatest number in a motion
 _LEAST = {"samples": 2, "speed": 1e-9, "travel": 1e-9, "pitch": 1e-9}
@@ -44,11 +41,12 @@ class Design(NamedTuple):
 
     def files(self) -> set[Path]:
         """The meshes, states files and medium files that the study names."""
-        return {_located(kind, name) for kind, name in self._named()}
+        return {locate_mesh(name) if kind == "mesh" else Path(name) for kind, name in self._named()}
 
     def contents(self) -> tuple["Content", ...]:
         """What the results depend on beside the variants: the release of rft_ros, and each of `files`."""
-        return tuple(Content(kind, name, checksum_of(kind, name)) for kind, name in [_RELEASE, *sorted(self._named())])
+        named: list[tuple[Kind, str]] = [("release", "rft_ros"), *sorted(self._named())]
+        return tuple(Content(kind, name, checksum_of(kind, name)) for kind, name in named)
 
     def fingerprint(self) -> int:
         """Checksum of the study and its `contents`."""
@@ -82,10 +80,6 @@ def checksum_of(kind: Kind, name: str) -> int | None:
         return zlib.crc32(b"".join(read_file(file, "file") for file in files))
     except InputError:  # the rows of its variants will give the reason
         return None
-
-
-def _located(kind: Kind, name: str) -> Path:
-    return locate_mesh(name) if kind == "mesh" else Path(name)
 
 
 def motion_of(entry: Mapping[str, Any]) -> tuple[Trajectory, int]:

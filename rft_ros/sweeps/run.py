@@ -13,7 +13,7 @@ import threading
 from collections.abc import Iterable, Iterator, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from functools import lru_cache
 from itertools import chain
 from multiprocessing import get_context, parent_process
@@ -33,8 +33,6 @@ from rft_ros.states_file import read_states, wrenches_along
 from rft_ros.sweeps.design import Content, Design, Variant, checksum_of, motion_of
 from rft_ros.sweeps.motions import sample
 from rft_ros.tool import Tool
-
-__all__ = ["RESULTS", "evaluate", "rows_of", "run"]
 
 Array = NDArray[np.float64]
 
@@ -70,13 +68,10 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
     work = trapezoid(-wrench * states[:, TWIST], times, axis=0)  # positive where the grains resist
     path = np.linalg.norm(np.diff(states[:, POSITION], axis=0), axis=1).sum()
     force = np.linalg.norm(wrench[:, FORCE], axis=1).max()
-    results = {f"peak_{axis}": float(number) for axis, number in zip(AXES, peak, strict=True)}
-    results |= {f"mean_{axis}": float(number) for axis, number in zip(AXES, wrench.mean(axis=0), strict=True)}
-    results |= {"peak_force": float(force), "vertical_work": float(work[2]), "total_work": float(work.sum())}
-    results |= {"path": float(path), "plates": float(len(model.tool.plates))}
-    if not np.isfinite(list(results.values())).all():
+    results = np.array([*peak, *wrench.mean(axis=0), force, work[2], work.sum(), path, len(model.tool.plates)])
+    if not np.isfinite(results).all():
         raise InputError("its forces, work or path are too large")
-    return results
+    return dict(zip(RESULTS, results.tolist(), strict=True))
 
 
 # Few values are cached, since tools vary slowest and media fastest: 400 motions of 20,000 samples took 0.9 GB.
@@ -202,12 +197,11 @@ def _write(file: Path, rows: Iterable[Sequence[str]]) -> None:
 
 def _is_complete(file: Path, count: int, columns: Sequence[str]) -> bool:
     """Whether a chunk has all of its rows: the copy of one may have been cut."""
-    try:
+    with suppress(InputError):
         text = read_text(file, "results")
-    except InputError:
-        return False
-    rows = [*csv.reader(io.StringIO(text, newline=""))]
-    return text.endswith("\n") and [len(row) for row in rows] == [len(columns)] * count
+        rows = csv.reader(io.StringIO(text, newline=""))
+        return text.endswith("\n") and [len(row) for row in rows] == [len(columns)] * count
+    return False
 
 
 def _read(file: Path) -> Iterator[list[str]]:

@@ -129,23 +129,6 @@ def test_a_chunk_unpacks_to_its_content_or_is_refused(compression):
             unpacked(packed(b"abc" * 1000), compression, size)
 
 
-def test_the_readers_of_rosbags_are_limited_while_a_recording_is_open_and_not_afterwards(tmp_path, monkeypatch):
-    """Other code in this process may read larger bags by rosbags; a rosbags without what is limited is refused."""
-    from rosbags.rosbag2.storage_mcap import DECOMPRESSORS
-
-    bag, before = write_ros2(tmp_path / "bag", moments(4)), dict(DECOMPRESSORS)
-    with Recording(bag, defaults()):
-        with Recording(bag, defaults()):
-            pass
-        assert {DECOMPRESSORS[name].__module__ for name in ("lz4", "zstd")} == {"rft_ros.bags.limits"}
-    with pytest.raises(ValueError, match="has no pose"), Recording(bag, defaults(), topics={"pose": "/none"}):
-        pass
-    assert before == DECOMPRESSORS
-    monkeypatch.delitem(DECOMPRESSORS, "zstd")
-    with pytest.raises(RuntimeError, match="rosbags has no zstd"), Recording(bag, defaults()):
-        pass
-
-
 def test_a_limited_file_reads_as_any_other_up_to_the_limit(tmp_path):
     file = tmp_path / "file"
     with file.open("wb") as stream:
