@@ -14,8 +14,7 @@ from rclpy.subscription import Subscription
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
 
-from rft_ros.estimator import Estimate, Estimator, PoseSample, Reason, Sample, Stamped
-from rft_ros.estimator.samples import Answer
+from rft_ros.estimator import Estimate, Estimator, Reason, Sample, Stamped
 from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder, wrench_cdr
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FeedForward
@@ -59,15 +58,15 @@ class RftNode(Node):
         self._measured_frame = self.estimator.wrench_frame
 
         steady = Clock(clock_type=ClockType.STEADY_TIME)
-        self._subscribe("wrench", partial(self._on_input, "wrench"))
-        self._twists = self._subscribe("twist", self._on_twist)
+        self._subscribe("wrench")
+        self._twists = self._subscribe("twist")
         if transforms_come() or "tf" in (values["pose_source"], values["sensor.frame_source"]):
-            self._subscribe("tf_static", partial(self._on_input, "tf_static"))
+            self._subscribe("tf_static")
         if values["pose_source"] == "tf":
-            self._subscribe("tf", partial(self._on_input, "tf"))
+            self._subscribe("tf")
         else:
             self._pose_type = TYPES["pose"][0]
-            self._poses: Subscription | None = self._subscribe("pose", self._on_pose)
+            self._poses: Subscription | None = self._subscribe("pose")
             self.create_timer(DIAGNOSTICS_PERIOD, self._follow_pose_type, clock=steady)
         self._clouds: Subscription | None = None
         self._subscribe_to_clouds()
@@ -77,21 +76,20 @@ class RftNode(Node):
         self.create_timer(_MARKER_PERIOD, self._markers.publish, clock=steady)
         self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
 
-    def _subscribe(self, role: Role, callback: Callable[[bytes], None], kind: str = "") -> Subscription:
+    def _subscribe(self, role: Role, kind: str = "") -> Subscription:
         """Subscribe to the messages of a role. `kind`: which of `TYPES` they have; by default the first."""
         self._decode[role] = decoder(role, ros1=False, kind=kind)
         # Raw bytes: the estimator needs no message object, which rclpy takes 16 us to make.
         # A copy of the profile, since rclpy writes the node's qos_overrides into the one that it is given.
         qos, options = copy(INPUTS[role]), QoSOverridingOptions.with_default_policies()
-        return self.create_subscription(
-            message_class(kind or TYPES[role][0]), TOPICS[role], callback, qos, raw=True, qos_overriding_options=options
-        )
+        message, callback = message_class(kind or TYPES[role][0]), partial(self._on_message, role)
+        return self.create_subscription(message, TOPICS[role], callback, qos, raw=True, qos_overriding_options=options)
 
     def _follow_pose_type(self) -> None:
         """Subscribe to the other type of poses once someone publishes that one, as motion capture does."""
         if self._poses is None:
             self._pose_type = type_on(self, "pose", TOPICS["pose"], usual=self._pose_type)
-            self._poses = self._subscribe("pose", self._on_pose, self._pose_type)
+            self._poses = self._subscribe("pose", self._pose_type)
         elif type_on(self, "pose", TOPICS["pose"], usual=self._pose_type) != self._pose_type:
             # The middleware takes one type of a topic at a time, and has this subscription until this callback ends.
             self.destroy_subscription(self._poses)
@@ -104,7 +102,7 @@ class RftNode(Node):
                 self.destroy_subscription(self._clouds)
             self._clouds = None
         elif self._clouds is None:
-            self._clouds = self._subscribe("surface", partial(self._on_input, "surface"))
+            self._clouds = self._subscribe("surface")
 
     def destroy_node(self) -> None:
         """Destroy the node, after the feed-forward has come to zero."""
@@ -125,56 +123,43 @@ class RftNode(Node):
 
     # --- the tick
 
-    def _received(self, role: Role, data: bytes) -> Sample | None:
+    def _on_message(self, role: Role, data: bytes) -> None:
+        """Push the sample of a message; publish the answers and measurements that it completes."""
+        start = perf_counter()
         try:
             sample = self._decode[role](data)
         except UNREADABLE:
             self.estimator.counts[Reason.MESSAGE_UNREADABLE] += 1
-            return None
-        if isinstance(sample, Stamped):
-            self._diagnostics.received(role, sample.stamp)
-        return sample
-
-    def _on_twist(self, data: bytes) -> None:
-        if (sample := self._received("twist", data)) is not None:
-            self.estimator.push(sample)
-
-    def _on_input(self, role: Role, data: bytes) -> None:
-        """Push a sample that is neither pose nor twist; publish the answers and measurements that it completes."""
-        start = perf_counter()
-        if (sample := self._received(role, data)) is None:
             return
-        if self.estimator.settings.pose_source == "tf":
+        if isinstance(sample, Stamped) and role != "pose":
+            self._diagnostics.received(role, sample.stamp)
+        if role == "twist":
+            self.estimator.push(sample)
+            return
+        if role == "pose" or self.estimator.settings.pose_source == "tf":
             self._take_twists()
         for pose, answer in self.estimator.answers(sample):
             self._diagnostics.received("pose", pose.stamp)
-            self._publish(answer, start)
+            if isinstance(answer, Estimate):
+                self._publish(answer, start)
             start = perf_counter()
         self._publish_measurements()
-
-    def _on_pose(self, data: bytes) -> None:
-        start = perf_counter()
-        if isinstance(sample := self._received("pose", data), PoseSample):
-            self._take_twists()
-            self._publish(self.estimator.push_pose(sample), start)
 
     def _take_twists(self) -> None:
         """Push the twists that arrived before a pose, since rclpy may call back in another order (4 us if none)."""
         with self._twists.handle:
             while (taken := self._twists.handle.take_message(TwistStamped, True)) is not None:
-                self._on_twist(taken[0])
+                self._on_message("twist", taken[0])
 
-    def _publish(self, answer: Answer, start: float) -> None:
-        """Publish the answer to a pose. `start`: when its callback began, a time of `perf_counter` [s]."""
-        if isinstance(answer, Estimate):
-            serialised = wrench_cdr(self.estimator.wrench_frame)
-            self._predicted.publish(serialised(answer.stamp, answer.predicted))
-            self.feedforward.estimated(answer)
-            self._sigma.publish(serialised(answer.stamp, answer.sigma))
-            self._publish_learned(answer.stamp)
-            self._diagnostics.answered(answer, perf_counter() - start)
-            self._markers.estimated(answer)
-        self._publish_measurements()
+    def _publish(self, answer: Estimate, start: float) -> None:
+        """Publish the estimate at a pose. `start`: when its callback began, a time of `perf_counter` [s]."""
+        serialised = wrench_cdr(self.estimator.wrench_frame)
+        self._predicted.publish(serialised(answer.stamp, answer.predicted))
+        self.feedforward.estimated(answer)
+        self._sigma.publish(serialised(answer.stamp, answer.sigma))
+        self._publish_learned(answer.stamp)
+        self._diagnostics.answered(answer, perf_counter() - start)
+        self._markers.estimated(answer)
 
     def _publish_learned(self, stamp: int) -> None:
         """Publish what is learned: `position` has the values, `effort` their standard errors.

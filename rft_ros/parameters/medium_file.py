@@ -3,7 +3,8 @@
 The coefficients of a stress map are fitted when it is read.
 """
 
-from collections.abc import Mapping
+import itertools
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -55,11 +56,10 @@ def read_stress_map(file: Path) -> StressMap:
     or nan is a missing stress. Raises InputError for a file that cannot be used.
     """
     named = f"stress map '{file}'"
-    rows = read_table(file, "stress map", _MAP, limit=_LARGEST_MAP)
+    rows = _read(file, "stress map", _MAP, limit=_LARGEST_MAP)
     count = len(rows.lines)
     if count > _MOST_CELLS:
         raise InputError(f"{named} has {count:,} rows; the limit is {_MOST_CELLS:,}: take the mean of repeated cells")
-    _check_finite(rows, named, _MAP)
     _check_angles(rows, named)
     beta, gamma, alpha_x, alpha_z = rows.numbers.T
     widest = float(np.abs(rows.numbers[:, :2]).max())
@@ -83,15 +83,8 @@ def read_alpha_y_table(file: str) -> Table:
     if not file:
         raise InputError("alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first")
     named = f"alpha_y.table '{file}'"
-    rows = read_table(
-        Path(file),
-        "alpha_y.table",
-        (_BETA, _ALPHA_Y),
-        (_GAMMA,),
-        limit=_LARGEST_TABLE,
-        without_header=((_BETA, _ALPHA_Y), (_BETA, _GAMMA, _ALPHA_Y)),
-    )
-    _check_finite(rows, named, (_BETA, _GAMMA, _ALPHA_Y))
+    orders = (_BETA, _ALPHA_Y), (_BETA, _GAMMA, _ALPHA_Y)
+    rows = _read(Path(file), "alpha_y.table", orders[0], (_GAMMA,), limit=_LARGEST_TABLE, without_header=orders)
     stresses = rows.column("alpha_y")
     if stresses.min() < 0.0:
         raise InputError(f"{named} has a negative alpha_y ({stresses.min():g}); give the size of a stress that resists")
@@ -114,14 +107,17 @@ def read_alpha_y_table(file: str) -> Table:
     return table
 
 
-def _check_finite(rows: Rows, named: str, columns: tuple[Column, ...]) -> None:
-    for column in columns:
+def _read(file: Path, what: str, *columns: Sequence[Column], **options: Any) -> Rows:
+    """As `read_table`. Raises InputError also for numbers that are not finite."""
+    rows, named = read_table(file, what, *columns, **options), f"{what} '{file}'"
+    for column in itertools.chain(*columns):
         if column.name in rows.factors:
             values = rows.column(column.name)
             wrong = np.flatnonzero(np.isinf(values) if column.gaps else ~np.isfinite(values))
             if len(wrong):
                 line, value = rows.lines[wrong[0]], values[wrong[0]]
                 raise InputError(f"{named} line {line}: {column.name} is {value:g}; it must be a finite number")
+    return rows
 
 
 def _check_angles(rows: Rows, named: str) -> None:

@@ -5,7 +5,7 @@ of them open: there the generic medium fills in, scaled by the ζ that fits the 
 """
 
 import itertools
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from typing import NamedTuple
 
@@ -87,11 +87,31 @@ class MediumFit:
 
 
 class _OneStress(NamedTuple):
-    """The fit of the coefficients of one stress."""
+    """The fit of the coefficients of one stress, by their names. `open`: those that the cells determine only together.
 
-    coefficients: Array
-    errors: Array
+    `is_measured`: whether any cell has this stress.
+    """
+
+    stress: str
+    is_measured: bool
+    coefficients: dict[str, float]
+    errors: dict[str, float]
     open: list[tuple[str, ...]]
+
+    def remarks(self, zeta: float) -> list[str]:
+        """Sentences on the coefficients that the generic medium times ζ fills in."""
+        filled = f"the generic medium times {zeta:.3g}"
+        if not self.is_measured:
+            return [f"no {self.stress} was measured: {_listed([*self.coefficients])} are those of {filled}"]
+        sentences = []
+        for group in self.open:
+            if len(group) == 1:
+                why = f"{group[0]} of {self.stress} is not identifiable, since its term is 0 at the measured angles"
+            else:
+                why = f"{_listed(group)} of {self.stress} are not identifiable one by one from the measured angles,"
+                why += " only in combination"
+            sentences.append(f"{why}; {filled} fills in")
+        return sentences
 
 
 def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
@@ -102,18 +122,6 @@ def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
     fitted, parts, zeta = _fitted(measured, name)
     if fitted is None:
         raise ValueError("no cell has a stress that is a number other than 0")
-    generic = _scaled(zeta)
-    errors: dict[str, float] = {}
-    remarks = _missing(measured)
-    for names, part, stress in zip((OF_ALPHA_Z, OF_ALPHA_X), parts, ("alpha_z", "alpha_x"), strict=True):
-        errors |= dict(zip(names, part.errors.tolist(), strict=True))
-        if not np.isfinite(getattr(measured, stress)).any():
-            remarks.append(
-                f"no {stress} was measured: {_listed(names)} are those of the generic medium times {zeta:.3g}"
-            )
-            continue
-        for group in part.open:
-            remarks.append(_open_sentence(group, stress, zeta))
     doubts = _conventions(measured) or _units(zeta) or _far_cells(fitted, measured)
     if fitted.strength <= 0.0:
         reason = "with these stresses the force points along the motion, where it should resist"
@@ -122,16 +130,16 @@ def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
         value = f"alpha_x at beta 0, gamma 0 is {fitted.alpha_x_flat:.3g} N/cm³ by the fit"
         along = "with alpha_y.model constant the force on a plate would point along its motion"
         doubts.append(f"{value}, so that {along}; use linear or a table")
-    medium = replace(fitted, doubts=tuple(doubts))
+    of_z, of_x = parts
     return MediumFit(
-        medium=medium,
-        errors=errors,
+        medium=replace(fitted, doubts=tuple(doubts)),
+        errors=of_z.errors | of_x.errors,
         zeta=zeta,
         size=_misfit(_scaled(0.0), measured),
-        misfit=_misfit(medium, measured),
-        misfit_scaled=_misfit(generic, measured),
+        misfit=_misfit(fitted, measured),
+        misfit_scaled=_misfit(_scaled(zeta), measured),
         left_out=_left_out(measured, name),
-        remarks=tuple(remarks),
+        remarks=(*_missing(measured), *of_z.remarks(zeta), *of_x.remarks(zeta)),
     )
 
 
@@ -159,42 +167,33 @@ def _scaled(zeta: float) -> Medium:
     return Medium.of("generic", {name: zeta * value for name, value in MEDIA["generic"].coefficients.items()})
 
 
-def _fitted(measured: StressMap, name: str) -> tuple[Medium | None, list[_OneStress], float]:
+def _fitted(measured: StressMap, name: str) -> tuple[Medium | None, tuple[_OneStress, _OneStress], float]:
     """The medium, the parts of its fit and ζ of the generic medium; no medium where there is no stress to fit."""
     zeta = _zeta(*_both(MEDIA["generic"], measured))
     start = _scaled(zeta)
     of_z, of_x = stress_terms(measured.beta, measured.gamma)
-    parts = [
-        _fit(OF_ALPHA_Z, of_z, measured.alpha_z, start),
-        _fit(OF_ALPHA_X, of_x, measured.alpha_x, start),
-    ]
-    found: dict[str, float] = {}
-    for names, part in zip((OF_ALPHA_Z, OF_ALPHA_X), parts, strict=True):
-        found |= dict(zip(names, part.coefficients.tolist(), strict=True))
+    parts = _fit("alpha_z", OF_ALPHA_Z, of_z, measured, start), _fit("alpha_x", OF_ALPHA_X, of_x, measured, start)
+    found = parts[0].coefficients | parts[1].coefficients
     return (Medium.of(name, found) if any(found.values()) else None), parts, zeta
 
 
-def _fit(names: tuple[str, ...], terms: Array, stress: Array, start: Medium) -> _OneStress:
+def _fit(stress: str, names: tuple[str, ...], terms: Array, measured: StressMap, start: Medium) -> _OneStress:
     """The coefficients of one stress; in combinations that the cells leave open, those of the medium `start`."""
-    there = np.isfinite(stress)
-    terms, stress = terms[there], stress[there]
+    values: Array = getattr(measured, stress)
+    there = np.isfinite(values)
+    terms, values, count = terms[there], values[there], max(int(there.sum()), 1)
     first = np.array([getattr(start, name) for name in names])
-    unknown = np.full(len(names), np.nan)
-    if len(stress) == 0:
-        return _OneStress(first, unknown, [(name,) for name in names])
-    mean_squares, combinations = np.linalg.eigh(terms.T @ terms / len(stress))  # combinations: a column each
+    mean_squares, combinations = np.linalg.eigh(terms.T @ terms / count)  # combinations: a column each
     known = mean_squares > _OPEN**2
     determined = combinations[:, known]
-    inverse = determined / mean_squares[known] @ determined.T / len(stress)
-    coefficients = first + inverse @ terms.T @ (stress - terms @ first)
+    inverse = determined / mean_squares[known] @ determined.T / count
+    coefficients = first + inverse @ terms.T @ (values - terms @ first)
     groups = _groups(names, combinations[:, ~known])
-    freedom = len(stress) - int(known.sum())
-    if freedom < 1:
-        return _OneStress(coefficients, unknown, groups)
-    residual = stress - terms @ coefficients
-    errors = np.sqrt(float(residual @ residual) / freedom * np.diag(inverse))
-    is_open = [any(name in group for group in groups) for name in names]
-    return _OneStress(coefficients, np.where(is_open, np.nan, errors), groups)
+    residual, freedom = values - terms @ coefficients, len(values) - int(known.sum())
+    variance = float(residual @ residual) / freedom if freedom > 0 else np.nan
+    errors = dict(zip(names, np.sqrt(variance * np.diag(inverse)).tolist(), strict=True))
+    errors |= dict.fromkeys(itertools.chain(*groups), np.nan)
+    return _OneStress(stress, bool(there.any()), dict(zip(names, coefficients.tolist(), strict=True)), errors, groups)
 
 
 def _groups(names: tuple[str, ...], combinations: Array) -> list[tuple[str, ...]]:
@@ -206,21 +205,11 @@ def _groups(names: tuple[str, ...], combinations: Array) -> list[tuple[str, ...]
 
     tied = np.abs(combinations @ combinations.T) > _PART**2  # the projector on what is open
     is_open = np.flatnonzero(np.diag(tied))
-    if len(is_open) == 0:
-        return []
     count, group_of = connected_components(tied[np.ix_(is_open, is_open)], directed=False)
     return [tuple(names[k] for k in is_open[group_of == group]) for group in range(count)]
 
 
-def _open_sentence(group: tuple[str, ...], stress: str, zeta: float) -> str:
-    filled = f"the generic medium times {zeta:.3g} fills in"
-    if len(group) == 1:
-        return f"{group[0]} of {stress} is not identifiable, since its term is 0 at the measured angles; {filled}"
-    together = f"{_listed(group)} of {stress}"
-    return f"{together} are not identifiable one by one from the measured angles, only in combination; {filled}"
-
-
-def _listed(names: tuple[str, ...]) -> str:
+def _listed(names: Sequence[str]) -> str:
     return f"{', '.join(names[:-1])} and {names[-1]}"
 
 

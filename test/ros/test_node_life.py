@@ -95,7 +95,7 @@ def test_a_pose_after_a_bag_loop_finds_the_twists_that_still_wait():
             moment += 1_000_000
             twists.publish(cdr("twist", moment, (0.0, 0.0, -0.01, 0.0, 0.0, 0.0)))
             time.sleep(0.01)
-            node._on_pose(cdr("pose", moment, (0.0, 0.0, -0.01, 0.0, 0.0, 0.0, 1.0)))
+            node._on_message("pose", cdr("pose", moment, (0.0, 0.0, -0.01, 0.0, 0.0, 0.0, 1.0)))
     node.destroy_node()
     peer.destroy_node()
 
