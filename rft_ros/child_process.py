@@ -6,6 +6,8 @@ import sys
 import threading
 from collections.abc import Callable, Sequence
 
+__all__ = ["start_child", "watch_parent"]
+
 
 def start_child(
     function: Callable[..., None], *arguments: str | float, pass_fds: Sequence[int] = ()

@@ -19,6 +19,8 @@ from typing import Any, NoReturn
 from rft_ros.errors import InputError, reason_of
 from rft_ros.installation import program, release
 
+__all__ = ["main", "parser"]
+
 _COMMANDS = {
     "predict": ("predict", "Predict the wrench at each state of a CSV file."),
     "check-mesh": ("tools", "Report the extent of a mesh and its defects."),

@@ -10,6 +10,8 @@ from pathlib import Path
 
 from rft_ros.errors import InputError
 
+__all__ = ["program", "release", "share_directory"]
+
 _CHECKOUT = Path(__file__).resolve().parents[1]  # the source checkout, if rft_ros runs from one
 
 

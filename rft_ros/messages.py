@@ -15,6 +15,8 @@ import numpy as np
 from rft_ros.estimator.samples import PoseSample, Sample, TransformSample, TwistSample, Wrench, WrenchSample
 from rft_ros.ground import Cloud
 
+__all__ = ["TOPICS", "TYPES", "UNREADABLE", "Role", "decoder", "wrench_cdr"]
+
 Role = Literal["pose", "twist", "wrench", "surface", "tf", "tf_static"]
 """The inputs of an estimator."""
 

@@ -13,6 +13,8 @@ from rft_ros.parameters import Model, defaults
 from rft_ros.rft import POSE, STATE, TWIST, WRENCH, Memory, checked_states, wrenches, wrenches_in_time
 from rft_ros.table_file import columns_named, read_table
 
+__all__ = ["read_states", "wrenches_along", "write_wrenches"]
+
 _FEWEST = 3  # poses for a velocity
 _ANY_GAP = 1e9  # s
 

@@ -15,6 +15,8 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError, file_errors, shown
 from rft_ros.files import MAX_BYTES, MAX_NUMBERS, read_file
 
+__all__ = ["Column", "Rows", "columns_named", "read_table"]
+
 _LONGEST_LINE = 2**16  # bytes; as a list of cells, a line of 60 MB would take 1.7 GB
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "--", "nodata"}
 _LETTERS = str.maketrans({"β": "beta", "γ": "gamma", "α": "alpha", "³": "3", "⁻": "-"})

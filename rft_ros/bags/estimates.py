@@ -16,6 +16,8 @@ from rft_ros.estimator.quality import flag_names
 from rft_ros.messages import TYPES, wrench_cdr
 from rft_ros.rft import AXES
 
+__all__ = ["COLUMNS", "LEARNED_COLUMNS", "PHASES", "ROW", "Rows", "Run", "phases_of", "write_estimates"]
+
 _Array = NDArray[np.float64]
 _Numbers = NDArray[np.int64]
 

@@ -15,6 +15,8 @@ from lz4.frame import LZ4FrameDecompressor  # type: ignore[import-untyped]
 from rosbags.rosbag1 import reader as rosbag1
 from rosbags.rosbag2 import storage_mcap
 
+__all__ = ["MOST_BYTES", "LimitError", "LimitedPath", "unpack", "unpacked"]
+
 MOST_BYTES = 256 * 2**20
 """Greatest size of a record or a chunk. Recorders write chunks of up to some MiB."""
 
@@ -102,5 +104,8 @@ def _limited(compression: str) -> Callable[..., bytes]:
 
 
 # rosbags has no option for a limit, but takes the decompressor of every chunk from these two tables.
-storage_mcap.DECOMPRESSORS.update({name: _limited(name) for name in ("lz4", "zstd")})
-rosbag1.decompressors.update({name: _limited(name) for name in ("lz4", "bz2")})
+for _names, _kinds in ((storage_mcap.DECOMPRESSORS, ("lz4", "zstd")), (rosbag1.decompressors, ("lz4", "bz2"))):
+    for _kind in _kinds:
+        if _kind not in _names:
+            raise RuntimeError(f"rosbags has no decompressor '{_kind}' any more, by which its memory is limited")
+        _names[_kind] = _limited(_kind)

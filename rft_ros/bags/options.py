@@ -9,6 +9,8 @@ from rft_ros.errors import InputError, shown
 from rft_ros.messages import TOPICS, Role
 from rft_ros.parameters import NODE, Values, section_parameters
 
+__all__ = ["ReplayOptions", "read_replay_options", "topics_of"]
+
 _SECTION = "rft_replay"
 
 

@@ -17,6 +17,8 @@ from rft_ros.parameters import LoadCell, Values, settings_of
 from rft_ros.progress import bar
 from rft_ros.rft import FORCE, QUATERNION
 
+__all__ = ["Played", "play", "reasons", "states_of", "world_forces"]
+
 _BAR_PERIOD = 512  # samples between updates of the progress bar
 
 

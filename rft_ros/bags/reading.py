@@ -19,6 +19,8 @@ from rft_ros.files import resolved
 from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder
 from rft_ros.parameters import Values
 
+__all__ = ["Recording", "bag_name"]
+
 _OPTIONAL: tuple[Role, ...] = ("wrench", "surface")
 _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
 _INSTEAD: dict[Role, str] = {"pose": "pose_source: tf, or ", "twist": "twist_source: pose_difference, or "}

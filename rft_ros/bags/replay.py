@@ -17,6 +17,8 @@ from rft_ros.files import refuse_overwriting, whole_folder
 from rft_ros.ground import write_height_map
 from rft_ros.parameters import Values, model_of, named_files, settings_of
 
+__all__ = ["replay", "replay_model", "results"]
+
 _SECOND_LAG = 0.005
 _JUDGED = 100_000  # rows on which hypotheses about the set-up are judged, so that a long recording needs no more memory
 _FILES = ("estimates", "estimates.csv", "summary.json", "report.html", "ground.csv")

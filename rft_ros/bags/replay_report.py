@@ -18,6 +18,8 @@ from rft_ros.report.animation import animate, animation_figure, what_is_shown
 from rft_ros.report.page import Figure, Table, write_page
 from rft_ros.rft import AXES, FORCE
 
+__all__ = ["decimated", "draw", "replay_charts"]
+
 _Array = NDArray[np.float64]
 _Place = tuple[int, int]  # row and column of a panel, from 1
 

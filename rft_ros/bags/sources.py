@@ -25,6 +25,8 @@ from rft_ros.bags.limits import MOST_BYTES, LimitedPath, LimitError, unpack, unp
 from rft_ros.errors import InputError, reason_of
 from rft_ros.files import checked_file, read_yaml
 
+__all__ = ["SUFFIXES", "Messages", "Source", "sources_of"]
+
 SUFFIXES = (".mcap", ".db3", ".bag")
 _PACKED = (".zstd", ".zst")
 _ZSTD = b"\x28\xb5\x2f\xfd"

@@ -24,6 +24,9 @@ from rft_ros.parameters import Value
 from rft_ros.parameters.sections import flat
 from rft_ros.rft import AXES, FORCE, TORQUE
 
+__all__ = ["METRIC_HEADS", "Group", "PhaseGroup", "Summary", "check", "metric_rows", "read_limits", "statistics"]
+__all__ += ["summary_of"]
+
 _BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
 _MOST_BINS = 10
 _TOUCHES = 1e-3  # m: least depth of a first pose in the grains, beyond the noise of a pose at the surface

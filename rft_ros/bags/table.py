@@ -15,6 +15,8 @@ from rft_ros.parameters import Values
 from rft_ros.rft import AXES, POSE, STATE, TWIST
 from rft_ros.table_file import Rows, columns_named, read_table
 
+__all__ = ["COLUMNS", "is_table", "read_recorded_table", "source_of_table", "values_for_table"]
+
 _GROUPS: dict[Role, tuple[str, ...]] = {"pose": tuple(STATE[POSE]), "twist": tuple(STATE[TWIST]), "wrench": AXES}
 _TIME_AND_POSE = columns_named(("t", *_GROUPS["pose"]))
 _TWIST, _WRENCH = columns_named(_GROUPS["twist"]), columns_named(_GROUPS["wrench"])

@@ -9,6 +9,8 @@ from rosbags.typesys import Stores, get_typestore
 from rft_ros.errors import InputError
 from rft_ros.files import read_yaml
 
+__all__ = ["BagWriter", "check_replaceable"]
+
 _MARK = {"written_by": "rft_ros"}  # custom data that marks bags which rft_ros wrote and may replace
 
 
