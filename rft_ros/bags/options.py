@@ -22,12 +22,14 @@ class ReplayOptions:
     `end` is not after `start`.
     """
 
-    remap: tuple[str, ...] = ()
+    remap: Sequence[str] = ()
     tare: float | None = None
     start: float | None = None
     end: float | None = None
 
     def __post_init__(self) -> None:
+        if not isinstance(self.remap, list | tuple) or not all(isinstance(rule, str) for rule in self.remap):
+            raise InputError(f"remap is {shown(self.remap)}; it must be a list of strings")
         for name, seconds in (("start", self.start), ("end", self.end), ("tare", self.tare)):
             number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
             if seconds is not None and not (number and 0.0 <= seconds <= 1e9):
@@ -39,14 +41,11 @@ class ReplayOptions:
 def read_replay_options(file: Path) -> ReplayOptions:
     """The options under ``rft_replay: ros__parameters:`` of a parameter file, if any; the node ignores them."""
     section: dict[str, Any] = {**section_parameters(file, _SECTION)}
-    remap = section.pop("remap", ())
     try:
-        if not isinstance(remap, list | tuple) or not all(isinstance(rule, str) for rule in remap):
-            raise InputError(f"remap is {shown(remap)}; it must be a list of strings")
         for name, value in section.items():
-            if name not in ("tare", "start", "end") or value is None:
+            if name not in ("remap", "tare", "start", "end"):
                 raise InputError(f"{name} is {shown(value)}; it has remap, and the numbers tare, start and end [s]")
-        return ReplayOptions(remap=tuple(remap), **section)
+        return ReplayOptions(**section)
     except InputError as error:
         raise InputError(f"parameter file '{file}': {_SECTION} {error}") from None
 

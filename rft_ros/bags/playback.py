@@ -23,12 +23,12 @@ _BAR_PERIOD = 512  # samples between updates of the progress bar
 
 
 def play(recording: Recording, estimator: Estimator) -> Iterator[tuple[Sample, Answer | None]]:
-    """Push every sample of an open recording. Yields each sample, and each pose with its answer (`Estimator.answers`).
+    """Push every sample of a recording. Yields each sample, and each pose with its answer (`Estimator.answers`).
 
     At the end all measurements are final, and messages that cannot be decoded are counted.
     """
     label, from_transforms = bag_name(recording.bag), estimator.settings.pose_source == "tf"
-    with bar(label, recording.last - recording.first) as update:
+    with recording, bar(label, recording.last - recording.first) as update:
         for number, sample in enumerate(recording):
             answers = estimator.answers(sample)
             if not isinstance(sample, PoseSample):
@@ -66,12 +66,11 @@ def states_of(bag: Path, values: Values, model: Model, options: ReplayOptions) -
     recording = Recording(bag, values, options)
     estimator = Estimator(settings_of(recording.values), model)
     stamps, states, wrenches = [], [], []
-    with recording:
-        for _, answer in play(recording, estimator):
-            if isinstance(answer, Estimate):
-                stamps.append(answer.stamp)
-                states.append(estimator.state.copy())
-                wrenches.append(answer.predicted)
+    for _, answer in play(recording, estimator):
+        if isinstance(answer, Estimate):
+            stamps.append(answer.stamp)
+            states.append(estimator.state.copy())
+            wrenches.append(answer.predicted)
     if not states:
         raise InputError(f"bag '{bag}' has no pose with an estimate ({reasons(recording, estimator)})")
     forces = world_forces(np.array(wrenches), np.array(states), estimator.load_cell)

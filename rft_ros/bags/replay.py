@@ -66,14 +66,13 @@ def replay(
     with whole_folder(out, _FILES) as part:
         run = Run(estimator, part)
         others = {name: Run(Estimator(own, model), part) for name, own in _learning_settings(settings).items()}
-        with recording:
-            for sample, answer in play(recording, estimator):
-                if answer is not None:
-                    run.add(answer)
-                for other in others.values():
-                    its_answer = other.estimator.push(sample)
-                    if its_answer is not None:
-                        other.add(its_answer)
+        for sample, answer in play(recording, estimator):
+            if answer is not None:
+                run.add(answer)
+            for other in others.values():
+                its_answer = other.estimator.push(sample)
+                if its_answer is not None:
+                    other.add(its_answer)
         if not recording.counts["pose"]:
             what = f"message on {topics.get('pose')}"
             if "tf" in topics:
@@ -127,12 +126,12 @@ def _bias(bag: Path, values: Values, model: Model, options: ReplayOptions) -> Wr
     settings = settings_of(values)
     estimator = Estimator(settings, model)
     begin = newest = 0
-    with Recording(bag, values, replace(options, start=start, end=start + seconds)) as recording:
-        for sample, answer in play(recording, estimator):
-            if isinstance(sample, WrenchSample):
-                newest = sample.stamp
-            elif answer is not None and not begin and (isinstance(answer, Estimate) or answer.reason is Reason.AT_REST):
-                begin = answer.stamp
+    recording = Recording(bag, values, replace(options, start=start, end=start + seconds))
+    for sample, answer in play(recording, estimator):
+        if isinstance(sample, WrenchSample):
+            newest = sample.stamp
+        elif answer is not None and not begin and (isinstance(answer, Estimate) or answer.reason is Reason.AT_REST):
+            begin = answer.stamp
     try:
         return estimator.tare((newest - begin) * 1e-9 if 0 < begin < newest else seconds)
     except InputError as error:

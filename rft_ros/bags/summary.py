@@ -5,7 +5,7 @@ import json
 import math
 import sys
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -126,8 +126,7 @@ def summary_of(rows: Rows, *, issues: Counter[str], faults: Sequence[str] = (), 
     by_trust = {level.value: levels[level] for level in Trust}
     # a fault of the load cell's zero says more, and is judged on the whole recording
     warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items() if issue != OFFSET_SENTENCE]
-    warnings += _warnings_of_error(whole)
-    warnings += [*_warnings_of_poses(rows), *faults]
+    warnings += [*_warnings(whole, rows[rows["reason"] < 0]), *faults]
     return Summary(**vars(whole), quality_flags=by_flag, trust=by_trust, warnings=warnings, phases=phases, **about)
 
 
@@ -191,24 +190,16 @@ def _bin_edges(deepest: float) -> NDArray[np.float64]:
     return np.arange(math.ceil(below / width) + 1, dtype=np.float64) * width
 
 
-def _warnings_of_error(whole: Group) -> list[str]:
-    """A warning that the model is far from the measurements."""
+def _warnings(whole: Group, answered: Rows) -> Iterator[str]:
+    """Warnings that the model is far off, that poses or mesh are in another unit, or that the tool begins in grains."""
     error = whole.median_relative_error
-    if error is None or error <= _WRONG:
-        return []
-    return [f"the median error is {100.0 * error:.0f} %: check the set-up with rft doctor FILE --bag BAG"]
-
-
-def _warnings_of_poses(rows: Rows) -> list[str]:
-    """Warnings that poses or mesh are in another unit, or that the recording begins in the grains."""
-    answered = rows[rows["reason"] < 0]
+    if error is not None and error > _WRONG:
+        yield f"the median error is {100.0 * error:.0f} %: check the set-up with rft doctor FILE --bag BAG"
     impossible = int(np.count_nonzero(answered["quality_flags"] & int(QualityFlag.IMPOSSIBLE)))
     if impossible:
-        return [f"{QualityFlag.IMPOSSIBLE.sentence} (at {impossible:,} poses)"]
-    first_depth = float(answered["depth"][0]) if len(answered) else 0.0
-    if first_depth > _TOUCHES:
-        return [begins_in_grains(first_depth)]
-    return []
+        yield f"{QualityFlag.IMPOSSIBLE.sentence} (at {impossible:,} poses)"
+    elif len(answered) and answered["depth"][0] > _TOUCHES:
+        yield begins_in_grains(float(answered["depth"][0]))
 
 
 METRIC_HEADS = ("estimates", "peak N", "RMS res. N", "peak res. N", "RMS/peak", "median err.")

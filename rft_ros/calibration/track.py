@@ -152,9 +152,8 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
         max_rate=0.0,
     )
     estimator = Estimator(settings, model)
-    with recording:
-        answers = play(recording, estimator)
-        states = [estimator.state.copy() for _, answer in answers if isinstance(answer, Estimate)]
+    answers = play(recording, estimator)
+    states = [estimator.state.copy() for _, answer in answers if isinstance(answer, Estimate)]
     compared = zip(states, estimator.measurements(), strict=True)
     usable = [(state, m) for state, m in compared if m.compensated is not None]
     # a bag recorded in a loop steps back in time and repeats stamps

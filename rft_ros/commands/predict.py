@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from rft_ros.bags.playback import Played, states_of
+from rft_ros.bags.playback import states_of
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
 from rft_ros.parameters import MESH, Values, defaults, model_of, named_files
@@ -38,10 +38,7 @@ def _add_memory(command: argparse._ActionsContainer) -> None:
 
 def _values_for_states(arguments: argparse.Namespace) -> Values:
     """The parameters. Memory only if its option is given: states may be in any order, unlike a recording's poses."""
-    values = options.values_of(arguments)
-    if arguments.mobilization_length is None:
-        values = {**values, "medium.mobilization_length": 0.0}
-    return values
+    return {**options.values_of(arguments), "medium.mobilization_length": arguments.mobilization_length or 0.0}
 
 
 def predict(arguments: argparse.Namespace) -> int:
@@ -55,8 +52,8 @@ def predict(arguments: argparse.Namespace) -> int:
         print(f"{tool.name}: {tool.reduction}")
     warnings.warn_of(tool)
     warnings.warn_of_law(model.law)
+    where = f"states file '{arguments.states}'"
     with busy("computing"):  # the first call compiles
-        where = f"states file '{arguments.states}'"
         result = wrenches_along(model, times, states, surface_height=height, where=where)
     warnings.warn_of_motion(tool, times, states, result[:, FORCE], surface_height=height)
     if "concave" in tool.issues:  # only here, where wrenches are written: other commands need not repeat it
@@ -105,20 +102,18 @@ def view(arguments: argparse.Namespace) -> int:
         values = _values_for_states(arguments)
     options.refuse_inputs(arguments, output, also=named_files(values))
     model, height = model_of(values), values["surface_height"]
-    tool = model.tool
+    tool, ground = model.tool, None
     if of_states:
         times, states = read_states(source)
         with busy("computing"):
             where = f"states file '{source}'"
             forces = wrenches_along(model, times, states, surface_height=height, where=where)[:, FORCE]
-        played = Played(times, states, forces, None)
     else:
-        played = states_of(source, values, model, chosen)
-    *moving, ground = played
-    warnings.warn_of_motion(tool, *moving, surface_height=height)
+        times, states, forces, ground = states_of(source, values, model, chosen)
+    warnings.warn_of_motion(tool, times, states, forces, surface_height=height)
     learned = not of_states and values["learning.mode"] == "apply"
     with busy("drawing"):
-        drawn = animate(tool.name, tool, model.law, *moving, surface_height=height, ground=ground)
+        drawn = animate(tool.name, tool, model.law, times, states, forces, surface_height=height, ground=ground)
         figure = Figure("tool", "", what_is_shown(model.law, learned=learned), animation_figure(drawn))
         write_page(output, [figure], title=drawn.title)
     print(f"{len(drawn.labels)} moments of {drawn.title} -> {output}")

@@ -208,7 +208,7 @@ def test_options_come_from_the_parameter_file(tmp_path):
     file = tmp_path / "p.yaml"
     file.write_text("rft_replay:\n  ros__parameters:\n    remap: ['~/pose:=/p']\n    tare: 2\n    end: 3.5\n")
     options = read_replay_options(file)
-    assert (options.remap, options.tare, options.start, options.end) == (("~/pose:=/p",), 2, None, 3.5)
+    assert options == ReplayOptions(remap=["~/pose:=/p"], tare=2, end=3.5)
     wrong = {
         "remap: 7": "remap",
         "tear: 2.0": "tear is 2.0; it has",
