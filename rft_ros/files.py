@@ -71,17 +71,16 @@ def checked_file(file: Path, what: str, *, limit: int | None = MAX_BYTES, advice
     Raises InputError. It calls the file `what`, such as the option or parameter that names it, and says what to do.
     `advice`: what to do if the file does not exist.
     """
-    status = _status(file, what, advice)
-    _check_kind(status, f"{what} '{file}'")
-    _check_size(status.st_size, f"{what} '{file}'", limit)
+    _check(_status(file, what, advice), f"{what} '{file}'", limit)
     return expanded(file)
 
 
-def _check_kind(status: os.stat_result, named: str) -> None:
+def _check(status: os.stat_result, named: str, limit: int | None) -> None:
     if not stat.S_ISREG(status.st_mode):
         raise InputError(f"{named} is {_KINDS.get(stat.S_IFMT(status.st_mode), 'not a regular file; give one')}")
     if not status.st_size:  # the system's own files have no size either, and reading /proc/kmsg may block for ever
         raise InputError(f"{named} is empty, or one of the system's own files, as in /proc; give a file with content")
+    _check_size(status.st_size, named, limit)
 
 
 def _check_size(size: int, named: str, limit: int | None) -> None:
@@ -95,7 +94,7 @@ def opened(file: Path, what: str, *, limit: int | None = MAX_BYTES, advice: str 
     """A `checked_file`, open for reading bytes; errors of reading it in the block are InputErrors too."""
     path = checked_file(file, what, limit=limit, advice=advice)
     with file_errors(f"{what} '{file}'", "read"), open(path, "rb", opener=_without_waiting) as stream:
-        _check_kind(os.fstat(stream.fileno()), f"{what} '{file}'")
+        _check(os.fstat(stream.fileno()), f"{what} '{file}'", limit)
         yield stream
 
 
@@ -107,9 +106,7 @@ def _without_waiting(path: str, flags: int) -> int:
 def read_file(file: Path, what: str, *, limit: int = MAX_BYTES, advice: str = _GIVE) -> bytes:
     """The bytes of a `checked_file`."""
     with opened(file, what, limit=limit, advice=advice) as stream:
-        data = stream.read(limit + 1)
-    _check_size(len(data), f"{what} '{file}'", limit)  # the file may have grown since it was checked
-    return data
+        return stream.read(limit)
 
 
 def read_text(file: Path, what: str, *, limit: int = MAX_BYTES, advice: str = _GIVE) -> str:

@@ -15,7 +15,6 @@ import time
 from contextlib import ExitStack
 
 from rft_ros.errors import InputError
-from rft_ros.node.arguments import given_sections, not_for_ros
 
 _GRACE = 1.0  # s; longer than `FeedForward.end`, which takes up to 0.6 s on a busy machine
 
@@ -58,10 +57,6 @@ def _stop_on_signal() -> threading.Event:
 
 def _run(stop: threading.Event) -> None:
     """Run the node until `stop` is set. Raises InputError if it cannot run."""
-    others = not_for_ros()
-    if others:  # ROS ignores them, and the node would run with default parameters
-        advice = "ROS arguments, such as --params-file, come after --ros-args"
-        raise InputError(f"cannot use '{' '.join(others)}'; {advice}")
     from rft_ros.node.tool_worker import ToolWorker
 
     with ExitStack() as running:
@@ -74,9 +69,14 @@ def _run(stop: threading.Event) -> None:
             from rclpy.signals import SignalHandlerOptions
         except ImportError as error:
             raise InputError(f"the node needs ROS 2 ({error}); source a ROS 2 setup file") from None
+        from rft_ros.node.node_parameters import given_sections, not_for_ros
         from rft_ros.node.rft_node import RftNode, executor_of
         from rft_ros.node.topics import start_ros
 
+        others = not_for_ros()
+        if others:  # ROS ignores them, and the node would run with default parameters
+            advice = "ROS arguments, such as --params-file, come after --ros-args"
+            raise InputError(f"cannot use '{' '.join(others)}'; {advice}")
         given_sections()  # raises the errors of a replay; ROS would say more than a line, and block on a pipe
         running.callback(rclpy.try_shutdown)
         try:

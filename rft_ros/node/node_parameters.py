@@ -1,5 +1,7 @@
 """Declares the parameter table as ROS parameters. A change is validated before it is accepted, and then applied."""
 
+import itertools
+import sys
 from array import array
 from collections.abc import Callable
 from pathlib import Path
@@ -11,12 +13,42 @@ from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
 
 from rft_ros.errors import InputError
-from rft_ros.node.arguments import given_sections
 from rft_ros.node.swap import Prepared
 from rft_ros.parameters import PARAMETERS, Parameter, Value, Values, checked, defaults
 from rft_ros.parameters.file import absolute, checked_in_file, merged
-from rft_ros.parameters.sections import Given
+from rft_ros.parameters.sections import Given, Section, read_sections, read_value
 from rft_ros.parameters.table import unknown_parameter
+
+
+def _arguments(*, for_ros: bool) -> list[str]:
+    """The arguments between ``--ros-args`` and ``--``, or the others."""
+    found, inside = [], False
+    for argument in sys.argv[1:]:
+        if argument == ("--" if inside else "--ros-args"):
+            inside = not inside
+        elif inside == for_ros:
+            found.append(argument)
+    return found
+
+
+def not_for_ros() -> list[str]:
+    """The arguments that ROS would ignore."""
+    return _arguments(for_ros=False)
+
+
+def given_sections() -> list[tuple[Path | None, list[Section]]]:
+    """The sections of each parameter file, and of each parameter that ``-p`` sets, which has no file."""
+    found: list[tuple[Path | None, list[Section]]] = []
+    for option, text in itertools.pairwise(_arguments(for_ros=True)):
+        if option == "--params-file":
+            found.append((Path(text), read_sections(Path(text))))
+        elif option in ("-p", "--param"):
+            name, _, value = text.partition(":=")
+            of_node, separator, parameter = name.rpartition(":")
+            read = read_value(value)
+            if read is not None:
+                found.append((None, [Section(of_node if separator else "/**", {parameter: read})]))
+    return found
 
 
 def _descriptor(p: Parameter) -> ParameterDescriptor:

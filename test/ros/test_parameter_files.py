@@ -13,8 +13,7 @@ from rclpy.node import Node
 from refusals import assert_says, refusal
 
 from rft_ros.errors import InputError
-from rft_ros.node.arguments import given_sections
-from rft_ros.node.node_parameters import NodeParameters
+from rft_ros.node.node_parameters import NodeParameters, given_sections
 from rft_ros.parameters import defaults, read_parameter_file, read_sections
 
 
