@@ -74,9 +74,10 @@ def read_sections(file: Path) -> list[Section]:
     """The sections of a parameter file in ROS's order. Raises InputError for a file that ROS does not read."""
     text = read_text(file, "parameter file", limit=MAX_YAML)
     try:
-        found = list(_Events(text).sections())
-    except yaml.YAMLError as error:
-        raise InputError(f"parameter file '{file}' is not YAML: {reason_of(error)}") from None
+        node = _tree(text)
+        if not isinstance(node, yaml.MappingNode):
+            raise _UnreadableError("has no node name at its top level, such as '/**'")
+        found = [*_sections(node, "", 0)]
     except _UnreadableError as error:
         raise InputError(f"parameter file '{file}' {error}") from None
     merged: dict[str, Section] = {}
@@ -91,9 +92,10 @@ def read_sections(file: Path) -> list[Section]:
 def read_value(text: str) -> Given | None:
     """The value that ROS reads from ``-p NAME:=text``; None if ROS reads no value."""
     try:
-        return _Events(text).value()
-    except (yaml.YAMLError, _UnreadableError):
+        value: Given = _value("value", _tree(text))[0]
+    except _UnreadableError:
         return None
+    return value
 
 
 def parameter_file_text(tree: Mapping[str, Any]) -> str:
@@ -123,178 +125,127 @@ class _UnreadableError(Exception):
     """The reason why a file cannot be used, as the rest of a sentence that begins with the file's name."""
 
 
-class _Events:
-    """Parses a YAML text event by event, as ROS does, into sections or one value. `_event` is the next event."""
+def _tree(text: str) -> Any:
+    """The nodes of a YAML text, with the tags that it gives; None if there are none. Raises _UnreadableError."""
+    node = None
+    try:
+        events = yaml.parse(text, Loader=_LOADER)
+        for event in events:
+            if isinstance(event, yaml.DocumentStartEvent):
+                if node is not None:
+                    raise _UnreadableError("has several documents (---); ROS mixes them up, so write one file for each")
+                node = _node(next(events), events, in_flow=False)
+    except (yaml.YAMLError, RecursionError) as error:
+        raise _UnreadableError(f"is not YAML: {reason_of(error)}") from None
+    return node
 
-    def __init__(self, text: str) -> None:
-        self._events: Iterator[Any] = yaml.parse(text, Loader=_LOADER)
-        self._fault = ""
-        self._flow = 0
-        self._next()
 
-    def _next(self) -> Any:
-        """Take the next event and read the one after it."""
-        taken = getattr(self, "_event", None)
-        self._event = next(self._events, None)
-        self._refuse_colon_in_flow()
-        if isinstance(self._event, yaml.AliasEvent):
+def _node(event: Any, events: Iterator[Any], *, in_flow: bool) -> Any:
+    """The node that begins with an event; the next events are its content. `in_flow`: between braces or brackets."""
+    mark = event.start_mark
+    if isinstance(event, yaml.AliasEvent):
+        why = f"line {mark.line + 1} has an alias (*), which ROS does not read; write its values out"
+        raise _UnreadableError(f"is not YAML: {why}")
+    if isinstance(event, yaml.ScalarEvent):
+        if in_flow and not event.style and {":", "?"} & {*event.value}:  # at which older versions of libyaml stop
             raise _UnreadableError(
-                f"is not YAML: line {self._line} has an alias (*), which ROS does not read; write its values out"
+                f"has {shown(event.value)} without quotes between braces or brackets in line {mark.line + 1}; not every"
+                " ROS reads a colon or a question mark there, so put quotes around it"
             )
-        return taken
+        return yaml.ScalarNode(event.tag or "", event.value, mark, style=event.style)
+    items = []
+    while not isinstance(inner := next(events), yaml.CollectionEndEvent):
+        items.append(_node(inner, events, in_flow=in_flow or bool(event.flow_style)))
+    if isinstance(event, yaml.SequenceStartEvent):
+        return yaml.SequenceNode(event.tag or "", items, mark)
+    return yaml.MappingNode(event.tag or "", [*zip(items[::2], items[1::2], strict=True)], mark)
 
-    def _refuse_colon_in_flow(self) -> None:
-        """Refuse text without quotes between braces or brackets at which older versions of libyaml stop."""
-        event = self._event
-        if isinstance(event, yaml.CollectionStartEvent):
-            self._flow += bool(event.flow_style) or self._flow > 0
-        elif isinstance(event, yaml.CollectionEndEvent):
-            self._flow = max(self._flow - 1, 0)
-        elif self._flow and isinstance(event, yaml.ScalarEvent) and not event.style and {":", "?"} & {*event.value}:
+
+def _line(node: yaml.Node) -> int:
+    return int(node.start_mark.line) + 1
+
+
+def _name(node: Any, of: str) -> str:
+    if not isinstance(node, yaml.ScalarNode):
+        raise _UnreadableError(f"has a list or a mapping as the name {of} in line {_line(node)}; ROS needs text")
+    if not node.value or "\0" in node.value:
+        raise _UnreadableError(f"has an empty name {of} in line {_line(node)}, or one with a null character")
+    return str(node.value)
+
+
+def _sections(mapping: yaml.MappingNode, parent: str, depth: int) -> Iterator[Section]:
+    """The sections in a mapping whose keys are names of nodes and namespaces below `parent`."""
+    for key, content in mapping.value:
+        line, name = _line(key), _name(key, "of a node")
+        if name.startswith(_KEY):
+            raise _UnreadableError(f"has '{name}' in line {line}, where the name of a node is needed, such as '/**'")
+        if depth and "/" in name:
             raise _UnreadableError(
-                f"has {shown(str(event.value))} without quotes between braces or brackets in line {self._line}; not"
-                " every ROS reads a colon or a question mark there, so put quotes around it"
+                f"has '{name}' in line {line} below '{parent}'; write both in one: '{parent}/{name}'"
             )
-
-    @property
-    def _line(self) -> int:
-        return int(self._event.start_mark.line) + 1 if self._event else 0
-
-    def _content(self) -> None:
-        """Skip the events before the content of the document."""
-        while isinstance(self._event, yaml.StreamStartEvent | yaml.DocumentStartEvent):
-            self._next()
-
-    def _end(self) -> None:
-        self._next()
-        if not isinstance(self._event, yaml.StreamEndEvent | None):
-            raise _UnreadableError("has several documents (---); ROS mixes them up, so write one file for each")
-
-    def sections(self) -> Iterator[Section]:
-        """All sections, in the file's order."""
-        self._content()
-        if not isinstance(self._event, yaml.MappingStartEvent):
-            raise _UnreadableError("has no node name at its top level, such as '/**'")
-        self._next()
-        yield from self._nodes("", 0)
-        self._end()
-
-    def value(self) -> Given | None:
-        """The value of a text that has only one."""
-        self._content()
-        found = self._list("value") if isinstance(self._event, yaml.SequenceStartEvent) else self._value("value")
-        self._end()
-        return found
-
-    def _name(self, of: str) -> str:
-        if not isinstance(self._event, yaml.ScalarEvent):
-            raise _UnreadableError(f"has a list or a mapping as the name {of} in line {self._line}; ROS needs text")
-        name = str(self._next().value)
-        if not name or "\0" in name:
-            raise _UnreadableError(f"has an empty name {of} before line {self._line}, or one with a null character")
-        return name
-
-    def _nodes(self, parent: str, depth: int) -> Iterator[Section]:
-        """The sections in the rest of a mapping whose keys are names of nodes and namespaces below `parent`."""
-        while not isinstance(self._event, yaml.MappingEndEvent):
-            line, name = self._line, self._name("of a node")
-            if name.startswith(_KEY):
-                raise _UnreadableError(
-                    f"has '{name}' in line {line}, where the name of a node is needed, such as '/**'"
-                )
-            if depth and "/" in name:
-                raise _UnreadableError(
-                    f"has '{name}' in line {line} below '{parent}'; write both in one: '{parent}/{name}'"
-                )
-            full = f"{parent}{'' if not parent or parent.endswith('/') else '/'}{name}"
-            if not isinstance(self._event, yaml.MappingStartEvent) or depth > _DEEPEST:
-                raise _UnreadableError(_without_parameters(parent or full, line))
-            yield from self._node(full, depth, line)
-        self._next()
-
-    def _node(self, full: str, depth: int, line: int) -> Iterator[Section]:
-        """What the mapping of a name holds: parameters, or names of nodes."""
-        self._next()
-        if isinstance(self._event, yaml.MappingEndEvent):
-            raise _UnreadableError(_without_parameters(full, line))
-        key = self._event
-        if not (isinstance(key, yaml.ScalarEvent) and key.value == _KEY):
-            yield from self._nodes(full, depth + 1)
-            return
-        self._next()
+        full = f"{parent}{'' if not parent or parent.endswith('/') else '/'}{name}"
+        is_mapping = isinstance(content, yaml.MappingNode)
+        if not is_mapping or not content.value or depth > _DEEPEST:
+            where = f"'{full if is_mapping else parent or full}' has no '{_KEY}' (line {line})"
+            raise _UnreadableError(f"{where}; write '{_KEY}:' below it, and the parameters below that")
+        (first, parameters), *others = content.value
+        if first.value != _KEY:
+            yield from _sections(content, full, depth + 1)
+            continue
         if not _is_node_name(full):
             raise _UnreadableError(f"has '{full}' in line {line}, which is no name of a node to ROS; correct it")
-        if not isinstance(self._event, yaml.MappingStartEvent):
-            raise _UnreadableError(f"'{full}' has a '{_KEY}' without names of parameters (line {self._line})")
-        self._fault = ""
-        parameters: dict[str, Given] = {}
-        self._parameters("", parameters, set())
-        if not isinstance(self._event, yaml.MappingEndEvent):
-            raise _UnreadableError(
-                f"'{full}' has more than '{_KEY}' (line {self._line}); write it as a section of its own"
-            )
-        self._next()
-        yield Section(full, parameters, self._fault)
+        if not isinstance(parameters, yaml.MappingNode):
+            raise _UnreadableError(f"'{full}' has a '{_KEY}' without names of parameters (line {_line(parameters)})")
+        found: dict[str, Given] = {}
+        faults = [*_add_parameters(parameters, "", found, set())]
+        if others:
+            where = f"line {_line(others[0][0])}"
+            raise _UnreadableError(f"'{full}' has more than '{_KEY}' ({where}); write it as a section of its own")
+        yield Section(full, found, faults[0] if faults else "")
 
-    def _parameters(self, group: str, found: dict[str, Given], groups: set[str]) -> None:
-        """Add the parameters of a mapping to `found`, and the groups of names in it to `groups`."""
-        self._next()
-        if group and isinstance(self._event, yaml.MappingEndEvent):
-            raise _UnreadableError(f"'{group[:-1]}' in line {self._line} has no parameters; remove it, ROS stops there")
-        met = set[str]()
-        while not isinstance(self._event, yaml.MappingEndEvent):
-            line, key = self._line, self._name("of a parameter")
-            name = f"{group}{key}"
-            if key == "<<":
-                self._refuse(f"line {line} has a merge key (<<), which ROS reads as a name; write its values out")
-            if key in met or name in found or name in groups:
-                self._refuse(f"'{name}' stands twice, again in line {line}; ROS would mix the values up, so remove one")
-            met.add(key)
-            if isinstance(self._event, yaml.MappingStartEvent):
-                if name.count(".") > _DEEPEST:
-                    raise _UnreadableError(f"has a name of more than {_DEEPEST} levels in line {line}: '{name[:80]}'")
-                groups.add(name)
-                self._parameters(f"{name}.", found, groups)
-            elif isinstance(self._event, yaml.SequenceStartEvent):
-                found[name] = self._list(name)
-            else:
-                found[name] = self._value(name)
-        self._next()
 
-    def _list(self, name: str) -> Given:
-        line = self._line
-        self._next()
-        values: list[Any] = []
-        while not isinstance(self._event, yaml.SequenceEndEvent):
-            values.append(self._value(name))
-        self._next()
-        if len({type(v) for v in values}) > 1:
-            one = "ROS takes lists of one type only, such as [0.0, 0.5]"
-            raise _UnreadableError(f"line {line}: {name} is {shown(values)}; {one}")
-        return values
+def _add_parameters(mapping: yaml.MappingNode, group: str, found: dict[str, Given], groups: set[str]) -> Iterator[str]:
+    """Add the parameters of a mapping to `found`, and the groups of names in it to `groups`. Yields faults."""
+    if group and not mapping.value:
+        raise _UnreadableError(f"'{group[:-1]}' in line {_line(mapping)} has no parameters; remove it, ROS stops there")
+    met = set[str]()
+    for node, content in mapping.value:
+        line, key = _line(node), _name(node, "of a parameter")
+        name = f"{group}{key}"
+        if key == "<<":
+            yield f"line {line} has a merge key (<<), which ROS reads as a name; write its values out"
+        if key in met or name in found or name in groups:
+            yield f"'{name}' stands twice, again in line {line}; ROS would mix the values up, so remove one"
+        met.add(key)
+        if not isinstance(content, yaml.MappingNode):
+            found[name], faults = _value(name, content)
+            yield from faults
+            continue
+        if name.count(".") > _DEEPEST:
+            raise _UnreadableError(f"has a name of more than {_DEEPEST} levels in line {line}: '{name[:80]}'")
+        groups.add(name)
+        yield from _add_parameters(content, f"{name}.", found, groups)
 
-    def _value(self, name: str) -> Any:
-        line = self._line
-        if not isinstance(self._event, yaml.ScalarEvent):
-            raise _UnreadableError(
-                f"line {line}: {name} has a list or a mapping in a list; ROS takes lists of values only"
-            )
-        event = self._next()
-        quoted = event.style in ("'", '"')
-        if not event.value and not quoted:
+
+def _value(name: str, node: Any) -> tuple[Any, list[str]]:
+    """A value, and its faults."""
+    is_list = isinstance(node, yaml.SequenceNode)
+    values: list[Any] = []
+    faults = []
+    for item in node.value if is_list else [node]:
+        if not isinstance(item, yaml.ScalarNode):
+            where = f"line {_line(node)}: " if node else ""
+            raise _UnreadableError(f"{where}{name} has a list or a mapping in a list; ROS takes lists of values only")
+        line, quoted = _line(item), item.style in ("'", '"')
+        if not item.value and not quoted:
             raise _UnreadableError(f"line {line}: {name} has no value; ROS reads the file no further, so give it one")
-        if "\0" in event.value:
-            self._refuse(f"{name} has a null character in line {line}, at which ROS ends the text; remove it")
-        if quoted or event.tag == _TEXT:
-            return event.value
-        return _scalar(event.value)
-
-    def _refuse(self, why: str) -> None:
-        self._fault = self._fault or why
-
-
-def _without_parameters(name: str, line: int) -> str:
-    return f"'{name}' has no '{_KEY}' (line {line}); write '{_KEY}:' below it, and the parameters below that"
+        if "\0" in item.value:
+            faults.append(f"{name} has a null character in line {line}, at which ROS ends the text; remove it")
+        values.append(item.value if quoted or item.tag == _TEXT else _scalar(item.value))
+    if len({type(value) for value in values}) > 1:
+        one = "ROS takes lists of one type only, such as [0.0, 0.5]"
+        raise _UnreadableError(f"line {_line(node)}: {name} is {shown(values)}; {one}")
+    return (values if is_list else values[0]), faults
 
 
 def _scalar(text: str) -> bool | int | float | str:
