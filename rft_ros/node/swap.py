@@ -3,7 +3,6 @@
 The node keeps answering with the old model meanwhile.
 """
 
-import threading
 import time
 from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
@@ -58,7 +57,6 @@ class _Load:
 
     wanted: Values
     future: "Future[dict[str, Any]]"
-    given_up: threading.Event
     since: float
 
 
@@ -115,21 +113,15 @@ class Swap:
             if load is not None and load.wanted == wanted:
                 continue
             if load is not None:
-                self._give_up(part)
+                self._loads.pop(part).future.cancel()  # one that has begun sees that it is no longer wanted
             if wanted != prepared.in_force[part].values:
-                given_up = threading.Event()
-                future = self._file_thread.submit(self._load, part, wanted, given_up)
-                self._loads[part] = _Load(wanted=wanted, future=future, given_up=given_up, since=time.monotonic())
+                future = self._file_thread.submit(self._load, part, wanted)
+                self._loads[part] = _Load(wanted=wanted, future=future, since=time.monotonic())
 
-    def _load(self, part: str, wanted: Values, given_up: threading.Event) -> dict[str, Any]:
+    def _load(self, part: str, wanted: Values) -> dict[str, Any]:
         if part == "ground":
             decoder("surface", ros1=False)  # takes 0.3 s the first time; in this thread no tick waits for it
-        return self._worker.load({part: wanted}, given_up)
-
-    def _give_up(self, part: str) -> None:
-        load = self._loads.pop(part)
-        load.given_up.set()  # the thread ends the worker process; from here it might end that of the next load
-        load.future.cancel()
+        return self._worker.load({part: wanted}, lambda: parts_of(self.prepared.values)[part] == wanted)
 
     def poll(self) -> Prepared | Failed | None:
         """What the next load that has ended gives, which is then `prepared`; None if none has ended."""

@@ -1,9 +1,8 @@
 """A worker process that reads the files that parameters name, while the node keeps answering poses."""
 
 import os
-import threading
 import time
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
@@ -42,10 +41,10 @@ class ToolWorker:
         with theirs:
             self.process = start_child(_serve, theirs.fileno(), low_priority, pass_fds=[theirs.fileno()])
 
-    def load(self, files: Mapping[str, Values], given_up: threading.Event | None = None) -> dict[str, Any]:
-        """Load parts of `parts_of`. Raises InputError if they cannot be used, do not end, or if `given_up` is set."""
+    def load(self, files: Mapping[str, Values], is_wanted: Callable[[], bool] = lambda: True) -> dict[str, Any]:
+        """Load parts of `parts_of`. Raises InputError if they cannot be used, do not end, or are no longer wanted."""
         try:
-            answer = self._answer(files, given_up or threading.Event())
+            answer = self._answer(files, is_wanted)
         except Exception as error:  # of any kind: no process or descriptor is left, or the answer is damaged
             self.end()
             if isinstance(error, InputError):
@@ -55,25 +54,25 @@ class ToolWorker:
             raise InputError(answer)
         return answer
 
-    def _answer(self, files: Mapping[str, Values], given_up: threading.Event) -> dict[str, Any] | str:
+    def _answer(self, files: Mapping[str, Values], is_wanted: Callable[[], bool]) -> dict[str, Any] | str:
         """The answer of the process. One that has ended, perhaps long ago, is replaced once."""
         for _ in range(2):
             if self.process.poll() is not None:
                 self._start(low_priority=True)
             with suppress(EOFError, ConnectionError):
                 self._connection.send(files)
-                answer = self._wait(files, given_up)
+                answer = self._wait(files, is_wanted)
                 self._low_priority = True  # it lowers its priority once it has answered
                 return answer
             self.end()
         raise RuntimeError(f"the process that loads {named(files)} ended")
 
-    def _wait(self, files: Mapping[str, Values], given_up: threading.Event) -> dict[str, Any] | str:
+    def _wait(self, files: Mapping[str, Values], is_wanted: Callable[[], bool]) -> dict[str, Any] | str:
         """Wait for the answer to a request that was sent. A process that gets no CPU time is replaced."""
         begin = moved = time.monotonic()
         first = used_then = self._cpu_time()
         while not self._connection.poll(_LOOK):
-            if given_up.is_set():
+            if not is_wanted():
                 raise InputError(f"{named(files)} is no longer wanted")
             now, used = time.monotonic(), self._cpu_time()
             starved = now - begin > _STARVED_AFTER and used - first < _STARVED_SHARE * (now - begin)
