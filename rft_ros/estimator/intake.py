@@ -89,15 +89,13 @@ class Intake:
         """The pose in world axes, its quaternion of unit length, and whether it is the next one or begins a new run."""
         stamp, world = sample.stamp, self._settings.world_frame
         _, base = self._linked("pose", sample.stamp, sample.frame, world)
-        if not _are_finite(*sample.position, *sample.quaternion):
-            raise RefusedError(Reason.POSE_NOT_FINITE)
         position, quaternion = sample.position, unit_quaternion(*sample.quaternion)
+        if base is not None and quaternion is not None:
+            position, quaternion = base.of(Placement(position, quaternion))
+        if not _are_finite(*position, *sample.quaternion):
+            raise RefusedError(Reason.POSE_NOT_FINITE)
         if quaternion is None:
             raise RefusedError(Reason.POSE_QUATERNION_NOT_UNIT)
-        if base is not None:
-            position, quaternion = base.of(Placement(position, quaternion))
-            if not _are_finite(*position):
-                raise RefusedError(Reason.POSE_NOT_FINITE)
         follows = succession(stamp, after=self._pose_stamp)
         if follows is REPEATED:
             raise RefusedError(Reason.POSE_REPEATED)
@@ -138,10 +136,9 @@ class Intake:
         """Keep a reading of the load cell at the stamp of its event, in the axes of the sensor or the world frame."""
         s, stamp = self._settings, sample.stamp - self._delay
         into, there = self._linked("wrench", stamp, sample.frame, s.sensor_frame, s.world_frame)
-        in_world = s.sensor_source == "world" or self.sensor_is_in_world or into == s.world_frame
-        if self.sensor_is_in_world and into == s.sensor_frame:
-            of_sensor = self.transforms.fixed(s.world_frame, s.sensor_frame)
-            there = of_sensor if there is None or of_sensor is None else of_sensor.of(there)
+        if self.sensor_is_in_world:
+            into, there = s.world_frame, self.transforms.fixed(s.world_frame, sample.frame)
+        in_world = s.sensor_source == "world" or into == s.world_frame
         wrench = sample.wrench
         if there is not None:  # in world axes the torque is about the sensor's origin, not that of its frame
             wrench = (there._replace(position=(0.0, 0.0, 0.0)) if in_world else there).wrench(wrench)
