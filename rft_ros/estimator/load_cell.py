@@ -91,9 +91,9 @@ class LoadCellFrame:
 
         The offset is bias plus tool weight, in the sign of a force on the tool: the raw reading is `sign` times the sum
         of wrench and offset. `with_sigma`, shape [12]: wrench and standard deviations in world axes, about the tool
-        frame's origin [N], [N m].
+        frame's origin [N], [N m]. Both arrays are contiguous.
         """
-        self._into_sensor(self._mount, np.ascontiguousarray(quaternion), np.ascontiguousarray(with_sigma), self._out)
+        self._into_sensor(self._mount, quaternion, with_sigma, self._out)
         rows: list[Any] = self._rows.tolist()
         wrench, offset, sigma = map(tuple, rows)
         return wrench, offset, sigma

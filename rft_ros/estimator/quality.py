@@ -175,10 +175,10 @@ class QualityMonitor:
     """Sets the quality flags of one tool's successive estimates."""
 
     def __init__(self, tool: Tool) -> None:
-        f, issues = QualityFlag, tool.issues.keys()
+        issues = tool.issues.keys()
         self._plates, self._wake, self._deepest = tool.plates, _Wake(tool), _deepest(tool)
         self._is_plausible = _is_plausible(tool)
-        self._of_mesh = _joined((f.CONCAVE, "concave" in issues), (f.MESH, bool(issues - _HARMLESS)))
+        self._of_mesh = _joined(concave="concave" in issues, mesh=bool(issues - _HARMLESS))
         self._countdown = self._slow = 0
 
     def flags(
@@ -201,50 +201,47 @@ class QualityMonitor:
         `withdrawn`: the tool is pulled out. `surprises`: the force is not the expected one. `disagrees`: there are
         issues of the load cell or the model.
         """
-        f, speed = QualityFlag, motion.speed_bound
-        x, y, z = motion.pose.position
+        speed, (x, y, z) = motion.speed_bound, motion.pose.position
         height = surface.height + surface.slope[0] * x + surface.slope[1] * y
         origin_depth = height - z  # of the tool frame's origin
-        flags = _joined((f.SURPRISE, surprises), (f.DISAGREEMENT, disagrees))
         if not in_grains:
             self._wake.clear()
             self._countdown = 0
-            return flags | _joined((f.IMPOSSIBLE, origin_depth < -_HIGHEST))
+            return _joined(surprise=surprises, disagreement=disagrees, impossible=origin_depth < -_HIGHEST)
         if self._countdown == 0:  # these take long to find, and change slowly
             self._countdown = _EVERY
             self._wake.extend(motion.state[0])
-            calibrated, edges = (
-                settings.calibrated_depth,
-                edge_share(self._plates, motion.state[0], surface_height=height),
-            )
+            calibrated = settings.calibrated_depth
+            edges = edge_share(self._plates, motion.state[0], surface_height=height)
             self._slow = self._of_mesh | _joined(
-                (f.WAKE, self._wake.is_crossed),
-                (f.DEEP, calibrated is not None and depth() > _DEEPER * calibrated),
-                (f.KNIFE_EDGE, edges > _EDGE_SHARE),
+                wake=self._wake.is_crossed,
+                deep=calibrated is not None and depth() > _DEEPER * calibrated,
+                knife_edge=edges > _EDGE_SHARE,
             )
         self._countdown -= 1
         # the lowest point is at most `reach` below the origin; its exact depth takes longer to compute
         may_be_deep = origin_depth + self._plates.reach > self._deepest
         is_deep = may_be_deep and depth() > self._deepest
-        return (
-            flags
-            | self._slow
-            | _joined(
-                (f.IMPOSSIBLE, is_deep or not self._is_plausible or math.hypot(*force) > _LARGEST_FORCE),
-                (f.NOISY, motion.is_noisy),
-                (f.WITHDRAWAL, withdrawn),
-                (f.INERTIAL, speed > limits.inertial),
-                (f.FAST, speed > limits.checked),
-                (f.NEAR_REST, speed < min(_NEAR_REST_FACTOR * settings.rest_speed, limits.checked)),
-                (f.STEEP, math.hypot(*surface.slope) > _STEEP_SLOPE),
-                (f.UNEVEN, surface.roughness > _UNEVEN_SHARE * surface.depth),
-            )
+        return self._slow | _joined(
+            surprise=surprises,
+            disagreement=disagrees,
+            impossible=is_deep or not self._is_plausible or math.hypot(*force) > _LARGEST_FORCE,
+            noisy=motion.is_noisy,
+            withdrawal=withdrawn,
+            inertial=speed > limits.inertial,
+            fast=speed > limits.checked,
+            near_rest=speed < min(_NEAR_REST_FACTOR * settings.rest_speed, limits.checked),
+            steep=math.hypot(*surface.slope) > _STEEP_SLOPE,
+            uneven=surface.roughness > _UNEVEN_SHARE * surface.depth,
         )
 
 
-def _joined(*table: tuple[QualityFlag, bool]) -> int:
-    """The flags that are set, as an integer: an operation on two `QualityFlag`s takes a microsecond."""
-    return sum(flag for flag, is_set in table if is_set)
+_VALUES = {flag.label: flag.value for flag in QualityFlag}
+
+
+def _joined(**conditions: bool) -> int:
+    """The flags with these labels whose condition holds, as an integer: `QualityFlag`s take a microsecond to join."""
+    return sum([_VALUES[label] for label, holds in conditions.items() if holds])
 
 
 _KEPT = 512  # places of the path

@@ -109,6 +109,7 @@ class Learning:
         self._strength_error, self._air = strength_error, air or AirReading()
         self._states, self._records = np.zeros(1, _STATE), np.zeros(_CAPACITY, _RECORD)
         self._state: Any = self._states[0]
+        self._change, self._issues = self._states["change"], self._states["issues"]
         self._row, self._y, out = np.zeros(WIDTH), np.zeros(3), np.zeros(12)
         arrays = self._states, self._records
         self._predict = machine_code(_predict, (*arrays, self._row, out, 0, 0.0, False, True, 0.0, 0.0))
@@ -145,7 +146,7 @@ class Learning:
         path = min(float(step), _STEP_MOST) if step > _STEP_LEAST else 0.0
         self._predict(
             self._states, self._records, self._row, out, int(stamp), path, bool(passing), bool(apply),
-            float(self.lag), float(self.reach),
+            self.lag, self.reach,
         )  # fmt: skip
         return out
 
@@ -206,11 +207,11 @@ class Learning:
     @property
     def change(self) -> str:
         """How the grains at the last measurement differ from what the filter expected: harder, softer, or "" if not."""
-        return _CHANGES[int(self._state["change"])]
+        return _CHANGES[int(self._change[0])]
 
     def surprise_sentence(self) -> str:
         """A sentence: the grains are harder or softer than learned, and by how much; empty if they are as learned."""
-        percent, change = 100.0 * self.belief().excess, self._state["change"]
+        percent, change = 100.0 * self.belief().excess, self._change[0]
         if change == 0:
             return ""
         by = f": force {percent:+.0f} %" if percent * change >= 1.0 else ""  # not while its sign changes
@@ -219,7 +220,7 @@ class Learning:
     @property
     def disagrees(self) -> bool:
         """Whether there are `issues`."""
-        return self._air.is_offset or self._state["issues"] != 0
+        return self._air.is_offset or self._issues[0] != 0
 
     def issues(self) -> list[str]:
         """Sentences on an implausible load cell or model, from `ISSUES`."""
