@@ -241,15 +241,11 @@ def _recorded(bag: Path, values: Values, options: ReplayOptions, choice: Choice)
     settings, model = settings_of(own), model_of(own)
     states = track.states.copy()
     plates, rest = model.tool.plates, settings.rest_speed
-    speeds = np.linalg.norm(states[:, VELOCITY], axis=1) + plates.reach * np.linalg.norm(
-        states[:, ANGULAR_VELOCITY], axis=1
-    )
-    states[speeds < rest, TWIST] = 0.0
+    states[np.add(*track.speeds(states)) < rest, TWIST] = 0.0
     rows = model_rows(plates, model.law, states, surface=settings.surface_height)
-    forces = track.grain_forces(settings.load_cell)
-    series = series_of(bag.name, plates, model.law, states, track.time, rows, forces, rest=rest)
+    series = series_of(bag.name, plates, model.law, states, track.time, rows, track.forces, rest=rest)
     sinking = np.convolve(states[:, 9], np.full(21, 1.0 / 21.0), "same") < -rest
-    deep = settings.surface_height - track.heights() > 0.0
+    deep = settings.surface_height - track.heights > 0.0
     inward = np.flatnonzero(sinking & deep & (rows[:, 2] > 0.0) & (series.speeds > 0.0))
     return replace(series, judged=inward, strength_error=settings.zeta_error or CALIBRATED_ERROR)
 

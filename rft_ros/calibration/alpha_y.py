@@ -14,8 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.calibration.fitting import FittedValue, NotIdentifiable, fit_each, fit_linear, fit_measurements
-from rft_ros.calibration.tool_weight import Sensor
-from rft_ros.calibration.track import FEWEST, Track, level_runs
+from rft_ros.calibration.track import FEWEST, Indices, Track, level_runs
 from rft_ros.rft import FORCE, POSITION, STATE, VELOCITY, Constant, Medium, Plates, Treers2021, alpha_y_model, wrenches
 from rft_ros.rft.traction import FLAT
 from rft_ros.tool.refine import refined_plates
@@ -78,14 +77,14 @@ def faces_of(plates: Plates, name: str) -> tuple[NDArray[np.float64], NDArray[np
     return normal, faces
 
 
-def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treers2021, surface: float) -> PlateRun:
+def _plate_run(track: Track, rows: Indices, law: Treers2021, surface: float, zero_error: float) -> PlateRun:
     plates = track.tool.plates
     if plates.integration != "refined":
         plates = refined_plates(track.tool.vertices, track.tool.faces)
     normal, faces = faces_of(plates, track.tool.name)
     path = np.linalg.norm(np.diff(track.states[rows, POSITION][:, :2], axis=0), axis=1).cumsum()
     steady = rows[1:][path >= (1.0 - _STEADY) * path[-1]]
-    states, rotation = track.smooth_states()[steady], track.rotations()[steady].mean(axis=0)
+    states, rotation = track.smooth[steady], track.rotations[steady].mean(axis=0)
     center = plates.centroids @ plates.areas / plates.area
     depth = surface - float(states[:, STATE.index("pz")].mean() + rotation[2] @ center)
     normal = rotation @ normal
@@ -107,19 +106,22 @@ def _plate_run(track: Track, rows: NDArray[np.int64], sensor: Sensor, law: Treer
         some = Plates(plates.rows[:, which])
         return np.asarray(wrenches(some, law, states, surface_height=surface, threads=1)[:, FORCE] @ e1)
 
-    measured = track.grain_forces(sensor.cell)[steady] @ e1 - (force(edges, law) if edges.any() else 0.0)
+    measured = track.forces[steady] @ e1 - (force(edges, law) if edges.any() else 0.0)
     fit = fit_linear(force(faces, replace(law, alpha_y=Constant(1.0)))[:, None, None], measured[:, None])
     return PlateRun(
         beta=float(np.degrees(np.arccos(abs(normal[2])))),
         depth=depth,
         alpha=float(fit.coefficients[0]),
-        error=float(np.hypot(fit.error, fit.influence.sum() * sensor.zero_error)),
+        error=float(np.hypot(fit.error, fit.influence.sum() * zero_error)),
     )
 
 
-def plate_runs(tracks: Sequence[Track], sensor: Sensor, law: Treers2021, *, surface: float) -> list[PlateRun]:
-    """The usable level runs, for `law` at the grains' ζ, `surface` in m. Raises NotIdentifiable if there are none."""
-    parts = ((track, rows, sensor, law, surface) for track in tracks for rows in level_runs(track, surface))
+def plate_runs(tracks: Sequence[Track], law: Treers2021, *, surface: float, zero_error: float) -> list[PlateRun]:
+    """The usable level runs, for `law` at the grains' ζ. Raises NotIdentifiable if there are none.
+
+    `surface`: its height [m]. `zero_error`: standard error of the load cell's zero along any axis [N].
+    """
+    parts = ((track, rows, law, surface, zero_error) for track in tracks for rows in level_runs(track, surface))
     return fit_each(_plate_run, parts, none=f"no level run of a plate; {_NEEDED}")
 
 

@@ -12,13 +12,12 @@ from rft_ros.calibration.grains import fit_grains
 from rft_ros.calibration.phases import Contact, find_contacts, fit_delay
 from rft_ros.calibration.recorded import BedValues, recorded
 from rft_ros.calibration.suspicion import refuse_implausible, suspicions, without_repeats
-from rft_ros.calibration.tool_weight import Sensor, fit_tool_weight
+from rft_ros.calibration.tool_weight import fit_tool_weight
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell, Settings
 from rft_ros.parameters import Values, model_of, settings_of
 from rft_ros.rft import FORCE, Law, Treers2021, wrenches
-from rft_ros.rft.frames import Placement
 
 __all__ = ["PARTS", "Calibration", "calibrate"]
 
@@ -47,8 +46,8 @@ def calibrate(
     for track in tracks:
         refuse_implausible(track)
     settings, result = settings_of(values), Calibration()
-    sent, tracks = tracks, [without_repeats(track) for track in tracks]
-    sensor = Sensor(_placed_cell(settings, tracks))
+    cell, zero_error = _placed_cell(settings, tracks), 0.0
+    sent, tracks = tracks, [without_repeats(replace(track, cell=cell)) for track in tracks]
     # only the law of this model is used, so any tool will do; fits assume level ground
     at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
     inertial = model_of(at_one, tool=tracks[0].tool).law
@@ -57,7 +56,7 @@ def calibrate(
     height = air = settings.surface_height
     contacts: list[Contact] = []
     try:  # also if the surface is not fitted, since what counts as air depends on the contacts
-        contacts = _contacts(tracks, sensor.cell, inertial, law)
+        contacts = _contacts(tracks, inertial, law)
     except NotIdentifiable as reason:
         if "surface" in parts:
             result.not_identifiable["surface_height"] = str(reason)
@@ -67,13 +66,10 @@ def calibrate(
         air = max(height, *(contact.surface for contact in contacts))
     with_memory = replace(law, mobilization_length=values["medium.mobilization_length"])
     for as_sent, track in zip(sent, tracks, strict=True):
-        result.warnings += suspicions(as_sent, track, settings, sensor.cell, with_memory, surface=height)
+        result.warnings += suspicions(as_sent, track, settings, with_memory, surface=height)
     length = float(values["medium.mobilization_length"])
     given = BedValues(settings.surface_height, math.log(length) if length > 0.0 else -math.inf)
-    recordings = [
-        recorded(_without_inertia(track, sensor.cell, inertial, law, height), sensor.cell, law, surface=air)
-        for track in tracks
-    ]
+    recordings = [recorded(_without_inertia(track, inertial, law, height), law, surface=air) for track in tracks]
     delay_error = 0.0
     if "sensor" in parts:
         with result.or_reason("sensor.delay"):
@@ -82,20 +78,21 @@ def calibrate(
             delay, delay_error = fitted_delay.values[0] - settings.load_cell.delay, fitted_delay.errors[0]
             tracks = [track.earlier(delay) for track in tracks]
             if contacts:
-                contacts = _contacts(tracks, sensor.cell, inertial, law)
+                contacts = _contacts(tracks, inertial, law)
                 height = _mean_surface(contacts) if "surface" in parts else height
-    tracks = [_without_inertia(t, sensor.cell, inertial, law, height) for t in tracks]
+    tracks = [_without_inertia(track, inertial, law, height) for track in tracks]
 
     if "sensor" in parts:
         with result.or_reason("sensor.bias"):
-            sensor = fit_tool_weight(result, tracks, sensor.cell, air=air + _CLEAR)
+            cell, zero_error = fit_tool_weight(result, tracks, air=air + _CLEAR)
+            tracks = [replace(track, cell=cell) for track in tracks]
     fit_grains(
         result,
-        [one.measured(track, sensor.cell) for one, track in zip(recordings, tracks, strict=True)],
+        [replace(one, track=track) for one, track in zip(recordings, tracks, strict=True)],
         contacts=contacts,
         given=given,
         parts=parts,
-        zero_error=sensor.zero_error,
+        zero_error=zero_error,
         delay_error=delay_error,
     )
     if "alpha_y" in parts:
@@ -105,7 +102,7 @@ def calibrate(
         with result.or_reason("alpha_y"):
             if not isinstance(law, Treers2021):
                 raise NotIdentifiable(f"law {values['law']} does not use α_y")
-            runs = plate_runs(tracks, sensor, replace(law, zeta=zeta), surface=height)
+            runs = plate_runs(tracks, replace(law, zeta=zeta), surface=height, zero_error=zero_error)
             shared = float(np.hypot(zeta_error / zeta, height_error / np.mean([run.depth for run in runs])))
             result.alpha_y = fit_alpha_y(runs, law.medium, shared_error=shared, model=alpha_y)
             result.fitted.append(result.alpha_y.value)
@@ -121,7 +118,7 @@ def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
         if track.mount is None:
             link = f"tool_frame '{settings.tool_frame}' and sensor_frame '{settings.sensor_frame}'"
             raise InputError(f"{track.name}: no fixed transforms link {link}, as sensor.frame_source tf needs")
-        if first.mount is not None and _differ(first.mount, track.mount):
+        if first.mount is not None and not first.mount.is_at(track.mount):
             raise InputError(
                 f"{first.name} and {track.name}: their transforms place the load cell differently; calibrate each of "
                 "the two mountings on its own"
@@ -130,22 +127,16 @@ def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
     return replace(settings.load_cell, position=first.mount.position, quaternion=first.mount.quaternion)
 
 
-def _differ(a: Placement, b: Placement) -> bool:
-    """Whether two placements differ by more than 1 mm, or by more than about 1 degree."""
-    cosine = abs(sum(x * y for x, y in zip(a.quaternion, b.quaternion, strict=True)))
-    return math.dist(a.position, b.position) > 1e-3 or cosine < math.cos(math.radians(0.5))
-
-
-def _contacts(recorded: Sequence[Track], cell: LoadCell, inertial: Law, law: Law) -> list[Contact]:
+def _contacts(recorded: Sequence[Track], inertial: Law, law: Law) -> list[Contact]:
     """The first contacts; the force of inertia and the surface depend on each other, so they are found in turns.
 
     Raises NotIdentifiable if there are none.
     """
-    contacts = find_contacts(recorded, cell, law)
+    contacts = find_contacts(recorded, law)
     for _ in range(_ROUNDS - 1 if inertial.has_inertia else 0):
         surface = _mean_surface(contacts)
-        tracks = [_without_inertia(track, cell, inertial, law, surface) for track in recorded]
-        contacts = find_contacts(tracks, cell, law)
+        tracks = [_without_inertia(track, inertial, law, surface) for track in recorded]
+        contacts = find_contacts(tracks, law)
     return contacts
 
 
@@ -153,10 +144,10 @@ def _mean_surface(contacts: Sequence[Contact]) -> float:
     return float(np.mean([contact.surface for contact in contacts]))
 
 
-def _without_inertia(track: Track, cell: LoadCell, inertial: Law, law: Law, height: float) -> Track:
+def _without_inertia(track: Track, inertial: Law, law: Law, height: float) -> Track:
     """The recording without the force of the grains' inertia, which ζ does not scale; surface at `height` [m]."""
     if not inertial.has_inertia:
         return track
     fast, slow = (wrenches(track.tool.plates, x, track.states, surface_height=height) for x in (inertial, law))
-    force = np.einsum("nji,nj->ni", track.sensor_rotations(cell), (fast - slow)[:, FORCE])
-    return replace(track, readings=track.readings - cell.sign * np.pad(force, ((0, 0), (0, 3))))
+    force = np.einsum("nji,nj->ni", track.sensor_rotations, (fast - slow)[:, FORCE])
+    return replace(track, readings=track.readings - track.cell.sign * np.pad(force, ((0, 0), (0, 3))))

@@ -185,7 +185,7 @@ def _add_zeta(
     result.add(_NAMES["zeta"], zeta, zeta_error, unit="", goodness=goodness, source=listed(strengths), spread=spread)
     approaches = [(way.part.recording, np.append(way.part.approach, way.part.rows)) for way in ways_down]
     result.warnings += doubts_of_zeta(zeta, approaches, surface)
-    depth, where = max((surface - r.heights[rows].min(), r.track.name) for r, rows in approaches)
+    depth, where = max((surface - r.track.heights[rows].min(), r.track.name) for r, rows in approaches)
     source = f"deepest penetration, {where}"
     result.add("medium.calibrated_depth", float(depth), surface_error, unit="m", goodness="", source=source)
 

@@ -34,7 +34,6 @@ from rft_ros.calibration.fitting import (
 from rft_ros.calibration.recorded import BedValues, Recorded
 from rft_ros.calibration.smoothing import GAP
 from rft_ros.calibration.track import FEWEST, Indices, Track, Turn, down_strokes, turns_in_grains
-from rft_ros.estimator import LoadCell
 from rft_ros.rft import FORCE, Law
 
 __all__ = ["SHORTEST", "Contact", "Phase", "TooShortToResolve", "check_strength", "find_contacts"]
@@ -106,7 +105,7 @@ class _Part:
 
     def observed(self, recording: Recorded) -> Array:
         """The measured force, shape [n, axes] [N]."""
-        return recording.forces[self.rows, self.axes]
+        return recording.track.forces[self.rows, self.axes]
 
     def columns(self, course: Array, values: BedValues) -> Array:
         """Columns of the linear coefficients, shape [n, axes, 1 or more], from the model's force."""
@@ -151,7 +150,7 @@ class Phase:
 
     def by_force(self, force: Array) -> float:
         """Change of the value by a force that is added to the measured one: shape [3], or [n, 3] of the recording."""
-        added = np.broadcast_to(force, self.part.recording.forces.shape)[self.part.rows, self.part.axes]
+        added = np.broadcast_to(force, self.part.recording.track.forces.shape)[self.part.rows, self.part.axes]
         return float(np.sum(self.fit.influence * added))
 
     def measurement(self, shared_error: float = 0.0) -> Measurement:
@@ -192,7 +191,7 @@ def _fitted(part: _Part, values: BedValues, free: tuple[str, ...], starts: Seque
         at = values._replace(**dict(zip(free, parameters.tolist(), strict=True)))
         return part.columns(course(at._replace(delay=0.0)), at)
 
-    heights = recording.heights[part.rows]
+    heights = recording.track.heights[part.rows]
     parameters = {
         "surface": Parameter(2e-5, float(heights.min()), float(heights.max())),
         "log_length": Parameter(0.03, float(np.log(SHORTEST)), float(np.log(_LONGEST))),
@@ -204,11 +203,10 @@ def _fitted(part: _Part, values: BedValues, free: tuple[str, ...], starts: Seque
     return Phase(part=part, free=free, values=found, fit=fit)
 
 
-def _found_contact(number: int, track: Track, stroke: Indices, cell: LoadCell, law: Law) -> Contact:
+def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Contact:
     """Find the contact of one stroke: fit the vertical force with a free scale and bias, without memory."""
-    up = track.sensor_rotations(cell)[stroke][:, 2]
-    force = cell.sign * np.einsum("nj,nj->n", up, track.readings[stroke, FORCE])
-    height = track.heights()[stroke]
+    up, height = track.sensor_rotations[stroke][:, 2], track.heights[stroke]
+    force = track.cell.sign * np.einsum("nj,nj->n", up, track.readings[stroke, FORCE])
     low, high = float(height.min()), float(height.max())
     depths = np.linspace(0.0, high - low, 256)
     predicted = track.forces_over_depth(law, int(stroke[-1]), depths)[:, 2]
@@ -241,9 +239,9 @@ def _found_contact(number: int, track: Track, stroke: Indices, cell: LoadCell, l
     return Contact(number, stroke[used], surface, found.rms / rise)
 
 
-def find_contacts(tracks: Sequence[Track], cell: LoadCell, law: Law) -> list[Contact]:
+def find_contacts(tracks: Sequence[Track], law: Law) -> list[Contact]:
     """The first contacts, by fits without memory. Raises NotIdentifiable if there are none."""
-    strokes = ((k, track, stroke, cell, law) for k, track in enumerate(tracks) for stroke in down_strokes(track))
+    strokes = ((k, track, stroke, law) for k, track in enumerate(tracks) for stroke in down_strokes(track))
     return fit_each(_found_contact, strokes, none="the tool never goes straight down")
 
 
@@ -338,7 +336,7 @@ def fit_delay(recordings: Iterable[Recorded], surface: float, *, given: float) -
 
 def way_down(recording: Recorded, stroke: Indices, values: BedValues) -> Phase:
     """ζ of the part of a stroke below the surface. Raises NotIdentifiable if it is too shallow."""
-    depths = values.surface - recording.heights[stroke]
+    depths = values.surface - recording.track.heights[stroke]
     count, depth = int((depths > 0.0).sum()), float(depths.max())
     if count < FEWEST or depth < _SHALLOWEST:
         raise NotIdentifiable(
@@ -354,7 +352,7 @@ def way_down(recording: Recorded, stroke: Indices, values: BedValues) -> Phase:
 def check_strength(way: Phase, shared_error: float) -> Phase:
     """The way down. Raises NotIdentifiable if ζ does not exceed its error, or if the forces do not correlate."""
     part, recording, error = way.part, way.part.recording, way.measurement(shared_error).error
-    measured = recording.forces[part.rows]
+    measured = recording.track.forces[part.rows]
     modelled = part.course(recording, way.values)[part.rows - part.first]
     scale = float(np.linalg.norm(measured) * np.linalg.norm(modelled))
     alike = float(np.sum(measured * modelled)) / scale if scale > 0.0 else 0.0

@@ -8,9 +8,8 @@ from numpy.typing import NDArray
 
 from rft_ros.calibration.smoothing import GAP, FineMotion, fine_motion, shaken_states, smoothed_states
 from rft_ros.calibration.track import Track, moved_back
-from rft_ros.estimator import LoadCell
 from rft_ros.rft import FORCE, Law, Memory, wrenches, wrenches_in_time
-from rft_ros.rft.frames import ANGULAR_VELOCITY, TWIST, VELOCITY
+from rft_ros.rft.frames import TWIST, VELOCITY
 
 __all__ = ["BedValues", "Recorded", "recorded"]
 
@@ -41,23 +40,19 @@ class BedValues(NamedTuple):
 class Recorded:
     """One recording of n moments, for `law` at ζ = 1.
 
-    `motion`: without the noise of the poses, at rest with velocity 0. `smooth`: with velocities averaged over 0.1 s,
-    shape [n, 13]. `heights` of the tool's lowest point [m], shape [n]. `forces`: measured force of the grains, world
-    axes [N], shape [n, 3].
+    `motion`: without the noise of the poses, at rest with velocity 0. `friction`: the part of the measured force that
+    reverses with the motion, world axes [N], shape [n, 3].
     """
 
     track: Track
     law: Law
     motion: FineMotion
-    smooth: Array
-    heights: Array
     friction: Array
-    forces: Array
 
     def before_contact(self, row: int, surface: float) -> int:
         """The last row before `row` at which the tool is in the air or poses are missing; 0 if it never is."""
         apart = np.flatnonzero(np.diff(self.track.time[: row + 1]) > GAP) + 1
-        in_air = np.flatnonzero(self.heights[: row + 1] > surface + _CLEAR)
+        in_air = np.flatnonzero(self.track.heights[: row + 1] > surface + _CLEAR)
         return int(max(apart.max(initial=0), in_air.max(initial=0)))
 
     def predicted(self, values: BedValues, first: int, last: int) -> Array:
@@ -65,7 +60,7 @@ class Recorded:
         plates = self.track.tool.plates
         if values.length == 0.0:
             # smooth velocities: without memory there is no force at rest, and an arm guided by hand stops in between
-            states = self.smooth[first : last + 1]
+            states = self.track.smooth[first : last + 1]
             return wrenches(plates, self.law, states, surface_height=values.surface, threads=1)[:, FORCE]
         law = replace(self.law, mobilization_length=values.length)
         states, rows = self.motion.states, self.motion.rows[first : last + 1]
@@ -73,13 +68,9 @@ class Recorded:
         found = wrenches_in_time(plates, law, states[rows[0] : rows[-1] + 1], memory, surface_height=values.surface)
         return np.asarray(found[rows - rows[0], FORCE])
 
-    def measured(self, track: Track, cell: LoadCell) -> "Recorded":
-        """The recording with other readings or another load cell, and the same motion."""
-        return replace(self, track=track, forces=track.grain_forces(cell))
-
     def by_delay(self, delay: float) -> Array:
         """What a delay of the load cell [s] changes in the forces: half the difference of either way [N], [n, 3]."""
-        early, late = (moved_back(self.track.time, self.forces, by) for by in (delay, -delay))
+        early, late = (moved_back(self.track.time, self.track.forces, by) for by in (delay, -delay))
         return 0.5 * (early - late)
 
     def shaken(self, rng: np.random.Generator) -> "Recorded":
@@ -92,34 +83,24 @@ class Recorded:
 def _motion(track: Track, states: Array) -> FineMotion:
     """The motion without the noise of the poses, at rest with velocity 0."""
     smooth = smoothed_states(track.time, states)
-    speed, spin = (np.linalg.norm(smooth[:, part], axis=1) for part in (VELOCITY, ANGULAR_VELOCITY))
-    smooth[speed + spin * track.tool.plates.reach < track.rest_speed, TWIST] = 0.0
+    smooth[np.add(*track.speeds(smooth)) < track.rest_speed, TWIST] = 0.0
     return fine_motion(track.time, smooth)
 
 
-def _friction(track: Track, cell: LoadCell, in_air: NDArray[np.bool_]) -> Array:
+def _friction(track: Track, in_air: NDArray[np.bool_]) -> Array:
     """What reverses with the motion in the air, beside the bias and the weight, at every moment [N], shape [n, 3]."""
-    velocity, speed, _ = track.motion()
+    speed, _ = track.speeds(track.smooth)
     moving = speed >= track.rest_speed
-    way = np.where(moving, 1.0 / np.maximum(speed, 1e-12), 0.0)[:, None] * velocity
+    way = np.where(moving, 1.0 / np.maximum(speed, 1e-12), 0.0)[:, None] * track.smooth[:, VELOCITY]
     if not (in_air & moving).any():
         return np.zeros_like(way)
     weight = np.broadcast_to([[0.0], [0.0], [1.0]], (len(way), 3, 1))
-    columns = np.concatenate([track.sensor_rotations(cell), weight, way[:, :, None]], axis=2)
-    forces = track.grain_forces(cell)
-    found = np.linalg.lstsq(columns[in_air].reshape(-1, 5), forces[in_air].ravel(), rcond=None)[0]
+    columns = np.concatenate([track.sensor_rotations, weight, way[:, :, None]], axis=2)
+    found = np.linalg.lstsq(columns[in_air].reshape(-1, 5), track.forces[in_air].ravel(), rcond=None)[0]
     return np.asarray(found[-1] * way)
 
 
-def recorded(track: Track, cell: LoadCell, law: Law, *, surface: float) -> Recorded:
+def recorded(track: Track, law: Law, *, surface: float) -> Recorded:
     """Prepare a recording; `law`: without memory and inertia, at ζ = 1. What is above the `surface` [m] is air."""
-    heights = track.heights()
-    return Recorded(
-        track=track,
-        law=law,
-        motion=_motion(track, track.states),
-        smooth=track.smooth_states(),
-        heights=heights,
-        friction=_friction(track, cell, heights > surface + _CLEAR),
-        forces=track.grain_forces(cell),
-    )
+    friction = _friction(track, track.heights > surface + _CLEAR)
+    return Recorded(track=track, law=law, motion=_motion(track, track.states), friction=friction)

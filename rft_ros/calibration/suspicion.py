@@ -23,10 +23,8 @@ from rft_ros.calibration.track import Indices, Track
 from rft_ros.diagnosis import Evidence, diagnose
 from rft_ros.diagnosis.poses import REPEATED, repeats
 from rft_ros.errors import InputError
-from rft_ros.estimator import LoadCell
 from rft_ros.parameters import Settings
-from rft_ros.rft import FORCE, POSE, POSITION, SLACK, TORQUE, VELOCITY, Law, Memory, wrenches, wrenches_in_time
-from rft_ros.rft.frames import ANGULAR_VELOCITY
+from rft_ros.rft import FORCE, POSE, POSITION, SLACK, TORQUE, Law, Memory, wrenches, wrenches_in_time
 
 __all__ = ["doubts_of_zeta", "refuse_implausible", "suspicions", "without_repeats"]
 
@@ -83,7 +81,7 @@ def without_repeats(track: Track) -> Track:
     return track.at(np.flatnonzero(new | ~moves))
 
 
-def suspicions(sent: Track, track: Track, settings: Settings, cell: LoadCell, law: Law, *, surface: float) -> list[str]:
+def suspicions(sent: Track, track: Track, settings: Settings, law: Law, *, surface: float) -> list[str]:
     """What is probably wrong with a recording, as sentences. `sent`: with the repeats that `track` is without.
 
     `law`: of the parameters, with their λ. Raises InputError for poses in millimetres, and if the force in the air
@@ -92,25 +90,22 @@ def suspicions(sent: Track, track: Track, settings: Settings, cell: LoadCell, la
     plates = track.tool.plates
     if law.mobilization_length > 0.0:
         memory = Memory(plates, slack=SLACK)
-        predicted = wrenches_in_time(plates, law, track.states, memory, surface_height=surface)[:, :6]
+        predicted = wrenches_in_time(plates, law, track.states, memory, surface_height=surface)
     else:
-        predicted = wrenches(plates, law, track.states, surface_height=surface)[:, :6]
-    to_world, gravity = track.sensor_rotations(cell), track.gravity_in_sensor(cell)
-    weight = cell.mass * np.hstack([gravity, np.cross(cell.center_of_mass, gravity)])
-    place = track.rotations() @ np.array(cell.position)
+        predicted = wrenches(plates, law, track.states, surface_height=surface)
+    place = track.rotations @ np.array(track.cell.position)
     torque = predicted[:, TORQUE] - np.cross(place, predicted[:, FORCE])
-    in_cell = [np.einsum("nji,nj->ni", to_world, part) for part in (predicted[:, FORCE], torque)]
-    speed, spin = (np.linalg.norm(track.states[:, part], axis=1) for part in (VELOCITY, ANGULAR_VELOCITY))
+    in_cell = [np.einsum("nji,nj->ni", track.sensor_rotations, part) for part in (predicted[:, FORCE], torque)]
     evidence = Evidence(
         settings=settings,
-        load_cell=cell,
+        load_cell=track.cell,
         tool=track.tool,
         time=track.time,
         state=track.states,
-        depth=surface - track.heights(),
-        speed=speed + spin * track.tool.plates.reach,
+        depth=surface - track.heights,
+        speed=np.add(*track.speeds(track.states)),
         predicted=np.hstack(in_cell),
-        measured=cell.sign * (track.readings[:, :6] - np.array(cell.bias)) - weight,
+        measured=track.compensated,
         pose_time=sent.time,
         poses=sent.states[:, POSE],
     )
@@ -133,11 +128,11 @@ def _is_of_dry_grains(zeta: float) -> bool:
 
 def _explained(recording: Recorded, rows: Indices, surface: float, turn: Rotation) -> _Explained:
     """How the tool turned in its frame explains a way down."""
-    deepest = surface - float(recording.heights[rows].min())
+    deepest = surface - float(recording.track.heights[rows].min())
     # higher up no surface that is tried lies, and the load cell may have drifted
-    rows = rows[recording.heights[rows] < surface + float(_SHIFTS.max()) * deepest]
+    rows = rows[recording.track.heights[rows] < surface + float(_SHIFTS.max()) * deepest]
     rows = rows[:: max(1, len(rows) // _MOST_ROWS)]
-    measured, below = recording.forces[rows], surface - recording.heights[rows]
+    measured, below = recording.track.forces[rows], surface - recording.track.heights[rows]
     peak = float(np.linalg.norm(measured, axis=1).max())
     if not peak > 0.0:
         return _Explained(0.0, 0.0)

@@ -24,7 +24,7 @@ from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.rft import FORCE, TORQUE
 
-__all__ = ["Sensor", "fit_tool_weight"]
+__all__ = ["fit_tool_weight"]
 
 Array = NDArray[np.float64]
 
@@ -38,13 +38,6 @@ _SPREAD = 0.15  # least RMS spread of gravity's unit vector in a second directio
 
 _BIAS, _MASS, _MOMENT = slice(0, 6), 6, slice(7, 10)
 """Columns of the design: the bias, the mass, and the mass times its centre."""
-
-
-class Sensor(NamedTuple):
-    """The load cell. `zero_error`: standard error of its compensated force along any axis [N]; 0 if it was given."""
-
-    cell: LoadCell
-    zero_error: float = 0.0
 
 
 class _Poses(NamedTuple):
@@ -73,13 +66,15 @@ class _Poses(NamedTuple):
         return 1.0 - float((fit.residuals[:, part] ** 2).sum()) / spread if spread > 0.0 else 1.0
 
 
-def fit_tool_weight(result: FitResults, tracks: Sequence[Track], cell: LoadCell, *, air: float) -> Sensor:
+def fit_tool_weight(result: FitResults, tracks: Sequence[Track], *, air: float) -> tuple[LoadCell, float]:
     """Fit bias, mass and centre of mass, as far as the poses above z = `air` [m] determine them, into `result`.
+
+    Returns the load cell, and the standard error of its compensated force along any axis [N].
 
     Raises NotIdentifiable if the tool never rests in the air, if the fitted mass is negative, or if a parameter does
     not take a fitted value; then nothing is fitted.
     """
-    poses = _poses_at_rest(tracks, cell, air)
+    poses, cell = _poses_at_rest(tracks, air), tracks[0].cell
     count, directions = len(poses.gravity), poses.gravity / GRAVITY
     widest = float(np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1.0, 1.0))))
     _, second, *_ = np.append(np.linalg.svd(directions - directions.mean(axis=0), compute_uv=False), 0.0)
@@ -138,18 +133,18 @@ def fit_tool_weight(result: FitResults, tracks: Sequence[Track], cell: LoadCell,
     zero_error = float(np.hypot(fit.errors[FORCE].max(), 0.0 if unknown else GRAVITY * mass_error))
     result.fitted += fitted
     result.not_identifiable |= reasons
-    return Sensor(replace(cell, bias=(fx, fy, fz, tx, ty, tz)), zero_error)
+    return replace(cell, bias=(fx, fy, fz, tx, ty, tz)), zero_error
 
 
-def _poses_at_rest(tracks: Sequence[Track], cell: LoadCell, air: float) -> _Poses:
+def _poses_at_rest(tracks: Sequence[Track], air: float) -> _Poses:
     """The poses at rest above z = `air` [m]. Raises NotIdentifiable if there are none."""
     gravity, readings, errors = [], [], []
     for track in tracks:
-        steps = [_resolution(column) for column in track.readings[:, :6].T]
+        steps = [_resolution(column) for column in track.readings.T]
         for rows in still_intervals(track):
-            if track.heights()[rows].min() > air:
-                series = track.readings[rows, :6]
-                gravity.append(track.gravity_in_sensor(cell)[rows].mean(axis=0))
+            if track.heights[rows].min() > air:
+                series = track.readings[rows]
+                gravity.append(track.gravity[rows].mean(axis=0))
                 readings.append(series.mean(axis=0))
                 errors.append([_error_of_rest(column, step) for column, step in zip(series.T, steps, strict=True)])
     if not gravity:

@@ -1,6 +1,7 @@
 """A recording as arrays, and the parts of it that fits use: rest, penetrations, level runs and turns."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from pathlib import Path
 from typing import NamedTuple
 
@@ -47,12 +48,12 @@ _BEFORE, _AFTER = 0.003, 0.010
 """Path used before and after a turn [m]: long enough for the force to settle, short enough to miss the next turn."""
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Track:
     """One recording: n moments in time order.
 
     `begin`: header stamp of the first moment [ns]; `time`: since then [s], shape [n]. `states`: shape [n, 13].
-    `readings` of the load cell, raw sign, sensor axes [N], [N m], shape [n, 6]. `rest_speed` [m/s]: the tool's.
+    `readings` of the load `cell`, raw sign, sensor axes [N], [N m], shape [n, 6]. `rest_speed` [m/s]: the tool's.
     `mount`: the sensor frame in the tool frame, if fixed transforms link the two.
     """
 
@@ -61,6 +62,7 @@ class Track:
     time: Array
     states: Array
     readings: Array
+    cell: LoadCell
     tool: Tool
     rest_speed: float
     damage: str | None = None
@@ -74,15 +76,18 @@ class Track:
         """The recording at some of its moments; `rows`: their indices, shape [m]."""
         return replace(self, time=self.time[rows], states=self.states[rows], readings=self.readings[rows])
 
+    @cached_property
     def rotations(self) -> Array:
         """Rotation of the tool frame into the world at each moment, shape [n, 3, 3], no unit."""
         return np.asarray(Rotation.from_quat(self.states[:, QUATERNION]).as_matrix())
 
+    @cached_property
     def heights(self) -> Array:
         """World z of the tool's lowest point [m], shape [n]."""
         return self.tool.lowest_points(self.states)[0]
 
-    def smooth_states(self) -> Array:
+    @cached_property
+    def smooth(self) -> Array:
         """The states with velocities averaged over 0.1 s, shape [n, 13], units of `STATE`: noise averages out."""
         step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
         count = max(1, round(_SMOOTHING / max(step, 1e-4)))  # stamps may lie closer than any driver's
@@ -90,30 +95,36 @@ class Track:
         mean = correlate1d(self.states[:, TWIST], np.full(count, 1.0 / count), axis=0, mode="nearest")
         return np.hstack([self.states[:, POSE], mean])
 
-    def motion(self) -> tuple[Array, Array, Array]:
-        """Smooth velocity of the tool frame's origin [m/s], shape [n, 3]; its speed; greatest speed by rotation."""
-        states = self.smooth_states()
+    def speeds(self, states: Array) -> tuple[Array, Array]:
+        """Speed of the tool frame's origin, and the greatest speed of a plate by rotation [m/s], each shape [n]."""
         speed, spin = (np.linalg.norm(states[:, part], axis=1) for part in (VELOCITY, ANGULAR_VELOCITY))
-        return states[:, VELOCITY], speed, spin * self.tool.plates.reach
+        return speed, spin * self.tool.plates.reach
 
+    @cached_property
     def moving(self) -> NDArray[np.bool_]:
         """Whether the speed of a plate may reach `rest_speed`, shape [n], no unit."""
-        _, speed, turning = self.motion()
-        return np.asarray(speed + turning >= self.rest_speed)
+        return np.asarray(np.add(*self.speeds(self.smooth)) >= self.rest_speed)
 
-    def sensor_rotations(self, cell: LoadCell) -> Array:
+    @cached_property
+    def sensor_rotations(self) -> Array:
         """Rotation of the sensor frame into the world at each moment, shape [n, 3, 3], no unit."""
-        return np.asarray(self.rotations() @ Rotation.from_quat(cell.quaternion).as_matrix())
+        return np.asarray(self.rotations @ Rotation.from_quat(self.cell.quaternion).as_matrix())
 
-    def gravity_in_sensor(self, cell: LoadCell) -> Array:
+    @property
+    def gravity(self) -> Array:
         """Acceleration of gravity in sensor axes [m/s²], shape [n, 3]."""
-        return -GRAVITY * self.sensor_rotations(cell)[:, 2, :]
+        return -GRAVITY * self.sensor_rotations[:, 2, :]
 
-    def grain_forces(self, cell: LoadCell) -> Array:
-        """Measured force of the grains on the tool, minus bias and weight, world axes [N], shape [n, 3]."""
-        measured = cell.sign * (self.readings[:, FORCE] - np.array(cell.bias[FORCE]))
-        in_sensor = measured - cell.mass * self.gravity_in_sensor(cell)
-        return np.asarray(np.einsum("nij,nj->ni", self.sensor_rotations(cell), in_sensor))
+    @property
+    def compensated(self) -> Array:
+        """Measured wrench on the tool, minus bias and weight, sensor axes [N], [N m], shape [n, 6]."""
+        weight = self.cell.mass * np.hstack([self.gravity, np.cross(self.cell.center_of_mass, self.gravity)])
+        return np.asarray(self.cell.sign * (self.readings - np.array(self.cell.bias)) - weight)
+
+    @cached_property
+    def forces(self) -> Array:
+        """Measured force of the grains on the tool, world axes [N], shape [n, 3]."""
+        return np.asarray(np.einsum("nij,nj->ni", self.sensor_rotations, self.compensated[:, FORCE]))
 
     def forces_over_depth(self, law: Law, row: int, depths: Array, turn: Rotation | None = None) -> Array:
         """The law's force [N] at depths of the lowest point [m] straight down, world axes, shape [len(depths), 3].
@@ -170,6 +181,7 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
         time=(stamps - stamps[0]) * 1e-9,
         states=np.array([state for state, _ in chosen]),
         readings=np.array([m.compensated for _, m in chosen]),
+        cell=cell,
         tool=model.tool,
         rest_speed=settings.rest_speed,
         damage=recording.damage,
@@ -199,7 +211,7 @@ def _segments(mask: NDArray[np.bool_], time: Array) -> list[Indices]:
 def still_intervals(track: Track) -> list[Indices]:
     """Rows of each interval at rest, without the time to settle, as indices of `Track`'s rows, shape [n], no unit."""
     found = []
-    for rows in _segments(~track.moving(), track.time):
+    for rows in _segments(~track.moving, track.time):
         time = track.time[rows]
         settled = (time >= time[0] + _SETTLING) & (time <= time[-1] - _SETTLING)
         if settled.sum() >= 8 and np.ptp(time[settled]) >= _SHORTEST_STILL:
@@ -211,8 +223,8 @@ def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
     """Rows of straight motion down in each movement to a point below a height [m], in the orientation of that point."""
     from scipy.signal import find_peaks  # takes 0.5 s, which rft doctor, demo and warm-up need not wait
 
-    heights, rotations, (velocity, _, turning) = track.heights(), track.rotations(), track.motion()
-    sinking = -velocity[:, 2]
+    heights, rotations, velocity = track.heights, track.rotations, track.smooth[:, VELOCITY]
+    sinking, (_, turning) = -velocity[:, 2], track.speeds(track.smooth)
     straight = (np.linalg.norm(velocity[:, :2], axis=1) < _STEEP * sinking) & (turning < _TURNING * sinking)
     straight &= sinking >= track.rest_speed
     # padded, so that the ends may be bottoms, too; movements up of over 2 mm separate the bottoms
@@ -231,17 +243,17 @@ def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
 
 def level_runs(track: Track, surface: float) -> list[Indices]:
     """Rows, shape [n], no unit, of each unbroken straight level motion with the lowest point below the surface."""
-    velocity, speed, turning = track.motion()
-    level = (np.abs(velocity[:, 2]) < _LEVEL * speed) & (turning < _TURNING * speed) & (speed >= track.rest_speed)
-    return [rows for rows in _segments(level & (track.heights() < surface), track.time) if len(rows) >= FEWEST]
+    rising, (speed, turning) = track.smooth[:, STATE.index("vz")], track.speeds(track.smooth)
+    level = (np.abs(rising) < _LEVEL * speed) & (turning < _TURNING * speed) & (speed >= track.rest_speed)
+    return [rows for rows in _segments(level & (track.heights < surface), track.time) if len(rows) >= FEWEST]
 
 
 def turns_in_grains(track: Track, surface: float) -> list[Turn]:
     """Each turn or start followed by at least 2 mm of path in the grains, with at least 20 rows."""
     center = 0.5 * (track.tool.corners.min(axis=0) + track.tool.corners.max(axis=0))
-    places, moving = track.states[:, POSITION] + track.rotations() @ center, track.moving()
+    places, moving = track.states[:, POSITION] + track.rotations @ center, track.moving
     found = []
-    for segment in _segments(track.heights() < surface, track.time):
+    for segment in _segments(track.heights < surface, track.time):
         rows = segment[moving[segment]]
         if len(rows) < FEWEST:
             continue

@@ -91,11 +91,11 @@ def mount(e: Evidence) -> Iterator[Finding]:
     s, cell, place = e.settings, e.load_cell, e.place_on_tf
     if place is None or s.sensor_source == "tf" or s.tool_frame == s.sensor_frame:
         return
-    off = Placement(cell.position, cell.quaternion).inverse().of(place)
-    turn, moved = Rotation.from_quat(off.quaternion).magnitude(), float(np.linalg.norm(off.position))
-    if turn < np.radians(1.0) and moved < 1e-3:
+    given = Placement(cell.position, cell.quaternion)
+    if given.is_at(place):
         yield Finding(True, "sensor: the parameters and /tf_static agree")
         return
+    moved, turn = given.apart(place)
     differ = f"the parameters differ from /tf_static by {np.degrees(turn):.0f} degrees and {1e3 * moved:.0f} mm"
     there = f"on /tf_static: position {listed(place.position)}, quaternion {listed(place.quaternion)}"
     yield Finding(False, f"sensor: {differ} ({there}); set sensor.frame_source: tf, or correct one of the two")

@@ -142,6 +142,16 @@ class Placement(NamedTuple):
         a, b, c = back.rotate(self.position)
         return Placement((-a, -b, -c), back.quaternion)
 
+    def apart(self, other: "Placement") -> tuple[float, float]:
+        """Distance [m] and angle [rad] to another placement in the same frame."""
+        cosine = abs(sum(a * b for a, b in zip(self.quaternion, other.quaternion, strict=True)))
+        return math.dist(self.position, other.position), 2.0 * math.acos(min(cosine, 1.0))
+
+    def is_at(self, other: "Placement") -> bool:
+        """Whether another placement in the same frame is the same one within 1 mm and 1 degree."""
+        distance, angle = self.apart(other)
+        return distance < 1e-3 and angle < math.radians(1.0)
+
 
 AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 """Components of a wrench: force [N], torque about the tool frame's origin [N m]."""

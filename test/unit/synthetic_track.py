@@ -127,7 +127,8 @@ def differenced(time, states):
 
 def track_of(time, states, readings, name="synthetic", tool=TOOL):
     begin = 1_600_000_000 * 10**9
-    return Track(name=name, begin=begin, time=time, states=states, readings=readings, tool=tool, rest_speed=REST)
+    moments = {"begin": begin, "time": time, "states": states, "readings": readings}
+    return Track(name=name, **moments, cell=LoadCell(), tool=tool, rest_speed=REST)
 
 
 LOAD_CELL = LoadCell(
