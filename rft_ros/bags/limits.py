@@ -59,9 +59,7 @@ def unpacked(data: bytes, compression: str, size: int | None = None, *, what: st
     Raises LimitError if the content is over the limit, or if its length is not `size`. No more than the limit is
     unpacked, whatever length the chunk gives.
     """
-    if size is not None and size > MOST_BYTES:
-        raise _too_large(size, what)
-    most = (MOST_BYTES if size is None else size) + 1
+    most = (MOST_BYTES if size is None else min(size, MOST_BYTES)) + 1
     if compression == "lz4":
         content = LZ4FrameDecompressor().decompress(data, max_length=most)
     elif compression == "bz2":
@@ -73,16 +71,13 @@ def unpacked(data: bytes, compression: str, size: int | None = None, *, what: st
         content = data
     else:
         raise LimitError(f"{what} is compressed by '{compression[:40]}'; record it with zstd, lz4 or none")
-    if len(content) > MOST_BYTES:
-        raise _too_large(len(content), what)
+    larger = max(len(content), size or 0)
+    if larger > MOST_BYTES:
+        limit = f"the limit is {MOST_BYTES / 2**20:.0f} MiB; record with smaller chunks"
+        raise LimitError(f"{what} unpacks to {larger / 2**20:.0f} MiB or more; {limit}")
     if size is not None and len(content) != size:
         raise LimitError(f"{what} does not have the {size:,} bytes that it declares")
     return bytes(content)
-
-
-def _too_large(size: int, what: str) -> "LimitError":
-    most = f"the limit is {MOST_BYTES / 2**20:.0f} MiB; record with smaller chunks"
-    return LimitError(f"{what} unpacks to {size / 2**20:.0f} MiB or more; {most}")
 
 
 def unpack(file: Path, copy: Path) -> None:

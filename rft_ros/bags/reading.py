@@ -161,18 +161,13 @@ class Recording:
         yield from queue
 
     def _messages(self, topics: Collection[str]) -> Messages:
-        """The messages of all files, one file after the other. Files of one time, as of two recorders, are merged."""
-        groups: list[list[Source]] = []
-        for source in self._sources:
-            if groups and source.first < max(other.last for other in groups[-1]) - _LATEST:
-                groups[-1].append(source)
-            else:
-                groups.append([source])
-        for group in groups:
-            yield from heapq.merge(*(self._stream(source, topics) for source in group), key=itemgetter(0))
+        """The messages of all files, merged by time."""
+        streams = [self._stream(source, topics) for source in self._sources]
+        return (message for message in heapq.merge(*streams, key=itemgetter(0)) if message[1])
 
     def _stream(self, source: Source, topics: Collection[str]) -> Messages:
-        """The messages of a file up to its damage."""
+        """The messages of a file up to its damage, after one without topic: a file is read when its time has come."""
+        yield source.first, "", None
         try:
             yield from source.read(topics, self.first, self.last)
         except Exception as error:  # parsers raise anything on damage
