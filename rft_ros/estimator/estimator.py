@@ -10,18 +10,11 @@ from numpy.typing import NDArray
 from rft_ros.estimator import samples
 from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.load_cell import HISTORY, Compared, Comparison, LoadCellFrame, Prediction
+from rft_ros.estimator.load_cell import HISTORY, Comparison, LoadCellFrame, Prediction
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Kinematics, Motion
 from rft_ros.estimator.pose_noise import NOISY, NOISY_SENTENCE
 from rft_ros.estimator.quality import QualityMonitor
-from rft_ros.estimator.samples import (
-    Answer,
-    Estimate,
-    PoseSample,
-    Reason,
-    RefusedError,
-    Wrench,
-)
+from rft_ros.estimator.samples import Answer, Estimate, PoseSample, Reason, RefusedError, Wrench
 from rft_ros.estimator.sigma import Withdrawal, predict_without_learning
 from rft_ros.estimator.tare import AirReading, PastPose, mean_in_air
 from rft_ros.estimator.timeline import NEW_RUN
@@ -193,10 +186,7 @@ class Estimator:
         self._quality = QualityMonitor(self.model.tool)
 
     def _start_run(self) -> None:
-        """Start a new run, or a run in new axes: no path, no memory, the ground at the start.
-
-        The learned strength of the grains is kept.
-        """
+        """Start a new run, or a run in new axes: no path, no memory, the ground at the start. The strength is kept."""
         self._start_tool()
         self._kinematics.start_run()
         if self._mapper is not None:
@@ -253,9 +243,8 @@ class Estimator:
         """
         rest, reach = self.settings.rest_speed, self.model.tool.plates.reach
         frame = LoadCellFrame(self.load_cell)
-        mean = mean_in_air(
-            self._comparison.readings, self._poses, frame, window=window, rest_speed=rest, reach=reach
-        )  # fmt: skip
+        readings = self._comparison.readings
+        mean = mean_in_air(readings, self._poses, frame, window=window, rest_speed=rest, reach=reach)
         _, offset, _ = frame.into_sensor(self.state[QUATERNION], np.zeros(12))
         fx, fy, fz, tx, ty, tz = (mean - frame.sign * np.array(offset) + self.load_cell.bias).tolist()
         return fx, fy, fz, tx, ty, tz
@@ -275,10 +264,7 @@ class Estimator:
         return estimate
 
     def _estimate(self, sample: PoseSample) -> Estimate:
-        """The estimate at a pose, in the steps of docs/architecture.md.
-
-        Raises `RefusedError` with the reason if a step has no result.
-        """
+        """The estimate at a pose, in the steps of docs/architecture.md; `RefusedError` if a step has no result."""
         pose = self._accepted(sample)
         self._air.settle(pose.stamp - self._comparison.patience)
         frame = self._intake.load_cell_frame
@@ -318,10 +304,7 @@ class Estimator:
         )
 
     def _accepted(self, sample: PoseSample) -> PoseSample:
-        """Check a pose, and pass it to the ground and the comparison. It may be the first one of a new run.
-
-        Returns the pose in world axes.
-        """
+        """The pose in world axes, checked, and passed to ground and comparison; it may be the first of a new run."""
         pose, follows = self._intake.pose(sample)
         if follows is NEW_RUN:
             self.counts[Reason.TIME_JUMP] += 1
@@ -367,8 +350,8 @@ class Estimator:
         passing, apply = self._withdrawal.active or fast, self.settings.learning_mode == "apply"
         return self.learning.predict(motion.pose.stamp, row, step=motion.path, passing=passing, apply=apply)
 
-    def _learn(self, compared: Compared) -> None:
+    def _learn(self, prediction: Prediction, force: samples.Vector, repeated: bool) -> None:
         """Update the filter with a reading."""
-        self._air.add(compared)
+        self._air.add(prediction, force)
         if self.learning is not None:
-            self.learning.learn(compared.stamp, compared.force, repeated=compared.repeated)
+            self.learning.learn(prediction.pose.stamp, force, repeated=repeated)

@@ -231,13 +231,10 @@ class Intake:
         return self._ready(now)
 
     def _schedule(self, newest: int) -> None:
-        """Schedule a pose at the stamp `newest` [ns] or, with `tf_rate`, those at the multiples of its period up to it.
-
-        A stamp out of order is left out: it was scheduled before, or has no pose.
-        """
+        """Schedule a pose at the stamp `newest` [ns] or, with `tf_rate`, at the multiples of its period up to it."""
         follows, rate = succession(newest, after=self._scheduled), self._settings.tf_rate
         if follows in (REPEATED, LATE):
-            return
+            return  # it was scheduled before, or has no pose
         if follows is NEW_RUN:
             self._wanted.clear()
             self.transforms.start_run(newest)

@@ -15,7 +15,7 @@ from rft_ros.parameters import LoadCell
 from rft_ros.rft.frames import Placement, attitude, into_frame
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 
-__all__ = ["GRAVITY", "HISTORY", "Compared", "Comparison", "LoadCellFrame", "Prediction"]
+__all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Prediction"]
 
 Array = NDArray[np.float64]
 
@@ -115,26 +115,15 @@ class LoadCellFrame:
 
 
 class Prediction(NamedTuple):
-    """A prediction that waits for its load-cell reading: `LoadCellFrame.into_sensor` at its pose."""
+    """A prediction that waits for its load-cell reading: `LoadCellFrame.into_sensor` at its pose.
+
+    `in_air`: the tool touched nothing.
+    """
 
     pose: PoseSample
     wrench: Wrench
     offset: Wrench
     cell: LoadCellFrame
-    in_air: bool
-
-
-class Compared(NamedTuple):
-    """What the load cell measured at the stamp [ns] of a prediction.
-
-    `force`: compensated [N], world axes. `predicted`: magnitude of the predicted force [N]. `repeated`: the raw reading
-    equals the one before, bit by bit. `in_air`: the tool touched nothing.
-    """
-
-    stamp: int
-    force: Vector
-    predicted: float
-    repeated: bool
     in_air: bool
 
 
@@ -145,10 +134,11 @@ class Comparison:
     reading follows within that, the last one before the stamp is used. A prediction waits for a later reading until
     another input has a stamp that is later by `patience`: 1 s, or `max_age` if that is longer. `readings`: the intake
     adds them. Reasons for predictions without a measurement are counted in `counts`. `on_compared` is called with each
-    comparison, in the order of the estimates.
+    prediction that has one, in the order of the estimates, with the compensated force [N], world axes, and whether the
+    raw reading equals the one before, bit by bit.
     """
 
-    def __init__(self, counts: Counter[Reason], on_compared: Callable[[Compared], None]) -> None:
+    def __init__(self, counts: Counter[Reason], on_compared: Callable[[Prediction, Vector, bool], None]) -> None:
         self.readings: Timeline[WrenchSample] = Timeline(maxlen=HISTORY)
         self._counts, self._on_compared = counts, on_compared
         self._pending: deque[Prediction] = deque()
@@ -195,8 +185,7 @@ class Comparison:
             raw = before._replace(wrench=(fx, fy, fz, tx, ty, tz))
         repeated, self._last_raw = raw.wrench == self._last_raw, raw.wrench
         compensated = _difference(cell.sign, cell.in_own_axes(raw, pose), prediction.offset)
-        force, size = cell.into_world(pose, compensated[:3]), math.hypot(*prediction.wrench[:3])
-        self._on_compared(Compared(pose.stamp, force, size, repeated, prediction.in_air))
+        self._on_compared(prediction, cell.into_world(pose, compensated[:3]), repeated)
         return Measurement(pose.stamp, compensated, _difference(1.0, compensated, prediction.wrench), None)
 
 

@@ -137,10 +137,7 @@ class QualityFlag(IntFlag):
         f" above the grains, a tool over {LARGEST:g} m or under {1e3 * SMALLEST:g} mm, or a force over"
         f" {1e-3 * _LARGEST_FORCE:g} kN, as with poses in millimetres or a wrong mesh.scale",
     )
-    NOISY = (
-        16384,
-        f"the poses have a noise of over {1e3 * NOISY:g} mm at the tool's farthest point: forces come late",
-    )
+    NOISY = (16384, f"the poses have a noise of over {1e3 * NOISY:g} mm at the tool's farthest point: forces come late")
 
 
 class Trust(str, Enum):

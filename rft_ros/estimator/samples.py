@@ -137,10 +137,7 @@ class Reason(str, Enum):
         "the stamp of the pose is before the oldest transform that the node keeps; it keeps the last 1,024 of each "
         "frame",
     )
-    TF_STALE = (
-        "tf_stale",
-        "no transform stamped after the pose has come, although other inputs are stamped 1 s later",
-    )
+    TF_STALE = ("tf_stale", "no transform stamped after the pose has come, although other inputs are stamped 1 s later")
     TF_GAP = "tf_gap", "the transform before the pose's stamp, or the one after it, is over `max_input_age` away"
     SURFACE_OFF = "surface_off", "Python code pushed a cloud, but `ground.cell` is 0"
     SURFACE_LATE = "surface_late", "a cloud's stamp is 0.5 s or more before the last pose"

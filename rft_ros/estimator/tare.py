@@ -8,8 +8,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.estimator.load_cell import HISTORY, Compared, LoadCellFrame
-from rft_ros.estimator.samples import PoseSample, WrenchSample
+from rft_ros.estimator.load_cell import HISTORY, LoadCellFrame, Prediction
+from rft_ros.estimator.samples import PoseSample, Vector, WrenchSample
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.rft import POSITION, QUATERNION
 
@@ -41,7 +41,7 @@ class AirReading:
     """The mean of the last compensated forces in the air, and whether it is an offset."""
 
     def __init__(self) -> None:
-        self._waiting: deque[Compared] = deque()  # until no late reading can come before it
+        self._waiting: deque[tuple[Prediction, Vector]] = deque()  # until no late reading can come before it
         self.start_run()
 
     def forget(self) -> None:
@@ -58,25 +58,22 @@ class AirReading:
         self._greatest = 0.0  # predicted force in the grains so far [N]
         self.forget()
 
-    def add(self, compared: Compared) -> None:
-        """Add a reading; it counts from `settle` on."""
-        self._waiting.append(compared)
+    def add(self, prediction: Prediction, force: Vector) -> None:
+        """Add the compensated force at a prediction [N], world axes; it counts from `settle` on."""
+        self._waiting.append((prediction, force))
 
     def settle(self, before: float) -> None:
-        """Count the readings stamped before this [ns]. So the mean depends on stamps, and not on the order of arrival.
-
-        The mean in the air is that of the compensated force, in world axes.
-        """
-        while self._waiting and self._waiting[0].stamp < before:
-            compared = self._waiting.popleft()
-            if compared.in_air:
+        """Count the forces stamped before this [ns]: so the mean depends on stamps, and not on the order of arrival."""
+        while self._waiting and self._waiting[0][0].pose.stamp < before:
+            prediction, (a, b, c) = self._waiting.popleft()
+            if prediction.in_air:
                 self._count = n = min(self._count + 1, _READINGS)
-                (x, y, z), (a, b, c) = self._mean, compared.force
+                x, y, z = self._mean
                 self._mean = x, y, z = x + (a - x) / n, y + (b - y) / n, z + (c - z) / n
                 if 2 * n >= _READINGS:
                     self.load = math.sqrt(x * x + y * y + z * z)
             else:
-                self._greatest = max(self._greatest, compared.predicted)
+                self._greatest = max(self._greatest, math.hypot(*prediction.wrench[:3]))
             self.is_offset = is_offset(self.load, self._greatest)
 
     def issues(self) -> list[str]:
