@@ -6,16 +6,16 @@ rosbags decodes clouds; their points are views of the message's bytes and not co
 """
 
 import struct
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from functools import cache, lru_cache, partial
 from typing import Any, Literal
 
 import numpy as np
 
-from rft_ros.estimator.samples import PoseSample, Sample, TransformSample, TwistSample, Wrench, WrenchSample
+from rft_ros.estimator.samples import PoseSample, Sample, TransformSample, TwistSample, WrenchSample
 from rft_ros.ground import Cloud
 
-__all__ = ["TOPICS", "TYPES", "UNREADABLE", "Role", "decoder", "wrench_cdr"]
+__all__ = ["TOPICS", "TYPES", "UNREADABLE", "Role", "decoder", "stamped_cdr"]
 
 Role = Literal["pose", "twist", "wrench", "surface", "tf", "tf_static"]
 """The inputs of an estimator."""
@@ -176,14 +176,18 @@ def decoder(role: Role, *, ros1: bool, kind: str = "") -> Callable[[bytes], Samp
 
 
 @lru_cache(maxsize=8)
-def wrench_cdr(frame: str) -> Callable[[int, Wrench], bytes]:
-    """A function from a stamp [ns] and a wrench [N, N m] to a serialised WrenchStamped in `frame`."""
+def stamped_cdr(frame: str, count: int = 6) -> Callable[[int, Sequence[float]], bytes]:
+    """A function from a stamp [ns] and `count` numbers to a serialised message in `frame`.
+
+    It is a WrenchStamped ([N], [N m]) or a TwistStamped ([m/s], [rad/s]) of 6 numbers, or a PoseStamped of 7 ([m],
+    xyzw).
+    """
     name = frame.encode() + b"\x00"
     padding = -(12 + len(name)) % 8
-    layout = struct.Struct(f"<4siII{len(name)}s{padding}x6d")
+    layout = struct.Struct(f"<4siII{len(name)}s{padding}x{count}d")
 
-    def serialise(stamp: int, wrench: Wrench) -> bytes:
+    def serialise(stamp: int, numbers: Sequence[float]) -> bytes:
         seconds, nanoseconds = divmod(stamp, 1_000_000_000)
-        return layout.pack(b"\x00\x01\x00\x00", seconds, nanoseconds, len(name), name, *wrench)
+        return layout.pack(b"\x00\x01\x00\x00", seconds, nanoseconds, len(name), name, *numbers)
 
     return serialise

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.writing import BagWriter
 from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
 from rft_ros.estimator.quality import flag_names
-from rft_ros.messages import TYPES, wrench_cdr
+from rft_ros.messages import TYPES, stamped_cdr
 from rft_ros.rft import AXES
 
 __all__ = ["COLUMNS", "LEARNED_COLUMNS", "PHASES", "ROW", "Rows", "Run", "phases_of", "write_estimates"]
@@ -149,7 +149,7 @@ def write_estimates(run: Run, rows: Rows, folder: Path, *, shift: int = 0) -> No
     `shift`: how much later the stamps are than the times in the table that was replayed [ns].
     """
     frame, generation = run.estimator.wrench_frame, run.estimator.model.generation
-    learned, in_frame = LEARNED_COLUMNS if run.estimator.learning else (), wrench_cdr(frame)
+    learned, in_frame = LEARNED_COLUMNS if run.estimator.learning else (), stamped_cdr(frame)
     names = ("stamp", "reason", "phase", "quality_flags", "depth", "speed", "predicted", "compensated", "sigma")
     file = folder / "estimates.csv"
     with BagWriter(folder / "estimates") as bag, file.open("w", encoding="utf-8", newline="\n") as table:

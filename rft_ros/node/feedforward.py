@@ -13,7 +13,7 @@ from rclpy.node import Node
 
 from rft_ros.estimator import Estimate, Estimator, Wrench
 from rft_ros.estimator.quality import Trust, trust
-from rft_ros.messages import wrench_cdr
+from rft_ros.messages import stamped_cdr
 from rft_ros.node.topics import OUTPUTS
 from rft_ros.parameters import Values
 from rft_ros.rft import FORCE, TORQUE
@@ -137,4 +137,4 @@ class FeedForward:
         before, self._moved = self._moved, time.monotonic()
         wrench = self._ramp.follow(target, min(self._moved - before, _LONGEST_STEP))
         axes = self._estimator.wrench_frame if self._frame == "sensor_frame" else self._axes
-        self._publisher.publish(wrench_cdr(axes)(stamp, wrench))
+        self._publisher.publish(stamped_cdr(axes)(stamp, wrench))

@@ -1,6 +1,7 @@
 """A node in its own process, and a peer that publishes its inputs, calls its services and records all topics."""
 
 import os
+import struct
 import subprocess
 import sys
 import time
@@ -8,29 +9,29 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import rclpy
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
-from rclpy.serialization import serialize_message
 from rclpy.signals import SignalHandlerOptions
-from rclpy.time import Time
 from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
-from rft_ros.estimator import Wrench
+from rft_ros.estimator import Wrench, WrenchSample
+from rft_ros.messages import decoder, stamped_cdr
 from rft_ros.node.topics import start_ros, type_name
+from rft_ros.rft import POSE, TWIST
 
 _Array = NDArray[np.float64]
 
 WRENCHES = ("predicted", "sigma", "compensated", "residual")
 """The wrenches that the node publishes at each pose."""
 
+_STAMP = struct.Struct("<4xiI")  # in the header of a serialised message
 _QOS = QoSProfile(depth=500)
 _INPUTS = {"pose": PoseStamped, "twist": TwistStamped, "wrench_measured": WrenchStamped}
 _OUTPUTS = {**{f"wrench_{name}": WrenchStamped for name in WRENCHES}, "medium_learned": JointState}
@@ -53,20 +54,22 @@ class RecordedNode:
 
     def __init__(self, parameters: Path, bag: BagWriter) -> None:
         self._bag, self._peer = bag, rclpy.create_node("rft_demo")
-        self._newest: dict[str, Any] = {}
+        self._newest: dict[str, bytes] = {}
+        self._decoded = decoder("wrench", ros1=False)
         self._publishers = {n: self._peer.create_publisher(kind, f"/rft/{n}", _QOS) for n, kind in _INPUTS.items()}
         for name, kind in _OUTPUTS.items():
-            self._peer.create_subscription(kind, f"/rft/{name}", partial(self._on_answer, name), _QOS)
+            self._peer.create_subscription(kind, f"/rft/{name}", partial(self._on_answer, name), _QOS, raw=True)
         self._begin = self._stamp = 0
         command = [sys.executable, "-m", "rft_ros.node.main", "--ros-args", "--params-file", str(parameters)]
         self._process = subprocess.Popen(command, start_new_session=True)  # Ctrl-C in the terminal does not reach it
 
-    def _on_answer(self, name: str, message: Any) -> None:
-        self._newest[name] = message
-        self._record(name, message)
+    def _on_answer(self, name: str, data: bytes) -> None:
+        self._newest[name] = data
+        seconds, nanoseconds = _STAMP.unpack_from(data)
+        self._record(name, seconds * 1_000_000_000 + nanoseconds, data)
 
-    def _record(self, name: str, message: Any) -> None:
-        self._bag.write_raw(f"/rft/{name}", type_name(type(message)), _stamp(message), serialize_message(message))
+    def _record(self, name: str, stamp: int, data: bytes) -> None:
+        self._bag.write_raw(f"/rft/{name}", type_name((_INPUTS | _OUTPUTS)[name]), stamp, data)
 
     @property
     def time(self) -> float:
@@ -75,8 +78,9 @@ class RecordedNode:
 
     def wrench(self, name: str) -> Wrench | None:
         """The newest wrench on an output [N], [N m]; None if none has come. `name`: one of `WRENCHES`."""
-        message = self._newest.get(f"wrench_{name}")
-        return _wrench(message) if message else None
+        data = self._newest.get(f"wrench_{name}")
+        sample = self._decoded(data) if data else None
+        return sample.wrench if isinstance(sample, WrenchSample) else None
 
     def wait(self) -> None:
         """Wait until the node answers and has subscribed to its inputs."""
@@ -87,16 +91,12 @@ class RecordedNode:
     def send(self, t: float, state: _Array, reading: Wrench) -> None:
         """Publish and record a state, shape [13], and a reading of the load cell at a time from the start [s]."""
         self._stamp = self._begin + round(t * 1e9)
-        pose, twist, measured = PoseStamped(), TwistStamped(), WrenchStamped()
-        p, q, v, w = pose.pose.position, pose.pose.orientation, twist.twist.linear, twist.twist.angular
-        p.x, p.y, p.z, q.x, q.y, q.z, q.w, v.x, v.y, v.z, w.x, w.y, w.z = state.tolist()
-        f, m = measured.wrench.force, measured.wrench.torque
-        f.x, f.y, f.z, m.x, m.y, m.z = reading
-        for name, message in {"wrench_measured": measured, "twist": twist, "pose": pose}.items():
-            message.header.frame_id = "ft_sensor" if message is measured else "world"
-            message.header.stamp = Time(nanoseconds=self._stamp).to_msg()
-            self._publishers[name].publish(message)
-            self._record(name, message)
+        inputs = {"wrench_measured": reading, "twist": state[TWIST].tolist(), "pose": state[POSE].tolist()}
+        for name, numbers in inputs.items():
+            frame = "ft_sensor" if name == "wrench_measured" else "world"
+            data = stamped_cdr(frame, len(numbers))(self._stamp, numbers)
+            self._publishers[name].publish(data)
+            self._record(name, self._stamp, data)
 
     def spin(self, end: float) -> None:
         """Receive messages until a time of `time.monotonic` [s]. Raises InputError if the node has ended."""
@@ -128,12 +128,3 @@ class RecordedNode:
         self._process.kill()
         self._process.wait()
         self._peer.destroy_node()
-
-
-def _stamp(message: Any) -> int:
-    return int(Time.from_msg(message.header.stamp).nanoseconds)
-
-
-def _wrench(message: WrenchStamped) -> Wrench:
-    f, t = message.wrench.force, message.wrench.torque
-    return f.x, f.y, f.z, t.x, t.y, t.z

@@ -15,7 +15,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import JointState
 
 from rft_ros.estimator import Estimate, Estimator, Reason, Sample, Stamped
-from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder, wrench_cdr
+from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder, stamped_cdr
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FeedForward
 from rft_ros.node.markers import Markers
@@ -153,7 +153,7 @@ class RftNode(Node):
 
     def _publish(self, answer: Estimate, start: float) -> None:
         """Publish the estimate at a pose. `start`: when its callback began, a time of `perf_counter` [s]."""
-        serialised = wrench_cdr(self.estimator.wrench_frame)
+        serialised = stamped_cdr(self.estimator.wrench_frame)
         self._predicted.publish(serialised(answer.stamp, answer.predicted))
         self.feedforward.estimated(answer)
         self._sigma.publish(serialised(answer.stamp, answer.sigma))
@@ -177,7 +177,7 @@ class RftNode(Node):
         self._learned.publish(message)
 
     def _publish_measurements(self) -> None:
-        serialised = wrench_cdr(
+        serialised = stamped_cdr(
             self._measured_frame
         )  # comparisons that waited when the frame changed are in the old one
         for measurement in self.estimator.measurements():

@@ -10,7 +10,7 @@ from numpy.testing import assert_array_equal
 from recordings import START, TRANSFORM, cloud_cdr, transform_cdr, transforms_cdr
 
 from rft_ros.estimator import PoseSample, TransformSample
-from rft_ros.messages import UNREADABLE, decoder, wrench_cdr
+from rft_ros.messages import UNREADABLE, decoder, stamped_cdr
 
 LAST = 2**31 - 1
 WRENCH = struct.pack("<6d", *range(6))
@@ -27,7 +27,7 @@ def encoded(seconds: int, nanoseconds: int, *, ros1: bool) -> bytes:
 def test_the_last_stamp_can_be_published_again_and_larger_seconds_or_nanoseconds_are_refused(ros1):
     sample = decoder("wrench", ros1=ros1)(encoded(LAST, 999_999_999, ros1=ros1))
     assert sample.wrench == tuple(range(6))
-    assert decoder("wrench", ros1=False)(wrench_cdr("")(sample.stamp, sample.wrench)) == sample
+    assert decoder("wrench", ros1=False)(stamped_cdr("")(sample.stamp, sample.wrench)) == sample
     for stamp in ((5, 1_000_000_000), (LAST, 2**32 - 1), *([(LAST + 1, 0)] if ros1 else [])):  # ROS 2: negative times
         with pytest.raises(UNREADABLE):
             decoder("wrench", ros1=ros1)(encoded(*stamp, ros1=ros1))
