@@ -7,7 +7,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor, SetParametersResult
+from rcl_interfaces.msg import FloatingPointRange, ParameterDescriptor
 from rclpy.exceptions import ParameterNotDeclaredException
 from rclpy.node import Node
 from rclpy.parameter import Parameter as RosParameter
@@ -63,8 +63,8 @@ def _descriptor(p: Parameter) -> ParameterDescriptor:
     )
 
 
-class UnknownParameterError(ParameterNotDeclaredException):
-    """Refuses a change of a parameter that the node does not have. rclpy answers a client with its sentence."""
+class RefusedChangeError(ParameterNotDeclaredException):
+    """Refuses a change of parameters. rclpy answers a client with its sentence; other exceptions would end the node."""
 
     def __init__(self, sentence: str) -> None:
         Exception.__init__(self, sentence)  # rclpy's own names no parameter: "undeclared parameter(s): []"
@@ -80,8 +80,6 @@ class NodeParameters:
     def __init__(self, node: Node, *, prepare: Callable[[Values], Prepared], apply: Callable[[Prepared], None]) -> None:
         self._node, self._prepare, self._apply = node, prepare, apply
         self._why = ""
-        self._checked: dict[str, Value | InputError] = {}
-        """For each parameter that is about to be set: its checked value, or the reason for refusing it."""
         self._accepted: tuple[dict[str, Value], Prepared] | None = None
         """The new values of the change that was accepted last, and the result of `prepare`, until it is applied."""
         self.values: Values = {**defaults(), **self._given()}
@@ -90,7 +88,6 @@ class NodeParameters:
             # Not with the value that ROS has read: after a name that is given twice it would mix up their types.
             node.declare_parameter(p.name, _plain(self.values[p.name]), _descriptor(p), ignore_override=True)
         node.add_pre_set_parameters_callback(self._on_pre_set)
-        node.add_on_set_parameters_callback(self._on_set)
         node.add_post_set_parameters_callback(self._on_post_set)
 
     def _given(self) -> dict[str, Value]:
@@ -125,42 +122,31 @@ class NodeParameters:
         """Set parameters together, from within the node. `why`: the reason for the log. Returns the refusal, or ""."""
         self._why = why
         parameters = [RosParameter(name, value=_plain(value)) for name, value in values.items()]
-        result = self._node.set_parameters_atomically(parameters)
+        try:
+            result = self._node.set_parameters_atomically(parameters)
+            refusal = "" if result.successful else str(result.reason)
+        except RefusedChangeError as error:
+            refusal = str(error)
         self._why = ""
-        if not result.successful:
-            self._node.get_logger().error(f"not set ({why}): {result.reason}")
-        return "" if result.successful else str(result.reason)
-
-    # rclpy calls these three in turn for each change. If the second refuses the change, the third is not called.
+        if refusal:
+            self._node.get_logger().error(f"not set ({why}): {refusal}")
+        return refusal
 
     def _on_pre_set(self, parameters: list[RosParameter]) -> list[RosParameter]:
-        """Convert parameters to the types of the table. `_on_set` will refuse those that `checked` refuses."""
-        self._checked, self._accepted, found = {}, None, []
-        for p in parameters:
-            if p.name in self.values:
-                try:
-                    value = self._checked[p.name] = checked(p.name, _plain(p.value))
-                    p = RosParameter(p.name, value=_plain(value))
-                except InputError as error:
-                    self._checked[p.name] = error
-            elif not self._node.has_parameter(p.name):
-                raise UnknownParameterError(unknown_parameter(p.name))
-            found.append(p)
-        return found
-
-    def _on_set(self, _: list[RosParameter]) -> SetParametersResult:
+        """Check and prepare a change; returns its parameters in the types of the table."""
+        self._accepted, new = None, dict[str, Value]()
         try:
-            changes = {}
-            for name, value in self._checked.items():
-                if isinstance(value, InputError):
-                    raise value
-                if value != self.values[name]:
-                    changes[name] = value
+            for p in parameters:
+                if p.name in self.values:
+                    new[p.name] = checked(p.name, _plain(p.value))
+                elif not self._node.has_parameter(p.name):
+                    raise InputError(unknown_parameter(p.name))
+            changes = {name: value for name, value in new.items() if value != self.values[name]}
             if changes:
                 self._accepted = changes, self._prepare({**self.values, **changes})
-        except ValueError as error:  # an exception here would end the node
-            return SetParametersResult(successful=False, reason=str(error))
-        return SetParametersResult(successful=True)
+        except ValueError as error:
+            raise RefusedChangeError(str(error)) from None
+        return [RosParameter(p.name, value=_plain(new[p.name])) if p.name in new else p for p in parameters]
 
     def _on_post_set(self, _: list[RosParameter]) -> None:
         accepted, self._accepted = self._accepted, None  # `_apply` may declare qos_overrides, which calls this again
