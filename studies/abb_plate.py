@@ -4,16 +4,14 @@ python -m studies.abb_plate ../shared/data/abb_plate/abb_plate_3 docs/images/abb
 """
 
 import sys
-import tempfile
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from rft_ros.bags.options import read_replay_options
-from rft_ros.bags.replay import replay
 from rft_ros.parameters import read_parameter_file
-from studies.pictures import legend_below
+from studies.pictures import estimates_of, legend_below
 from studies.result import BLACK, BLUE, GREEN, ORANGE, VERMILION, new_figure, picture
 
 __all__ = ["draw_abb_plate"]
@@ -32,11 +30,7 @@ def draw_abb_plate(bag: Path, file: Path) -> None:
     figure = new_figure(9.0, 4.4)
     legend: dict[str, Any] = {}
     for axes, (title, changed) in zip(figure.subplots(1, 2, sharey=True), _MODELS.items(), strict=True):
-        with tempfile.TemporaryDirectory() as folder:
-            replay(bag, Path(folder), {**values, **changed}, options)
-            table = np.genfromtxt(
-                Path(folder) / "estimates.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
-            )
+        table = estimates_of(bag, {**values, **changed}, options)
         table = table[table["depth"] > 0.0]
         depth, force = 1e3 * table["depth"], -table["predicted_fz"]  # the cell's z axis points down
         for phase, colour in _MEASURED.items():

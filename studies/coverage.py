@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from studies.choice import Choice
 from studies.dem import RUNS
-from studies.learning import LAGS, MODELS, Series, bag_series, dem_series, learned, unlearned
+from studies.learning import LAGS, MODELS, Series, bag_series, dem_series, in_sigmas, learned, unlearned
 from studies.result import StudyResult, TextTable
 
 __all__ = ["GROUPS", "series_of_group", "study", "within"]
@@ -34,10 +34,7 @@ def series_of_group(group: str, choice: Choice) -> list[Series]:
 
 def within(series: Series, *, lag: float | None) -> Array:
     """Errors over their standard deviations, shape [n, 3], by the fixed model (`lag` None) or learned [m]."""
-    answers = unlearned(series) if lag is None else learned(series, lag=lag).out
-    rows = series.judged
-    error: Array = np.abs(series.forces[rows] - answers[rows, :3]) / answers[rows, 6:9]
-    return error
+    return in_sigmas(series, unlearned(series) if lag is None else learned(series, lag=lag).out)
 
 
 def study() -> StudyResult:

@@ -71,8 +71,7 @@ WALL_SECONDS = {
 DATA = Path(__file__).resolve().parents[1] / "test" / "data" / "dem"
 """The folder of the runs."""
 
-_MESHES = {"pen": "plate", "fast": "plate", "plate": "plate", "ellipsoid": "ellipsoid", "root": "paraboloid"}
-_MESHES |= dict.fromkeys(("press", "drag"), "plate")
+_MESHES = {"ellipsoid": "ellipsoid", "root": "paraboloid"}  # by the first word of a run's name; else the plate
 _HEADER = ("t_s", *STATE, "fx", "fy", "fz", "tx", "ty", "tz")
 
 _WINDOW = 9  # samples of the centred mean; the grains' own noise is faster
@@ -84,7 +83,7 @@ _STRONG = 0.2  # of the peak: below it, noise decides the relative error
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class DemRun:
-    """One run without the rows in which the tool rests, but for `CYCLE_RUNS`.
+    """One run.
 
     `times` [s], shape [n]. `states`: shape [n, 13], columns `rft_ros.rft.STATE`. `forces`: on the tool by the grains
     [N], shape [n, 3], world axes.
@@ -104,8 +103,8 @@ class DemRun:
         return wrenches_in_time(plates, law, self.states, Memory(plates))[:, :3]
 
 
-def read_run(name: str) -> DemRun:
-    """One of `RUNS`, `FAST_RUNS` or `CYCLE_RUNS`. Its tool is loaded for the published rule."""
+def read_run(name: str, choice: Choice = PUBLISHED, *, rests: bool = False) -> DemRun:
+    """A simulated run with the tool of a choice, and the rows in which it rests if asked for, or of `CYCLE_RUNS`."""
     file = DATA / f"{name}.csv"
     with file.open(encoding="utf-8") as lines:
         header = tuple(next(lines).strip().split(","))
@@ -113,14 +112,14 @@ def read_run(name: str) -> DemRun:
     if header != _HEADER:
         raise InputError(f"'{file}' has the header {','.join(header)}; it must be {','.join(_HEADER)}")
     states = checked_states(rows[:, 1:14])
-    moving = np.any(states[:, TWIST] != 0.0, axis=1) | (name in CYCLE_RUNS)
-    mesh = DATA / "meshes" / f"{_MESHES[name.split('_')[0]]}.stl"
+    used = np.any(states[:, TWIST] != 0.0, axis=1) | (name in CYCLE_RUNS) | rests
+    mesh = DATA / "meshes" / f"{_MESHES.get(name.split('_')[0], 'plate')}.stl"
     return DemRun(
         name=name,
-        tool=load_tool(str(mesh), scale=1.0, integration="centroid"),
-        times=rows[moving, 0],
-        states=states[moving],
-        forces=rows[moving, 14:17],
+        tool=load_tool(mesh, scale=1.0, integration=choice.integration, tolerance=choice.tolerance),
+        times=rows[used, 0],
+        states=states[used],
+        forces=rows[used, 14:17],
     )
 
 
@@ -183,11 +182,7 @@ def run_error(run: DemRun, model: Array) -> float:
 @cache
 def modelled(choice: Choice) -> tuple[tuple[DemRun, ...], float]:
     """Every run with the tool of a choice, and ζ fitted to the calibration run alone."""
-
-    def tool(run: DemRun) -> Tool:
-        return load_tool(run.tool.file, scale=1.0, integration=choice.integration, tolerance=choice.tolerance)
-
-    runs = tuple(replace(run, tool=tool(run)) for run in map(read_run, (*RUNS, *FAST_RUNS, *CYCLE_RUNS)))
+    runs = tuple(read_run(name, choice) for name in (*RUNS, *FAST_RUNS, *CYCLE_RUNS))
     calibration = next(run for run in runs if run.name == CALIBRATION)
     return runs, fitted_zeta(calibration, replace(choice, density=0.0).made(1.0))
 

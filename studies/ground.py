@@ -12,8 +12,8 @@ from numpy.typing import NDArray
 
 from rft_ros.ground import HeightMap, Support
 from rft_ros.rft import QUATERNION, Memory, rotation_matrix, wrenches_in_time
-from studies.dem import DATA
-from studies.learning import LAGS, MODELS, PASSES, Series, dem_model, dem_series, learned, pass_errors, passes_of
+from studies.dem import DATA, read_run
+from studies.learning import LAGS, MODELS, PASSES, Series, dem_series, learned, pass_errors, passes_of
 from studies.result import BLACK, BLUE, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
 __all__ = ["four_passes", "seen_before", "study"]
@@ -37,8 +37,8 @@ def four_passes() -> tuple[Series, Series]:
     """The run on a level plane and on the ground seen before each pass; refined, α_y linear, with memory."""
     choice = MODELS[-1]
     level = dem_series(PASSES, choice)
-    tool, law = dem_model(PASSES, choice)
-    support, states = Support(tool.corners), level.states
+    tool, law, states = read_run(PASSES, choice).tool, level.law, level.states
+    support = Support(tool.corners)
     drags = passes_of(level)
     # a map is in force from the end of the drag before it, when the plate leaves
     ends = [0, *(int(drag[-1]) + 1 for drag in drags[:-1]), len(states)]

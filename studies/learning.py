@@ -33,17 +33,15 @@ from rft_ros.rft import (
     Law,
     Memory,
     Plates,
-    checked_states,
     wrenches,
     wrenches_in_time,
 )
-from rft_ros.tool import Tool, load_tool
 from studies.choice import PUBLISHED, REMEMBERED, Choice
-from studies.dem import DATA, RUNS, modelled, smoothed
+from studies.dem import RUNS, modelled, read_run, smoothed
 from studies.result import BLUE, GREY, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
-__all__ = ["LAGS", "MODELS", "PASSES", "Learned", "Series", "bag_series", "dem_model", "dem_series", "followed_force"]
-__all__ += ["learned", "model_rows", "pass_errors", "passes_of", "series_of", "study", "unlearned"]
+__all__ = ["LAGS", "MODELS", "PASSES", "Learned", "Series", "bag_series", "dem_series", "followed_force"]
+__all__ += ["in_sigmas", "learned", "model_rows", "pass_errors", "passes_of", "series_of", "study", "unlearned"]
 
 Array = NDArray[np.float64]
 
@@ -142,11 +140,22 @@ def model_rows(plates: Plates, law: Law, states: Array, *, surface: float = 0.0)
 
 
 def series_of(
-    name: str, plates: Plates, law: Law, states: Array, times: Array, rows: Array, forces: Array, *, rest: float
+    name: str,
+    plates: Plates,
+    law: Law,
+    states: Array,
+    times: Array,
+    forces: Array,
+    *,
+    rest: float,
+    surface: float = 0.0,
 ) -> Series:
     """A series in which every sample counts, as measured; below the speed `rest` [m/s] the tool is at rest."""
-    velocities = states[:, VELOCITY]
-    speeds = np.linalg.norm(velocities, axis=1) + plates.reach * np.linalg.norm(states[:, ANGULAR_VELOCITY], axis=1)
+    linear, angular = states[:, VELOCITY], states[:, ANGULAR_VELOCITY]
+    speeds = np.linalg.norm(linear, axis=1) + plates.reach * np.linalg.norm(angular, axis=1)
+    states, at_rest = states.copy(), speeds < rest
+    states[at_rest, TWIST], speeds[at_rest] = 0.0, 0.0
+    rows, velocities = model_rows(plates, law, states, surface=surface), states[:, VELOCITY]
     motions = zip(velocities[:, 2].tolist(), speeds.tolist(), rows[:, :3].tolist(), strict=True)
     withdrawn = np.array([is_withdrawn(up, speed, (fx, fy, fz)) for up, speed, (fx, fy, fz) in motions])
     passing = withdrawn | (np.linalg.norm(velocities, axis=1) > _INERTIAL)
@@ -156,7 +165,7 @@ def series_of(
         law=law,
         states=states,
         stamps=(1e9 + np.round((times - times[0]) * 1e9)).astype(np.int64),
-        speeds=np.where(speeds < rest, 0.0, speeds),
+        speeds=speeds,
         passing=passing,
         rows=rows,
         forces=forces,
@@ -168,28 +177,14 @@ def series_of(
 @cache
 def dem_series(name: str, choice: Choice) -> Series:
     """A simulated run with ζ from the calibration run; the samples that count are those of the data's README."""
-    tool, law_ = dem_model(name, choice)
-    plates = tool.plates
-    data = np.loadtxt(DATA / f"{name}.csv", delimiter=",", skiprows=1)
-    states, times, forces = checked_states(data[:, 1:14]), data[:, 0], np.ascontiguousarray(data[:, 14:17])
-    rows = model_rows(plates, law_, states)
-    series = series_of(name, plates, law_, states, times, rows, forces, rest=1e-9)
-    moving = np.flatnonzero(np.any(states[:, TWIST] != 0.0, axis=1))
-    smooth = np.zeros_like(forces)
-    smooth[moving] = smoothed(forces[moving])
+    run, law = read_run(name, choice, rests=True), choice.made(modelled(choice)[1])
+    series = series_of(name, run.tool.plates, law, run.states, run.times, run.forces, rest=1e-9)
+    moving = np.flatnonzero(np.any(run.states[:, TWIST] != 0.0, axis=1))
+    smooth = np.zeros_like(run.forces)
+    smooth[moving] = smoothed(run.forces[moving])
     inner = moving[5:-8]
     size = np.linalg.norm(smooth[inner], axis=1)
     return replace(series, judged=inner[size > 0.2 * size.max()], expected=smooth)
-
-
-def dem_model(name: str, choice: Choice) -> tuple[Tool, Law]:
-    """The tool of a simulated run, and the law with ζ from the calibration run."""
-    return _dem_tool(name, choice), choice.made(modelled(choice)[1])
-
-
-def _dem_tool(name: str, choice: Choice) -> Tool:
-    mesh = {"ellipsoid": "ellipsoid", "root": "paraboloid"}.get(name.split("_")[0], "plate")
-    return load_tool(str(DATA / "meshes" / f"{mesh}.stl"), scale=1.0, integration=choice.integration)
 
 
 @cache  # several studies use them
@@ -239,14 +234,12 @@ def _recorded(bag: Path, values: Values, options: ReplayOptions, choice: Choice)
     own = {**values, "medium.mobilization_length": length, "tolerance": choice.tolerance}
     track = read_track(bag, own, options)
     settings, model = settings_of(own), model_of(own)
-    states = track.states.copy()
-    plates, rest = model.tool.plates, settings.rest_speed
-    states[np.add(*track.speeds(states)) < rest, TWIST] = 0.0
-    rows = model_rows(plates, model.law, states, surface=settings.surface_height)
-    series = series_of(bag.name, plates, model.law, states, track.time, rows, track.forces, rest=rest)
-    sinking = np.convolve(states[:, 9], np.full(21, 1.0 / 21.0), "same") < -rest
-    deep = settings.surface_height - track.heights > 0.0
-    inward = np.flatnonzero(sinking & deep & (rows[:, 2] > 0.0) & (series.speeds > 0.0))
+    plates, law = model.tool.plates, model.law
+    rest, surface = settings.rest_speed, settings.surface_height
+    series = series_of(bag.name, plates, law, track.states, track.time, track.forces, rest=rest, surface=surface)
+    sinking = np.convolve(series.states[:, 9], np.full(21, 1.0 / 21.0), "same") < -rest
+    deep = surface - track.heights > 0.0
+    inward = np.flatnonzero(sinking & deep & (series.rows[:, 2] > 0.0) & (series.speeds > 0.0))
     return replace(series, judged=inward, strength_error=settings.zeta_error or CALIBRATED_ERROR)
 
 
@@ -306,11 +299,10 @@ def passes_of(series: Series) -> list[NDArray[np.int64]]:
     return [run for run in np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1) if len(run) > 50]
 
 
-def coverage(series: Series, out: Array) -> Array:
-    """Share of the force components within one and two standard deviations of the raw measurement, counts: [3]."""
+def in_sigmas(series: Series, out: Array) -> Array:
+    """Errors of the force components, as measured, over their standard deviations, shape [n, 3]."""
     rows = series.judged
-    z = np.abs(series.forces[rows] - out[rows, :3]) / out[rows, 6:9]
-    return np.array([(z < 1.0).sum(), (z < 2.0).sum(), z.size], dtype=float)
+    return np.asarray(np.abs(series.forces[rows] - out[rows, :3]) / out[rows, 6:9])
 
 
 def unlearned(series: Series) -> Array:

@@ -52,8 +52,7 @@ def predicted(choice: Choice, run: DemRun, law: Law) -> Array:
     """The force at each state of a run [N], shape [n, 3]; a learned one uses earlier forces of the same run."""
     if choice.lag == 0.0:
         return run.predicted(law, threads=1)
-    rows = model_rows(run.tool.plates, law, run.states)
-    series = series_of(run.name, run.tool.plates, law, run.states, run.times, rows, run.forces, rest=1e-9)
+    series = series_of(run.name, run.tool.plates, law, run.states, run.times, run.forces, rest=1e-9)
     return learned(series, lag=choice.lag).out[:, :3]
 
 

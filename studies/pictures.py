@@ -8,25 +8,39 @@ import tempfile
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+import matplotlib as mpl
 import numpy as np
+from matplotlib.cm import ScalarMappable
+from matplotlib.colors import LinearSegmentedColormap, Normalize
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
 from numpy.typing import NDArray
 
+from rft_ros.bags.options import ReplayOptions
+from rft_ros.bags.playback import states_of
+from rft_ros.bags.replay import replay
+from rft_ros.demo.virtual_arm import LAYER
+from rft_ros.installation import share_directory
+from rft_ros.parameters import Values, model_of, read_parameter_file, settings_of
 from rft_ros.report.animation import TRACTION, Animation, animate
 
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
-
-__all__ = ["draw_demo", "draw_moment", "legend_below"]
+__all__ = ["draw_demo", "draw_moment", "estimates_of", "legend_below"]
 
 _SURFACE, _SURFACE_EDGE, _FORCE = "#C2A878", "#7a6640", "#0072B2"
 
 
-def legend_below(figure: "Figure", entries: Mapping[str, Any], **style: Any) -> None:
-    """Put a legend below the panels of a figure with constrained layout. `entries`: handles by label."""
-    import matplotlib as mpl
+def estimates_of(bag: Path, values: Values, options: ReplayOptions) -> Any:
+    """The rows of `estimates.csv` of a replay, with its columns as fields."""
+    with tempfile.TemporaryDirectory() as folder:
+        replay(bag, Path(folder), values, options)
+        return np.genfromtxt(Path(folder) / "estimates.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
 
+
+def legend_below(figure: Figure, entries: Mapping[str, Any], **style: Any) -> None:
+    """Put a legend below the panels of a figure with constrained layout. `entries`: handles by label."""
     place = "outside lower center"
     if mpl.__version_info__ < (3, 7):  # 3.6, in Ubuntu 24.04, reserves no space for the legend
         place = "lower center"
@@ -39,11 +53,6 @@ def draw_moment(figure: Any, axes: Any, scene: Animation) -> None:
 
     The viewpoint is nearly level, to show both the surface and the loaded faces below it.
     """
-    from matplotlib.cm import ScalarMappable
-    from matplotlib.colors import LinearSegmentedColormap, Normalize
-    from matplotlib.ticker import MaxNLocator
-    from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-untyped]
-
     n, points, level = scene.first, scene.placed[scene.first], scene.surface_height
     kilopascals, force = scene.traction[n], scene.forces[n]
     size = float(np.linalg.norm(force))
@@ -90,24 +99,10 @@ def draw_moment(figure: Any, axes: Any, scene: Animation) -> None:
 
 def draw_demo(bag: Path, file: Path) -> None:
     """Draw the demo: the tool with the fixed model's traction, force over depth with and without learning, surprise."""
-    from matplotlib.figure import Figure
-
-    from rft_ros.bags.options import ReplayOptions
-    from rft_ros.bags.playback import states_of
-    from rft_ros.bags.replay import replay
-    from rft_ros.demo.virtual_arm import LAYER
-    from rft_ros.installation import share_directory
-    from rft_ros.parameters import model_of, read_parameter_file, settings_of
-
     values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml")
     fixed = {**values, "learning.mode": "off"}
     options, model = ReplayOptions(tare=2.0), model_of(fixed)
-    tables: list[Any] = []
-    with tempfile.TemporaryDirectory() as folder:
-        for name, given in (("learned", values), ("fixed", fixed)):
-            replay(bag, Path(folder) / name, given, options)
-            table = Path(folder) / name / "estimates.csv"
-            tables.append(np.genfromtxt(table, delimiter=",", names=True, dtype=None, encoding="utf-8"))
+    tables = [estimates_of(bag, given, options) for given in (values, fixed)]
     played = states_of(bag, fixed, model, options)
     height, title = settings_of(fixed).surface_height, "Traction and force by the fixed model"
     scene = animate(title, model.tool, model.law, played.times, played.states, played.forces, surface_height=height)

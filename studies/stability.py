@@ -1,6 +1,6 @@
 """Where the method fails: the figures of docs/where-it-fails.md, and the numbers that its sections quote."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from scipy.spatial import ConvexHull
@@ -19,7 +19,7 @@ from rft_ros.rft import (
 from rft_ros.sweeps.motions import circumnutation, sample
 from studies import bad_meshes, concave_tools, force_jumps, sampling
 from studies.paper import law, root_tip
-from studies.parameter_sweep import RULE_COLOUR, Array, Sweep, draw_lines, measured, scene_states, shipped
+from studies.parameter_sweep import RULE_COLOUR, Array, Line, Sweep, draw_lines, measured, scene_states, shipped
 from studies.result import BLACK, GREEN, StudyResult, label_axes, new_figure, result_of_rows
 
 __all__ = ["CASES", "LIMIT", "overview", "reversal", "share_in_wake", "study", "sweeps", "wake"]
@@ -31,9 +31,8 @@ _LEAST = 1e-7  # smaller jumps are drawn here
 _DEGREE, _MILLIMETRE = 180.0 / np.pi, 1e3
 
 
-def _by_rule(sweep: Sweep) -> dict[Integration, float]:
+def _by_rule(lines: Sequence[Line]) -> dict[Integration, float]:
     """The largest jump by each rule, over both α_y models."""
-    lines = measured(sweep)
     return {rule: max(line.jump for line in lines if line.rule == rule) for rule in INTEGRATIONS}
 
 
@@ -49,7 +48,7 @@ def overview() -> StudyResult:
         force_jumps.turning_sweep(1),
         force_jumps.turning_sweep(8),
     )
-    found = {sweep.name: _by_rule(sweep) for sweep in every}
+    found = {sweep.name: _by_rule(measured(sweep)) for sweep in every}
     figure = new_figure(8.0, 6.2)
     axes = figure.subplots()
     for rule, marker in zip(INTEGRATIONS, ("o", "s"), strict=True):
@@ -80,10 +79,11 @@ def sweeps() -> StudyResult:
     figure = new_figure(11.0, 6.4)
     rows = []
     for axes, (sweep, title, per_unit, x, component) in zip(figure.subplots(2, 3).flat, panels, strict=True):
-        draw_lines(axes, measured(sweep), per_unit, component=component)
+        lines = measured(sweep)
+        draw_lines(axes, lines, per_unit, component=component)
         y = "Force [N]" if component is None else f"Force along {'xyz'[component]} [N]"
         label_axes(axes, x=x, y=y, title=title)
-        rows.append((sweep.name, *_by_rule(sweep).values()))
+        rows.append((sweep.name, *_by_rule(lines).values()))
     figure.axes[0].legend(fontsize=7)
     by_rule = ((rule, "{:.2g} %", 100.0) for rule in INTEGRATIONS)
     return result_of_rows("fails_sweeps", "The force along six sweeps", figure, rows, ("sweep", "{}"), *by_rule)

@@ -10,8 +10,8 @@ from studies.learning import (
     LAGS,
     MODELS,
     bag_series,
-    coverage,
     dem_series,
+    in_sigmas,
     learned,
     pass_errors,
     peak_error,
@@ -43,8 +43,8 @@ def grains():
 
 
 def is_covered(series, outs):
-    one, two, count = np.sum([coverage(s, out) for s, out in zip(series, outs, strict=True)], axis=0)
-    return 0.60 <= one / count <= 0.80 and two / count >= 0.93
+    errors = np.concatenate([in_sigmas(s, out) for s, out in zip(series, outs, strict=True)])
+    return 0.60 <= (errors < 1.0).mean() <= 0.80 and (errors < 2.0).mean() >= 0.93
 
 
 @pytest.mark.parametrize(("choice", "lag", "limit"), [
