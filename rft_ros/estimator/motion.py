@@ -16,7 +16,7 @@ from rft_ros.parameters import Settings
 from rft_ros.rft import QUATERNION, SLACK, STATE
 from rft_ros.rft.frames import Placement, attitude
 from rft_ros.rft.kernel.compilation import compiled, machine_code
-from rft_ros.rft.memory_state import HEAD, IN_HEAD, displacement
+from rft_ros.rft.memory_state import DEAD_BAND, HEAD, displacement
 
 __all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion"]
 
@@ -97,7 +97,7 @@ class Kinematics:
         dead_band = min(max(_BAND_OVER_NOISE * noise, SLACK), _WIDEST_BAND)
         state = np.empty((1, len(STATE)))
         _PACK_STATE.pack_into(state.data, 0, *pose.position, *pose.quaternion, *velocity)
-        self._head[IN_HEAD.dead_band] = dead_band
+        self._head[DEAD_BAND] = dead_band
         path, rise, along = self._follow(self._head, state[0], self.reach)
         return Motion(
             pose=pose,

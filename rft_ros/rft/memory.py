@@ -46,7 +46,7 @@ import numpy as np
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
-from rft_ros.rft.memory_state import FAR, HEAD, IN_MEMORY, OF_BLOCK, moved_by
+from rft_ros.rft.memory_state import FAR, GAP, HEAD, OF_BLOCK, RADIUS, TAU, moved_by
 from rft_ros.rft.plates import BLOCK
 
 __all__ = ["DEPTH", "STIFF", "Mobilization", "add_memory", "advance", "follow_gap", "is_elastic"]
@@ -167,8 +167,8 @@ def _add_memory(chunk, count, memory, motion, below, slope, mobilization):
             span = max(mobilization.length, 1.0 / FAR) * ratio
             share, (tx, ty, tz) = chunk[at(row.SHARE, i)], triple(chunk, row.TRACTION, i)
             target = share * tx, share * ty, share * tz
-            kept = triple(memory, first + IN_MEMORY.traction, j, BLOCK)
-            past = kept, memory[at(first + IN_MEMORY.radius, j)], memory[at(first + IN_MEMORY.gap, j)]
+            kept = triple(memory, first + TAU, j, BLOCK)
+            past = kept, memory[at(first + RADIUS, j)], memory[at(first + GAP, j)]
             normal, width = triple(chunk, row.NORMAL, i), 0.5 / chunk[at(row.PER_WIDTH, i)]
             traction, radius, gap, tangent = advance(past, normal, width, moved, target, span, mobilization.strength)
             load = chunk[at(row.LOAD, i)]
@@ -176,9 +176,9 @@ def _add_memory(chunk, count, memory, motion, below, slope, mobilization):
             traction = wet * traction[0], wet * traction[1], wet * traction[2]
             put(chunk, row.TRACTION, i, traction)
             chunk[at(row.TANGENT, i)] = tangent * max(load, 0.0)
-            put(memory, first + IN_MEMORY.traction, j, traction, BLOCK)
-            memory[at(first + IN_MEMORY.radius, j)] = wet * radius
-            memory[at(first + IN_MEMORY.gap, j)] = wet * gap
+            put(memory, first + TAU, j, traction, BLOCK)
+            memory[at(first + RADIUS, j)] = wet * radius
+            memory[at(first + GAP, j)] = wet * gap
 
 
 add_memory = compiled(_add_memory, **STEP)
@@ -189,7 +189,7 @@ def is_elastic(memory, first):
     """Whether a plate of the block that begins at `first` has a yield surface, without which it has no traction."""
     sum_of_radii = 0.0
     for i in range(BLOCK):
-        sum_of_radii += memory[at(first + IN_MEMORY.radius, i)]
+        sum_of_radii += memory[at(first + RADIUS, i)]
     return sum_of_radii > 0.0
 
 
@@ -200,5 +200,5 @@ def follow_gap(memory, first, i, normal, place, motion):
     `motion`: of `displacement`, in the axes of normal and place.
     """
     (nx, ny, nz), (dx, dy, dz) = normal, moved_by(motion, place)
-    along, gap = dx * nx + dy * ny + dz * nz, memory[at(first + IN_MEMORY.gap, i)]
-    memory[at(first + IN_MEMORY.gap, i)] = max(gap - max(along, 0.0), 0.0) + OPEN * max(-along, 0.0)
+    along, gap = dx * nx + dy * ny + dz * nz, memory[at(first + GAP, i)]
+    memory[at(first + GAP, i)] = max(gap - max(along, 0.0), 0.0) + OPEN * max(-along, 0.0)

@@ -6,7 +6,6 @@ plates have moved, whatever time it took.
 
 from dataclasses import KW_ONLY, dataclass, field
 from math import sqrt
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,8 +15,9 @@ from rft_ros.rft.frames import from_frame, into_frame
 from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.plates import BLOCK, Plates
 
-__all__ = ["FAR", "HEAD", "IN_HEAD", "IN_MEMORY", "IN_STIFFNESS", "MOST_BODIES", "OF_BLOCK", "SLACK"]
-__all__ += ["InHead", "InMemory", "InStiffness", "Memory", "displacement", "moved_by"]
+__all__ = ["BEGUN", "DEAD_BAND", "FAR", "GAP", "HEAD", "MOST_BODIES", "OF_BLOCK", "POSITION_BEFORE", "RADIUS", "SLACK"]
+__all__ += ["K_X", "K_XX", "K_XY", "K_XZ", "K_Y", "K_YY", "K_YZ", "K_Z", "K_ZZ", "ROTATION_BEFORE", "TAU", "K"]
+__all__ += ["TWIST_BEFORE", "Memory", "displacement", "moved_by"]
 
 SLACK = 10e-6
 """`Memory.slack` [m] for measured poses: five standard deviations of encoders of 2 µm."""
@@ -26,57 +26,19 @@ MOST_BODIES = 1_000_000
 """The greatest number of bodies in one memory."""
 
 
-class InStiffness(NamedTuple):
-    """Where each sum of `Memory.stiffness` is: `k`, Σ k L; `x` to `z`, Σ k L x (3); `xx` to `yz`, Σ k L (xx, ...)."""
+K, K_X, K_Y, K_Z, K_XX, K_YY, K_ZZ, K_XY, K_XZ, K_YZ = range(10)
+"""Where each sum of `Memory.stiffness` is in a row of `Memory.numbers`: Σ k L, Σ k L x (3) and Σ k L x x (6)."""
 
-    k: int
-    x: int
-    y: int
-    z: int
-    xx: int
-    yy: int
-    zz: int
-    xy: int
-    xz: int
-    yz: int
+TWIST_BEFORE, BEGUN, DEAD_BAND, POSITION_BEFORE, ROTATION_BEFORE = 10, 16, 17, 18, 21
+"""Where the rest of the head of a row begins: the last twist that was not zero, scaled to order one (6); 1 after the
+first state; the dead band [m]; the pose that the plates have followed to, position [m] (3) and matrix by rows (9)."""
 
-
-IN_STIFFNESS = InStiffness(k=0, x=1, y=2, z=3, xx=4, yy=5, zz=6, xy=7, xz=8, yz=9)
-
-
-class InHead(NamedTuple):
-    """Where each part of the head of a row of `Memory.numbers` begins; the ten sums of `InStiffness` are before these.
-
-    `twist`: the last twist that was not zero, scaled to order one (6). `begun`: 1 after the first state. `dead_band`
-    [m]. `position` [m] (3) and `rotation`, a matrix by rows (9): the pose that the plates have followed to.
-    """
-
-    twist: int
-    begun: int
-    dead_band: int
-    position: int
-    rotation: int
-
-
-IN_HEAD = InHead(twist=10, begun=16, dead_band=17, position=18, rotation=21)
-HEAD = IN_HEAD.rotation + 9
+HEAD = ROTATION_BEFORE + 9
 """Numbers in the head of a row of `Memory.numbers`: there the states of the blocks begin."""
 
-
-class InMemory(NamedTuple):
-    """Where the rows of a block begin in `Memory.numbers`, counted from the block's first number.
-
-    `traction`: τ [N/m³], world axes, three rows; `radius`: y [N/m³]; `gap`: g [m].
-    """
-
-    traction: int
-    radius: int
-    gap: int
-
-
-IN_MEMORY = InMemory(traction=0, radius=3 * BLOCK, gap=4 * BLOCK)
-OF_BLOCK = 5 * BLOCK
-"""Numbers of a block in `Memory.numbers`."""
+TAU, RADIUS, GAP, OF_BLOCK = 0, 3 * BLOCK, 4 * BLOCK, 5 * BLOCK
+"""Where the rows of a block begin, counted from its first number: τ [N/m³], world axes, three rows; y [N/m³]; g [m].
+The last is how many numbers a block has."""
 
 FAR = 1e30
 """Bounds displacements [m], and its inverse the mobilization length, so that no product overflows."""
@@ -92,8 +54,8 @@ class Memory:
 
     `slack` [m]: the dead band on the displacement, which filters the noise of poses. The plates follow the tool's pose
     at this distance. A simulator needs none. Of many `bodies` of these plates, state i is of body i.
-    `numbers`: shape [bodies, m]. In each row the head, `InStiffness` and `InHead`, and then block by block the rows of
-    `InMemory`. Raises ValueError for a `slack` or a number of bodies that cannot be used.
+    `numbers`: shape [bodies, m]. In each row the head, which begins with the sums of `stiffness`, and then block by
+    block τ, y and g. Raises ValueError for a `slack` or a number of bodies that cannot be used.
     """
 
     plates: Plates
@@ -112,16 +74,16 @@ class Memory:
     @property
     def slacks(self) -> Array:
         """The dead band of each body [m], shape [bodies]."""
-        return self.numbers[:, IN_HEAD.dead_band]
+        return self.numbers[:, DEAD_BAND]
 
     @property
     def stiffness(self) -> Array:
-        """The sums of `InStiffness` at the last state, shape [bodies, 10].
+        """The sums Σ k L, Σ k L x (3) and Σ k L (xx, yy, zz, xy, xz, yz) at the last state, shape [bodies, 10].
 
         Over plates at x from the tool frame's origin [m], world axes, of load L [m³] and modulus k [N/m⁴]: of Eq. (10a)
         in the elastic part of the last step, and |t| / λ(d), or |τ| / λ(d) if that is greater, where the plate yielded.
         """
-        return self.numbers[:, : len(IN_STIFFNESS)]
+        return self.numbers[:, : K_YZ + 1]
 
 
 @inlined
@@ -159,13 +121,13 @@ def displacement(memory, state, axes, reach):
     `memory`: a row of `Memory.numbers`, whose first state has no displacement. Returns origin [m] and matrix, world
     axes, and the same in tool axes: a point at x from the tool frame's origin moved by origin + matrix x.
     """
-    one = memory[IN_HEAD.begun]
-    px, py, pz = _difference(state, memory, IN_HEAD.position)
+    one = memory[BEGUN]
+    px, py, pz = _difference(state, memory, POSITION_BEFORE)
     shift = _times(one, _bounded(px, py, pz))
-    x = _times(one, _difference(axes[:3], memory, IN_HEAD.rotation))  # rows of the change of the rotation matrix
-    y = _times(one, _difference(axes[3:6], memory, IN_HEAD.rotation + 3))
-    z = _times(one, _difference(axes[6:], memory, IN_HEAD.rotation + 6))
-    change, dead_band = (*shift, *x, *y, *z), memory[IN_HEAD.dead_band]
+    x = _times(one, _difference(axes[:3], memory, ROTATION_BEFORE))  # rows of the change of the rotation matrix
+    y = _times(one, _difference(axes[3:6], memory, ROTATION_BEFORE + 3))
+    z = _times(one, _difference(axes[6:], memory, ROTATION_BEFORE + 6))
+    change, dead_band = (*shift, *x, *y, *z), memory[DEAD_BAND]
     vx, vy, vz = _bounded(state[7], state[8], state[9])
     wx, wy, wz = _bounded(state[10], state[11], state[12])
     _, xy, xz, yx, _, yz, zx, zy, _ = _in_world(axes, x, y, z)
@@ -185,11 +147,11 @@ def displacement(memory, state, axes, reach):
     x = _sum(part_aside, x, time, (wy * cx - wz * bx, wy * cy - wz * by, wy * cz - wz * bz))
     y = _sum(part_aside, y, time, (wz * ax - wx * cx, wz * ay - wx * cy, wz * az - wx * cz))
     z = _sum(part_aside, z, time, (wx * bx - wy * ax, wx * by - wy * ay, wx * bz - wy * az))
-    memory[IN_HEAD.begun] = 1.0
+    memory[BEGUN] = 1.0
     for j, v in enumerate((state[0], state[1], state[2], *axes)):
-        memory[IN_HEAD.position + j] = v
+        memory[POSITION_BEFORE + j] = v
     for j, v in enumerate((*shift, *x, *y, *z)):
-        memory[IN_HEAD.position + j] -= one * (change[j] - v)  # what the dead band leaves for later
+        memory[POSITION_BEFORE + j] -= one * (change[j] - v)  # what the dead band leaves for later
     p, q, r = into_frame(axes, x[0], y[0], z[0]), into_frame(axes, x[1], y[1], z[1]), into_frame(axes, x[2], y[2], z[2])
     inner = p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2]
     return (shift, _in_world(axes, x, y, z)), (into_frame(axes, *shift), inner)

@@ -5,15 +5,14 @@ body's plates trail, and a tool is seldom fully submerged. Skipping single plate
 """
 
 from dataclasses import dataclass, fields
-from typing import Any, Literal, NamedTuple
+from typing import Any, Literal
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 __all__ = ["AREA", "CENTROID", "FIRST_CORNER", "HALF_ANGLE", "NORMAL", "SECOND_CORNER"]
 __all__ += ["BOUNDS", "BOUND_AREA", "BOUND_MOMENT", "BOUND_NORMAL", "BOUND_PLACE", "BOUND_SINE"]
-__all__ += ["IN_BLOCK", "ROWS_OF_CENTROID", "ROWS_OF_REFINED", "InBlock"]
-__all__ += ["BLOCK", "INTEGRATIONS", "ROUNDING", "Integration", "Plates"]
+__all__ += ["BLOCK", "INTEGRATIONS", "ROUNDING", "ROWS_OF_CENTROID", "ROWS_OF_REFINED", "Integration", "Plates"]
 
 BLOCK = 16
 """Plates in a block. The kernel tests the plates of a block together: are any below the surface, and leading?"""
@@ -34,27 +33,6 @@ FIRST_CORNER, SECOND_CORNER and HALF_ANGLE exist for the refined rule only. The 
 """
 ROWS_OF_CENTROID, ROWS_OF_REFINED = 7, 14
 """Numbers of a plate for each rule."""
-
-
-class InBlock(NamedTuple):
-    """Where the rows of a block begin in `Plates.blocks`, counted from the block's first number."""
-
-    centroid: int
-    normal: int
-    area: int
-    first_corner: int
-    second_corner: int
-    half_angle: int
-
-
-IN_BLOCK = InBlock(
-    centroid=BLOCK * CENTROID.start,
-    normal=BLOCK * NORMAL.start,
-    area=BLOCK * AREA,
-    first_corner=BLOCK * FIRST_CORNER.start,
-    second_corner=BLOCK * SECOND_CORNER.start,
-    half_angle=BLOCK * HALF_ANGLE,
-)
 
 BOUND_NORMAL, BOUND_MOMENT, BOUND_PLACE, BOUND_AREA, BOUND_SINE = 0, 6, 12, 18, 19
 """The rows of `Plates.bounds`. BOUND_NORMAL, BOUND_MOMENT and BOUND_PLACE each begin six rows: the middle of a box (3)

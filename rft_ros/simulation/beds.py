@@ -7,11 +7,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft import Law, Memory, Plates
+from rft_ros.rft import memory_state as kept
 from rft_ros.rft.arguments import number
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel.compilation import compiled, inlined
 from rft_ros.rft.kernel.loops import sums
-from rft_ros.rft.memory_state import IN_STIFFNESS
 from rft_ros.rft.plates import BOUNDS
 from rft_ros.rft.traction import packed_law
 
@@ -99,11 +99,11 @@ def forces_on_plates(beds, body, states, forces):
 def stiffness_matrix(memory, b):
     """Write the stiffness B of a row of `Beds.memory`, shape [6, 6] [N/m, N, N m]. A displacement d adds -B d.
 
-    It is that of the last state, from the sums of `InStiffness`.
+    It is that of the last state, from the sums of `Memory.stiffness`.
     """
-    s, x, y, z = memory[IN_STIFFNESS.k], memory[IN_STIFFNESS.x], memory[IN_STIFFNESS.y], memory[IN_STIFFNESS.z]
-    xx, yy, zz = memory[IN_STIFFNESS.xx], memory[IN_STIFFNESS.yy], memory[IN_STIFFNESS.zz]
-    xy, xz, yz = memory[IN_STIFFNESS.xy], memory[IN_STIFFNESS.xz], memory[IN_STIFFNESS.yz]
+    s, x, y, z = memory[kept.K], memory[kept.K_X], memory[kept.K_Y], memory[kept.K_Z]
+    xx, yy, zz = memory[kept.K_XX], memory[kept.K_YY], memory[kept.K_ZZ]
+    xy, xz, yz = memory[kept.K_XY], memory[kept.K_XZ], memory[kept.K_YZ]
     b[:] = 0.0
     b[0, 0] = b[1, 1] = b[2, 2] = s
     b[0, 4], b[0, 5], b[1, 3], b[1, 5], b[2, 3], b[2, 4] = z, -y, -z, x, y, -x

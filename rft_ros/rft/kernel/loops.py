@@ -9,6 +9,7 @@ from math import cos, radians, sin, sqrt
 
 import numpy as np
 
+from rft_ros.rft import memory_state as kept
 from rft_ros.rft.frames import (
     BY_HEIGHT,
     FORCE,
@@ -26,18 +27,22 @@ from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import OPTIONS, compiled, inlined
 from rft_ros.rft.memory import Mobilization, add_memory, follow_gap, is_elastic
-from rft_ros.rft.memory_state import HEAD, IN_HEAD, IN_STIFFNESS, OF_BLOCK, displacement
 from rft_ros.rft.plates import (
+    AREA,
     BLOCK,
     BOUND_AREA,
     BOUND_MOMENT,
     BOUND_NORMAL,
     BOUND_PLACE,
     BOUND_SINE,
-    IN_BLOCK,
+    CENTROID,
+    FIRST_CORNER,
+    HALF_ANGLE,
+    NORMAL,
     ROUNDING,
     ROWS_OF_CENTROID,
     ROWS_OF_REFINED,
+    SECOND_CORNER,
 )
 from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, orient, tractions
 
@@ -49,8 +54,14 @@ possibly cut by the surface; possibly with horizontal plates. The plates of bloc
 by one."""
 
 _FORCE, _TORQUE, _BY_HEIGHT, _MOMENTS = (row.TOTAL + part.start for part in (FORCE, TORQUE, BY_HEIGHT, MOMENTS))
-_AREA = row.TOTAL + SUBMERGED_AREA
+_SUBMERGED = row.TOTAL + SUBMERGED_AREA
 """Where each part of a result begins in the chunk, which has the totals of the state in the order of a result."""
+
+_CENTROID, _NORMAL, _FIRST_CORNER, _SECOND_CORNER = (
+    BLOCK * part.start for part in (CENTROID, NORMAL, FIRST_CORNER, SECOND_CORNER)
+)
+_AREA, _HALF_ANGLE = BLOCK * AREA, BLOCK * HALF_ANGLE
+"""Where the rows of a block begin in `Plates.blocks`, counted from the block's first number."""
 
 _FORCES = 3  # columns of the forces of plates
 _LEVEL = cos(radians(FLAT_BLEND))
@@ -164,15 +175,15 @@ def _centre_and_load(rows, first, i, below, rise, refined, cut):
     submerged. `refined` and `cut` must be constants, or the loop is not vectorised.
     """
     zx, zy, zz = rise
-    a, b, c = triple(rows, first + IN_BLOCK.centroid, i, BLOCK)
-    area = rows[at(first + IN_BLOCK.area, i)]
+    a, b, c = triple(rows, first + _CENTROID, i, BLOCK)
+    area = rows[at(first + _AREA, i)]
     depth = below - (zx * a + zy * b + zz * c)
     if not refined:
         area = area if depth > 0.0 else 0.0
         return (a, b, c), depth * area, area
     # e0, e1 and -(e0 + e1) are the corners from the centroid
-    e0x, e0y, e0z = triple(rows, first + IN_BLOCK.first_corner, i, BLOCK)
-    e1x, e1y, e1z = triple(rows, first + IN_BLOCK.second_corner, i, BLOCK)
+    e0x, e0y, e0z = triple(rows, first + _FIRST_CORNER, i, BLOCK)
+    e1x, e1y, e1z = triple(rows, first + _SECOND_CORNER, i, BLOCK)
     h0 = zx * e0x + zy * e0y + zz * e0z
     h1 = zx * e1x + zy * e1y + zz * e1z
     if cut:
@@ -199,14 +210,14 @@ def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
     submerged = 0.0
     for j in range(BLOCK):
         (a, b, c), load, area = _centre_and_load(rows, first, j, below, rise, refined, cut)
-        normal = nx, ny, nz = from_frame(axes, *triple(rows, first + IN_BLOCK.normal, j, BLOCK))
+        normal = nx, ny, nz = from_frame(axes, *triple(rows, first + _NORMAL, j, BLOCK))
         x, y, z = from_frame(axes, a, b, c)
         ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
         lead = ux * nx + uy * ny + uz * nz
         i = at(i0, j)
         per_speed = orient(chunk, i, normal, (ux, uy, uz))
         if refined:
-            per_width = rows[at(first + IN_BLOCK.half_angle, j)]
+            per_width = rows[at(first + _HALF_ANGLE, j)]
             chunk[at(row.PER_WIDTH, i)] = per_width
             share = min(max(lead * per_speed * per_width + 0.5, 0.0), 1.0)
         else:
@@ -227,7 +238,7 @@ def _follow_gaps(memory, first, form, b, below, rise, motion):
     block = b * np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK)
     for i in range(BLOCK):
         place, _, _ = _centre_and_load(rows, block, i, below, rise, refined, False)
-        follow_gap(memory, first, i, triple(rows, block + IN_BLOCK.normal, i, BLOCK), place, motion)
+        follow_gap(memory, first, i, triple(rows, block + _NORMAL, i, BLOCK), place, motion)
 
 
 @inlined
@@ -284,16 +295,8 @@ def _add_stiffness(chunk, n, memory):
         kxy += stiff * x * y
         kxz += stiff * x * z
         kyz += stiff * y * z
-    memory[IN_STIFFNESS.k] += k
-    memory[IN_STIFFNESS.x] += kx
-    memory[IN_STIFFNESS.y] += ky
-    memory[IN_STIFFNESS.z] += kz
-    memory[IN_STIFFNESS.xx] += kxx
-    memory[IN_STIFFNESS.yy] += kyy
-    memory[IN_STIFFNESS.zz] += kzz
-    memory[IN_STIFFNESS.xy] += kxy
-    memory[IN_STIFFNESS.xz] += kxz
-    memory[IN_STIFFNESS.yz] += kyz
+    for c, value in enumerate((k, kx, ky, kz, kxx, kyy, kzz, kxy, kxz, kyz)):
+        memory[kept.K + c] += value
 
 
 @inlined
@@ -343,13 +346,13 @@ def _sums(form, law, height, slope, states, past, out):
         memory = memories[k if len(memories) > 1 else 0]
         motion = motion_in_tool = (0.0, 0.0, 0.0), axes
         if has_memory:
-            for c in IN_STIFFNESS:
+            for c in range(kept.TWIST_BEFORE):
                 memory[c] = 0.0
             if scale > 0.0:
                 for c, value in enumerate(twist):
-                    memory[IN_HEAD.twist + c] = value
-            twist = triple(memory, IN_HEAD.twist, 0, 1) + triple(memory, IN_HEAD.twist, 3, 1)
-            motion, motion_in_tool = displacement(memory, states[k], axes, reach)
+                    memory[kept.TWIST_BEFORE + c] = value
+            twist = triple(memory, kept.TWIST_BEFORE, 0, 1) + triple(memory, kept.TWIST_BEFORE, 3, 1)
+            motion, motion_in_tool = kept.displacement(memory, states[k], axes, reach)
         scene = axes, twist, below, rise
         for c in range(WIDTH):
             chunk[at(row.TOTAL, c)] = 0.0
@@ -359,7 +362,7 @@ def _sums(form, law, height, slope, states, past, out):
             if place == np.uint64(0):
                 _classify(chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), scene, reach, level)
             kind = chunk[at(row.KIND, place)] if b < blocks else _SKIP_DRY
-            in_memory = np.uint64(HEAD) + b * np.uint64(OF_BLOCK)
+            in_memory = np.uint64(kept.HEAD) + b * np.uint64(kept.OF_BLOCK)
             if has_memory and kind == _SKIP_WET and is_elastic(memory, in_memory):
                 kind = _PLAIN
             changes = kind >= _PLAIN and flat != (kind == _FLAT_OR_CUT)
@@ -374,7 +377,7 @@ def _sums(form, law, height, slope, states, past, out):
                         submerged = _geometry(chunk, i0, rows, w, scene, has_memory, True, False)
                     else:
                         submerged = _geometry(chunk, i0, rows, w, scene, has_memory, True, True)
-                    chunk[_AREA] += submerged
+                    chunk[_SUBMERGED] += submerged
                 flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
                 tractions(law, chunk, n, flatness, refined)
                 if has_memory:
@@ -393,11 +396,11 @@ def _sums(form, law, height, slope, states, past, out):
                 chunk[at(row.NUMBER, count)], chunk[at(row.NUMBER + row.BLOCKS, count)] = b, kind
                 count += one
             elif kind == _SKIP_WET:
-                chunk[_AREA] += bounds[BOUND_AREA, b]
+                chunk[_SUBMERGED] += bounds[BOUND_AREA, b]
                 if has_memory:
                     _follow_gaps(memory, in_memory, form, b, below, rise, motion_in_tool)
             elif has_memory and b < blocks:
-                for i in range(OF_BLOCK):
+                for i in range(kept.OF_BLOCK):
                     memory[at(in_memory, i)] = 0.0
             b += one
         if not of_plates:
