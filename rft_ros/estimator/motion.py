@@ -16,7 +16,7 @@ from rft_ros.parameters import Settings
 from rft_ros.rft import QUATERNION, SLACK, STATE
 from rft_ros.rft.frames import Placement, attitude
 from rft_ros.rft.kernel.compilation import compiled, machine_code
-from rft_ros.rft.memory_state import DEAD_BAND, HEAD, displacement
+from rft_ros.rft.memory import DEAD_BAND, HEAD, displacement
 
 __all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion"]
 

@@ -11,7 +11,7 @@ torque about the origin of the tool frame.
 - (4) stresses per depth in the plane of e2 and z: `media`; (7) along e1: `alpha_y`
 - (5), (6) weights of the velocity components, (8) traction per depth of a plate that leads: `traction`
 - (9) wrench, a superposition of independent plates, and (9a) the share of a plate that leads: `wrench`, `kernel`
-- (10) memory: `memory` with the rule, `memory_state`
+- (10) memory: `memory`
 - (11) inertia of the grains: `grains`, with what all laws have in common
 - (12) the second law: `agarwal2023`
 
@@ -52,7 +52,7 @@ from rft_ros.rft.frames import (
 )
 from rft_ros.rft.grains import INERTIA, SpeedLimits
 from rft_ros.rft.media import MEDIA, Medium, medium_named
-from rft_ros.rft.memory_state import SLACK, Memory
+from rft_ros.rft.memory import SLACK, Memory
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
 from rft_ros.rft.traction import (
     LAW_NUMBERS,

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft import Law, Memory, Plates
-from rft_ros.rft import memory_state as kept
+from rft_ros.rft import memory as kept
 from rft_ros.rft.arguments import number
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel.compilation import compiled, inlined

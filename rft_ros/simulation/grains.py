@@ -16,7 +16,7 @@ from rft_ros.rft import Law, checked_states
 from rft_ros.rft.arguments import number, numbers, whole_number
 from rft_ros.rft.frames import rotation_matrix
 from rft_ros.rft.kernel.compilation import machine_code
-from rft_ros.rft.memory_state import MOST_BODIES
+from rft_ros.rft.memory import MOST_BODIES
 from rft_ros.rft.plates import BLOCK
 from rft_ros.rft.traction import packed_law
 from rft_ros.simulation.beds import forces_on_plates, laws_of, make_beds, stiffness_matrix

@@ -9,7 +9,7 @@ from math import cos, radians, sin, sqrt
 
 import numpy as np
 
-from rft_ros.rft import memory_state as kept
+from rft_ros.rft import memory as kept
 from rft_ros.rft.frames import (
     BY_HEIGHT,
     FORCE,
