@@ -13,7 +13,7 @@ from rft_ros.calibration.phases import Contact, find_contacts, fit_delay
 from rft_ros.calibration.recorded import BedValues, recorded
 from rft_ros.calibration.suspicion import refuse_implausible, suspicions, without_repeats
 from rft_ros.calibration.tool_weight import fit_tool_weight
-from rft_ros.calibration.track import Track
+from rft_ros.calibration.track import Track, moved_back
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell, Settings
 from rft_ros.parameters import Values, model_of, settings_of
@@ -76,7 +76,7 @@ def calibrate(
             fitted_delay = fit_delay(recordings, height, given=settings.load_cell.delay)
             result.fitted.append(fitted_delay)
             delay, delay_error = fitted_delay.values[0] - settings.load_cell.delay, fitted_delay.errors[0]
-            tracks = [track.earlier(delay) for track in tracks]
+            tracks = [replace(t, readings=moved_back(t.time, t.readings, delay)) for t in tracks]
             if contacts:
                 contacts = _contacts(tracks, inertial, law)
                 height = _mean_surface(contacts) if "surface" in parts else height

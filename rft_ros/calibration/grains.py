@@ -27,7 +27,7 @@ from rft_ros.calibration.phases import (
     turn_for_length,
     way_down,
 )
-from rft_ros.calibration.recorded import BedValues, Recorded
+from rft_ros.calibration.recorded import SHAKEN, BedValues, Recorded
 from rft_ros.calibration.suspicion import doubts_of_zeta
 from rft_ros.calibration.track import down_strokes, turns_in_grains
 
@@ -48,7 +48,6 @@ _GIVEN_SURFACE_ERROR = 0.002
 
 _UNKNOWN_LENGTH = 0.7  # standard deviation of log λ where the recordings do not determine it: half to double
 
-_SHAKEN = 2  # number of fits to poses with more noise
 _NOTEWORTHY = 0.25  # greatest relative difference of ζ between penetrations without a note
 _GROWS = 0.8  # least correlation of ζ with the size of the tool that is reported
 
@@ -129,7 +128,7 @@ def fit_grains(
 
     def errors(phases: dict[str, list[Phase]]) -> Array:
         """Standard errors of the surface [m], log λ and ζ: to first order each follows the others."""
-        found = np.zeros((3, 7 + _SHAKEN))
+        found = np.zeros((3, 7 + SHAKEN))
         for row, group in zip(found, phases.values(), strict=True):
             if group:
                 row[:] = np.mean([effects(phase) for phase in group], axis=0)
@@ -194,10 +193,10 @@ def _effects(phase: Phase, own: dict[str, float], *, zero_error: float, delay_er
     """What changes the value of a phase, shape [9].
 
     Derivatives by the surface height [1/m] and by log λ; changes by a standard error of the load cell's zero along each
-    axis [N] and of its delay [s], and by friction; changes by noise of the poses, of which more is added `_SHAKEN`
+    axis [N] and of its delay [s], and by friction; changes by noise of the poses, of which more is added `SHAKEN`
     times.
     """
-    recording, found = phase.part.recording, np.zeros(7 + _SHAKEN)
+    recording, found = phase.part.recording, np.zeros(7 + SHAKEN)
     for k, (name, limits) in enumerate(_LIMITS_OF_STEPS.items()):
         # a step as large as the error of what is changed: in a smaller one a fit may not move at all
         at, step = getattr(phase.values, name), float(np.clip(own[name], *limits))
@@ -206,10 +205,8 @@ def _effects(phase: Phase, own: dict[str, float], *, zero_error: float, delay_er
     found[2:5] = [zero_error * phase.by_force(axis) for axis in np.eye(3)]
     found[5] = phase.by_force(recording.by_delay(delay_error))
     found[6] = phase.by_force(recording.friction)
-    for seed in range(_SHAKEN):
-        shaken = recording.shaken(np.random.default_rng(seed))
-        if shaken is not recording:
-            found[7 + seed] = phase.change(shaken) / _SHAKEN**0.5
+    for k, shaken in enumerate(recording.shaken):
+        found[7 + k] = phase.change(shaken) / SHAKEN**0.5
     return found
 
 

@@ -1,6 +1,7 @@
 """A recording as the fits of the grains use it: its motion without noise, the measured force, and the model's force."""
 
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
@@ -11,9 +12,12 @@ from rft_ros.calibration.track import Track, moved_back
 from rft_ros.rft import FORCE, Law, Memory, wrenches, wrenches_in_time
 from rft_ros.rft.frames import TWIST, VELOCITY
 
-__all__ = ["BedValues", "Recorded", "recorded"]
+__all__ = ["SHAKEN", "BedValues", "Recorded", "recorded"]
 
 Array = NDArray[np.float64]
+
+SHAKEN = 2
+"""Number of motions with more noise, to which each fit is compared."""
 
 _LOST_MOTION = 5e-6  # m: path that an arm loses when it turns back, by backlash or in the dead band of noisy poses
 _CLEAR = 0.001  # m: at this height above the surface the memory is empty, despite noise of the poses
@@ -36,7 +40,7 @@ class BedValues(NamedTuple):
         return float(np.exp(self.log_length))
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Recorded:
     """One recording of n moments, for `law` at ζ = 1.
 
@@ -73,11 +77,12 @@ class Recorded:
         early, late = (moved_back(self.track.time, self.track.forces, by) for by in (delay, -delay))
         return 0.5 * (early - late)
 
-    def shaken(self, rng: np.random.Generator) -> "Recorded":
-        """The recording with noise added, so that its deviation doubles; itself if the poses have no noise."""
-        track = self.track
-        states = shaken_states(track.time, track.states, times=3.0**0.5, rng=rng)
-        return self if states is None else replace(self, motion=_motion(track, states))
+    @cached_property
+    def shaken(self) -> list["Recorded"]:
+        """The recording with noise added in `SHAKEN` ways, so that its deviation doubles; none if it has no noise."""
+        time, states = self.track.time, self.track.states
+        shaken = [shaken_states(time, states, times=3.0**0.5, rng=np.random.default_rng(k)) for k in range(SHAKEN)]
+        return [replace(self, motion=_motion(self.track, states)) for states in shaken if states is not None]
 
 
 def _motion(track: Track, states: Array) -> FineMotion:

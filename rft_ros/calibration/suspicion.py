@@ -11,6 +11,7 @@ the range of dry grains is not proposed.
 """
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 from typing import NamedTuple
 
@@ -30,7 +31,8 @@ __all__ = ["doubts_of_zeta", "refuse_implausible", "suspicions", "without_repeat
 
 Array = NDArray[np.float64]
 
-_TOLD = frozenset({"repeats", "saturation", "lever"})  # the fits go on, with a warning
+_REFUSED = ("unit of poses", "motion")
+_TOLD = ("repeats", "saturation", "lever")  # the fits go on, with a warning
 _LARGEST = 1e6  # reading [N], [N m] that the fits can square, and limit of sensor.bias
 _FROZEN = 0.5  # share of the path; a load cell that repeats one reading over more is stuck
 
@@ -78,7 +80,8 @@ def without_repeats(track: Track) -> Track:
         return track
     new = np.isin(np.arange(len(track.time)), changed)
     moves = np.append(np.append(False, moving), False)[np.cumsum(new)]  # between two changes that follow each other
-    return track.at(np.flatnonzero(new | ~moves))
+    rows = np.flatnonzero(new | ~moves)
+    return replace(track, time=track.time[rows], states=track.states[rows], readings=track.readings[rows])
 
 
 def suspicions(sent: Track, track: Track, settings: Settings, law: Law, *, surface: float) -> list[str]:
@@ -109,10 +112,11 @@ def suspicions(sent: Track, track: Track, settings: Settings, law: Law, *, surfa
         pose_time=sent.time,
         poses=sent.states[:, POSE],
     )
-    for finding in diagnose(evidence, told={"unit of poses", "motion"}):
-        if not finding.ok:
-            raise InputError(f"{track.name}: {finding.text}")
-    return [f"{track.name}: {finding.text}" for finding in diagnose(evidence, told=_TOLD) if not finding.ok]
+    wrong = [(name, f"{track.name}: {finding.text}") for name, finding in diagnose(evidence) if not finding.ok]
+    for name, sentence in wrong:
+        if name in _REFUSED:
+            raise InputError(sentence)
+    return [sentence for name, sentence in wrong if name in _TOLD]
 
 
 class _Explained(NamedTuple):

@@ -68,14 +68,6 @@ class Track:
     damage: str | None = None
     mount: Placement | None = None
 
-    def earlier(self, delay: float) -> "Track":
-        """The recording with the stamps of its readings moved back by `delay` [s]."""
-        return self if delay == 0.0 else replace(self, readings=moved_back(self.time, self.readings, delay))
-
-    def at(self, rows: Indices) -> "Track":
-        """The recording at some of its moments; `rows`: their indices, shape [m]."""
-        return replace(self, time=self.time[rows], states=self.states[rows], readings=self.readings[rows])
-
     @cached_property
     def rotations(self) -> Array:
         """Rotation of the tool frame into the world at each moment, shape [n, 3, 3], no unit."""

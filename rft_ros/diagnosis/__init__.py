@@ -3,8 +3,8 @@
 A cause comes before its effects in the table, and hides them.
 """
 
-from collections.abc import Callable, Container, Iterator
-from dataclasses import dataclass
+from collections.abc import Callable, Iterator
+from typing import NamedTuple
 
 from rft_ros.diagnosis import delay, forces, poses
 from rft_ros.diagnosis.evidence import Evidence, Finding, evidence_of
@@ -12,8 +12,7 @@ from rft_ros.diagnosis.evidence import Evidence, Finding, evidence_of
 __all__ = ["HYPOTHESES", "SILENT", "Evidence", "Finding", "Hypothesis", "diagnose", "evidence_of"]
 
 
-@dataclass(frozen=True, slots=True, kw_only=True)
-class Hypothesis:
+class Hypothesis(NamedTuple):
     """One cause of wrong numbers.
 
     `judge`: a pure function that yields a finding, or nothing where the evidence does not tell. `hides`: the hypotheses
@@ -25,34 +24,28 @@ class Hypothesis:
     hides: tuple[str, ...] = ()
 
 
-_OF_FORCES = ("saturation", "push", "axes", "delay", "torque", "lever", "strength")
+_BEYOND_AXES = ("delay", "torque", "lever", "strength")
+_OF_FORCES = ("saturation", "push", "axes", *_BEYOND_AXES)
+_OF_LENGTHS = ("surface", "unseen surface", "zero", "unseen air", "motion", *_OF_FORCES)
 
 HYPOTHESES = (
-    Hypothesis(
-        name="unit of poses",
-        judge=poses.unit_of_poses,
-        hides=("noise", "repeats", "surface", "unseen surface", "zero", "unseen air", "motion", *_OF_FORCES),
-    ),
-    Hypothesis(
-        name="size",
-        judge=poses.size_of_tool,
-        hides=("surface", "unseen surface", "zero", "unseen air", "motion", *_OF_FORCES),
-    ),
-    Hypothesis(name="repeats", judge=poses.repeated_poses, hides=("noise",)),
-    Hypothesis(name="noise", judge=poses.noise_of_poses, hides=("surface", *_OF_FORCES)),
-    Hypothesis(name="motion", judge=forces.zero_that_moves, hides=("surface", "zero", *_OF_FORCES)),
-    Hypothesis(name="surface", judge=poses.surface, hides=("zero", "unseen air", *_OF_FORCES)),
-    Hypothesis(name="unseen surface", judge=poses.unseen_surface),
-    Hypothesis(name="mount", judge=forces.mount, hides=("lever", "torque")),
-    Hypothesis(name="zero", judge=forces.zero),
-    Hypothesis(name="unseen air", judge=forces.unseen_air),
-    Hypothesis(name="push", judge=forces.push, hides=_OF_FORCES),
-    Hypothesis(name="saturation", judge=forces.saturation, hides=("delay", "torque", "lever", "strength")),
-    Hypothesis(name="axes", judge=forces.axes, hides=("delay", "torque", "lever", "strength")),
-    Hypothesis(name="delay", judge=delay.delay_of_load_cell),
-    Hypothesis(name="lever", judge=forces.lever, hides=("torque",)),
-    Hypothesis(name="torque", judge=forces.unit_of_torque),
-    Hypothesis(name="strength", judge=forces.strength),
+    Hypothesis("unit of poses", poses.unit_of_poses, hides=("noise", "repeats", *_OF_LENGTHS)),
+    Hypothesis("size", poses.size_of_tool, hides=_OF_LENGTHS),
+    Hypothesis("repeats", poses.repeated_poses, hides=("noise",)),
+    Hypothesis("noise", poses.noise_of_poses, hides=("surface", *_OF_FORCES)),
+    Hypothesis("motion", forces.zero_that_moves, hides=("surface", "zero", *_OF_FORCES)),
+    Hypothesis("surface", poses.surface, hides=("zero", "unseen air", *_OF_FORCES)),
+    Hypothesis("unseen surface", poses.unseen_surface),
+    Hypothesis("mount", forces.mount, hides=("lever", "torque")),
+    Hypothesis("zero", forces.zero),
+    Hypothesis("unseen air", forces.unseen_air),
+    Hypothesis("push", forces.push, hides=_OF_FORCES),
+    Hypothesis("saturation", forces.saturation, hides=_BEYOND_AXES),
+    Hypothesis("axes", forces.axes, hides=_BEYOND_AXES),
+    Hypothesis("delay", delay.delay_of_load_cell),
+    Hypothesis("lever", forces.lever, hides=("torque",)),
+    Hypothesis("torque", forces.unit_of_torque),
+    Hypothesis("strength", forces.strength),
 )
 """Every hypothesis that the doctor, a calibration and a replay judge, in the order of their findings."""
 
@@ -61,18 +54,12 @@ SILENT = frozenset({"unit of poses", "repeats", "motion", "surface", "zero", "sa
 """Causes of wrong numbers that the statistics and warnings of a replay or a calibration do not show by themselves."""
 
 
-def diagnose(evidence: Evidence, *, told: Container[str] | None = None) -> list[Finding]:
-    """The findings on a cell. A hypothesis that a true one hides is not judged.
-
-    `told`: the names of the hypotheses whose findings are returned; all of them without it.
-    """
-    found, hidden = list[Finding](), set[str]() if len(evidence.time) else {"zero", "push", *_OF_FORCES}
-    for hypothesis in HYPOTHESES:
-        wanted = told is None or hypothesis.name in told
-        if hypothesis.name not in hidden and (wanted or hypothesis.hides):
-            own = list(hypothesis.judge(evidence))
-            if wanted:
-                found += own
-            if not all(finding.ok for finding in own):
-                hidden.update(hypothesis.hides)
-    return found
+def diagnose(evidence: Evidence) -> Iterator[tuple[str, Finding]]:
+    """The findings on a cell, each with the name of its hypothesis. One that a true one hides is not judged."""
+    hidden = set[str]() if len(evidence.time) else {"zero", "push", *_OF_FORCES}
+    for name, judge, hides in HYPOTHESES:
+        if name not in hidden:
+            for finding in judge(evidence):
+                yield name, finding
+                if not finding.ok:
+                    hidden.update(hides)

@@ -12,7 +12,7 @@ from scipy.spatial.transform import Rotation
 from rft_ros.estimator import Estimator
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.parameters import LoadCell, Settings
-from rft_ros.rft import FORCE, QUATERNION, STATE, VELOCITY
+from rft_ros.rft import FORCE, POSE, QUATERNION, STATE, VELOCITY
 from rft_ros.rft.frames import Placement
 from rft_ros.tool import Tool
 
@@ -138,42 +138,32 @@ class Evidence:
         )
 
 
-def evidence_of(
-    rows: NDArray[np.void],
-    estimator: Estimator,
-    *,
-    poses: Array | None = None,
-    named: Collection[str] = ("surface_height",),
-    tare: float | None = None,
-    complete: bool = True,
-) -> Evidence:
+def evidence_of(rows: NDArray[np.void], estimator: Estimator, *, poses: Array | None = None) -> Evidence:
     """The evidence of a run: `rows` of its estimates, `rft_ros.bags.estimates.ROW`, and its estimator.
 
     `poses`: stamp [ns], position and quaternion of every pose, shape [m, 8]; without them, those of the rows. Where
     stamps go back, the longest part is taken.
     """
     s, transforms = estimator.settings, estimator.transforms
-    rows = _longest(rows[~np.isnan(rows["compensated"][:, 0])], rows["stamp"][~np.isnan(rows["compensated"][:, 0])])
-    stamps = rows["stamp"]
+    rows = rows[~np.isnan(rows["compensated"][:, 0])]
+    rows = _longest(rows, rows["stamp"])
     if poses is None:
-        pose_stamps, poses = stamps, rows["state"][:, :7]
-    else:
-        poses = _longest(poses, poses[:, 0])
-        pose_stamps, poses = poses[:, 0], poses[:, 1:]
+        poses = np.column_stack([rows["stamp"], rows["state"][:, POSE]])
+    poses = _longest(poses, poses[:, 0])
     return Evidence(
         settings=s,
         load_cell=estimator.load_cell,
         tool=estimator.model.tool,
-        time=_seconds(stamps),
-        pose_time=_seconds(pose_stamps),
-        poses=np.array(poses),
-        **{name: np.array(rows[name]) for name in ("state", "depth", "speed", "predicted")},
+        time=_seconds(rows["stamp"]),
+        pose_time=_seconds(poses[:, 0]),
+        poses=poses[:, 1:],
+        state=np.array(rows["state"]),
+        depth=np.array(rows["depth"]),
+        speed=np.array(rows["speed"]),
+        predicted=np.array(rows["predicted"]),
         measured=np.array(rows["compensated"]),
         place_on_tf=transforms.fixed(s.tool_frame, s.sensor_frame),
         links=", ".join(transforms.links(s.tool_frame, s.sensor_frame)) if s.sensor_source == "tf" else "",
-        named=named,
-        tare=tare,
-        complete=complete,
     )
 
 

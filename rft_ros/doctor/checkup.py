@@ -2,7 +2,7 @@
 
 from collections import Counter
 from collections.abc import Collection, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
 
@@ -71,7 +71,7 @@ _ADVICE: dict[Role, str] = {
 
 @dataclass(frozen=True, slots=True)
 class _Arrivals:
-    """n messages of one sender on a topic: times of arrival and stamps [ns], shape [n], in the order of arrival."""
+    """n messages of one sender that have a stamp: times of arrival and stamps [ns], shape [n], as they arrived."""
 
     topic: str
     arrival: NDArray[np.int64]
@@ -79,8 +79,8 @@ class _Arrivals:
 
     @property
     def ages(self) -> NDArray[np.float64]:
-        """Ages at arrival [s], of the messages that have a stamp."""
-        return np.asarray(1e-9 * (self.arrival - self.stamp)[self.stamp > 0], dtype=np.float64)
+        """Ages at arrival [s]."""
+        return np.asarray(1e-9 * (self.arrival - self.stamp))
 
 
 def _age_of(ages: NDArray[np.float64]) -> float:
@@ -103,7 +103,7 @@ def _clock_findings(arrivals: _Arrivals, *, limit: float, live: bool) -> Iterato
     if (row := _clock_step(arrivals, limit)) is not None:
         parts = [ages[:row], ages[row:]]
         step = _age_of(parts[0]) - _age_of(parts[1])
-        after = 1e-9 * (arrivals.arrival[arrivals.stamp > 0][row] - arrivals.arrival[0])
+        after = 1e-9 * (arrivals.arrival[row] - arrivals.arrival[0])
         clock = "this machine's clock" if live else "the recorder's clock"
         said = f"the stamps on {topic} step by {step:+.3g} s against {clock}, {after:.1f} s after the start"
         advice = "keep the clocks in step (NTP, PTP) from before the start"
@@ -122,8 +122,8 @@ def _clock_findings(arrivals: _Arrivals, *, limit: float, live: bool) -> Iterato
 
 
 def _clock_step(arrivals: _Arrivals, limit: float) -> int | None:
-    """The stamped message before which the clock stepped by more than `limit` [s], also by the soonest messages."""
-    ages, arrival = arrivals.ages, arrivals.arrival[arrivals.stamp > 0]
+    """The message before which the clock stepped by more than `limit` [s], also by the soonest messages."""
+    ages, arrival = arrivals.ages, arrivals.arrival
     if len(ages) < 2:
         return None
     row = int(np.abs(np.diff(ages)).argmax()) + 1
@@ -194,21 +194,21 @@ class Checkup:
         late = list(self._of_clocks())
         whole = complete and not late  # otherwise the node may have received samples that are missing here
         poses = np.array(self._poses).reshape(-1, 8)
-        evidence = evidence_of(
-            rows, self._estimator, poses=poses, named=self._named, tare=self._tare, complete=whole
-        )  # fmt: skip
+        evidence = evidence_of(rows, self._estimator, poses=poses)
+        evidence = replace(evidence, named=self._named, tare=self._tare, complete=whole)
         found = [*late, *self._of_inputs(), *self._of_frames()]
         if not any(finding.text.startswith("clock") for finding in late):
-            found += diagnose(evidence)
+            found += [finding for _, finding in diagnose(evidence)]
         if whole:
             found += self._of_reasons(len(rows))
         return [*found, self._of_estimates(len(rows))]
 
     def _arrivals(self, role: Role) -> dict[str, _Arrivals]:
-        """The messages of a role, by the frame that they place: "" but for transforms."""
+        """The messages of a role that have a stamp, by the frame that they place: "" but for transforms."""
         times: dict[str, list[tuple[int, int]]] = {}
         for message in self._heard[role]:
-            times.setdefault(message.child, []).append((message.arrival, message.stamp))
+            if message.stamp > 0:
+                times.setdefault(message.child, []).append((message.arrival, message.stamp))
         return {child: _Arrivals(self._topics[role], *np.array(times[child]).T) for child in sorted(times)}
 
     def _of_clocks(self) -> Iterator[Finding]:
