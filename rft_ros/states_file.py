@@ -26,15 +26,14 @@ def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """
     what, twist = "states file", columns_named(STATE[TWIST])
     rows = read_table(file, what, columns_named(("t", *STATE[POSE])), twist)
-    times, posed = rows.numbers[:, 0], twist[0].name not in rows.factors
+    times, given = rows.numbers[:, 0], rows.numbers[:, 1:]
     try:
         if not np.isfinite(times).all():
             k = int(np.argmin(np.isfinite(times)))
             raise ValueError(f"row {k}: t is {times[k]}; it must be a finite number")
-        if not posed:
-            return times, checked_states(rows.numbers[:, 1:])
-        states = checked_states(np.pad(rows.numbers[:, 1:], ((0, 0), (0, len(STATE[TWIST])))))
-        states[:, TWIST] = _velocities(times, states[:, POSE])
+        states = checked_states(np.pad(given, ((0, 0), (0, len(STATE) - given.shape[1]))))
+        if given.shape[1] < len(STATE):
+            states[:, TWIST] = _velocities(times, states[:, POSE])
         return times, states
     except ValueError as error:
         row, _, reason = str(error).removeprefix("row ").partition(":")  # counted from 0

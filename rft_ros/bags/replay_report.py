@@ -129,17 +129,14 @@ def _label(panels: Any, at: _Place, *, x: str = "", y: str = "") -> None:
     panels.update_yaxes(title_text=y, row=at[0], col=at[1])
 
 
-def _draw(panels: Any, at: _Place, name: str, x: _Array, y: _Array, **look: Any) -> None:
-    """Draw a line; those of a name share a legend entry."""
+def _line(
+    panels: Any, at: _Place, name: str, x: _Array, y: _Array, *, colour: str = "", width: float = 1.5, **look: Any
+) -> None:
+    """Draw a line with gaps at NaN; those of a name share a legend entry. `colour`: of `_NAMES` (default: `name`)."""
     look |= {"x": x.astype(np.float32), "y": y.astype(np.float32)}  # finer than a screen, half the bytes
-    look |= {"mode": "lines", "legendgroup": name, "showlegend": all(t.name != name for t in panels.data)}
-    panels.add_scatter(row=at[0], col=at[1], name=name, **look)
-
-
-def _line(panels: Any, at: _Place, name: str, x: _Array, y: _Array, *, colour: str = "", width: float = 1.5) -> None:
-    """Draw a line with gaps at NaN. `colour`: a name of `_NAMES` (default: `name`)."""
-    look = {"color": _COLOURS[colour or name], "width": width}
-    _draw(panels, at, name, x, y, line=look, connectgaps=False)
+    look |= {"mode": "lines", "line": {"color": _COLOURS[colour or name], "width": width}, "connectgaps": False}
+    shared = {"legendgroup": name, "showlegend": all(trace.name != name for trace in panels.data)}
+    panels.add_scatter(row=at[0], col=at[1], name=name, **shared, **look)
 
 
 def _band(panels: Any, at: _Place, name: str, x: _Array, y: _Array, deviation: _Array, *, colour: str) -> None:
@@ -152,7 +149,8 @@ def _band(panels: Any, at: _Place, name: str, x: _Array, y: _Array, deviation: _
         there, back = (x[part], y[part] - deviation[part]), (x[part[::-1]], (y + deviation)[part[::-1]])
         outline += [np.array(there), np.array(back), np.full((2, 1), np.nan)]
     fill = f"rgba{(*hex_to_rgb(_COLOURS[colour]), _BAND)}"
-    _draw(panels, at, name, *np.hstack(outline), fill="toself", fillcolor=fill, line_width=0, hoverinfo="skip")
+    x, y = np.hstack(outline)
+    _line(panels, at, name, x, y, colour=colour, width=0.0, fill="toself", fillcolor=fill, hoverinfo="skip")
 
 
 def _wrench(rows: Rows, x: _Array, over: str, x_label: str) -> Figure:
@@ -200,19 +198,15 @@ def _flags(rows: Rows, time: _Array) -> Figure:
     return Figure("quality_flags", "Quality flags over time", "When the prediction had which flag.", panels)
 
 
-def _learned_column(rows: Rows, name: str) -> _Array:
-    return np.asarray(rows["learned"][:, LEARNED_COLUMNS.index(name)], dtype=np.float64)
-
-
 def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
-    panels = _panels(len(_LEARNED), 2, height=900)
+    panels, learned = _panels(len(_LEARNED), 2, height=900), dict(zip(LEARNED_COLUMNS, rows["learned"].T, strict=True))
     for row, (label, unit, columns) in enumerate(_LEARNED, start=1):
         for column, (x, x_label) in enumerate(((time, _TIME), (depth, _DEPTH)), start=1):
             at = (row, column)
-            for learned, name in columns.items():
-                value = unit * _learned_column(rows, learned)
-                if f"{learned}_error" in LEARNED_COLUMNS:
-                    error = unit * _learned_column(rows, f"{learned}_error")
+            for key, name in columns.items():
+                value = unit * learned[key]
+                if f"{key}_error" in learned:
+                    error = unit * learned[f"{key}_error"]
                     _band(panels, at, "± standard error", x, value, error, colour=name)
                 _line(panels, at, name, x, value)
             _label(panels, at, x=x_label if row == len(_LEARNED) else "", y=label)

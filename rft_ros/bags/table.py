@@ -60,11 +60,8 @@ def source_of_table(file: Path, rows: Rows, topics: Mapping[Role, str], values: 
         raise InputError(f"table '{file}' line {lines[wrong[0]]}: t is {times[wrong[0]]:.9g}; {must}")
     shift = 0 if times[0] > 0.0 else 1 + math.ceil(-times[0])
     stamps = np.round((times + shift) * 1e9).astype(np.int64).tolist()
-    begin = {name: k for k, name in enumerate(rows.factors)}
-    parts: dict[Role, slice] = {}
-    for role, names in _GROUPS.items():
-        if names[0] in begin:
-            parts[role] = slice(begin[names[0]], begin[names[0]] + len(names))
+    names = [*rows.factors]
+    begin = {role: names.index(group[0]) for role, group in _GROUPS.items() if group[0] in names}
     world, sensor = values["world_frame"], values["sensor_frame"]
     sample_of: dict[Role, Callable[[int, Any], Sample]] = {
         "pose": lambda stamp, numbers: PoseSample(stamp, world, numbers[:3], numbers[3:]),
@@ -76,11 +73,11 @@ def source_of_table(file: Path, rows: Rows, topics: Mapping[Role, str], values: 
         for stamp, row in zip(stamps, table, strict=True):
             if first <= stamp <= last:
                 numbers = row.tolist()
-                for role, part in parts.items():
+                for role, k in begin.items():
                     if topics.get(role) in wanted:
-                        yield stamp, topics[role], sample_of[role](stamp, tuple(numbers[part]))
+                        yield stamp, topics[role], sample_of[role](stamp, tuple(numbers[k : k + len(_GROUPS[role])]))
 
-    types = [(topics[role], TYPES[role][0]) for role in parts if role in topics]
+    types = [(topics[role], TYPES[role][0]) for role in begin if role in topics]
     count, first, last = len(types) * len(stamps), stamps[0], stamps[-1]
     source = Source(name=file.name, types=types, count=count, first=first, last=last, read=read)
     return source, shift * 1_000_000_000
