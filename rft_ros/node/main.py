@@ -69,15 +69,11 @@ def _run(stop: threading.Event) -> None:
             from rclpy.signals import SignalHandlerOptions
         except ImportError as error:
             raise InputError(f"the node needs ROS 2 ({error}); source a ROS 2 setup file") from None
-        from rft_ros.node.node_parameters import given_sections, not_for_ros
+        from rft_ros.node.node_parameters import given_sections
         from rft_ros.node.rft_node import RftNode, executor_of
         from rft_ros.node.topics import start_ros
 
-        others = not_for_ros()
-        if others:  # ROS ignores them, and the node would run with default parameters
-            advice = "ROS arguments, such as --params-file, come after --ros-args"
-            raise InputError(f"cannot use '{' '.join(others)}'; {advice}")
-        given_sections()  # raises the errors of a replay; ROS would say more than a line, and block on a pipe
+        given_sections(sys.argv[1:])  # raises the errors of a replay; ROS would say more, and block on a pipe
         running.callback(rclpy.try_shutdown)
         try:
             start_ros(signal_handler_options=SignalHandlerOptions.NO)  # first: it checks arguments before code compiles

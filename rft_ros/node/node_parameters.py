@@ -1,9 +1,8 @@
 """Declares the parameter table as ROS parameters. A change is validated before it is accepted, and then applied."""
 
 import itertools
-import sys
 from array import array
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -20,26 +19,23 @@ from rft_ros.parameters.sections import Given, Section, read_sections, read_valu
 from rft_ros.parameters.table import unknown_parameter
 
 
-def _arguments(*, for_ros: bool) -> list[str]:
-    """The arguments between ``--ros-args`` and ``--``, or the others."""
-    found, inside = [], False
-    for argument in sys.argv[1:]:
+def given_sections(arguments: Sequence[str]) -> list[tuple[Path | None, list[Section]]]:
+    """The sections of each parameter file, and of each parameter that ``-p`` sets, which has no file.
+
+    Raises InputError for them, and for arguments outside of ``--ros-args``: ROS ignores those, and the node would run
+    with default parameters.
+    """
+    for_ros, others, inside = list[str](), list[str](), False
+    for argument in arguments:
         if argument == ("--" if inside else "--ros-args"):
             inside = not inside
-        elif inside == for_ros:
-            found.append(argument)
-    return found
-
-
-def not_for_ros() -> list[str]:
-    """The arguments that ROS would ignore."""
-    return _arguments(for_ros=False)
-
-
-def given_sections() -> list[tuple[Path | None, list[Section]]]:
-    """The sections of each parameter file, and of each parameter that ``-p`` sets, which has no file."""
+        else:
+            (for_ros if inside else others).append(argument)
+    if others:
+        advice = "ROS arguments, such as --params-file, come after --ros-args"
+        raise InputError(f"cannot use '{' '.join(others)}'; {advice}")
     found: list[tuple[Path | None, list[Section]]] = []
-    for option, text in itertools.pairwise(_arguments(for_ros=True)):
+    for option, text in itertools.pairwise(for_ros):
         if option == "--params-file":
             found.append((Path(text), read_sections(Path(text))))
         elif option in ("-p", "--param"):
@@ -73,16 +69,24 @@ class RefusedChangeError(ParameterNotDeclaredException):
 class NodeParameters:
     """The node's values of the parameter table.
 
-    Before a change, `prepare` is called with all values, including the changed ones; it raises ValueError to refuse the
-    change. After the change `apply` is called with the result of `prepare`. Each change is logged.
+    `arguments`: the node's command line. Before a change, `prepare` is called with all values, including the changed
+    ones; it raises ValueError to refuse the change. After the change `apply` is called with the result of `prepare`.
+    Each change is logged.
     """
 
-    def __init__(self, node: Node, *, prepare: Callable[[Values], Prepared], apply: Callable[[Prepared], None]) -> None:
+    def __init__(
+        self,
+        node: Node,
+        arguments: Sequence[str],
+        *,
+        prepare: Callable[[Values], Prepared],
+        apply: Callable[[Prepared], None],
+    ) -> None:
         self._node, self._prepare, self._apply = node, prepare, apply
         self._why = ""
         self._accepted: tuple[dict[str, Value], Prepared] | None = None
         """The new values of the change that was accepted last, and the result of `prepare`, until it is applied."""
-        self.values: Values = {**defaults(), **self._given()}
+        self.values: Values = {**defaults(), **self._given(arguments)}
         """The current checked values. When parameters are set, this mapping is replaced and not changed."""
         for p in PARAMETERS:
             # Not with the value that ROS has read: after a name that is given twice it would mix up their types.
@@ -90,7 +94,7 @@ class NodeParameters:
         node.add_pre_set_parameters_callback(self._on_pre_set)
         node.add_post_set_parameters_callback(self._on_post_set)
 
-    def _given(self) -> dict[str, Value]:
+    def _given(self, arguments: Sequence[str]) -> dict[str, Value]:
         """The checked values on the command line. Raises InputError for values of a file that cannot be used.
 
         As in ROS, sections of one name are merged, also across files, and stand in the place of the first; a later
@@ -98,7 +102,7 @@ class NodeParameters:
         """
         own_name = self._node.get_fully_qualified_name()
         by_section: dict[str, dict[str, tuple[Given, Path | None]]] = {}
-        for file, sections in given_sections():
+        for file, sections in given_sections(arguments):
             own = [section for section in sections if section.is_for(own_name)]
             if file:
                 merged(file, own)  # raises the faults of all sections before those of values

@@ -1,5 +1,6 @@
 """The node `rft`: converts messages, calls the estimator once per pose, publishes."""
 
+import sys
 from collections.abc import Callable
 from copy import copy
 from functools import partial
@@ -35,11 +36,11 @@ _LEARNED = [*_WITH_ERROR, "surprise"]
 
 
 class RftNode(Node):
-    """Feeds messages to one estimator and publishes its results. `arguments`: ROS arguments, from ``--ros-args`` on."""
+    """Feeds messages to one estimator and publishes its results. `arguments`: ROS's, in place of the command line."""
 
     def __init__(self, worker: ToolWorker, *, arguments: list[str] | None = None) -> None:
         super().__init__("rft", cli_args=arguments)
-        self.table = NodeParameters(self, prepare=self._prepare, apply=self._apply)
+        self.table = NodeParameters(self, arguments or sys.argv[1:], prepare=self._prepare, apply=self._apply)
         values = self.table.values
         compiling = "compiling: this takes ten seconds or more, at the first start only; services answer afterwards"
         self._swap = Swap(worker, values, on_cold_cache=partial(self.get_logger().info, compiling))

@@ -61,10 +61,7 @@ class Harness:
     def __init__(self, *arguments: str, reliable: bool = False, as_shipped: bool = False) -> None:
         """`as_shipped`: with the default model in place of `WITHOUT_MEMORY`."""
         arguments = self._named(arguments if as_shipped else (*WITHOUT_MEMORY, *arguments), reliable)
-        argv = mock.patch.object(
-            sys, "argv", ["rft_node", "--ros-args", *arguments]
-        )  # where it looks for its parameter files
-        with argv, mock.patch.object(rft_node, "DIAGNOSTICS_PERIOD", 0.1):
+        with mock.patch.object(rft_node, "DIAGNOSTICS_PERIOD", 0.1):
             self._rft = rft_node.RftNode(InlineWorker(), arguments=["--ros-args", *arguments])
         self._open(rft_node.executor_of(self._rft))
         self.executor.add_node(self._rft)

@@ -1,9 +1,7 @@
 """Node and commands read parameter files alike: random ones, and those that once differed."""
 
 import itertools
-import sys
 from array import array
-from unittest import mock
 
 import numpy as np
 import pytest
@@ -22,25 +20,24 @@ def as_a_node(file, node="/rft", *more):
     arguments = ["--ros-args", "--params-file", str(file), *more]
     namespace, _, name = node.rpartition("/")
     context = rclpy.Context()
-    with mock.patch.object(sys, "argv", ["rft_node", *arguments]):
+    try:
+        given_sections(arguments)  # as the node's `main` does, before ROS reads them
+        rclpy.init(args=arguments, context=context)
+        made = Node(name, namespace=namespace, context=context, enable_rosout=False, start_parameter_services=False)
         try:
-            given_sections()  # as the node's `main` does, before ROS reads them
-            rclpy.init(args=arguments, context=context)
-            made = Node(name, namespace=namespace, context=context, enable_rosout=False, start_parameter_services=False)
-            try:
-                if not more:
-                    assert_ros_reads_the_same(made, for_node(file, node))
-                return NodeParameters(made, prepare=lambda _: None, apply=lambda _: None).values
-            finally:
-                made.destroy_node()
-        except InputError as error:
-            return str(error)
-        except AssertionError:
-            raise
-        except Exception as error:  # of ROS
-            return f"{type(error).__name__}: {error}"
+            if not more:
+                assert_ros_reads_the_same(made, for_node(file, node))
+            return NodeParameters(made, arguments, prepare=lambda _: None, apply=lambda _: None).values
         finally:
-            context.try_shutdown()
+            made.destroy_node()
+    except InputError as error:
+        return str(error)
+    except AssertionError:
+        raise
+    except Exception as error:  # of ROS
+        return f"{type(error).__name__}: {error}"
+    finally:
+        context.try_shutdown()
 
 
 def for_node(file, node):
