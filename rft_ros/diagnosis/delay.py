@@ -24,17 +24,19 @@ def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
     A contact does not count, since a wrong `surface_height` shifts it, too. Within a window about each event, each
     component of the measured force is fitted by a line in time plus a multiple of the predicted one some time before:
     errors of strength, surface and λ then change the fit of a single event, and hardly the time that all agree on.
+    An event near which samples are missing for longer than twice the delay does not tell it.
     """
-    misfits = [_misfits(e, at) for at in _events(e)]
-    each = np.array([m for m in misfits if m is not None and m.min() < _EXPLAINED])
-    if len(each) < 2:
+    known = [found for at in _events(e) if (found := _misfits(e, at)) is not None and found[0].min() < _EXPLAINED]
+    if len(known) < 2:
         return
+    each, gaps = np.array([misfits for misfits, _ in known]), np.array([gap for _, gap in known])
     total = each.sum(axis=0)
     best, none = int(total.argmin()), len(_DELAYS) // 2
     delay = float(_DELAYS[best])
     gains, own = each[:, none] - each.min(axis=1), _DELAYS[each.argmin(axis=1)]
     agree = np.abs(own - delay) <= max(_NEAR * abs(delay), 0.01)
-    agreeing = gains[agree].sum() >= _AGREE * gains.sum() and agree.sum() >= 2
+    tell = agree & (gaps <= 2.0 * abs(delay))
+    agreeing = gains[agree].sum() >= _AGREE * gains.sum() and tell.sum() >= 2
     if abs(delay) < _LEAST or total[best] > _BETTER * total[none] or not agreeing:
         return
     side = "later" if delay > 0.0 else "earlier"
@@ -62,14 +64,17 @@ def _events(e: Evidence) -> list[float]:
     return found
 
 
-def _misfits(e: Evidence, at: float) -> Array | None:
-    """The share of the force's square that remains about a time [s], for each delay; None if too little is known."""
+def _misfits(e: Evidence, at: float) -> tuple[Array, float] | None:
+    """The share of the force's square that remains about a time [s], for each delay; None if too little is known.
+
+    Beside it the greatest time between two samples [s].
+    """
     rows = np.flatnonzero((np.abs(e.time - at) <= _WINDOW) & e.in_grains)
     if len(rows) < ENOUGH:
         return None
     time = e.time[rows]
     wide = np.abs(e.time - at) <= _WINDOW + _LONGEST
-    gap = np.diff(e.time[wide]).max()  # a busy machine leaves gaps; beyond `max_input_age` nothing lies between
+    gap = float(np.diff(e.time[wide]).max())  # a busy machine leaves gaps; beyond `max_input_age` nothing lies between
     if time.min() > at - 0.5 * _WINDOW or time.max() < at + 0.5 * _WINDOW or gap > e.settings.max_input_age:
         return None
     line = np.linalg.qr(np.stack([np.ones_like(time), time - at], axis=1))[0]
@@ -84,4 +89,4 @@ def _misfits(e: Evidence, at: float) -> Array | None:
         predicted = bent(np.stack([np.interp(time - delay, e.time, p) for p in e.predicted[:, :3].T], axis=1))
         shared = np.maximum((measured * predicted).sum(axis=0), 0.0)
         misfits.append((whole - shared**2 / np.maximum((predicted**2).sum(axis=0), 1e-12)).sum())
-    return np.maximum(misfits, 0.0) / max(float(whole.sum()), 1e-12)
+    return np.maximum(misfits, 0.0) / max(float(whole.sum()), 1e-12), gap
