@@ -159,10 +159,7 @@ class Comparison:
 
     def settle(self, now: float) -> None:
         """Compare the predictions that need not wait. `now` [ns]: the stamp of the sample that has just come."""
-        pending = self._pending
-        if not pending:
-            return
-        last = self.readings.last
+        pending, last = self._pending, self.readings.last
         newest, late = last.stamp if last else 0, now - self.patience
         while pending and ((stamp := pending[0].pose.stamp) <= newest or stamp < late):
             self._final.append(self._measured(pending.popleft()))

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Sequence
-from struct import Struct
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -25,7 +24,6 @@ UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTOR
 
 _BAND_OVER_NOISE = 5.0  # dead band, in standard deviations of the pose noise at the tool's tip
 _WIDEST_BAND = 2e-3  # m
-_PACK_STATE = Struct(f"{len(STATE)}d")  # writes a state in half the time that numpy takes
 
 
 class Motion(NamedTuple):
@@ -95,8 +93,7 @@ class Kinematics:
         bound = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.reach
         noise = self.noise.at_tip(self.reach)
         dead_band = min(max(_BAND_OVER_NOISE * noise, SLACK), _WIDEST_BAND)
-        state = np.empty((1, len(STATE)))
-        _PACK_STATE.pack_into(state.data, 0, *pose.position, *pose.quaternion, *velocity)
+        state = np.array([(*pose.position, *pose.quaternion, *velocity)], dtype=np.float64)
         self._head[DEAD_BAND] = dead_band
         path, rise, along = self._follow(self._head, state[0], self.reach)
         return Motion(

@@ -38,7 +38,8 @@ class Transforms:
 
         `TF_TWO_PARENTS` is returned for a transform that is used, but has another parent than the one before.
         """
-        child, last = sample.child, self._last(sample.child)
+        child, frame = sample.child, self._frames.get(sample.child)
+        last = frame.last if frame else None
         is_same_link = last is not None and (last.parent, last.fixed) == (sample.parent, sample.fixed)
         if is_same_link and not sample.fixed and self._kept is not None and child not in self._kept:
             return None  # the history of this frame is not needed
@@ -58,7 +59,8 @@ class Transforms:
                     self.start_run(sample.stamp)
                 if not goes_on or follows is NEW_RUN:
                     self._frames[child] = Timeline(maxlen=_HISTORY)
-                self._frames[child].append(sample._replace(quaternion=quaternion))
+                stamp = 0 if sample.fixed else sample.stamp  # a fixed transform is before all others
+                self._frames[child].append(sample._replace(stamp=stamp, quaternion=quaternion))
                 if not (goes_on and is_same_link and follows is NEXT):
                     self._relink()
         if reason is not None:
@@ -80,11 +82,6 @@ class Transforms:
             loop = ancestors[: ancestors.index(sample.child) + 1]
             return Reason.TF_LOOP, f"but {' in '.join(map(repr, loop))}"
         return None, ""
-
-    def _last(self, child: str) -> TransformSample | None:
-        """The last transform of a frame; None if it has none, as the root of the tree."""
-        frame = self._frames.get(child)
-        return frame.last if frame else None
 
     def start_run(self, stamp: int) -> None:
         """Start a new run at `stamp` [ns]: drop the moving frames whose transforms belong to the run before."""
@@ -127,8 +124,9 @@ class Transforms:
 
     def newest(self, target: str, source: str) -> int | None:
         """The last stamp [ns] at which all moving transforms between two frames are known; None if there are none."""
-        lasts = [self._last(frame) for frames in self._way(target, source) or () for frame in frames]
-        return min((last.stamp for last in lasts if last and not last.fixed), default=None)
+        links, way = self._links(), self._way(target, source) or ()
+        lasts = [links[frame] for frames in way for frame in frames]
+        return min((last.stamp for last in lasts if not last.fixed), default=None)
 
     # --- for users
 
@@ -205,8 +203,7 @@ def _placed(frame: Timeline[TransformSample], stamp: int, max_age: int) -> Place
 
     Both are within `max_age` [ns] of the stamp. If the parent changes between them, the one before the stamp is used.
     """
-    last = frame.last
-    before, after, share = (last, None, 0.0) if last and last.fixed else frame.around(stamp)
+    before, after, share = frame.around(stamp)
     if before is None:
         return Reason.TF_MISSING
     if not before.fixed and before.stamp < stamp:
