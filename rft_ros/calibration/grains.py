@@ -159,8 +159,7 @@ def fit_grains(
         turns_fitted, length = phases["log_length"], values.length
         goodness = f"RMS {100.0 * np.mean([t.misfit for t in turns_fitted]):.1f} % of the greatest force around turns"
         lengths = [
-            Measurement(m.bag, float(np.exp(m.value)), float(np.exp(m.value)) * m.error)
-            for m in (turn.measurement() for turn in turns_fitted)
+            Measurement(t.part.recording.track.name, t.values.length, t.values.length * t.error) for t in turns_fitted
         ]
         result.add(
             _NAMES["log_length"], length, length * length_error, unit="m", goodness=goodness, source=listed(lengths)

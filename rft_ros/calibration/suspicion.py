@@ -173,8 +173,7 @@ def doubts_of_zeta(zeta: float, ways_down: Sequence[tuple[Recorded, Indices]], s
     given = explained(Rotation.identity())
     if plausible and given.misfit < _POOR:
         return sentences
-    turns = [turn for turn in Rotation.create_group("O") if turn.magnitude() > 0.1]
-    found = [(explained(turn), turn) for turn in turns]
+    found = [(explained(turn), turn) for turn in Rotation.create_group("O") if turn.magnitude() > 0.1]
     possible = [(other, turn) for other, turn in found if _is_of_dry_grains(other.zeta)]
     if possible:
         least = min(other.misfit for other, _ in possible)

@@ -171,7 +171,8 @@ def axes(e: Evidence) -> Iterator[Finding]:
     if agrees and (own < _POOR or misfit(of_world.force) > _EXPLAINED * own):
         yield Finding(True, f"sign: measured and predicted force agree along each axis (correlation {shown})")
         return
-    candidates = [a for a in (*_signs(e), *_turns(e), of_world) if (alike(a.force) >= _ALIKE).all()]
+    opposite = _Axes("sign", -measured, f"set sensor.sign: {-e.load_cell.sign:g}")
+    candidates = [a for a in (opposite, *_turns(e), of_world) if (alike(a.force) >= _ALIKE).all()]
     best = min((misfit(a.force) for a in candidates), default=1.0)
     advice = dict[str, str]()
     for candidate in candidates:  # of turns that explain the force alike, the smallest comes first
@@ -195,10 +196,6 @@ def _of_world(e: Evidence) -> _Axes:
         raw = e.to_cell.apply(e.raw)
         remedy = "set sensor.frame_source: world, since the reading's axes are those of world_frame"
     return _Axes("world", e.without_air(np.asarray(raw) - e.weight)[e.pushed], remedy)
-
-
-def _signs(e: Evidence) -> Iterator[_Axes]:
-    yield _Axes("sign", -e.push[1], f"set sensor.sign: {-e.load_cell.sign:g}")
 
 
 def _turns(e: Evidence) -> Iterator[_Axes]:

@@ -145,25 +145,15 @@ class _Heard(NamedTuple):
 class Checkup:
     """Finds what is wrong with a cell's set-up from its samples, which are pushed in the order of their arrival.
 
-    `named`: the names of the parameters that the user has set. `topics`: the topic of each role that is needed. `tare`:
-    length of a replay's tare [s]. `live`: the samples arrive now, and not from a recording.
+    `tare`: length of a replay's tare [s]. `live`: the samples arrive now, and not from a recording.
     """
 
-    def __init__(
-        self,
-        values: Values,
-        model: Model,
-        *,
-        named: Collection[str],
-        topics: dict[Role, str],
-        tare: float | None = None,
-        live: bool = True,
-    ) -> None:
-        self._named, self._topics, self._tare, self._live = named, topics, tare, live
+    def __init__(self, cell: Cell, *, tare: float | None = None, live: bool = True) -> None:
+        self._cell, self._tare, self._live = cell, tare, live
         # learning is off, since it would compensate a wrong sign or unit
-        self._estimator = Estimator(settings_of({**values, "learning.mode": "off"}), model)
+        self._estimator = Estimator(settings_of({**cell.values, "learning.mode": "off"}), cell.model)
         self._run = Run(self._estimator)
-        self._heard: dict[Role, list[_Heard]] = {role: [] for role in topics}
+        self._heard: dict[Role, list[_Heard]] = {role: [] for role in cell.topics}
         self._poses: list[tuple[float, ...]] = []  # stamp [ns], position and quaternion
         self._began = 0
         self._at_start: Counter[Reason] = Counter()  # reasons before the first estimate
@@ -195,13 +185,15 @@ class Checkup:
         whole = complete and not late  # otherwise the node may have received samples that are missing here
         poses = np.array(self._poses).reshape(-1, 8)
         evidence = evidence_of(rows, self._estimator, poses=poses)
-        evidence = replace(evidence, named=self._named, tare=self._tare, complete=whole)
+        evidence = replace(evidence, named=self._cell.named, tare=self._tare, complete=whole)
         found = [*late, *self._of_inputs(), *self._of_frames()]
         if not any(finding.text.startswith("clock") for finding in late):
             found += [finding for _, finding in diagnose(evidence)]
         if whole:
             found += self._of_reasons(len(rows))
-        return [*found, self._of_estimates(len(rows))]
+        made = self._estimator.estimates
+        advice = "" if made else "; fix the findings above first"
+        return [*found, Finding(made > 0, f"estimates: {made} at {len(rows)} poses{advice}")]
 
     def _arrivals(self, role: Role) -> dict[str, _Arrivals]:
         """The messages of a role that have a stamp, by the frame that they place: "" but for transforms."""
@@ -209,18 +201,18 @@ class Checkup:
         for message in self._heard[role]:
             if message.stamp > 0:
                 times.setdefault(message.child, []).append((message.arrival, message.stamp))
-        return {child: _Arrivals(self._topics[role], *np.array(times[child]).T) for child in sorted(times)}
+        return {child: _Arrivals(self._cell.topics[role], *np.array(times[child]).T) for child in sorted(times)}
 
     def _of_clocks(self) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
-        for role in self._topics:
+        for role in self._cell.topics:
             if role != "surface":
                 for arrivals in self._arrivals(role).values():
                     yield from _clock_findings(arrivals, limit=limit, live=self._live)
 
     def _of_inputs(self) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
-        for role, topic in self._topics.items():
+        for role, topic in self._cell.topics.items():
             heard = self._heard[role]
             if not heard:
                 yield Finding(role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}")
@@ -290,17 +282,12 @@ class Checkup:
             if not told and count > _RARE * max(poses, 1):
                 yield Finding(False, f"{reason}: {count} times at {poses} poses: {reason.sentence}")
 
-    def _of_estimates(self, poses: int) -> Finding:
-        made = self._estimator.estimates
-        advice = "" if made else "; fix the findings above first"
-        return Finding(made > 0, f"estimates: {made} at {poses} poses{advice}")
-
 
 def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
     """The findings on a recording of the cell. Raises InputError for a bag that cannot be used."""
     recording = Recording(bag, cell.values, options, topics=cell.topics, strict=False)
-    values, topics = recording.values, recording.topics
-    checkup = Checkup(values, cell.model, named=cell.named, topics=topics, tare=options.tare, live=False)
+    as_recorded = replace(cell, values=recording.values, topics=recording.topics)
+    checkup = Checkup(as_recorded, tare=options.tare, live=False)
     with recording:
         for sample in recording:
             checkup.push(sample, recording.time)

@@ -3,6 +3,7 @@
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
 from contextlib import suppress
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +38,7 @@ def examine_running(cell: Cell, node: str, *, seconds: float) -> list[Finding]:
         of_node = Finding(False, f"node: no node {node} was found; {advice}")
     # the estimates are computed after listening, so that they take no CPU time while messages arrive
     values = {**cell.values, "sensor.bias": running["sensor.bias"]} if running else cell.values  # a tare changes it
-    checkup = Checkup(values, cell.model, named=cell.named, topics=cell.topics)
+    checkup = Checkup(replace(cell, values=values))
     for sample, received in _as_if_in_time(list(_samples(messages)), limit=values["max_input_age"]):
         checkup.push(sample, received)
     of_topics = [finding for topic in topics for finding in _of_topic(topic)]

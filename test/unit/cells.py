@@ -8,7 +8,7 @@ from recordings import POSE, START, STEP, TF, TWIST, WRENCH, cdr, transforms_cdr
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.options import topics_of
-from rft_ros.doctor.checkup import Checkup
+from rft_ros.doctor.checkup import Cell, Checkup
 from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
 from rft_ros.parameters import defaults, model_of
 from rft_ros.rft import POSITION, QUATERNION, STATE, VELOCITY, frames, wrenches
@@ -53,6 +53,11 @@ def loads(states: NDArray[np.float64], *, zeta: float = ZETA) -> NDArray[np.floa
     return np.array([to_cell.wrench(tuple(row)) for row in in_tool.tolist()])
 
 
+def cell_of(values, *, named=PARAMETERS) -> Cell:
+    topics, model = topics_of(values), model_of(values)
+    return Cell(file=Path("cell.yaml"), values=values, named=named, model=model, topics=topics)
+
+
 def wrong(
     states, readings, *, poses=None, twists=None, stamps=None, arrivals=None, late=0.0, live=True, lost=(), **parameters
 ) -> list[str]:
@@ -62,7 +67,7 @@ def wrong(
     """
     named = {**PARAMETERS, **{name.replace("__", "."): value for name, value in parameters.items()}}
     values = {**defaults(), **named}
-    checkup = Checkup(values, model_of(values), named=named, topics=topics_of(values), live=live)
+    checkup = Checkup(cell_of(values, named=named), live=live)
     stamps = [START + k * STEP for k in range(len(states))] if stamps is None else stamps
     places = states[:, POSITION] if poses is None else poses
     velocities = states[:, VELOCITY] if twists is None else twists

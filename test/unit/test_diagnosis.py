@@ -7,17 +7,16 @@ import re
 
 import numpy as np
 import pytest
-from cells import MOUNT, PARAMETERS, SURFACE, loads, motion, wrong
+from cells import MOUNT, PARAMETERS, SURFACE, cell_of, loads, motion, wrong
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recordings import START, STEP
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.options import topics_of
 from rft_ros.demo import virtual_arm
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import TransformSample, WrenchSample
-from rft_ros.parameters import defaults, model_of
+from rft_ros.parameters import defaults
 from rft_ros.rft import POSITION, QUATERNION, VELOCITY
 
 STATES = motion(100.0)
@@ -178,7 +177,7 @@ def test_another_unit_is_named(unit):
 def _recorded(arrivals):
     """The faults of a recording of poses from TF, of which the transforms of `odom` arrive as given."""
     values = {**defaults(), **PARAMETERS, "pose_source": "tf", "twist_source": "pose_difference"}
-    checkup = Checkup(values, model_of(values), named=PARAMETERS, topics=topics_of(values), live=False)
+    checkup = Checkup(cell_of(values), live=False)
     for k, (state, reading) in enumerate(zip(STATES.tolist(), LOADS.tolist(), strict=True)):
         now, stamp = START + k * STEP, arrivals(k)
         checkup.push(WrenchSample(stamp, "ft_sensor", tuple(reading)), now)

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from cells import MOUNT, PARAMETERS, SURFACE, loads, motion, record, wrong
+from cells import MOUNT, PARAMETERS, SURFACE, cell_of, loads, motion, record, wrong
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from recordings import START, STEP
@@ -17,7 +17,7 @@ from rft_ros.bags.reading import Recording
 from rft_ros.cli import main
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import TransformSample
-from rft_ros.parameters import defaults, model_of
+from rft_ros.parameters import defaults
 from rft_ros.rft import QUATERNION
 from rft_ros.rft.frames import Placement
 
@@ -126,7 +126,7 @@ def test_what_comes_shortly_before_the_first_fixed_transforms_is_no_fault(bag, p
     """Publishers are found one after the other: poses before the transforms that their frames need."""
     values = {**defaults(), **PARAMETERS, **parameters}
     topics = topics_of(values)
-    checkup = Checkup(values, model_of(values), named=PARAMETERS, topics=topics)
+    checkup = Checkup(cell_of(values))
     with Recording(Path(bag), values, topics=topics) as recording:
         fixed, *others = ((sample, recording.time) for sample in recording)
         for sample, time in [*others[:before], (fixed[0], others[before][1]), *others[before:]]:
