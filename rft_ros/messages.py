@@ -45,7 +45,6 @@ TOPICS: dict[Role, str] = {
 UNREADABLE = (ValueError, struct.error)
 """What a decoder raises for bytes that are not a message of its type."""
 
-_LONGEST_NAME = 257  # bytes, with the NUL
 _ORDERS = {b"\x00\x01": "<", b"\x00\x00": ">"}  # by the first bytes of plain CDR
 _Content = tuple[int, str, Any]  # stamp [ns], frame_id, tuple of doubles
 
@@ -71,8 +70,6 @@ def _fixed_layout(count: int, *, ros1: bool) -> Callable[[bytes], _Content]:
     def content(data: bytes) -> _Content:
         start, doubles = layouts[_order(data, ros1)]
         seconds, nanoseconds, length = start.unpack_from(data, 4)
-        if length > _LONGEST_NAME:
-            raise ValueError("the frame's name is too long")
         end = 16 + length
         frame = data[16 : end - nul].decode()
         return _stamp(seconds, nanoseconds), frame, doubles.unpack_from(data, end + (4 - end) % alignment)
@@ -134,8 +131,6 @@ def _clouds(*, ros1: bool) -> Callable[[bytes], Cloud]:
         except Exception as error:  # rosbags' parsers raise anything on damage
             raise ValueError(f"not a cloud: {error}") from error
         frame, shape = cloud.header.frame_id, (cloud.height, cloud.width)
-        if len(frame) > _LONGEST_NAME:
-            raise ValueError("the frame's name is too long")
         places = {f.name: (f.offset, _COORDINATES[f.datatype]) for f in cloud.fields if f.datatype in _COORDINATES}
         found = [places[name] for name in "xyz" if name in places]
         if len(found) != 3 or max(offset + int(kind[1]) for offset, kind in found) > cloud.point_step:

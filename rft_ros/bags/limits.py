@@ -41,8 +41,8 @@ class _LimitedFile(io.BufferedReader):
     """Raises LimitError where a read would be longer than the limit."""
 
     def read(self, size: int | None = -1, /) -> bytes:
-        everything = size is None or size < 0
-        data = super().read(MOST_BYTES + 1 if everything or size is None else min(size, MOST_BYTES + 1))
+        most = MOST_BYTES + 1
+        data = super().read(most if size is None or size < 0 else min(size, most))
         if len(data) > MOST_BYTES:
             raise LimitError(f"a record has more than the limit of {MOST_BYTES / 2**20:.0f} MiB")
         if size == 1 and data == b"\0":  # the type of an MCAP record; gigabytes of zeros would be read as empty records
