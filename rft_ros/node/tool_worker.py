@@ -20,23 +20,17 @@ _BLOCKED_AFTER, _BLOCKED_CPU = 60.0, 0.01
 """A process that uses less than `_BLOCKED_CPU` [s] of CPU time in `_BLOCKED_AFTER` [s] waits for a file, as for a pipe.
 """
 
-_STARVED_AFTER, _STARVED_SHARE = 5.0, 0.5
-"""A process of low priority that gets less than this share of a core is replaced after this time [s]."""
-
 
 class ToolWorker:
     """A process that loads one model's files at a time. It is started early for its imports, and replaced if it ends.
 
-    It runs at a low priority, so that it does not delay ticks. On a busy machine it then gets a tenth of a core only,
-    and another process loads the same files at the node's priority. A process without privileges cannot raise its own
-    priority again.
+    It runs at a low priority, so that it does not delay ticks. On a busy machine a load then takes ten times as long.
     """
 
     def __init__(self) -> None:
         self._start(low_priority=False)
 
     def _start(self, *, low_priority: bool) -> None:
-        self._low_priority = low_priority
         self._connection, theirs = Pipe()
         with theirs:
             self.process = start_child(_serve, theirs.fileno(), low_priority, pass_fds=[theirs.fileno()])
@@ -61,27 +55,18 @@ class ToolWorker:
                 self._start(low_priority=True)
             with suppress(EOFError, ConnectionError):
                 self._connection.send(files)
-                answer = self._wait(files, is_wanted)
-                self._low_priority = True  # it lowers its priority once it has answered
-                return answer
+                return self._wait(files, is_wanted)
             self.end()
         raise RuntimeError(f"the process that loads {named(files)} ended")
 
     def _wait(self, files: Mapping[str, Values], is_wanted: Callable[[], bool]) -> dict[str, Any] | str:
-        """Wait for the answer to a request that was sent. A process that gets no CPU time is replaced."""
-        begin = moved = time.monotonic()
-        first = used_then = self._cpu_time()
+        """Wait for the answer to a request that was sent."""
+        moved, used_then = time.monotonic(), self._cpu_time()
         while not self._connection.poll(_LOOK):
             if not is_wanted():
                 raise InputError(f"{named(files)} is no longer wanted")
             now, used = time.monotonic(), self._cpu_time()
-            starved = now - begin > _STARVED_AFTER and used - first < _STARVED_SHARE * (now - begin)
-            if self._low_priority and starved:
-                self.end()
-                self._start(low_priority=False)
-                self._connection.send(files)
-                moved, used_then = now, 0.0
-            elif used - used_then > _BLOCKED_CPU:
+            if used - used_then > _BLOCKED_CPU:
                 moved, used_then = now, used
             elif now - moved > _BLOCKED_AFTER:
                 raise InputError(f"{named(files)} could not be read for {_BLOCKED_AFTER:g} s; give a regular file")

@@ -103,16 +103,6 @@ def test_a_worker_that_was_killed_while_idle_refuses_nothing_even_if_it_dies_onl
         assert loading.result().name == "sphere"
 
 
-def test_a_worker_that_gets_no_core_is_replaced_by_one_of_the_nodes_own_priority(worker, big, monkeypatch):
-    loaded(worker, "sphere")
-    low = worker.process.pid
-    monkeypatch.setattr(tool_worker, "_LOOK", 0.01)
-    monkeypatch.setattr(tool_worker, "_STARVED_AFTER", 0.0)
-    monkeypatch.setattr(tool_worker, "_STARVED_SHARE", 2.0)  # no process can have two cores
-    assert loaded(worker, big).name == "big"
-    assert worker.process.pid != low
-
-
 def test_a_file_that_gives_nothing_to_read_is_given_up_and_says_so(worker, big, monkeypatch):
     """As /proc/kmsg, or a disk that has gone."""
     with monkeypatch.context() as patched:
@@ -142,7 +132,6 @@ def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
 
 
 def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker, big, monkeypatch):
-    monkeypatch.setattr(tool_worker, "_STARVED_AFTER", 1e9)  # it stands still while this test looks
     monkeypatch.setattr(swap, "prepare", lambda *_, **__: None)  # machine code may have to compile first
     values = {**defaults(), "tolerance": 0.0}
     pending = Swap(worker, values, on_cold_cache=lambda: None)
