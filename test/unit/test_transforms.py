@@ -161,6 +161,17 @@ def test_a_missing_frame_is_named_with_the_frames_that_there_are():
     assert e.unknown_frames() == {}
 
 
+def test_a_missing_frame_is_named_without_a_load_cell_too_and_poses_come_once_it_is_linked():
+    others = [moving(START + k * 10 * MS, "world", "flange", (0.0, 0.0, -0.001 * k)) for k in range(400)]
+    e, poses = fed(*others[:300], tf_rate=50.0)
+    assert (poses, set(e.counts)) == ([], {"tf_frame_unknown"})
+    assert e.unknown_frames()["tf_frame_unknown"].startswith("no transform names tool_frame 'tool'; there are ")
+    push(e, fixed("flange", "tool"))
+    late = [place.stamp for sample in others[300:] for place, _ in e.answers((sample,))]
+    assert late[-40:] == [START + k * 20 * MS for k in range(160, 200)]
+    assert e.unknown_frames() == {}
+
+
 def test_what_is_not_known_at_a_stamp_has_a_reason():
     transforms = tree(*(moving(START + k * MS, "world", "tool") for k in (0, 50, 1000)))
     for after, found in ((-1, Reason.TF_MISSING), (SECOND + 1, Reason.TF_STALE), (500 * MS, Reason.TF_GAP)):
