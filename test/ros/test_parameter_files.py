@@ -160,3 +160,11 @@ def test_the_later_of_two_values_counts_whatever_its_type(tmp_path):
     other.write_text(f"{SECTION}    medium.zeta: 0.5\n")
     for arguments in (("-p", "medium.zeta:=0.5"), ("--params-file", str(other))):
         assert as_a_node(file, "/rft", *arguments)["medium.zeta"] == 0.5
+
+
+def test_a_value_of_the_command_line_stands_in_the_place_of_its_section_as_in_ros(tmp_path):
+    """``-p`` sets a parameter of ``/**``, which the file's own section for the node overrides."""
+    file = tmp_path / "cell.yaml"
+    file.write_text(f"{SECTION}    medium.zeta: 1.0\nrft:\n  ros__parameters: {{medium.zeta: 0.25}}\n")
+    for name, zeta in (("medium.zeta", 0.25), ("rft:medium.zeta", 0.5)):
+        assert as_a_node(file, "/rft", "-p", f"{name}:=0.5")["medium.zeta"] == zeta
