@@ -219,7 +219,7 @@ class Intake:
             return []
         if not isinstance(sample, samples.Stamped):
             now = max((transform.stamp for transform in sample), default=0)
-            if s.tf_rate > 0.0:  # where no transforms link the two frames, the stamps of others say so in time
+            if s.tf_rate > 0.0:  # without a link the stamps of others say when the wait for one ends
                 moving = max((transform.stamp for transform in sample if not transform.fixed), default=0)
                 newest = self.transforms.newest(s.world_frame, s.tool_frame) or moving
         elif isinstance(sample, WrenchSample):

@@ -33,8 +33,8 @@ class Motion(NamedTuple):
     `speed_bound`: an upper bound on the plates' speeds [m/s]. `rests`: it is below `rest_speed`. `path`: an upper bound
     on the displacement of any plate since the motion before, beyond the dead band [m]. `rise`: displacement of the
     origin upwards in it [m]. `dead_band` [m]: displacements within it are noise of the poses. `is_along`: there
-    is a displacement, and it goes along the velocity. After a stop the fit of a velocity may show one against it, and
-    noise at rest any. `is_noisy`: the dead band is wide.
+    is a displacement, and it goes along the velocity. Just after a stop a fitted velocity can oppose the displacement;
+    at rest it can point anywhere. `is_noisy`: the dead band is wide.
     """
 
     pose: PoseSample

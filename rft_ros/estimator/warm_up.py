@@ -38,7 +38,8 @@ def prepare(on_cold_cache: Callable[[], None] = lambda: None) -> None:
     children = []
     try:
         with suppress(OSError):  # the system starts no more processes; then this process compiles below
-            children += [start_child(forces), start_child(other_loops)]  # they take as long as each other
+            for loops in (forces, other_loops):  # they take as long as each other
+                children.append(start_child(loops))
         for child in children:
             child.wait()
     finally:

@@ -81,7 +81,7 @@ class Diagnostics:
         if learning is not None:
             if learning.change:
                 bad.append(f"grains {learning.change} than learned")
-            array.status.append(self._medium(learning))
+            array.status.append(self._medium(learning, issues))
         self._publisher.publish(array)
         self._log_changes(bad)
         if self._first_depth is not None:
@@ -156,6 +156,6 @@ class Diagnostics:
         problems = swap.last_failure or "; ".join(tool.issues.values())
         return self._status("model", values, problem=problems, fine="in force")
 
-    def _medium(self, learning: Learning) -> DiagnosticStatus:
-        problem = "; ".join(learning.issues()) or learning.surprise_sentence()
+    def _medium(self, learning: Learning, issues: list[str]) -> DiagnosticStatus:
+        problem = "; ".join(issues) or learning.surprise_sentence()
         return self._status("medium", learning.belief()._asdict(), problem=problem, fine="as learned")

@@ -15,7 +15,7 @@ from rclpy.subscription import Subscription
 
 from rft_ros.errors import InputError, reason_of
 from rft_ros.messages import TYPES, Role
-from rft_ros.node.topics import INPUTS, message_class, start_ros, transforms_come, type_name, type_on
+from rft_ros.node.topics import INPUTS, has_tf2_msgs, message_class, start_ros, type_name, type_on
 from rft_ros.parameters import Values, checked
 
 __all__ = ["Listener", "Message", "Publisher", "Topic", "listener"]
@@ -100,7 +100,7 @@ class Listener:
     def listen(self, topics: Mapping[Role, str], seconds: float) -> tuple[list[Message], list[Topic]]:
         """All messages within `seconds` [s], in the order of arrival, and the topics with their publishers."""
         wanted = dict(topics)
-        if transforms_come() or "tf" in topics:
+        if has_tf2_msgs() or "tf" in topics:
             wanted["tf_static"] = f"{topics.get('tf', '/tf')}_static"
         kinds = {role: TYPES[role][0] for role in wanted}
         subscriptions = {role: self._subscribe(role, kinds[role], topic) for role, topic in wanted.items()}

@@ -24,7 +24,7 @@ from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.services import Services
 from rft_ros.node.swap import Failed, Prepared, Swap
 from rft_ros.node.tool_worker import ToolWorker
-from rft_ros.node.topics import INPUTS, OUTPUTS, message_class, transforms_come, type_on
+from rft_ros.node.topics import INPUTS, OUTPUTS, has_tf2_msgs, message_class, type_on
 from rft_ros.parameters import Values
 from rft_ros.rft import Law
 
@@ -40,7 +40,8 @@ class RftNode(Node):
 
     def __init__(self, worker: ToolWorker, *, arguments: list[str] | None = None) -> None:
         super().__init__("rft", cli_args=arguments)
-        self.table = NodeParameters(self, arguments or sys.argv[1:], prepare=self._prepare, apply=self._apply)
+        given = sys.argv[1:] if arguments is None else arguments
+        self.table = NodeParameters(self, given, prepare=self._prepare, apply=self._apply)
         values = self.table.values
         compiling = "compiling: this takes ten seconds or more, at the first start only; services answer afterwards"
         self._swap = Swap(worker, values, on_cold_cache=partial(self.get_logger().info, compiling))
@@ -61,7 +62,7 @@ class RftNode(Node):
         steady = Clock(clock_type=ClockType.STEADY_TIME)
         self._subscribe("wrench")
         self._twists = self._subscribe("twist")
-        if transforms_come() or "tf" in (values["pose_source"], values["sensor.frame_source"]):
+        if has_tf2_msgs() or "tf" in (values["pose_source"], values["sensor.frame_source"]):
             self._subscribe("tf_static")
         if values["pose_source"] == "tf":
             self._subscribe("tf")

@@ -124,7 +124,7 @@ class Swap:
         return self._worker.load({part: wanted}, lambda: parts_of(self.prepared.values)[part] == wanted)
 
     def poll(self) -> Prepared | Failed | None:
-        """What the next load that has ended gives, which is then `prepared`; None if none has ended."""
+        """Takes a load that has ended: returns the new `prepared`, or why it failed; None while all still run."""
         part = next((part for part, load in self._loads.items() if load.future.done()), None)
         if part is None:
             return None

@@ -11,7 +11,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rft_ros.errors import InputError
 from rft_ros.messages import TYPES, Role
 
-__all__ = ["INPUTS", "OUTPUTS", "message_class", "start_ros", "transforms_come", "type_name", "type_on"]
+__all__ = ["INPUTS", "OUTPUTS", "has_tf2_msgs", "message_class", "start_ros", "type_name", "type_on"]
 
 # Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream.
 _SENSOR_DATA = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
@@ -29,7 +29,7 @@ def type_name(message: Any) -> str:
     return f"{message.__module__.partition('.')[0]}/msg/{message.__name__}"
 
 
-def transforms_come() -> bool:
+def has_tf2_msgs() -> bool:
     """Whether tf2_msgs is installed. A folder of that name where the node runs, such as its sources, does not count."""
     return getattr(find_spec("tf2_msgs"), "origin", None) is not None
 

@@ -58,7 +58,8 @@ class Section:
 
     def is_for(self, node: str) -> bool:
         """Whether the node with this full name takes the parameters."""
-        return bool(re.fullmatch(self.name.replace("/*", r"(/\w+)"), node, re.ASCII))
+        pattern = self.name.replace("/**", r"(/\w+)*").replace("/*", r"/\w+")
+        return bool(re.fullmatch(pattern, node, re.ASCII))
 
 
 def flat(tree: Mapping[str, Any], prefix: str = "") -> Iterator[tuple[str, Any]]:

@@ -26,8 +26,8 @@ Grains do not pull: a plate that retreats from them unloads, then loses what is 
 which closes before they push again. A plate that slides keeps its pressure until it has retreated by P, so that noise
 to and fro across its motion does not unload it.
 
-The displacement of a step is the way from the pose that the plates have followed to, to the tool's, beyond a dead band.
-Nothing else decides how far the plates have moved, whatever time it took.
+The displacement of a step runs from the pose in memory, which lags by the dead band, to the tool's pose. Nothing else
+decides how far the plates have moved, whatever time it took.
 
 λ is the mobilization length times (d / `DEPTH`)² at the plate's depth d, within `LEAST` and `GREATEST`.
 
@@ -122,7 +122,7 @@ class Memory:
         """The sums Σ k L, Σ k L x (3) and Σ k L (xx, yy, zz, xy, xz, yz) at the last state, shape [bodies, 10].
 
         Over plates at x from the tool frame's origin [m], world axes, of load L [m³] and modulus k [N/m⁴]: of Eq. (10a)
-        in the elastic part of the last step, and |t| / λ(d), or |τ| / λ(d) if that is greater, where the plate yielded.
+        in the elastic part of the last step; where the plate yielded, the greater of |τ2| and |t - τ1|, over λ(d).
         """
         return self.numbers[:, : K_YZ + 1]
 
@@ -157,8 +157,9 @@ def _in_world(axes, x, y, z):
 def displacement(memory, state, axes, reach):
     """The displacement of the tool since the pose in memory. Moves that pose after the tool, at the dead band.
 
-    Of the way from that pose to the tool, the part along the velocity counts beyond the dead band, and the part aside
-    where it alone is beyond. So noise of the poses hardly changes the direction of a displacement.
+    With the dead band b, the component of the displacement D along the velocity is scaled by 1 - b / |D|. The component
+    across it is scaled by 1 - b / |across|, so it counts only where it exceeds b by itself. Noise of the poses then
+    hardly changes the direction of a displacement.
     `memory`: a row of `Memory.numbers`, whose first state has no displacement. Returns origin [m] and matrix, world
     axes, and the same in tool axes: a point at x from the tool frame's origin moved by origin + matrix x.
     """
@@ -248,7 +249,8 @@ def advance(past, normal, width, moved, target, span, strength):
     """A plate's traction τ, yield radius y and gap g after one step, Eqs. (10a) to (10f), and its tangent [N/m⁴].
 
     `past`: the three before. `width`: sin θ. `moved`: the displacement D [m]. `target`: t [N/m³]. `span`: λ [m].
-    `strength`: σ [N/m³]. The tangent: the modulus of the change of the traction with the displacement.
+    `strength`: σ [N/m³]. The tangent: the modulus of the change of the traction with the displacement. In the code a is
+    `elastic_path`, c `closed`, ρ `retreat`, w `slips`, v `unloads`, q `into_gap`, r `beyond`, h `contact`, p `plastic`.
     """
     (tau_x, tau_y, tau_z), radius, gap = past
     nx, ny, nz = normal
@@ -270,18 +272,18 @@ def advance(past, normal, width, moved, target, span, strength):
     pressure = max(-(tau_x * nx + tau_y * ny + tau_z * nz), 0.0) * per_modulus
     along = ux * tau_x + uy * tau_y + uz * tau_z
     tau = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
-    reach = (2.0 * max(along, 0.0) + max(radius - tau, 0.0)) * per_modulus
+    elastic_path = (2.0 * max(along, 0.0) + max(radius - tau, 0.0)) * per_modulus
 
     retreat = max(-outward - width * way, 0.0)
-    slips = min(retreat, max(way - closed - reach, 0.0))
+    slips = min(retreat, max(way - closed - elastic_path, 0.0))
     unloads = min(retreat - slips, pressure)
-    slack = min(slips, max(pressure - unloads - (gap - closed), 0.0))
-    beyond = retreat - unloads - slack
+    into_gap = min(slips, max(pressure - unloads - (gap - closed), 0.0))
+    beyond = retreat - unloads - into_gap
     relief = modulus * unloads
     tau_x, tau_y, tau_z = tau_x + relief * nx, tau_y + relief * ny, tau_z + relief * nz
     contact = way - beyond - closed
     path = max(contact, 0.0)
-    elastic = min(reach, path)
+    elastic = min(elastic_path, path)
     plastic, fall = path - elastic, modulus * elastic
     tau_x, tau_y, tau_z = tau_x - fall * ux, tau_y - fall * uy, tau_z - fall * uz
 
@@ -297,7 +299,7 @@ def advance(past, normal, width, moved, target, span, strength):
     radius = max(radius * max(1.0 - beyond * per_span * (1.0 / FADES), 0.0), keeps * size)
     tangent = modulus + plastic * per_way * (max(size, change) * per_span - modulus)
     tangent *= 1.0 if keeps * size > 0.0 else 0.0  # without traction nothing is stiff
-    return (keeps * tau_x, keeps * tau_y, keeps * tau_z), radius, gap - closed + slack + OPEN * beyond, tangent
+    return (keeps * tau_x, keeps * tau_y, keeps * tau_z), radius, gap - closed + into_gap + OPEN * beyond, tangent
 
 
 def _add_memory(chunk, count, memory, motion, below, slope, mobilization):
@@ -346,11 +348,15 @@ def is_elastic(memory, first):
 
 
 @inlined
-def follow_gap(memory, first, i, normal, place, motion):
+def follow_gap(memory, first, i, normal, width, place, motion):
     """`advance` for plate i of a block that is not elastic and trails: of its memory only the gap changes.
 
-    `motion`: of `displacement`, in the axes of normal and place.
+    `width`: sin θ. `motion`: of `displacement`, in the axes of normal and place.
     """
     (nx, ny, nz), (dx, dy, dz) = normal, moved_by(motion, place)
-    along, gap = dx * nx + dy * ny + dz * nz, memory[at(first + GAP, i)]
-    memory[at(first + GAP, i)] = max(gap - max(along, 0.0), 0.0) + OPEN * max(-along, 0.0)
+    outward, gap = dx * nx + dy * ny + dz * nz, memory[at(first + GAP, i)]
+    closed = min(max(outward, 0.0), gap)
+    drop = min(outward, closed)
+    dx, dy, dz = dx - drop * nx, dy - drop * ny, dz - drop * nz
+    retreat = max(-outward - width * sqrt(dx * dx + dy * dy + dz * dz), 0.0)
+    memory[at(first + GAP, i)] = gap - closed + OPEN * retreat

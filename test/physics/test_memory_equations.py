@@ -7,6 +7,7 @@ from hypothesis import assume, given, settings
 from scenes import LINEAR, seeds, unit
 
 from rft_ros.rft import Memory, Plates, rotation_matrix, traction_per_depth, wrenches_in_time
+from rft_ros.rft.memory import GAP, OF_BLOCK, advance, follow_gap
 
 LENGTH, AREA = 0.003, 2e-4
 NORMAL = np.array([0.6, 0.0, -0.8])
@@ -84,3 +85,16 @@ def test_one_plate_follows_the_equations_along_any_path(seed):
         expected.append(plate.step(n, state[:3] - states[max(k - 1, 0), :3], target, -state[2]))
     assume(np.abs(expected).max() > 0.0)  # a path that never loads the plate shows nothing
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7 * max(np.abs(expected).max(), 1e-3))
+
+
+@given(seed=seeds)
+def test_the_gap_of_a_skipped_block_is_that_of_plates_that_are_evaluated(seed):
+    """It opened by up to a tenth more behind a refined plate, so the gap depended on which plates share a block."""
+    rng = np.random.default_rng(seed)
+    n, width, gap = unit(rng.normal(size=3)), rng.choice([0.0, 0.0175, 0.5]), rng.choice([0.0, 1e-5, 1e-3])
+    moved = unit(rng.normal(size=3)) * 10.0 ** rng.uniform(-6.0, -2.0)
+    memory = np.zeros(OF_BLOCK)
+    memory[GAP] = gap
+    follow_gap(memory, np.uint64(0), 0, n, width, np.zeros(3), (moved, np.zeros(9)))
+    _, _, followed, _ = advance((np.zeros(3), 0.0, gap), n, width, moved, np.zeros(3), LENGTH, 1e6)
+    assert memory[GAP] == followed

@@ -15,7 +15,7 @@ from test_live_equals_replay import TOPICS, assert_equal
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.estimator import TransformSample
-from rft_ros.node.topics import message_class, transforms_come
+from rft_ros.node.topics import has_tf2_msgs, message_class
 
 STAND_IN = Path(__file__).with_name("stand_in")
 if importlib.util.find_spec("tf2_msgs") is None:
@@ -87,7 +87,7 @@ def test_a_folder_of_sources_is_not_taken_for_the_package(tmp_path, monkeypatch)
         del sys.modules[name]
     monkeypatch.setattr(sys, "path", [str(tmp_path)])
     (tmp_path / "tf2_msgs" / "msg").mkdir(parents=True)
-    assert not transforms_come()
+    assert not has_tf2_msgs()
     with pytest.raises(InputError, match="tf2_msgs"):
         message_class(TF)
 

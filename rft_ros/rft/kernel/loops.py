@@ -238,7 +238,10 @@ def _follow_gaps(memory, first, form, b, below, rise, motion):
     block = b * np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK)
     for i in range(BLOCK):
         place, _, _ = _centre_and_load(rows, block, i, below, rise, refined, False)
-        follow_gap(memory, first, i, triple(rows, block + _NORMAL, i, BLOCK), place, motion)
+        normal, width = triple(rows, block + _NORMAL, i, BLOCK), 0.0
+        if refined:
+            width = 0.5 / rows[at(block + _HALF_ANGLE, i)]
+        follow_gap(memory, first, i, normal, width, place, motion)
 
 
 @inlined
