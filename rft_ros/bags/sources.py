@@ -146,6 +146,8 @@ def _opened(file: Path, name: str, opened: ExitStack) -> Source:
     reader.open()
     opened.callback(reader.close)
     first, last = reader.start_time, reader.end_time - 1
+    if not (isinstance(first, int) and isinstance(last, int)):
+        raise ValueError("it has times that are not whole numbers")
     last = last if last >= first else _FOREVER  # for SQLite any text is later than any number
     types = {
         (str(c.topic), _type(c.msgtype, getattr(c.ext, "serialization_format", "cdr"))) for c in reader.connections
@@ -156,6 +158,8 @@ def _opened(file: Path, name: str, opened: ExitStack) -> Source:
         missing = sum(c.msgcount for c in chosen)
         # rosbags reads all topics if it is given none
         for connection, time, data in reader.messages(chosen, begin, end + 1) if chosen else ():
+            if not isinstance(time, int):
+                continue
             missing -= 1
             if not isinstance(data, bytes):  # SQLite keeps anything in any column
                 yield time, connection.topic, str(data).encode()

@@ -135,17 +135,19 @@ class Estimator:
     def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
         """Apply new settings or a new model from the next sample on.
 
-        Earlier samples are kept, unless their frame changes: another `sensor_frame` drops the load-cell samples;
-        another `world_frame` or `tool_frame` drops all other samples, the path and the changes of the ground. Another
-        tool keeps the learned strength of the bed; another medium or law resets it.
+        Earlier samples are kept, unless their frame changes: another `sensor_frame`, `world_frame` or delay drops the
+        load-cell samples; another `world_frame` or `tool_frame` drops all other samples, the path and the changes of
+        the ground. Another tool keeps the learned strength of the bed; another medium, law or `zeta_error` resets it.
         """
         number("surface_height", (settings or self.settings).surface_height)
         old, old_model, old_cell = self.settings, self.model, self.load_cell
         self.settings, self.model = s, m = settings or old, model or old_model
         self._law, self._limits = packed_law(m.law), m.law.speed_limits
         self.surface = LocalSurface(s.surface_height)
+        self._kinematics.reach = m.tool.plates.reach
         if settings is not None:
             self._intake.use_settings(s)
+            self._kinematics.use_settings(s)
             self._comparison.use(max_age=round(s.max_input_age * 1e9))
         new_axes = (s.world_frame, s.tool_frame) != (old.world_frame, old.tool_frame)
         new_tool, new_ground = m.tool is not old_model.tool, m.ground is not old_model.ground
@@ -153,11 +155,12 @@ class Estimator:
             self._use_ground()
         elif new_tool and self._mapper is not None:
             self._mapper.use_tool(m.tool.corners)
-        self._kinematics.use(s, reach=m.tool.plates.reach)
         if new_axes:
             self._start_run()
-        elif new_tool or m.law.has_memory != old_model.law.has_memory:
+        elif new_tool:
             self._start_tool()
+        elif m.law.has_memory != old_model.law.has_memory:
+            self._start_memory()
         if self.load_cell != old_cell:
             self._air.forget()
         if (s.learning_mode == "off") != (self.learning is None) or s.zeta_error != old.zeta_error:
@@ -179,11 +182,15 @@ class Estimator:
         """Start with a tool that has not moved yet: no path, no memory, no flags."""
         self._sliver = _SLIVER * self.model.tool.plates.area
         self._air.start_run()
+        self._start_memory()
+        self._withdrawal = Withdrawal()
+        self._quality = QualityMonitor(self.model.tool)
+
+    def _start_memory(self) -> None:
+        """Start with the memory of a tool that has not moved yet, or with none if the law has none."""
         plates, has_memory = self.model.tool.plates, self.model.law.has_memory
         self._memory = Memory(plates) if has_memory else None
         self._step = prepared(plates, self._memory)
-        self._withdrawal = Withdrawal()
-        self._quality = QualityMonitor(self.model.tool)
 
     def _start_run(self) -> None:
         """Start a new run, or a run in new axes: no path, no memory, the ground at the start. The strength is kept."""

@@ -219,9 +219,12 @@ class Intake:
             return []
         if not isinstance(sample, samples.Stamped):
             now = max((transform.stamp for transform in sample), default=0)
-            if s.tf_rate > 0.0:  # without a link the stamps of others say when the wait for one ends
-                moving = max((transform.stamp for transform in sample if not transform.fixed), default=0)
-                newest = self.transforms.newest(s.world_frame, s.tool_frame) or moving
+            if s.tf_rate > 0.0:
+                newest = self.transforms.newest(s.world_frame, s.tool_frame)
+                if newest is None and not self.transforms.links(s.world_frame, s.tool_frame):
+                    # without a link the stamps of other frames say when the wait for one ends
+                    moving = max((transform.stamp for transform in sample if not transform.fixed), default=0)
+                    newest = max(moving, self._scheduled)
         elif isinstance(sample, WrenchSample):
             now = sample.stamp - self._delay
             newest = now if s.tf_rate == 0.0 else None

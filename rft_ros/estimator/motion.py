@@ -61,9 +61,9 @@ class Kinematics:
         self._follow: Any = machine_code(_follow, (np.zeros(HEAD), np.zeros(len(STATE)), 0.0))
         self.start_run()
 
-    def use(self, settings: Settings, *, reach: float) -> None:
-        """Apply new settings, or a tool of another reach."""
-        self._settings, self.reach = settings, reach
+    def use_settings(self, settings: Settings) -> None:
+        """Apply new settings."""
+        self._settings = settings
         self._max_age = round(settings.max_input_age * 1e9)
         self._period = round(min(1e9 / settings.max_rate, 1e18)) if settings.max_rate > 0.0 else 0
         self._due = 0
@@ -73,7 +73,7 @@ class Kinematics:
         """Start a new run, or a run in new axes: drop the poses and the motion so far."""
         self._difference = PoseDifference()
         self._head = np.zeros(HEAD)
-        self.use(self._settings, reach=self.reach)
+        self.use_settings(self._settings)
 
     @property
     def noise(self) -> PoseNoise:

@@ -124,9 +124,8 @@ class Transforms:
 
     def newest(self, target: str, source: str) -> int | None:
         """The last stamp [ns] at which all moving transforms between two frames are known; None if there are none."""
-        links, way = self._links(), self._way(target, source) or ()
-        lasts = [links[frame] for frames in way for frame in frames]
-        return min((last.stamp for last in lasts if not last.fixed), default=None)
+        lasts = [self._frames[frame].last for frames in self._way(target, source) or () for frame in frames]
+        return min((last.stamp for last in lasts if last and not last.fixed), default=None)
 
     # --- for users
 

@@ -64,7 +64,6 @@ def _run(stop: threading.Event) -> None:
         running.callback(worker.end)
         try:
             import rclpy
-            from rclpy._rclpy_pybind11 import UnknownROSArgsError
             from rclpy.exceptions import ParameterException
             from rclpy.signals import SignalHandlerOptions
         except ImportError as error:
@@ -78,8 +77,6 @@ def _run(stop: threading.Event) -> None:
         try:
             start_ros(signal_handler_options=SignalHandlerOptions.NO)  # first: it checks arguments before code compiles
             node = RftNode(worker)
-        except UnknownROSArgsError as error:
-            raise InputError(f"unknown ROS argument {str(error).strip('[]')}") from None
         except (ParameterException, RuntimeError) as error:  # of arguments, qos_overrides and use_sim_time
             raise InputError(str(error).partition(", at ")[0]) from None
         gc.collect()

@@ -118,7 +118,7 @@ class NodeParameters:
                 values |= absolute(checked_in_file(file, {name: value}))
             elif name in defaults():
                 values[name] = checked(name, value)
-            elif not (name == "use_sim_time" or name.startswith("qos_overrides.")):
+            elif not (self._node.has_parameter(name) or name.startswith("qos_overrides.")):
                 self._node.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
         return values
 
@@ -152,9 +152,9 @@ class NodeParameters:
             raise RefusedChangeError(str(error)) from None
         return [RosParameter(p.name, value=_plain(new[p.name])) if p.name in new else p for p in parameters]
 
-    def _on_post_set(self, _: list[RosParameter]) -> None:
+    def _on_post_set(self, parameters: list[RosParameter]) -> None:
         accepted, self._accepted = self._accepted, None  # `_apply` may declare qos_overrides, which calls this again
-        if accepted is None:
+        if accepted is None or not accepted[0].keys() <= {p.name for p in parameters}:  # rclpy has refused the change
             return
         before, (changes, prepared) = self.values, accepted
         said = ", ".join([f"{name} {before[name]!r} -> {value!r}" for name, value in sorted(changes.items())])

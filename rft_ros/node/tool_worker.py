@@ -28,6 +28,7 @@ class ToolWorker:
     """
 
     def __init__(self) -> None:
+        self._ended = False
         self._start(low_priority=False)
 
     def _start(self, *, low_priority: bool) -> None:
@@ -40,7 +41,7 @@ class ToolWorker:
         try:
             answer = self._answer(files, is_wanted)
         except Exception as error:  # of any kind: no process or descriptor is left, or the answer is damaged
-            self.end()
+            self._kill()
             if isinstance(error, InputError):
                 raise
             raise InputError(f"{error}; set it again") from None
@@ -51,12 +52,14 @@ class ToolWorker:
     def _answer(self, files: Mapping[str, Values], is_wanted: Callable[[], bool]) -> dict[str, Any] | str:
         """The answer of the process. One that has ended, perhaps long ago, is replaced once."""
         for _ in range(2):
+            if self._ended:
+                break
             if self.process.poll() is not None:
                 self._start(low_priority=True)
             with suppress(EOFError, ConnectionError):
                 self._connection.send(files)
                 return self._wait(files, is_wanted)
-            self.end()
+            self._kill()
         raise RuntimeError(f"the process that loads {named(files)} ended")
 
     def _wait(self, files: Mapping[str, Values], is_wanted: Callable[[], bool]) -> dict[str, Any] | str:
@@ -81,7 +84,11 @@ class ToolWorker:
         return 0.0
 
     def end(self) -> None:
-        """End the process, and with it the load in progress."""
+        """End the process, and with it the load in progress, for good."""
+        self._ended = True
+        self._kill()
+
+    def _kill(self) -> None:
         self.process.kill()
         self.process.wait()
 

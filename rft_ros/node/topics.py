@@ -5,6 +5,7 @@ from importlib.util import find_spec
 from typing import Any
 
 import rclpy
+from rclpy._rclpy_pybind11 import UnknownROSArgsError
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 
@@ -51,9 +52,14 @@ def message_class(kind: str) -> Any:
 
 
 def start_ros(**options: Any) -> None:
-    """Call `rclpy.init` with these options. Raises InputError if ROS cannot write its log, as in a read-only home."""
+    """Call `rclpy.init` with these options.
+
+    Raises InputError for an unknown argument, and if ROS cannot write its log, as in a read-only home.
+    """
     try:
         rclpy.init(**options)
+    except UnknownROSArgsError as error:
+        raise InputError(f"unknown ROS argument {str(error).strip('[]')}") from None
     except RuntimeError as error:
         if "log" not in str(error).partition(":")[0]:
             raise

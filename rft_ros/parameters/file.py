@@ -34,7 +34,7 @@ def sections_for(sections: Iterable[Section], node: str = NODE) -> list[Section]
 def node_parameters(file: Path, node: str = NODE) -> dict[str, Given]:
     """The parameters that a file sets for a node, by name with dots.
 
-    Raises InputError for a file that ROS would read differently from what is written.
+    Raises InputError for the fault of a section, such as a name that occurs twice.
     """
     return merged(file, sections_for(read_sections(file), node))
 

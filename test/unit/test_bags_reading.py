@@ -292,6 +292,15 @@ def test_a_database_with_text_in_its_columns_is_read_without_these_messages(tmp_
     assert damage is None if words is None else damage.startswith(words)
 
 
+def test_a_database_whose_first_time_is_no_number_of_nanoseconds_is_refused_with_what_repairs_it(tmp_path):
+    """A replay ended in a traceback."""
+    file = sqlite(tmp_path)
+    with closing(sqlite3.connect(file)) as database:
+        database.execute("UPDATE messages SET timestamp = -9e999 WHERE id = 1")
+        database.commit()
+    refused(file.parent, "times that are not whole numbers", "sqlite3 FILE .recover")
+
+
 def test_remaps_resolve_as_in_ros_later_ones_win_and_invalid_ones_are_refused():
     assert topics_of(defaults()) == NAMES
     assert "twist" not in topics_of({**defaults(), "twist_source": "pose_difference"})

@@ -172,6 +172,18 @@ def test_a_missing_frame_is_named_without_a_load_cell_too_and_poses_come_once_it
     assert e.unknown_frames() == {}
 
 
+def test_streams_of_other_frames_neither_make_poses_nor_drop_frames_whatever_their_stamps():
+    """An older clock of frames that lead nowhere; then with a tool that is fixed in the world."""
+    robot = [moving(START + k * 10 * MS, "world", "flange") for k in range(300)]
+    other = [moving(START - 3 * SECOND + k * 10 * MS, "map", "odom") for k in range(300)]
+    mixed = [sample for pair in zip(robot, other, strict=True) for sample in pair]
+    e, poses = fed(*mixed, tf_rate=50.0)
+    assert (poses, set(e.counts)) == ([], {"tf_frame_unknown"})
+    assert len(e.transforms.frames()) == 2
+    e, poses = fed(fixed("world", "tool"), *mixed, tf_rate=50.0)
+    assert (poses, dict(e.counts)) == ([], {})
+
+
 def test_what_is_not_known_at_a_stamp_has_a_reason():
     transforms = tree(*(moving(START + k * MS, "world", "tool") for k in (0, 50, 1000)))
     for after, found in ((-1, Reason.TF_MISSING), (SECOND + 1, Reason.TF_STALE), (500 * MS, Reason.TF_GAP)):
