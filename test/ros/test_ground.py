@@ -71,6 +71,7 @@ def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(start_node, tmp
     assert rft.trigger("level_ground") == level
     assert rft.trigger("save_ground") == (False, f"not saved: {level[1]}")
     assert rft.set(ground__cell=CELL) == (True, "")
+    assert not rft.set(feedforward__frame="world_frame")[0]  # nor is it set once the map is ready
     publisher = surface_publisher(rft)
     assert rft.trigger("save_ground") == (False, "not saved: no height is known yet")
     stamp = rft.moment()
@@ -81,6 +82,7 @@ def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(start_node, tmp
     assert rft.set(ground__cell=0.0) == (True, "")
     rft.until(lambda: rft.trigger("level_ground") == level and publisher.get_subscription_count() == 0)
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), on_plane)
+    assert "feedforward.frame" not in rft.said()
 
 
 def test_a_ground_file_that_cannot_be_used_is_refused_with_a_sentence(start_node, tmp_path):

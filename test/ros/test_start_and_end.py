@@ -141,6 +141,7 @@ def test_arguments_and_parameters_that_cannot_be_used_are_one_line_and_exit_stat
         "--foo --ros-args -p mesh.file:=plate": "cannot use '--foo'; ROS arguments, such as",
         "--ros-args -p mesh.file:=plate -- plate": "cannot use 'plate'; ROS arguments, such as",
         "--ros-args --foo": "unknown ROS argument '--foo'",
+        "--ros-args --log-lvel debug": "unknown ROS argument '--log-lvel', 'debug'",
         f"--ros-args --params-file {pipe}": f"parameter file '{pipe}' is a pipe",
         f"--ros-args --params-file {file}": refusal(read_parameter_file, file),  # in the words of a replay
         "--ros-args -p use_sim_time:=3": bool_expected,
