@@ -71,7 +71,6 @@ def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(start_node, tmp
     assert rft.trigger("level_ground") == level
     assert rft.trigger("save_ground") == (False, f"not saved: {level[1]}")
     assert rft.set(ground__cell=CELL) == (True, "")
-    assert not rft.set(feedforward__frame="world_frame")[0]  # nor is it set once the map is ready
     publisher = surface_publisher(rft)
     assert rft.trigger("save_ground") == (False, "not saved: no height is known yet")
     stamp = rft.moment()
@@ -82,6 +81,16 @@ def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(start_node, tmp
     assert rft.set(ground__cell=0.0) == (True, "")
     rft.until(lambda: rft.trigger("level_ground") == level and publisher.get_subscription_count() == 0)
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), on_plane)
+
+
+def test_a_refused_change_is_not_made_once_a_map_has_loaded(start_node, tmp_path):
+    """The subscription to clouds declares its QoS, and the change that was refused before was taken for it."""
+    file = tmp_path / "bed.csv"
+    file.write_text("x,y,h\n0,0,0\n")
+    rft = started(start_node, PARAMETERS)
+    assert rft.set(ground__cell=CELL, ground__file=str(file)) == (True, "")
+    assert not rft.set(feedforward__frame="world_frame")[0]
+    surface_publisher(rft)
     assert "feedforward.frame" not in rft.said()
 
 
