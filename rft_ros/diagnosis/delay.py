@@ -83,10 +83,11 @@ def _misfits(e: Evidence, at: float) -> tuple[Array, float] | None:
         """Without a line in time."""
         return np.asarray(force - line @ (line.T @ force))
 
-    measured, misfits = bent(e.force[rows]), []
-    whole = (measured**2).sum(axis=0)
-    for delay in _DELAYS:
-        predicted = bent(np.stack([np.interp(time - delay, e.time, p) for p in e.predicted[:, :3].T], axis=1))
-        shared = np.maximum((measured * predicted).sum(axis=0), 0.0)
-        misfits.append((whole - shared**2 / np.maximum((predicted**2).sum(axis=0), 1e-12)).sum())
-    return np.maximum(misfits, 0.0) / max(float(whole.sum()), 1e-12), gap
+    measured, at_delays = bent(e.force[rows]), np.subtract.outer(time, _DELAYS)
+    whole = float((measured**2).sum())
+    misfits = np.full(len(_DELAYS), whole)
+    for force, of_model in zip(measured.T, e.predicted.T[:3], strict=True):
+        predicted = bent(np.interp(at_delays, e.time, of_model))
+        shared = np.maximum(force @ predicted, 0.0)
+        misfits -= shared**2 / np.maximum((predicted**2).sum(axis=0), 1e-12)
+    return np.maximum(misfits, 0.0) / max(whole, 1e-12), gap
