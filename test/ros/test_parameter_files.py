@@ -65,7 +65,7 @@ def as_a_command(file, node="/rft"):
 @pytest.mark.parametrize("seed", [1, 2])
 def test_node_and_commands_agree_on_random_parameter_files(tmp_path, seed):
     random, nodes = np.random.default_rng(seed), ("/rft", "/cell/rft")
-    files = [tmp_path / f"{k}.yaml" for k in range(120)]
+    files = [tmp_path / f"{k}.yaml" for k in range(60)]
     for k, file in enumerate(files):
         file.write_text(hostile_file(random, strange=(0.03, 0.5)[k % 2]), encoding="utf-8", newline="")
     used = 0
@@ -77,7 +77,7 @@ def test_node_and_commands_agree_on_random_parameter_files(tmp_path, seed):
             continue  # both refuse the file; in the node, ROS is the first to
         assert ours == theirs, (file.read_text(), node)
         used += not isinstance(ours, str)
-    assert used > 20
+    assert used > 10
 
 
 SECTION = "/**:\n  ros__parameters:\n"
