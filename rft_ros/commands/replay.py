@@ -10,6 +10,7 @@ from rft_ros.bags.replay import replay_model, results
 from rft_ros.bags.summary import Summary, check, read_limits
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
+from rft_ros.estimator import Reason
 from rft_ros.parameters import named_files
 from rft_ros.progress import busy
 
@@ -77,7 +78,8 @@ def _status(summary: Summary, limits: dict[str, tuple[float, float]]) -> int:
         status, why = 1, ""
         if summary.reasons:
             reason = max(summary.reasons, key=summary.reasons.__getitem__)
-            why = f"; most often {summary.unknown_frames.get(reason, reason)}"
+            in_words = f"{reason}: {Reason(reason).sentence}"
+            why = f"; most often {summary.unknown_frames.get(reason, in_words)}"
         none = f"bag '{summary.bag}' has no estimate for its {summary.messages['pose']:,} poses{why}"
         print(f"rft replay: {none}", file=sys.stderr, flush=True)
     return status

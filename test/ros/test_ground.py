@@ -83,6 +83,14 @@ def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(start_node, tmp
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), on_plane)
 
 
+def test_a_sparse_map_is_named_in_the_status_of_the_medium_while_the_node_learns(start_node, tmp_path):
+    file, places = tmp_path / "bed.csv", range(-4, 5)
+    file.write_text("x,y,h\n" + "".join(f"{0.1 * i},{0.1 * j},0\n" for i in places for j in places))
+    rft = started(start_node, {**GROUND, "ground.file": str(file), "learning.mode": "observe"})
+    rft.ask(rft.moment())
+    rft.until(lambda: "sparser than ground.cell" in rft.diagnostic("medium")[1])
+
+
 def test_a_refused_change_is_not_made_once_a_map_has_loaded(start_node, tmp_path):
     """The subscription to clouds declares its QoS, and the change that was refused before was taken for it."""
     file = tmp_path / "bed.csv"

@@ -1,5 +1,7 @@
 """What the load cell reports, less bias and weight, is what the grains do; prediction in its frame, by stamps alone."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -257,3 +259,16 @@ def test_a_pose_within_max_input_age_finds_its_reading_among_any_number_of_later
     e = estimator(max_input_age=3.0)
     push(e, *(ramp(START + k * MS) for k in range(-1, 2000)), twist(), pose())
     assert e.measurements()[0].compensated[2] == 0.0
+
+
+def test_a_force_in_the_air_is_an_issue_until_the_cell_is_tared_also_if_the_memory_is_switched_on():
+    e, force = estimator(), (0.0, 0.0, 8.0, 0.0, 0.0, 0.0)
+    for k in range(140):
+        stamp = START + k * 10 * MS
+        push(e, twist(stamp), wrench(stamp, force), pose(stamp, (0.0, 0.0, 0.5)))
+    e.use(model=replace(e.model, law=replace(e.model.law, mobilization_length=0.003)))
+    (issue,) = e.issues()
+    for word in ("air", "~/tare", "sensor.bias", "sensor.mass"):
+        assert word in issue
+    e.use(settings=replace(e.settings, load_cell=replace(e.settings.load_cell, bias=force)))
+    assert e.issues() == []

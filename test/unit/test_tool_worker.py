@@ -103,6 +103,21 @@ def test_a_worker_that_was_killed_while_idle_refuses_nothing_even_if_it_dies_onl
         assert loading.result().name == "sphere"
 
 
+def test_a_worker_that_is_ended_while_it_loads_is_not_started_again(big):
+    """As by SIGINT: the node waited for the repeated load."""
+    worker = ToolWorker()
+    os.kill(worker.process.pid, signal.SIGSTOP)
+    first = worker.process.pid
+    with ThreadPoolExecutor(1) as thread:
+        loading = thread.submit(loaded, worker, big)
+        time.sleep(0.1)
+        worker.end()
+        with pytest.raises(InputError, match="ended"):
+            loading.result()
+    assert worker.process.pid == first
+    assert worker.process.poll() is not None
+
+
 def test_a_file_that_gives_nothing_to_read_is_given_up_and_says_so(worker, big, monkeypatch):
     """As /proc/kmsg, or a disk that has gone."""
     with monkeypatch.context() as patched:
