@@ -12,7 +12,7 @@ from rft_ros.estimator.pose_noise import NOISY
 from rft_ros.estimator.samples import Vector
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
-from rft_ros.rft import POSITION, QUATERNION, SpeedLimits, edge_share, rotation_matrix
+from rft_ros.rft import POSITION, QUATERNION, SpeedLimits, rotation_matrix
 from rft_ros.rft.grains import WITH_INERTIA, WITHOUT_INERTIA
 from rft_ros.tool import Tool
 from rft_ros.tool.check import LARGEST, SMALLEST
@@ -75,7 +75,6 @@ Array = NDArray[np.float64]
 
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
 _HARMLESS = {"concave", "size", "degenerate_facets"}  # kinds of issues that are no fault of the mesh
-_EDGE_SHARE = 0.4  # of the submerged area; the narrow sides of a plate that moves straight down have less
 _DEEPER = 1.02  # times the calibrated depth, so that the bag of the calibration is not flagged
 _STEEP = 15.0  # degrees
 _STEEP_SLOPE = math.tan(math.radians(_STEEP))
@@ -115,10 +114,6 @@ class QualityFlag(IntFlag):
     WAKE = 8, "in the wake of its own motion, where the grains are looser"
     CONCAVE = 16, "a hollow tool: the model computes each facet as if no other facet were near"
     WITHDRAWAL = 32, "the tool moves up: the force of real grains vanishes sooner than the predicted one"
-    KNIFE_EDGE = (
-        64,
-        "faces move nearly parallel to their own plane: an error of one degree changes the force by a tenth or more",
-    )
     DEEP = 128, "deeper than medium.calibrated_depth"
     SURPRISE = 256, "the grains are harder or softer than the filter has estimated"
     STEEP = 512, f"the ground is tilted by over {_STEEP:g} degrees"
@@ -209,11 +204,9 @@ class QualityMonitor:
             self._countdown = _EVERY
             self._wake.extend(motion.state[0])
             calibrated = settings.calibrated_depth
-            edges = edge_share(self._plates, motion.state[0], surface_height=height)
             self._slow = self._of_mesh | _joined(
                 wake=self._wake.is_crossed,
                 deep=calibrated is not None and depth() > _DEEPER * calibrated,
-                knife_edge=edges > _EDGE_SHARE,
             )
         self._countdown -= 1
         # the lowest point is at most `reach` below the origin; its exact depth takes longer to compute

@@ -15,7 +15,7 @@ from rft_ros.estimator.samples import PoseSample
 from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.ground import HeightMap, Support
 from rft_ros.parameters import LoadCell
-from rft_ros.rft import QUATERNION, Plates, agarwal2023, edge_share, wrenches
+from rft_ros.rft import QUATERNION, Plates, agarwal2023, wrenches
 
 __all__ = ["forces", "other_loops", "prepare"]
 
@@ -56,7 +56,6 @@ def forces() -> None:
 
 def other_loops() -> None:
     """Run the loops around it: of frames, velocities, learning and the ground."""
-    edge_share(_PLATE, _SINKING)
     LoadCellFrame(LoadCell()).into_sensor(_SINKING[QUATERNION], np.zeros(12))
     predict_without_learning(np.zeros(7), 1.0, 0.0, np.zeros(12))
     PoseDifference().push(PoseSample(1, "", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))

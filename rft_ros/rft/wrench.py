@@ -23,7 +23,7 @@ from rft_ros.rft.memory import HEAD, Memory
 from rft_ros.rft.plates import BLOCK, Plates
 from rft_ros.rft.traction import Law, packed_law
 
-__all__ = ["LEVEL", "edge_share", "plate_forces", "prepared", "wrenches", "wrenches_in_time"]
+__all__ = ["LEVEL", "plate_forces", "prepared", "wrenches", "wrenches_in_time"]
 
 Array = NDArray[np.float64]
 
@@ -151,15 +151,6 @@ def plate_forces(
     _loop()(*arguments, states, _NO_MEMORY, forces)
     ordered[plates.order] = forces[: len(plates)]
     return ordered
-
-
-def edge_share(plates: Plates, state: ArrayLike, *, surface_height: float = 0.0) -> float:
-    """Share of the wet area that moves within 1° of its own plane, where a degree decides how much of it leads.
-
-    `state`: shape [13], columns `STATE`; `surface_height` [m]. In 0 to 1, no unit; 0 in the air.
-    """
-    p, height, one = _checked(plates), number("surface_height", surface_height), numbers("state", state, rows=13)
-    return loops.edge_share(p.centroids, p.normals, p.areas, p.reach, height, one)
 
 
 def _checked(plates: Plates) -> Plates:

@@ -146,7 +146,6 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
     grains = lambda: replace(use["law"], mobilization_length=use["length"])  # noqa: E731
     in_time = refused(lambda: wrenches_in_time(use["plates"], grains(), *scene, **keywords))
     refused(lambda: plate_forces(use["plates"], use["law"], use["states"], surface_height=use["height"]))
-    refused(lambda: rft.edge_share(use["plates"], use["states"], surface_height=use["height"]))
     refused(lambda: Memory(plates, slack=junk))
     refused(lambda: Memory(plates, bodies=junk))
     refused(lambda: rft.treers2021(GENERIC, junk))
@@ -184,7 +183,6 @@ def test_states_that_were_not_checked_stay_within_the_arrays(values, model):
         assert wrenches(plates, law, [values]).shape == (1, 7)
         wrenches_in_time(plates, law, [values] * 2, memory, sensitivities=True)
         assert plate_forces(plates, law, values).shape == (len(plates), 3)
-        rft.edge_share(plates, values)
 
 
 @pytest.mark.parametrize("given", [{"bodies": b} for b in (1e9, 10**9, 0, -1, 1.5, "a", None, math.nan)], ids=str)

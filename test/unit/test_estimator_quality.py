@@ -123,7 +123,7 @@ SCENES = {
         QualityFlag.CONCAVE,
         lambda _: last_flags(mesh(trimesh.creation.annulus(0.01, 0.02, 0.03)), straight(0.05)),
     ),
-    "plates along themselves": (QualityFlag.KNIFE_EDGE, lambda _: each_plate((0.01, 0.0, 0.0))),
+    "plates along themselves": (QualityFlag.NONE, lambda _: each_plate((0.01, 0.0, 0.0))),
     "plates aslant": (QualityFlag.NONE, lambda _: each_plate((0.0098, 0.0, -0.002))),
     "plates straight down": (QualityFlag.NONE, lambda _: each_plate((0.0, 0.0, -0.01))),
     "as deep as calibrated": (QualityFlag.NONE, lambda root: at_depth(root, 0.1, calibrated_depth=0.1)),

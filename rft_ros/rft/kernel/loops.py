@@ -5,7 +5,7 @@ chunk in steps: geometry, tractions by the law, memory, sums. A step is a loop o
 uses selects in place of branches on data. All laws, rules and options are in the one loop, which is compiled once.
 """
 
-from math import cos, radians, sin, sqrt
+from math import cos, radians, sqrt
 
 import numpy as np
 
@@ -46,7 +46,7 @@ from rft_ros.rft.plates import (
 )
 from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, orient, tractions
 
-__all__ = ["edge_share", "sums"]
+__all__ = ["sums"]
 
 _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT = range(5)
 """Kinds of blocks: dry (skipped); submerged and trailing (only its area counts); submerged without horizontal plates;
@@ -65,7 +65,6 @@ _AREA, _HALF_ANGLE = BLOCK * AREA, BLOCK * HALF_ANGLE
 
 _FORCES = 3  # columns of the forces of plates
 _LEVEL = cos(radians(FLAT_BLEND))
-_ALONG = sin(radians(1.0)) ** 2
 
 
 @inlined
@@ -413,26 +412,3 @@ def _sums(form, law, height, slope, states, past, out):
 
 sums = compiled(_sums, **OPTIONS)
 """The loop over states."""
-
-
-def _edge_share(centroids, normals, areas, reach, surface_height, state):
-    """Share of the wet area that moves nearly along itself; arrays of `Plates`."""
-    edge = wet = 0.0
-    axes, twist, _, _ = _motion(state, reach)
-    below = surface_height - state[2]
-    vx, vy, vz = into_frame(axes, twist[0], twist[1], twist[2])
-    wx, wy, wz = into_frame(axes, twist[3], twist[4], twist[5])
-    zx, zy, zz = axes[6:]
-    for i in range(len(areas)):
-        a, b, c = centroids[0, i], centroids[1, i], centroids[2, i]
-        nx, ny, nz = normals[0, i], normals[1, i], normals[2, i]
-        area = areas[i] if below - (zx * a + zy * b + zz * c) > 0.0 else 0.0
-        ux, uy, uz = vx + wy * c - wz * b, vy + wz * a - wx * c, vz + wx * b - wy * a
-        lead = ux * nx + uy * ny + uz * nz
-        wet += area
-        edge += area if lead * lead < _ALONG * (ux * ux + uy * uy + uz * uz) else 0.0
-    return edge / wet if wet > 0.0 else 0.0
-
-
-edge_share = compiled(_edge_share, **OPTIONS)
-"""The loop of `wrench.edge_share`."""
