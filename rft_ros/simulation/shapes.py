@@ -1,6 +1,5 @@
 """The shape of a body of a MuJoCo model, from its geoms: meshes and primitives; and ground from its height field."""
 
-import math
 from collections.abc import Iterator
 from functools import lru_cache
 from typing import Any
@@ -12,17 +11,15 @@ from rft_ros.errors import InputError
 from rft_ros.ground import MOST_CELLS, HeightMap
 from rft_ros.rft import rotation_matrix
 from rft_ros.simulation.mechanism import import_mujoco
-from rft_ros.tool import Tool, tool_of_mesh
+from rft_ros.tool import Tool, solids, tool_of_mesh
 
 __all__ = ["check_size", "ground_of_field", "tool_of_body"]
 
 Array = NDArray[np.float64]
 
-_CELLS = 8  # along the longest side of a body, of its plates and of the ground: their velocity and height vary little
 _MISTAKEN = 100.0  # times the size of the body's geoms: units are mistaken by 1,000
 _SMALLEST = 1.0 / 30.0  # of the mobilization length
 _BESIDE = 1e-3  # of the body's size: distance from a face of the two points that say whether another geom covers it
-_AT_ONCE = 2_000_000  # pairs of point and triangle
 
 
 def tool_of_body(model: Any, body: int, tolerance: float, apart: frozenset[int] = frozenset()) -> Tool:
@@ -64,52 +61,19 @@ def _triangles(model: Any, geom: int) -> Array | None:
         vertices = np.array(model.mesh_vert[first : first + model.mesh_vertnum[mesh]], dtype=np.float64)
         triangles = vertices[model.mesh_face[faces : faces + model.mesh_facenum[mesh]]]
     elif kind == kinds.mjGEOM_BOX:
-        triangles = _box([_line(h, max(a, b, c)) for h in (a, b, c)])
-    elif kind in (kinds.mjGEOM_SPHERE, kinds.mjGEOM_ELLIPSOID):
-        triangles = _rounded(_box([_line(1.0, 1.0)] * 3)) * ((a, b, c) if kind == kinds.mjGEOM_ELLIPSOID else a)
+        triangles = solids.box((a, b, c))
+    elif kind == kinds.mjGEOM_SPHERE:
+        triangles = solids.ellipsoid((a, a, a))
+    elif kind == kinds.mjGEOM_ELLIPSOID:
+        triangles = solids.ellipsoid((a, b, c))
     elif kind == kinds.mjGEOM_CYLINDER:
-        triangles = _box([_line(a, a), _line(a, a), _line(b, max(a, b))])
-        triangles[..., :2] = _rounded(triangles[..., :2])
+        triangles = solids.cylinder(a, b)
     elif kind == kinds.mjGEOM_CAPSULE:
-        end = _line(a, a)
-        lower, upper = end[end < 0.0] - b, end[end > 0.0] + b
-        triangles = _box([end, end, np.concatenate([lower, _line(b, a + b), upper])])
-        middle = triangles.clip(-b, b) * (0.0, 0.0, 1.0)
-        triangles = middle + _rounded(triangles - middle)
+        triangles = solids.capsule(a, b)
     else:
         return None
     axes = rotation_matrix(np.roll(model.geom_quat[geom], -1))
     return np.asarray(triangles @ axes.T + model.geom_pos[geom])
-
-
-def _line(half: float, longest: float) -> Array:
-    """Places from -half to half in an even number of cells, of which the longest side of a body has `_CELLS`."""
-    return np.linspace(-half, half, 2 * math.ceil(0.5 * _CELLS * half / longest - 1e-9) + 1)
-
-
-def _box(lines: list[Array]) -> Array:
-    """The triangles of a box whose faces have grid lines at these x, y and z, shape [n, 3, 3].
-
-    The diagonals alternate, or they would turn a body that moves straight.
-    """
-    faces = []
-    for k in range(3):
-        u, v = np.meshgrid(lines[k - 2], lines[k - 1], indexing="ij")
-        odd = np.add.outer(np.arange(len(u) - 1), np.arange(len(v.T) - 1)) % 2 == 1
-        for end in (0, -1):
-            grid = np.empty((*u.shape, 3))
-            grid[..., k], grid[..., k - 2], grid[..., k - 1] = lines[k][end], u, v
-            a, b, c, d = grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]
-            a, b, c, d = (np.where(odd[..., None], q, p) for p, q in ((a, b), (b, c), (c, d), (d, a)))
-            halves = np.concatenate([np.stack([a, b, c], axis=-2), np.stack([a, c, d], axis=-2)]).reshape(-1, 3, 3)
-            faces.append(halves if end else halves[:, ::-1])
-    return np.concatenate(faces)
-
-
-def _rounded(points: Array) -> Array:
-    """Points on nested cubes, or squares, moved onto the spheres, or circles, within these."""
-    size = np.linalg.norm(points, axis=-1, keepdims=True)
-    return np.asarray(points * np.abs(points).max(axis=-1, keepdims=True) / size.clip(1e-300))
 
 
 def _uncovered(shapes: list[Array]) -> list[Array]:
@@ -125,25 +89,11 @@ def _uncovered(shapes: list[Array]) -> list[Array]:
         middle, covered = triangles.mean(axis=1), np.zeros(len(triangles), dtype=bool)
         for j, other in enumerate(shapes):
             if j != k:
-                covered |= _inside(middle + out, other)
+                covered |= solids.are_inside(middle + out, other)
             if j < k:
-                covered |= _inside(middle - out, other)
+                covered |= solids.are_inside(middle - out, other)
         kept.append(triangles[~covered])
     return kept
-
-
-def _inside(points: Array, triangles: Array) -> NDArray[np.bool_]:
-    """Whether the triangles surround each point, by their winding number."""
-    low, high = triangles.min(axis=(0, 1)), triangles.max(axis=(0, 1))
-    inside = ((points > low) & (points < high)).all(axis=1)
-    near = np.flatnonzero(inside)
-    for part in np.array_split(near, 1 + len(near) * len(triangles) // _AT_ONCE):
-        a, b, c = (triangles[:, i] - points[part, None] for i in range(3))
-        x, y, z = (np.linalg.norm(v, axis=2) for v in (a, b, c))
-        volume = (a * np.cross(b, c)).sum(axis=2)
-        cosine = x * y * z + (a * b).sum(axis=2) * z + (b * c).sum(axis=2) * x + (c * a).sum(axis=2) * y
-        inside[part] = np.arctan2(volume, cosine).sum(axis=1) > np.pi  # half of the solid angle 4 pi
-    return np.asarray(inside)
 
 
 def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
@@ -169,7 +119,7 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
     heights = z + height * model.hfield_data[first : first + rows * columns].reshape(rows, columns)
     own = min(2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1))
     finest = 2.0 * np.sqrt(half_x * half_y / MOST_CELLS)
-    cell = float(max(min(own, *(_size(tool) / _CELLS for tool in tools)), finest))
+    cell = float(max(min(own, *(_size(tool) / solids.CELLS for tool in tools)), finest))
     reach = np.abs(axes[:2, :2]) @ (half_x, half_y)
     (low_x, low_y), (high_x, high_y) = (np.floor(((x, y) + s * reach) / cell).astype(int) for s in (-1.0, 1.0))
     u, v = np.meshgrid(np.arange(low_x, high_x + 1), np.arange(low_y, high_y + 1), indexing="ij")

@@ -6,6 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.tool.refine import welded
+from rft_ros.tool.solids import are_inside
 
 if TYPE_CHECKING:
     import trimesh
@@ -107,26 +108,7 @@ def _covered_share(mesh: "trimesh.Trimesh") -> float:
     count = max(1, min(_COVERED_SAMPLES, _MOST_PAIRS // facets))
     points, sampled = sample_surface(mesh, count, seed=0)[:2]
     places = points + _OUTSIDE * float(mesh.extents.max()) * np.asarray(mesh.face_normals)[sampled]
-    triangles = np.asarray(mesh.triangles)
-    lowest, highest = (np.ascontiguousarray(bound(triangles, axis=1).T) for bound in (np.min, np.max))
-    covered = 0
-    for x, y, z in places:
-        near = (lowest[0] <= x) & (x <= highest[0]) & (lowest[1] <= y) & (y <= highest[1]) & (highest[2] > z)
-        covered += _winding_number(triangles[near] - (x, y, z)) > 0
-    return covered / count
-
-
-def _winding_number(triangles: NDArray[np.float64]) -> int:
-    """How often a closed surface encloses the origin, from its triangles that the ray along +z may meet.
-
-    Those are shape [m, 3, 3]. Where the ray leaves the surface counts 1, and where it enters -1.
-    """
-    a, b, c = triangles.transpose(1, 0, 2)
-    x, y = 0, 1
-    u, v, w = (p[:, x] * q[:, y] - p[:, y] * q[:, x] for p, q in ((b, c), (c, a), (a, b)))
-    leaves, enters = (u > 0) & (v > 0) & (w > 0), (u < 0) & (v < 0) & (w < 0)
-    above = (u * a[:, 2] + v * b[:, 2] + w * c[:, 2]) * np.where(leaves, 1.0, -1.0) > 0
-    return int((leaves & above).sum()) - int((enters & above).sum())
+    return float(are_inside(places, np.asarray(mesh.triangles)).mean())
 
 
 def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:

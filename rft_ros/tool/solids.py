@@ -1,0 +1,107 @@
+"""Triangles of primitive solids, in a grid whose cells are an eighth of the longest side; and what lies inside.
+
+A triangle's velocity and depth then vary little over it. Triangles face outward and have shape [n, 3, 3]; lengths [m].
+"""
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.rft import rotation_matrix
+
+__all__ = ["CELLS", "are_inside", "box", "capsule", "cylinder", "ellipsoid"]
+
+Array = NDArray[np.float64]
+
+CELLS = 8
+"""Cells along the longest side of a solid."""
+
+_OBLIQUE = rotation_matrix(np.array([0.1, 0.3, 0.5, math.sqrt(0.65)]))
+
+
+def box(half_sides: Sequence[float]) -> Array:
+    """A box about the origin."""
+    longest = max(half_sides)
+    return _box([_line(half, longest) for half in half_sides])
+
+
+def ellipsoid(half_axes: Sequence[float]) -> Array:
+    """An ellipsoid about the origin."""
+    line = _line(1.0, 1.0)
+    return np.asarray(_rounded(_box([line, line, line])) * np.array(half_axes))
+
+
+def cylinder(radius: float, half_length: float) -> Array:
+    """A cylinder about the origin whose axis is z."""
+    side = _line(radius, radius)
+    triangles = _box([side, side, _line(half_length, max(radius, half_length))])
+    triangles[..., :2] = _rounded(triangles[..., :2])
+    return triangles
+
+
+def capsule(radius: float, half_length: float) -> Array:
+    """A cylinder of this half length about the origin, whose axis is z, with a half sphere at each end."""
+    side = _line(radius, radius)
+    lower = side[side < 0.0] - half_length
+    upper = side[side > 0.0] + half_length
+    triangles = _box([side, side, np.concatenate([lower, _line(half_length, radius + half_length), upper])])
+    on_axis = triangles.clip(-half_length, half_length) * (0.0, 0.0, 1.0)
+    return np.asarray(on_axis + _rounded(triangles - on_axis))
+
+
+def _line(half: float, longest: float) -> Array:
+    """Places from -half to half in an even number of cells; `longest` is half of the side that has `CELLS`."""
+    return np.linspace(-half, half, 2 * math.ceil(0.5 * CELLS * half / longest - 1e-9) + 1)
+
+
+def _box(lines: Sequence[Array]) -> Array:
+    """A box whose faces have grid lines at these x, y and z. The diagonals alternate.
+
+    All in one direction, they would turn a body that moves straight.
+    """
+    faces = []
+    for k in range(3):
+        u, v = np.meshgrid(lines[k - 2], lines[k - 1], indexing="ij")
+        is_odd = np.add.outer(np.arange(len(u) - 1), np.arange(len(v.T) - 1))[..., None] % 2 == 1
+        for end in (0, -1):
+            grid = np.empty((*u.shape, 3))
+            grid[..., k] = lines[k][end]
+            grid[..., k - 2] = u
+            grid[..., k - 1] = v
+            around = [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]]
+            a, b, c, d = (np.where(is_odd, around[(i + 1) % 4], around[i]) for i in range(4))
+            halves = np.concatenate([np.stack([a, b, c], axis=-2), np.stack([a, c, d], axis=-2)]).reshape(-1, 3, 3)
+            faces.append(halves if end else halves[:, ::-1])
+    return np.concatenate(faces)
+
+
+def _rounded(points: Array) -> Array:
+    """Points on nested cubes, or squares, moved onto the spheres, or circles, within these."""
+    size = np.linalg.norm(points, axis=-1, keepdims=True)
+    return np.asarray(points * np.abs(points).max(axis=-1, keepdims=True) / size.clip(1e-300))
+
+
+def are_inside(points: Array, triangles: Array) -> NDArray[np.bool_]:
+    """Whether a closed surface surrounds each point, shape [n, 3]: whether its winding number is over 0.
+
+    Where a ray from the point leaves the surface, the number rises by 1, and where it enters, it falls by 1. So it is 0
+    in a cavity. The ray is oblique: it meets no edge of a grid.
+    """
+    corners = triangles @ _OBLIQUE
+    low = np.ascontiguousarray(corners.min(axis=1).T)
+    high = np.ascontiguousarray(corners.max(axis=1).T)
+    return np.array([_winding_number(point, corners, low, high) > 0 for point in points @ _OBLIQUE])
+
+
+def _winding_number(point: Array, triangles: Array, low: Array, high: Array) -> int:
+    """`low`, `high`: bounds of the triangles, shape [3, n]. The ray goes along +z."""
+    x, y, z = point
+    is_near = (low[0] <= x) & (x <= high[0]) & (low[1] <= y) & (y <= high[1]) & (high[2] > z)
+    a, b, c = (triangles[is_near] - point).transpose(1, 0, 2)
+    u, v, w = (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((b, c), (c, a), (a, b)))
+    leaves = (u > 0) & (v > 0) & (w > 0)
+    enters = (u < 0) & (v < 0) & (w < 0)
+    height = u * a[:, 2] + v * b[:, 2] + w * c[:, 2]  # of the crossing, times u + v + w
+    return int((leaves & (height > 0)).sum()) - int((enters & (height < 0)).sum())
