@@ -10,7 +10,17 @@ from studies.result import StudyResult, write_tables
 
 __all__ = ["CHARTS", "STUDIES", "main", "run_study"]
 
-STUDIES = ("horizontal", "plates", "oscillation", "circumnutation", "convergence", "dem", "stability", "memory")
+STUDIES = (
+    "horizontal",
+    "plates",
+    "oscillation",
+    "circumnutation",
+    "convergence",
+    "dem",
+    "wheel",
+    "stability",
+    "memory",
+)
 """The studies that `all` runs. A study is a module with ``study()``, which returns a `StudyResult` or several."""
 
 CHARTS = ("models", "learning", "coverage", "ground")

@@ -1,0 +1,280 @@
+"""A smooth wheel in real sand: forces in 190 steady states, and how deep it sinks under its load while it travels.
+
+Carnegie Mellon's testbed, ``../shared/data/cmu_wheel`` and ``cmu_wheel_motion``; their READMEs say how it was measured.
+The wheel is a closed cylinder of 125 x 60 mm. No constant of the model was chosen on it.
+"""
+
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+import numpy as np
+import trimesh
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rft_ros.rft import Law, Memory, Plates, wrenches
+from rft_ros.rft.traction import packed_law
+from rft_ros.rft.wrench import prepared
+from rft_ros.simulation import Grains
+from rft_ros.tool import Tool, tool_of_mesh
+from studies.choice import REMEMBERED
+from studies.result import BLUE, VERMILION, StudyResult, TextTable, label_axes, new_figure
+
+__all__ = ["KINDS", "LOAD", "MEASURED", "STEADY_TRAVELS", "ZETA_OF_PRESS", "SteadyStates", "Travel", "fitted_zeta"]
+__all__ += ["kind_of", "mean_states", "measured_sinkage", "median_errors", "read_states", "sinkage", "steady_forces"]
+__all__ += ["steady_travel", "study", "wheel"]
+
+Array = NDArray[np.float64]
+
+DATA = Path(__file__).resolve().parents[2] / "shared" / "data"
+"""The folder of the measurements."""
+
+ZETA_OF_PRESS = 0.85
+"""ζ of wheels of this size that were pressed into this sand, over the first 10 mm."""
+
+LOAD = 20.0
+"""Load on the wheel that was free to sink [N]."""
+
+KINDS = ("drag", "brake", "roll", "spin")
+"""A wheel that does not turn, turns more slowly than it travels, within a fifth of the speed of travel, or faster."""
+
+_RADIUS, _WIDTH = 0.0625, 0.06  # m
+_SECTIONS, _RINGS = 48, 5
+_GRAVITY = 9.81  # m/s²
+_SPEED = 0.01  # m/s, at which every wheel travels
+_PATH, _STEP = 0.16, 0.0005  # m, of the fastest point: an arc as long as the deepest wheel has in the sand
+_START_CLEARANCE = 0.0315  # m, the authors' own constant for all runs
+_TRAVEL_STEP = 0.0005  # m
+
+
+@cache
+def wheel() -> Tool:
+    """The closed cylinder. Its axle lies along x, through the tool frame's origin."""
+    radii = _RADIUS * np.linspace(0.0, 1.0, _RINGS + 1)
+    half = 0.5 * _WIDTH
+    below = [(radius, -half) for radius in radii]
+    tread = [(_RADIUS, height) for height in np.linspace(-half, half, _RINGS + 1)[1:-1]]
+    above = [(radius, half) for radius in radii[::-1]]
+    mesh = trimesh.creation.revolve([*below, *tread, *above], sections=_SECTIONS)
+    mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (0.0, 1.0, 0.0)))
+    return tool_of_mesh(mesh, name="wheel")
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class SteadyStates:
+    """Wheels that move steadily in sand.
+
+    `states`: shape [n, 13], columns `rft_ros.rft.STATE`; the surface is at 0. `forces`: measured, on the wheel [N],
+    shape [n, 3], world axes. `slip_angles`: from the wheel's plane to its velocity [deg]. `rim_speeds` [m/s].
+    """
+
+    states: Array
+    forces: Array
+    slip_angles: Array
+    rim_speeds: Array
+
+
+def read_states() -> SteadyStates:
+    """The 190 measured states."""
+    folder = DATA / "cmu_wheel"
+    rows = np.loadtxt(folder / "smooth_states.csv", delimiter=",", skiprows=1)
+    table = np.genfromtxt(folder / "smooth_expected.csv", delimiter=",", names=True)
+    forces = np.column_stack([table[f"measured_{axis}"] for axis in ("fx", "fy", "fz")])
+    return SteadyStates(
+        states=rows[:, 1:],
+        forces=forces,
+        slip_angles=table["slip_angle_deg"],
+        rim_speeds=1e-3 * table["rim_speed_mm_s"],
+    )
+
+
+def mean_states(states: SteadyStates) -> SteadyStates:
+    """The 63 set-ups of slip angle and rim speed: means over the three or four repeats of each."""
+    setups = np.column_stack([states.slip_angles, states.rim_speeds])
+    each, of_state = np.unique(setups, axis=0, return_inverse=True)
+    repeats = [of_state.ravel() == k for k in range(len(each))]
+    return SteadyStates(
+        states=np.array([states.states[same].mean(axis=0) for same in repeats]),
+        forces=np.array([states.forces[same].mean(axis=0) for same in repeats]),
+        slip_angles=each[:, 0],
+        rim_speeds=each[:, 1],
+    )
+
+
+def kind_of(rim_speed: float) -> str:
+    """The one of `KINDS` of a wheel that travels at 10 mm/s. `rim_speed` [m/s]."""
+    if rim_speed == 0.0:
+        return "drag"
+    if rim_speed < 0.79 * _SPEED:
+        return "brake"
+    return "roll" if rim_speed < 1.21 * _SPEED else "spin"
+
+
+def steady_forces(law: Law, states: SteadyStates, plates: Plates | None = None) -> Array:
+    """The force in each state [N], shape [n, 3]; with memory, after the motion has gone on for `_PATH`."""
+    plates = wheel().plates if plates is None else plates
+    if not law.has_memory:
+        return wrenches(plates, law, states.states)[:, :3]
+    n = len(states.states)
+    row = np.empty((n, 7))
+    step = prepared(plates, Memory(plates, bodies=n))
+    packed = packed_law(law)
+    durations = _STEP / np.maximum(np.abs(states.rim_speeds), _SPEED)
+    turns = states.states[:, 10] * durations
+    now = states.states.copy()
+    for k in range(round(_PATH / _STEP) + 1):
+        now[:, :2] = states.states[:, :2] + k * durations[:, None] * states.states[:, 7:9]
+        now[:, 3] = np.sin(0.5 * k * turns)
+        now[:, 6] = np.cos(0.5 * k * turns)
+        step(packed, now, 0.0, (0.0, 0.0), row)
+    return row[:, :3]
+
+
+def fitted_zeta(law: Law, states: SteadyStates, model: Array) -> float:
+    """ζ for which the model's forces, shape [n, 3], computed with `law`, have the least squared errors."""
+    return law.zeta * float((states.forces * model).sum() / (model**2).sum())
+
+
+def median_errors(states: SteadyStates, model: Array) -> dict[str, float]:
+    """The median of abs(model - measured) / abs(measured) of force vectors: of `all`, and of each kind."""
+    sizes = np.linalg.norm(states.forces, axis=1)
+    errors = np.linalg.norm(model - states.forces, axis=1) / sizes
+    kinds = np.array([kind_of(speed) for speed in states.rim_speeds])
+    return {"all": float(np.median(errors))} | {kind: float(np.median(errors[kinds == kind])) for kind in KINDS}
+
+
+@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
+class Travel:
+    """A wheel on a carriage that travels at 10 mm/s and may sink, at equal steps of time.
+
+    `travel` [m]; `yaw`: of the wheel's plane out of the direction of travel, `turn`: about its axle [rad]; shape [n].
+    """
+
+    travel: Array
+    yaw: Array
+    turn: Array
+
+
+def steady_travel(*, slip_angle: float, rim_speed: float, length: float) -> Travel:
+    """A travel of this length [m]; `slip_angle` [deg], `rim_speed` [m/s]."""
+    travel = np.arange(0.0, length, _TRAVEL_STEP)
+    yaw = np.full(len(travel), np.radians(slip_angle))
+    turn = travel * rim_speed / (_SPEED * _RADIUS)
+    return Travel(travel=travel, yaw=yaw, turn=turn)
+
+
+def sinkage(law: Law, motion: Travel) -> Array:
+    """Sinkage [m] of a wheel that is set down on the surface and carries `LOAD`, shape [n].
+
+    The simulator's grains hold it up; only its height is free.
+    """
+    dt = _TRAVEL_STEP / _SPEED
+    grains = Grains(wheel(), law)
+    inverse_inertia = np.zeros((6, 6))
+    inverse_inertia[2, 2] = _GRAVITY / LOAD
+    free_acceleration = np.array([0.0, 0.0, -_GRAVITY, 0.0, 0.0, 0.0])
+    attitudes = Rotation.from_euler("ZX", np.column_stack([motion.yaw, -motion.turn]))
+    turning = (attitudes[1:] * attitudes[:-1].inv()).as_rotvec() / dt
+    speeds = np.diff(motion.travel) / dt
+    heights = np.full(len(motion.travel), _RADIUS)
+    sinking = 0.0
+    for k, (speed, turn_rate) in enumerate(zip(speeds, turning, strict=True)):
+        wrench = grains.step(
+            position=(0.0, motion.travel[k], heights[k]),
+            quaternion=attitudes[k].as_quat(),
+            twist=(0.0, speed, sinking, *turn_rate),
+            dt=dt,
+            inverse_inertia=inverse_inertia,
+            free_acceleration=free_acceleration,
+        )
+        sinking += dt * _GRAVITY * (wrench[2] / LOAD - 1.0)
+        heights[k + 1] = heights[k] + dt * sinking
+    return _RADIUS - heights
+
+
+STEADY_TRAVELS = {
+    "forward drag": steady_travel(slip_angle=0.0, rim_speed=0.0, length=0.5),
+    "sideways drag": steady_travel(slip_angle=90.0, rim_speed=0.0, length=0.65),
+    "roll": steady_travel(slip_angle=0.0, rim_speed=_SPEED, length=0.5),
+}
+
+MEASURED = {
+    "forward drag": "gr810_vx_10_11-25-20_10_0_0_1",
+    "drag at 30°": "gr810_vx_10_11-26-20_10_0_30_1",
+    "drag at 45°": "gr810_vx_10_11-26-20_10_0_45_1",
+    "roll": "gr810_vx_10_12-5-20_10_10_0_1",
+}
+"""The file of each run of which the sinkage was measured. The wheels of the drags roll for the first 20 cm."""
+
+
+def measured_sinkage(name: str) -> tuple[Travel, Array]:
+    """A run of `MEASURED` from the first contact on, and its sinkage [m], shape [n]."""
+    rows = np.loadtxt(DATA / "cmu_wheel_motion" / f"{MEASURED[name]}.txt", delimiter=",")
+    travelled = 1e-3 * rows[:, 0]
+    depths = 1e-3 * (rows[0, 4] - rows[:, 4]) - _START_CLEARANCE
+    touched = float(travelled[np.argmax(depths > 0.0)])
+    at = np.arange(touched, travelled[-1], _TRAVEL_STEP)
+    rim_speeds = np.interp(at, travelled, 1e-3 * rows[:, 2])
+    turn = np.cumsum(rim_speeds) * _TRAVEL_STEP / (_SPEED * _RADIUS)
+    yaw = np.radians(np.interp(at, travelled, rows[:, 3]))
+    return Travel(travel=at - touched, yaw=yaw, turn=turn), np.interp(at, travelled, depths)
+
+
+_AT = (0.09, 0.3, 0.49)
+"""Travel after which the table gives the sinkage [m]."""
+
+
+def study() -> tuple[StudyResult, ...]:
+    """Errors of the forces in the steady states, and measured and predicted sinkage; none where the data are absent."""
+    if not DATA.is_dir():
+        return ()
+    return _forces(), _sinkage()
+
+
+def _forces() -> StudyResult:
+    law = REMEMBERED.made(1.0)
+    every = read_states()
+    means = mean_states(every)
+    of_every = steady_forces(law, every)
+    of_means = steady_forces(law, means)
+    zeta = fitted_zeta(law, every, of_every)
+    columns = {
+        f"{len(every.states)} states, ζ fitted: {zeta:.2f}": median_errors(every, zeta * of_every),
+        f"{len(means.states)} means, ζ of a press: {ZETA_OF_PRESS:.2f}": median_errors(means, ZETA_OF_PRESS * of_means),
+    }
+    rows = tuple((kind, *(f"{100.0 * errors[kind]:.0f} %" for errors in columns.values())) for kind in ("all", *KINDS))
+    return StudyResult(
+        name="wheel",
+        title="A wheel in real sand: median error of the force",
+        figure=None,
+        table=TextTable(header=("motion", *columns), rows=rows),
+    )
+
+
+def _sinkage() -> StudyResult:
+    law = REMEMBERED.made(ZETA_OF_PRESS)
+    figure = new_figure(10.0, 3.0)
+    rows: list[tuple[str, str, str]] = []
+    for axes, name in zip(figure.subplots(1, len(MEASURED), sharey=True), MEASURED, strict=True):
+        motion, measured = measured_sinkage(name)
+        predicted = sinkage(law, motion)
+        axes.plot(1e3 * motion.travel, 1e3 * measured, color=BLUE, label="measured")
+        axes.plot(1e3 * motion.travel, 1e3 * predicted, color=VERMILION, ls="--", label="predicted")
+        label_axes(axes, x="Travel since contact [mm]", y="Sinkage [mm]" if not rows else "", title=name.capitalize())
+        rows.append((name, _at_travels(motion, measured), _at_travels(motion, predicted)))
+    figure.axes[0].invert_yaxis()
+    figure.axes[0].legend(fontsize=8)
+    for name, motion in STEADY_TRAVELS.items():
+        rows.append((f"{name}, set down", "", _at_travels(motion, sinkage(law, motion))))
+    travels = ", ".join(f"{1e3 * travel:.0f}" for travel in _AT)
+    return StudyResult(
+        name="sinkage",
+        title="A wheel that is free to sink in real sand",
+        figure=figure,
+        table=TextTable(header=(f"sinkage after {travels} mm [mm]", "measured", "predicted"), rows=tuple(rows)),
+    )
+
+
+def _at_travels(motion: Travel, depths: Array) -> str:
+    return ", ".join(f"{1e3 * depth:.0f}" for depth in np.interp(_AT, motion.travel, depths))
