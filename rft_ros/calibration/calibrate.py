@@ -1,15 +1,21 @@
-"""Fit the load cell, the surface, ζ, λ and α_y to recordings: each with its error, or why it is not identifiable."""
+"""Fit the load cell, the surface, ζ and λ to recordings: each with its error, or why it is not identifiable.
+
+The tracks go through five steps, each a function, and are named by the last one: as sent; placed, with the place of
+the load cell and without repeated poses; aligned, by its delay; slow, without the force of the grains' inertia;
+weighed, with the bias of the load cell and the weight of the tool. Then the grains are fitted to them.
+"""
 
 import math
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import replace
+from typing import NamedTuple
 
 import numpy as np
 
-from rft_ros.calibration.alpha_y import AlphaYFit, AlphaYModel, fit_alpha_y, plate_runs
+from rft_ros.calibration.delay import fit_delay
 from rft_ros.calibration.fitting import FitResults, NotIdentifiable
-from rft_ros.calibration.grains import fit_grains
-from rft_ros.calibration.phases import Contact, find_contacts, fit_delay
+from rft_ros.calibration.grains import GIVEN_SURFACE_ERROR, Given, fit_grains
+from rft_ros.calibration.phases import Contact, find_contacts
 from rft_ros.calibration.recorded import BedValues, recorded
 from rft_ros.calibration.suspicion import refuse_implausible, suspicions, without_repeats
 from rft_ros.calibration.tool_weight import fit_tool_weight
@@ -17,95 +23,79 @@ from rft_ros.calibration.track import Track, moved_back
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell, Settings
 from rft_ros.parameters import Values, model_of, settings_of
-from rft_ros.rft import FORCE, Law, Treers2021, wrenches
+from rft_ros.rft import FORCE, Law, wrenches
 
-__all__ = ["PARTS", "Calibration", "calibrate"]
+__all__ = ["PARTS", "calibrate"]
 
-PARTS = ("sensor", "surface", "zeta", "mobilization", "alpha_y")
-"""What can be fitted: delay, bias, mass and centre of mass; surface height; ζ; λ; α_y."""
+PARTS = ("sensor", "surface", "zeta", "mobilization")
+"""What can be fitted: delay, bias, mass and centre of mass; surface height; ζ; λ."""
 
 _ROUNDS = 5  # of contacts and force of inertia, each with the result of the other
 _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m] above the surface
 
 
-@dataclass(slots=True)
-class Calibration(FitResults):
-    """Results of all fits. `alpha_y`: the fit of α_y, which is written as parameters and a table."""
+class _Laws(NamedTuple):
+    """The law at ζ = 1, without memory: with the inertia of the grains, and without."""
 
-    alpha_y: AlphaYFit | None = None
+    full: Law
+    slow: Law
 
 
-def calibrate(
-    tracks: Sequence[Track], values: Values, *, parts: Collection[str] = PARTS, alpha_y: AlphaYModel = "auto"
-) -> Calibration:
+class _Surface(NamedTuple):
+    """The surface height [m], the height above which all is air [m], and the first contacts; [] if there are none."""
+
+    height: float
+    air: float
+    contacts: list[Contact]
+
+
+def calibrate(tracks_sent: Sequence[Track], values: Values, *, parts: Collection[str] = PARTS) -> FitResults:
     """Fit `parts` to the tracks. Other values, and those that are not identifiable, are taken from `values`.
 
     `values`: the node's parameters. Raises InputError for a recording that `refuse_implausible` refuses, and, if
     sensor.frame_source is tf, for one whose transforms give no place of the load cell, or another than the first one's.
     """
-    for track in tracks:
+    settings = settings_of(values)
+    result = FitResults()
+    for track in tracks_sent:
         refuse_implausible(track)
-    settings, result = settings_of(values), Calibration()
-    cell, zero_error = _placed_cell(settings, tracks), 0.0
-    sent, tracks = tracks, [without_repeats(replace(track, cell=cell)) for track in tracks]
-    # only the law of this model is used, so any tool will do; fits assume level ground
-    at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
-    inertial = model_of(at_one, tool=tracks[0].tool).law
-    law = replace(inertial, density=0.0, mobilization_length=0.0)
+    cell = _placed_cell(settings, tracks_sent)
+    tracks_placed = [without_repeats(replace(track, cell=cell)) for track in tracks_sent]
+    laws = _laws_of(values, tracks_placed[0])
+    surface_placed = _surface(result, tracks_placed, laws, settings, parts)
 
-    height = air = settings.surface_height
-    contacts: list[Contact] = []
-    try:  # also if the surface is not fitted, since what counts as air depends on the contacts
-        contacts = _contacts(tracks, inertial, law)
-    except NotIdentifiable as reason:
-        if "surface" in parts:
-            result.not_identifiable["surface_height"] = str(reason)
-    if contacts:
-        if "surface" in parts:
-            height = _mean_surface(contacts)
-        air = max(height, *(contact.surface for contact in contacts))
-    with_memory = replace(law, mobilization_length=values["medium.mobilization_length"])
-    for as_sent, track in zip(sent, tracks, strict=True):
-        result.warnings += suspicions(as_sent, track, settings, with_memory, surface=height)
     length = float(values["medium.mobilization_length"])
-    given = BedValues(settings.surface_height, math.log(length) if length > 0.0 else -math.inf)
-    recordings = [recorded(_without_inertia(track, inertial, law, height), law, surface=air) for track in tracks]
+    law_with_memory = replace(laws.slow, mobilization_length=length)
+    for sent, placed in zip(tracks_sent, tracks_placed, strict=True):
+        result.warnings += suspicions(sent, placed, settings, law_with_memory, surface=surface_placed.height)
+
+    tracks_aligned = tracks_placed
     delay_error = 0.0
     if "sensor" in parts:
         with result.or_reason("sensor.delay"):
-            fitted_delay = fit_delay(recordings, height, given=settings.load_cell.delay)
-            result.fitted.append(fitted_delay)
-            delay, delay_error = fitted_delay.values[0] - settings.load_cell.delay, fitted_delay.errors[0]
-            tracks = [replace(t, readings=moved_back(t.time, t.readings, delay)) for t in tracks]
-            if contacts:
-                contacts = _contacts(tracks, inertial, law)
-                height = _mean_surface(contacts) if "surface" in parts else height
-    tracks = [_without_inertia(track, inertial, law, height) for track in tracks]
-
+            tracks_aligned, delay_error = _aligned(result, tracks_placed, laws, surface_placed, settings)
+    surface = _surface(result, tracks_aligned, laws, settings, parts)
+    tracks_slow = [_without_inertia(track, laws, surface.height) for track in tracks_aligned]
+    tracks_weighed = tracks_slow
+    zero_error = 0.0
     if "sensor" in parts:
         with result.or_reason("sensor.bias"):
-            cell, zero_error = fit_tool_weight(result, tracks, air=air + _CLEAR)
-            tracks = [replace(track, cell=cell) for track in tracks]
-    fit_grains(
-        result,
-        [replace(one, track=track) for one, track in zip(recordings, tracks, strict=True)],
-        contacts=contacts,
-        given=given,
-        parts=parts,
+            weighed_cell, zero_error = fit_tool_weight(result, tracks_slow, air=surface.air + _CLEAR)
+            tracks_weighed = [replace(track, cell=weighed_cell) for track in tracks_slow]
+
+    given = Given(
+        values=BedValues(settings.surface_height, math.log(length) if length > 0.0 else -math.inf),
+        surface_error=0.0 if surface.contacts or "surface" not in parts else GIVEN_SURFACE_ERROR,
         zero_error=zero_error,
         delay_error=delay_error,
     )
-    if "alpha_y" in parts:
-        found = {fit.name: (fit.values[0], fit.errors[0]) for fit in result.fitted}
-        height, height_error = found.get("surface_height", (height, 0.0))
-        zeta, zeta_error = found.get("medium.zeta", (values["medium.zeta"], 0.0))
-        with result.or_reason("alpha_y"):
-            if not isinstance(law, Treers2021):
-                raise NotIdentifiable(f"law {values['law']} does not use α_y")
-            runs = plate_runs(tracks, replace(law, zeta=zeta), surface=height, zero_error=zero_error)
-            shared = float(np.hypot(zeta_error / zeta, height_error / np.mean([run.depth for run in runs])))
-            result.alpha_y = fit_alpha_y(runs, law.medium, shared_error=shared, model=alpha_y)
-            result.fitted.append(result.alpha_y.value)
+    fit_grains(
+        result,
+        [recorded(track, laws.slow, surface=surface.air) for track in tracks_weighed],
+        contacts=surface.contacts if "surface" in parts else (),
+        given=given,
+        parts=parts,
+    )
     return result
 
 
@@ -127,27 +117,66 @@ def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
     return replace(settings.load_cell, position=first.mount.position, quaternion=first.mount.quaternion)
 
 
-def _contacts(recorded: Sequence[Track], inertial: Law, law: Law) -> list[Contact]:
+def _laws_of(values: Values, track: Track) -> _Laws:
+    # only the law of this model is used, so any tool will do; fits assume level ground
+    at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
+    full = replace(model_of(at_one, tool=track.tool).law, mobilization_length=0.0)
+    return _Laws(full=full, slow=replace(full, density=0.0))
+
+
+def _surface(
+    result: FitResults, tracks: Sequence[Track], laws: _Laws, settings: Settings, parts: Collection[str]
+) -> _Surface:
+    """The surface from the first contacts, or the given one if there are none or it is not to be fitted."""
+    given = settings.surface_height
+    try:
+        contacts = _contacts(tracks, laws)
+    except NotIdentifiable as reason:
+        if "surface" in parts:
+            result.not_identifiable["surface_height"] = str(reason)
+        return _Surface(height=given, air=given, contacts=[])
+    height = _mean_height(contacts) if "surface" in parts else given
+    air = max(height, *(contact.surface for contact in contacts))
+    return _Surface(height=height, air=air, contacts=contacts)
+
+
+def _mean_height(contacts: Sequence[Contact]) -> float:
+    return float(np.mean([contact.surface for contact in contacts]))
+
+
+def _contacts(tracks: Sequence[Track], laws: _Laws) -> list[Contact]:
     """The first contacts; the force of inertia and the surface depend on each other, so they are found in turns.
 
     Raises NotIdentifiable if there are none.
     """
-    contacts = find_contacts(recorded, law)
-    for _ in range(_ROUNDS - 1 if inertial.has_inertia else 0):
-        surface = _mean_surface(contacts)
-        tracks = [_without_inertia(track, inertial, law, surface) for track in recorded]
-        contacts = find_contacts(tracks, law)
+    contacts = find_contacts(tracks, laws.slow)
+    for _ in range(_ROUNDS - 1 if laws.full.has_inertia else 0):
+        tracks_slow = [_without_inertia(track, laws, _mean_height(contacts)) for track in tracks]
+        contacts = find_contacts(tracks_slow, laws.slow)
     return contacts
 
 
-def _mean_surface(contacts: Sequence[Contact]) -> float:
-    return float(np.mean([contact.surface for contact in contacts]))
-
-
-def _without_inertia(track: Track, inertial: Law, law: Law, height: float) -> Track:
-    """The recording without the force of the grains' inertia, which ζ does not scale; surface at `height` [m]."""
-    if not inertial.has_inertia:
+def _without_inertia(track: Track, laws: _Laws, surface: float) -> Track:
+    """The recording without the force of the grains' inertia, which ζ does not scale; surface at this height [m]."""
+    if not laws.full.has_inertia:
         return track
-    fast, slow = (wrenches(track.tool.plates, x, track.states, surface_height=height) for x in (inertial, law))
-    force = np.einsum("nji,nj->ni", track.sensor_rotations, (fast - slow)[:, FORCE])
+    full, slow = (wrenches(track.tool.plates, law, track.states, surface_height=surface) for law in laws)
+    force = np.einsum("nji,nj->ni", track.sensor_rotations, (full - slow)[:, FORCE])
     return replace(track, readings=track.readings - track.cell.sign * np.pad(force, ((0, 0), (0, 3))))
+
+
+def _aligned(
+    result: FitResults, tracks: Sequence[Track], laws: _Laws, surface: _Surface, settings: Settings
+) -> tuple[list[Track], float]:
+    """The tracks with the readings of each pose's moment, and the standard error of the load cell's delay [s].
+
+    Raises NotIdentifiable if no turn determines the delay.
+    """
+    given = settings.load_cell.delay
+    tracks_slow = [_without_inertia(track, laws, surface.height) for track in tracks]
+    recordings = [recorded(track, laws.slow, surface=surface.air) for track in tracks_slow]
+    delay = fit_delay(recordings, surface.height, given=given)
+    result.fitted.append(delay)
+    late = delay.values[0] - given
+    aligned = [replace(track, readings=moved_back(track.time, track.readings, late)) for track in tracks]
+    return aligned, delay.errors[0]

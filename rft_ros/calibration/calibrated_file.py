@@ -8,16 +8,15 @@ from typing import Any
 
 import numpy as np
 
-from rft_ros.calibration.calibrate import Calibration
-from rft_ros.calibration.fitting import FittedValue
+from rft_ros.calibration.fitting import FitResults, FittedValue
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.files import resolved, whole
-from rft_ros.parameters import FILES, defaults, read_sections, sections_for
+from rft_ros.parameters import FILES, read_sections, sections_for
 from rft_ros.parameters.file import path_beside
 from rft_ros.parameters.sections import parameter_file_text
 
-__all__ = ["SECTION", "alpha_y_table", "rounded", "write_calibrated"]
+__all__ = ["SECTION", "rounded", "write_calibrated"]
 
 SECTION = "rft_calibration"
 """Top-level key of the record, which the node ignores."""
@@ -31,13 +30,8 @@ def rounded(value: float, error: float) -> float:
     return round(value, max(0, min(12, places)))
 
 
-def alpha_y_table(file: Path) -> Path:
-    """The α_y table beside a calibrated file."""
-    return file.parent / f"{file.stem}.alpha_y.csv"
-
-
-def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iterable[Track]) -> list[Path]:
-    """Write the calibrated file, and an α_y table beside it if one is needed; return the paths written.
+def write_calibrated(file: Path, source: Path, result: FitResults, tracks: Iterable[Track]) -> None:
+    """Write the calibrated file.
 
     The rest is that of the parameter file `source`, also for other nodes; comments and the nesting of names are lost.
     The same bags and parameters give the same bytes. Raises InputError if a file cannot be written.
@@ -52,33 +46,19 @@ def write_calibrated(file: Path, source: Path, result: Calibration, tracks: Iter
         parameters = tree[section.key]["ros__parameters"]  # at last those that override the others
         _relocate_paths(parameters, source=source, file=file)
 
-    numbers = {f.name: _rounded_values(f) for f in result.fitted}
-    for f in result.fitted:
-        if f.name in defaults():
-            parameters[f.name] = numbers[f.name] if len(f.values) > 1 else numbers[f.name][0]
-        if f.name == "medium.zeta":  # of another bed of the same grains, and of each tool that was recorded
-            parameters["medium.zeta_error"] = float(f"{max(f.errors[0] / f.values[0], _BEDS_DIFFER, f.spread):.3g}")
-    if "sensor.bias" in numbers:
-        _remove_tare(tree)
-    bags = [f"{t.name} ({datetime.fromtimestamp(t.begin // 10**9, timezone.utc):%Y-%m-%dT%H:%M:%SZ})" for t in tracks]
-    texts = {}
-    if result.alpha_y is not None:
-        parameters["alpha_y.model"] = result.alpha_y.model
-        if result.alpha_y.rows:
-            table = alpha_y_table(file)
-            parameters["alpha_y.table"] = table.name
-            head = (
-                f"# {result.alpha_y.value.name} over β from {', '.join(bags)}; constant beyond the first and last row\n"
-            )
-            rows = "".join(f"{beta:g},{alpha:.6g}\n" for beta, alpha in result.alpha_y.rows)
-            texts[table] = f"{head}beta,alpha_y\n{rows}"
-    tree[SECTION] = {"ros__parameters": _record(result, numbers, bags)}
+    for fit in result.fitted:
+        numbers = _rounded_values(fit)
+        parameters[fit.name] = numbers if len(numbers) > 1 else numbers[0]
+        if fit.name == "medium.zeta":  # of another bed of the same grains, and of each tool that was recorded
+            relative = max(fit.errors[0] / fit.values[0], _BEDS_DIFFER, fit.spread)
+            parameters["medium.zeta_error"] = float(f"{relative:.3g}")
+        if fit.name == "sensor.bias":
+            _remove_tare(tree)
+    tree[SECTION] = {"ros__parameters": _record(result, tracks)}
     head = f"# {source.name} calibrated by rft calibrate; bags, sources and standard errors: {SECTION} below.\n"
-    texts[file] = head + parameter_file_text(tree)
-    for place, text in texts.items():  # a table before the file that names it
-        with whole(place, "calibrated file") as part:
-            part.write_text(text, encoding="utf-8", errors="backslashreplace")  # the source's name may not be UTF-8
-    return list(reversed(texts))
+    text = head + parameter_file_text(tree)
+    with whole(file, "calibrated file") as part:
+        part.write_text(text, encoding="utf-8", errors="backslashreplace")  # the source's name may not be UTF-8
 
 
 def _relocate_paths(parameters: dict[str, Any], *, source: Path, file: Path) -> None:
@@ -107,18 +87,27 @@ def _remove_tare(tree: dict[str, dict[str, dict[str, Any]]]) -> None:
         tree.pop("rft_replay", None)
 
 
-def _record(result: Calibration, numbers: dict[str, list[float]], bags: list[str]) -> dict[str, Any]:
+def _record(result: FitResults, tracks: Iterable[Track]) -> dict[str, Any]:
     """What was fitted to which bags. ROS cannot read empty lists, so these are left out."""
-    fitted = {
-        f.name.partition(" ")[0].replace(".", "_"): {
-            "value": numbers[f.name],
-            "standard_error": [float(f"{e:.3g}") for e in f.errors],
-            "unit": f.unit,
-            "goodness": f.goodness,
-            "source": f.source,
-        }
-        for f in result.fitted
+    record: dict[str, Any] = {"bags": [f"{track.name} ({_date(track)})" for track in tracks]}
+    if result.fitted:
+        record["fitted"] = {fit.name.replace(".", "_"): _entry(fit) for fit in result.fitted}
+    if result.not_identifiable:
+        record["not_identifiable"] = [f"{name}: {why}" for name, why in result.not_identifiable.items()]
+    if result.warnings:
+        record["warnings"] = result.warnings
+    return record
+
+
+def _date(track: Track) -> str:
+    return f"{datetime.fromtimestamp(track.begin // 10**9, timezone.utc):%Y-%m-%dT%H:%M:%SZ}"
+
+
+def _entry(fit: FittedValue) -> dict[str, Any]:
+    return {
+        "value": _rounded_values(fit),
+        "standard_error": [float(f"{error:.3g}") for error in fit.errors],
+        "unit": fit.unit,
+        "goodness": fit.goodness,
+        "source": fit.source,
     }
-    not_identifiable = [f"{name}: {why}" for name, why in result.not_identifiable.items()]
-    record = {"bags": bags, "fitted": fitted, "not_identifiable": not_identifiable, "warnings": result.warnings}
-    return {name: value for name, value in record.items() if value}

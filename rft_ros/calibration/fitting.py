@@ -15,7 +15,7 @@ from scipy.optimize import least_squares
 from scipy.signal import lfilter
 
 from rft_ros.errors import InputError
-from rft_ros.parameters import checked, defaults
+from rft_ros.parameters import checked
 
 __all__ = ["Estimates", "Fit", "FitResults", "FittedValue", "Measurement", "NotIdentifiable", "Parameter"]
 __all__ += ["fit_curve", "fit_each", "fit_linear", "fit_measurements", "listed"]
@@ -50,7 +50,7 @@ def listed(measurements: Iterable[Measurement]) -> str:
 
 @dataclass(frozen=True, slots=True)
 class FittedValue:
-    """A fitted quantity with its standard errors, named as the parameter that takes it or "alpha_y (MODEL)".
+    """A fitted quantity with its standard errors, named as the parameter that takes it.
 
     `spread`: how far the mean is from what the tools or recordings gave by themselves, relative to that.
 
@@ -66,11 +66,10 @@ class FittedValue:
     spread: float = 0.0
 
     def __post_init__(self) -> None:
-        if self.name in defaults():
-            try:
-                checked(self.name, self.values if len(self.values) > 1 else self.values[0])
-            except InputError as error:
-                raise NotIdentifiable(f"the fitted {error}") from None
+        try:
+            checked(self.name, self.values if len(self.values) > 1 else self.values[0])
+        except InputError as error:
+            raise NotIdentifiable(f"the fitted {error}") from None
 
 
 @dataclass(slots=True)

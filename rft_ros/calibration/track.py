@@ -1,4 +1,4 @@
-"""A recording as arrays, and the parts of it that fits use: rest, penetrations, level runs and turns."""
+"""A recording as arrays, and the parts of it that fits use: rest, penetrations and turns."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -22,7 +22,7 @@ from rft_ros.rft import FORCE, STATE, Law, wrenches
 from rft_ros.rft.frames import ANGULAR_VELOCITY, POSE, POSITION, QUATERNION, TWIST, VELOCITY, Placement
 from rft_ros.tool import Tool
 
-__all__ = ["FEWEST", "Indices", "Track", "Turn", "down_strokes", "level_runs", "moved_back", "read_track"]
+__all__ = ["FEWEST", "Indices", "Track", "Turn", "down_strokes", "moved_back", "read_track"]
 __all__ += ["still_intervals", "turns_in_grains"]
 
 Array = NDArray[np.float64]
@@ -40,7 +40,6 @@ _SHORTEST_STILL = 0.25  # shortest time at rest, after settling [s]
 _UP = 0.002  # shortest movement up that ends a stroke down [m]
 _TILT = np.deg2rad(3.0)  # greatest difference of orientations that count as one [rad]
 _STEEP = np.tan(np.deg2rad(15.0))
-_LEVEL = np.sin(np.deg2rad(5.0))
 _TURNING = 0.2  # greatest speed from rotation in a straight motion, relative to that from translation
 _CHORD = 0.001  # path over which the directions before and after a turn are taken [m]
 _TURNED = 0.5  # cosine of the least angle of a turn, 60°
@@ -193,6 +192,10 @@ class Turn(NamedTuple):
     rows: Indices
     after: float
 
+    def where(self, track: "Track") -> str:
+        """The recording and the moment of the turn, in words."""
+        return f"{track.name}, {track.time[self.at]:.1f} s after its beginning"
+
 
 def _segments(mask: NDArray[np.bool_], time: Array) -> list[Indices]:
     rows = np.flatnonzero(mask)
@@ -231,13 +234,6 @@ def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
         if len(rows) >= FEWEST and heights[rows].min() < below:
             found.append(rows)
     return found
-
-
-def level_runs(track: Track, surface: float) -> list[Indices]:
-    """Rows, shape [n], no unit, of each unbroken straight level motion with the lowest point below the surface."""
-    rising, (speed, turning) = track.smooth[:, STATE.index("vz")], track.speeds(track.smooth)
-    level = (np.abs(rising) < _LEVEL * speed) & (turning < _TURNING * speed) & (speed >= track.rest_speed)
-    return [rows for rows in _segments(level & (track.heights < surface), track.time) if len(rows) >= FEWEST]
 
 
 def turns_in_grains(track: Track, surface: float) -> list[Turn]:

@@ -7,7 +7,7 @@ from pathlib import Path
 from rft_ros.bags.reading import bag_name
 from rft_ros.calibration.calibrate import PARTS
 from rft_ros.calibration.calibrate import calibrate as fitted_to
-from rft_ros.calibration.calibrated_file import alpha_y_table, rounded, write_calibrated
+from rft_ros.calibration.calibrated_file import rounded, write_calibrated
 from rft_ros.calibration.track import read_track
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
@@ -25,17 +25,14 @@ def calibrate_options(command: argparse.ArgumentParser) -> None:
     fit = f"fit only {', '.join(PARTS[:-1])} or {PARTS[-1]}, and exit with 1 if it is not identifiable; may be"
     every = "repeated (default: all that are identifiable)"
     command.add_argument("--fit", choices=PARTS, action="append", metavar="PART", help=f"{fit} {every}")
-    auto = "auto, which is linear if the slope is significant and constant otherwise (default auto)"
-    models = f"model of α_y over β: constant, linear, table or {auto}"
-    choices = ("auto", "constant", "linear", "table")
-    command.add_argument("--alpha-y", choices=choices, default="auto", metavar="MODEL", help=models)
     mesh = "mesh of the tool in the bag of that name, if not the parameter file's; may be repeated"
     command.add_argument("--mesh", action="append", default=[], metavar="BAG=FILE", help=mesh)
 
 
 def calibrate(arguments: argparse.Namespace) -> int:
     """rft calibrate bag_1 bag_2 --params my_cell.yaml -o calibrated.yaml"""
-    bags, output = {bag: bag_name(bag) for bag in arguments.bags}, arguments.output
+    bags = {bag: bag_name(bag) for bag in arguments.bags}
+    output = arguments.output
     values, chosen = options.recording(arguments)
     parts = arguments.fit or PARTS
     if chosen.tare and "sensor" not in parts and arguments.fit != ["surface"]:
@@ -48,7 +45,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
             raise InputError(f"--mesh '{rule}' is not BAG=FILE with one of the bags {', '.join(meshes)}")
         meshes[bag] = file
     inputs = {*named_files(values), *map(locate_mesh, meshes.values())}
-    options.refuse_inputs(arguments, output, alpha_y_table(output), also=inputs)
+    options.refuse_inputs(arguments, output, also=inputs)
     tracks = [read_track(bag, {**values, "mesh.file": meshes[name]}, chosen) for bag, name in bags.items()]
     for track in tracks:
         if track.damage:
@@ -56,7 +53,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
     for tool in {track.tool.file: track.tool for track in tracks}.values():
         warnings.warn_of(tool)
     with busy("fitting"):
-        result = fitted_to(tracks, values, parts=parts, alpha_y=arguments.alpha_y)
+        result = fitted_to(tracks, values, parts=parts)
     if chosen.tare and "sensor.bias" in result.not_identifiable:
         result.not_identifiable["sensor.bias"] += f"; no fit uses the tare of {chosen.tare:g} s"
     for f in result.fitted:
@@ -70,8 +67,8 @@ def calibrate(arguments: argparse.Namespace) -> int:
     if not result.fitted:
         print("nothing is identifiable from these bags; no file was written")
         return 1
-    for path in write_calibrated(output, arguments.params, result, tracks):
-        print(f"-> {path}")
+    write_calibrated(output, arguments.params, result, tracks)
+    print(f"-> {output}")
     if not arguments.fit and {f.name for f in result.fitted} == {"sensor.bias"}:
         lacks = (
             "push the tool straight down into the grains and pull it out, and tilt it in the air, as calibrate.md says"

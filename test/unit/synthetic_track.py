@@ -9,13 +9,12 @@ import trimesh
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation, Slerp
 
-from rft_ros.calibration.alpha_y import faces_of
 from rft_ros.calibration.track import Track
 from rft_ros.estimator import LoadCell, PoseSample
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.parameters import defaults
-from rft_ros.rft import MEDIA, SLACK, Constant, Memory, Plates, alpha_y_model, treers2021, wrenches, wrenches_in_time
+from rft_ros.rft import MEDIA, SLACK, Memory, alpha_y_model, treers2021, wrenches_in_time
 from rft_ros.tool import load_tool
 
 REST = 2e-4
@@ -34,8 +33,8 @@ TOOL = load_tool(TOOL_FILE, scale=0.001)
 ROTATED = tuple(float(v) for v in Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_quat())
 
 
-def law(zeta=1.0, alpha_y=None):
-    return treers2021(GENERIC, alpha_y or alpha_y_model("constant", GENERIC), zeta=zeta)
+def law(zeta=1.0):
+    return treers2021(GENERIC, alpha_y_model("constant", GENERIC), zeta=zeta)
 
 
 def parameters(**given):
@@ -181,19 +180,3 @@ def in_the_air(orientations=ORIENTATIONS):
     for angles in orientations:
         path.turn_to(Rotation.from_euler("xyz", angles, degrees=True)).wait(0.8)
     return path.turn_to(Rotation.identity()).wait(0.8)
-
-
-def dragged(betas, alpha_y, *, zeta):
-    """The plate dragged along itself at each β: time, states, the grains' wrenches on its faces and front edge."""
-    path = Path((0.0, 0.0, -0.06), Rotation.from_euler("x", betas[0], degrees=True))
-    for beta in betas:
-        path.turn_to(Rotation.from_euler("x", beta, degrees=True)).move((0.03, 0.0, 0.0), 0.01).wait(0.3)
-    time, states = path.states()
-    pushing = states.copy()  # grains hold their force while the plate waits
-    pushing[:, 7:13] = (0.01, 0.0, 0.0, 0.0, 0.0, 0.0)
-    normal, faces = faces_of(TOOL.plates, TOOL.name)
-    front = ~faces & (TOOL.plates.centroid_rows[3] > 0.5)
-    of_front, of_faces = (Plates(TOOL.plates.rows[:, which]) for which in (front, faces))
-    beta = np.degrees(np.arccos(np.abs(Rotation.from_quat(states[:, 3:7]).as_matrix()[:, 2] @ normal)))
-    unit = wrenches(of_faces, law(zeta, Constant(1.0)), pushing)
-    return time, states, wrenches(of_front, law(zeta), pushing) + alpha_y(beta)[:, None] * unit

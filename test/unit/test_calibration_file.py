@@ -7,31 +7,33 @@ import numpy as np
 import pytest
 import yaml
 from recordings import plunge, write_ros2, write_run
-from synthetic_track import LOAD_CELL, Path, dragged, grain_wrenches, in_the_air, law, parameters, read_by, unknown
+from synthetic_track import LOAD_CELL, Path, grain_wrenches, in_the_air, law, parameters, read_by, unknown
 
 from rft_ros.bags.options import read_replay_options
 from rft_ros.calibration.calibrated_file import rounded
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
-from rft_ros.parameters import defaults, model_of, read_parameter_file
+from rft_ros.parameters import defaults, read_parameter_file
 from rft_ros.tool import locate_mesh
 
 
 @pytest.fixture(scope="module")
 def cell(tmp_path_factory):
-    """A folder with a parameter file, a bag of poses and a penetration, and two of a dragged plate.
-
-    "dragged" has the published line of α_y, "steeper" another one.
-    """
+    """A folder with a parameter file, a bag of poses in the air and a penetration, and one of a drag."""
     folder = tmp_path_factory.mktemp("cell")
-    path = in_the_air().move((0.0, 0.0, -0.095), 0.01).wait(1.0)
-    scenes = {"pressed": path.move((0.0, 0.0, 0.09), 0.02).states()}
-    grains = {"pressed": grain_wrenches(*scenes["pressed"], law(0.8), surface=0.0, length=0.003)}
-    for name, (start, slope) in {"dragged": (0.2035, -0.0015), "steeper": (0.25, -0.002)}.items():
-        time, states, grains[name] = dragged((30.0, 60.0, 90.0), lambda beta: start + slope * beta, zeta=0.8)  # noqa: B023
-        scenes[name] = time, states
-    for name, (time, states) in scenes.items():
-        readings = read_by(LOAD_CELL, states, grains[name], np.random.default_rng(1), noise=(0.1, 0.002))
+    down = (0.0, 0.0, -0.095)
+    paths = {
+        "pressed": in_the_air().move(down, 0.01).wait(1.0).move((0.0, 0.0, 0.09), 0.02),
+        "dragged": Path((0.0, 0.0, 0.06))
+        .wait(1.0)
+        .move(down, 0.01)
+        .move((0.05, 0.0, 0.0), 0.01)
+        .move((0, 0, 0.09), 0.02),
+    }
+    for name, path in paths.items():
+        time, states = path.states()
+        grains = grain_wrenches(time, states, law(0.8), surface=0.0, length=0.003)
+        readings = read_by(LOAD_CELL, states, grains, np.random.default_rng(1), noise=(0.1, 0.002))
         write_run(folder / name, time, states, readings)
     given = {n: list(v) if isinstance(v, tuple) else v for n, v in unknown().items() if v != defaults()[n]}
     tree = {
@@ -75,23 +77,6 @@ def test_the_node_and_the_replay_take_the_file_as_it_is(calibrated, cell, tmp_pa
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["quality_flags"]["deep"] == 0
 
 
-def test_an_alpha_y_like_the_published_one_needs_no_table_and_another_gets_one_beside_the_file(
-    calibrated, cell, tmp_path
-):
-    assert read_parameter_file(calibrated)["alpha_y.model"] == "linear"
-    assert not list(calibrated.parent.glob("*.csv"))
-    out = tmp_path / "calibrated.yaml"
-    assert calibrate(cell, ("pressed", "steeper"), out) == 0
-    assert model_of(read_parameter_file(out)).law.stresses["alpha_y"] == "table"
-    named = yaml.safe_load(out.read_text())["/**"]["ros__parameters"]["alpha_y.table"]
-    assert named == "calibrated.alpha_y.csv"
-    lines = (tmp_path / named).read_text().splitlines()
-    table = {float(b): float(a) for b, a in (line.split(",") for line in lines if line[0].isdigit())}
-    assert (table[30.0], table[90.0]) == pytest.approx((0.19, 0.07), abs=0.005)
-    again = ["calibrate", str(cell / "pressed"), "--params", str(out), "-o", str(tmp_path / "again.yaml")]
-    assert main([*again, "--fit", "surface"]) == 0  # laws with tables are compared
-
-
 def test_files_that_are_kept_are_found_from_the_new_file(cell, tmp_path):
     tree = yaml.safe_load((cell / "cell.yaml").read_text())
     (tmp_path / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
@@ -131,7 +116,6 @@ def test_other_nodes_stay_and_the_record_names_bags_dates_and_errors(calibrated,
     found = record(calibrated)
     assert found["bags"] == ["pressed (2020-09-13T12:26:40Z)", "dragged (2020-09-13T12:26:40Z)"]
     assert set(found["fitted"]["sensor_mass"]) == {"value", "standard_error", "unit", "goodness", "source"}
-    assert "alpha_y" in found["fitted"]
     assert 0.0 < found["fitted"]["medium_zeta"]["standard_error"][0] < 0.01
     again = tmp_path / "calibrated.yaml"
     assert calibrate(cell, ("pressed", "dragged"), again) == 0
@@ -139,16 +123,17 @@ def test_other_nodes_stay_and_the_record_names_bags_dates_and_errors(calibrated,
 
 
 def test_what_is_asked_for_and_not_identifiable_is_a_failure(cell, tmp_path, capsys):
-    out, untared = tmp_path / "out.yaml", tmp_path / "untared.yaml"
-    assert calibrate(cell, ("pressed",), out, "--fit", "alpha_y") == 2
+    out = tmp_path / "out.yaml"
+    assert calibrate(cell, ("pressed",), out, "--fit", "zeta") == 2
     assert "cell.yaml': no fit uses its tare of 0.5 s; add --fit sensor" in capsys.readouterr().err
+    untared = tmp_path / "untared.yaml"
     untared.write_text((cell / "cell.yaml").read_text().replace("tare: 0.5", "tare: 0"))
-    given = "calibrate", str(cell / "pressed"), "--params", str(untared), "-o", str(out), "--fit", "alpha_y"
-    assert main([*given]) == 1
-    assert not out.exists()  # nothing is identifiable
+    given = "calibrate", str(cell / "pressed"), "--params", str(untared), "-o", str(out), "--end", "6"  # in the air
     assert main([*given, "--fit", "zeta"]) == 1
-    assert "medium.zeta" in out.read_text()
-    assert record(out)["not_identifiable"][0].startswith("alpha_y: no level run")
+    assert not out.exists()  # nothing is identifiable
+    assert main([*given, "--fit", "zeta", "--fit", "sensor"]) == 1
+    assert "sensor.bias" in out.read_text()
+    assert any(line.startswith("medium.zeta: no vertical") for line in record(out)["not_identifiable"])
 
 
 def test_a_recording_that_identifies_the_bias_alone_is_a_failure_that_says_what_to_record(cell, tmp_path, capsys):

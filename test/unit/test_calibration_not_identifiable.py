@@ -13,7 +13,6 @@ from scipy.spatial.transform import Rotation
 from synthetic_track import (
     LOAD_CELL,
     Path,
-    dragged,
     grain_wrenches,
     in_the_air,
     known,
@@ -25,9 +24,7 @@ from synthetic_track import (
     unknown,
 )
 
-from rft_ros.calibration.alpha_y import faces_of
 from rft_ros.calibration.calibrate import PARTS, calibrate
-from rft_ros.calibration.fitting import NotIdentifiable
 from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell
 from rft_ros.parameters import checked
@@ -77,8 +74,6 @@ UNRELATED = "λ must be below the 10 mm of path after the turn, its error at mos
 WRONG_SIGN = "the fitted mass is -0.4.*sensor.sign or sensor.quaternion is wrong"
 TOO_HEAVY = "sensor.mass is 4.*; it must lie between 0 and 1000"
 AND_UP = down(40.0).wait(1.0).move((0.0, 0.0, 0.05), 0.01)
-SHORT = Path((0.0, 0.0, -0.05), UPRIGHT).wait(0.5).move((0.006, 0, 0), 0.01)
-ASKEW = Path((0.0, 0.0, -0.05), UPRIGHT).wait(0.5).move((0.026, 0.015, 0.0), 0.01)
 
 
 @pytest.mark.parametrize(
@@ -100,10 +95,6 @@ ASKEW = Path((0.0, 0.0, -0.05), UPRIGHT).wait(0.5).move((0.026, 0.015, 0.0), 0.0
         (down(40.0).wait(2.0), {"length": 0.003}, {"medium.mobilization_length": "never turns"}),
         (AND_UP, {}, {"medium.mobilization_length": "at once"}),
         (AND_UP, UNRELATED_FORCE, {"medium.mobilization_length": UNRELATED}),
-        (down(40.0), {}, {"alpha_y": "no level run of a plate"}),
-        (down(40.0).move((0.04, 0.0, 0.0), 0.01), {}, {"alpha_y": "has no e1"}),
-        (SHORT, {}, {"alpha_y": "it needs 10 mm"}),
-        (ASKEW, {}, {"alpha_y": "at ψ = 60° to the face's normal"}),
     ],
 )
 def test_a_recording_that_lacks_something_is_told_what_it_lacks(path, given, reasons):
@@ -191,20 +182,6 @@ def test_the_calibrated_depth_is_that_of_a_penetration_with_zeta():
     tracks = [recorded(down(depth), zeta=zeta) for depth, zeta in ((20.0, 0.8), (40.0, 1e-6))]
     found = fitted(calibrate(tracks, known(), parts=("zeta",)))
     assert found["medium.calibrated_depth"] == pytest.approx((0.023,), abs=2e-4)
-
-
-def test_a_plate_dragged_along_itself_does_not_identify_the_mobilization_length():
-    """Neither face leads in the model: the force that it misses must not be taken for memory."""
-    time, states, grains = dragged((30.0, 60.0, 90.0), lambda beta: 0.1 + 0.0 * beta, zeta=0.8)
-    track = track_of(time, states, read_by(LOAD_CELL, states, grains))
-    sentence = why(calibrate([track], known(), parts=("mobilization",)), "medium.mobilization_length")
-    assert "after" in sentence
-    assert "λ" in sentence
-
-
-def test_a_sphere_is_not_a_plate():
-    with pytest.raises(NotIdentifiable, match="sphere is not a plate"):
-        faces_of(load_tool("sphere").plates, "sphere")
 
 
 UPSIDE_DOWN = trimesh.transformations.rotation_matrix(np.pi, (1, 0, 0))

@@ -10,7 +10,6 @@ from synthetic_track import (
     NOISE,
     Path,
     differenced,
-    dragged,
     grain_wrenches,
     known,
     law,
@@ -20,16 +19,14 @@ from synthetic_track import (
     track_of,
 )
 
-from rft_ros.calibration.alpha_y import PlateRun, fit_alpha_y
 from rft_ros.calibration.calibrate import calibrate
-from rft_ros.calibration.fitting import Measurement, NotIdentifiable
+from rft_ros.calibration.fitting import Measurement
 from rft_ros.calibration.grains import difference, spread_of
 from rft_ros.calibration.track import turns_in_grains
 from rft_ros.rft import agarwal2023, treers2021
 from rft_ros.tool import load_tool
 
 UPRIGHT = Rotation.from_euler("x", 90, degrees=True)
-BETAS = (30.0, 50.0, 70.0, 90.0)
 SURFACE, ZETA, LENGTH = 0.0123, 0.8, 0.003
 
 
@@ -89,61 +86,6 @@ def test_velocities_from_poses_give_lambda_within_15_percent():
     assert abs(found.values[0] - 0.003) < 3.0 * found.errors[0]
 
 
-def test_a_line_of_alpha_y_from_plates_dragged_along_themselves():
-    start, slope = truth = (0.2035, -0.0015)
-    time, states, grains = dragged(BETAS, lambda beta: start + slope * beta, zeta=ZETA)
-
-    def fit(readings):
-        values = known(medium__zeta=ZETA)
-        return calibrate([track_of(time, states, readings)], values, parts=("alpha_y",), alpha_y="linear").fitted
-
-    assert_recovered(fit, read_by(LOAD_CELL, states, grains), {"alpha_y (linear)": truth})
-
-
-def run_at(beta, alpha):
-    return PlateRun(beta=beta, depth=0.05, alpha=alpha, error=0.00036)
-
-
-def test_alpha_y_is_constant_unless_its_slope_is_significant_and_a_table_has_any_shape():
-    noise = np.random.default_rng(3).normal(size=4) * 0.00036
-    for slope, model in ((0.0, "constant"), (-0.0015, "linear")):
-        runs = [run_at(beta, 0.2 + slope * beta + n) for beta, n in zip(BETAS, noise, strict=True)]
-        assert fit_alpha_y(runs, GENERIC).value.name == f"alpha_y ({model})"
-    alpha = {30.0: 0.10, 60.0: 0.16, 90.0: 0.09}
-    fit = fit_alpha_y([run_at(beta, a) for beta, a in alpha.items() for _ in range(2)], GENERIC, model="table")
-    assert dict(fit.rows) == pytest.approx(alpha)
-    assert fit.model == "table"
-
-
-@pytest.mark.parametrize(("excess", "agrees"), [(0.0, True), (0.0001, True), (0.003, False)])
-@pytest.mark.parametrize("model", ["constant", "linear"])
-def test_alpha_y_needs_no_table_where_it_agrees_with_the_published_model(model, excess, agrees):
-    start, slope = {"constant": (GENERIC.alpha_x_flat, 0.0), "linear": (0.2035, -0.0015)}[model]
-    runs = [run_at(beta, start + slope * beta + excess) for beta in BETAS]
-    assert (not fit_alpha_y(runs, GENERIC, model=model).rows) == agrees
-
-
-def test_an_uncertain_zeta_widens_the_errors_of_alpha_y():
-    runs = [run_at(beta, 0.15) for beta in BETAS]
-    sure, unsure = (fit_alpha_y(runs, GENERIC, shared_error=e, model="constant") for e in (0.0, 0.125))
-    assert unsure.value.errors[0] == pytest.approx(np.hypot(sure.value.errors[0], 0.15 * 0.125))
-    assert (sure.model, unsure.model) == ("table", "constant")
-
-
-@pytest.mark.parametrize(
-    ("count", "alpha", "model", "reason"),
-    [
-        (2, 0.1, "linear", "span 0° of β in 1 steps"),
-        (2, 0.1, "table", "span 0° of β in 1 steps"),
-        (1, -0.1, "auto", "mean α_y is -0"),
-    ],
-)
-def test_runs_that_do_not_determine_alpha_y(count, alpha, model, reason):
-    runs = [run_at(90.0, alpha)] * count
-    with pytest.raises(NotIdentifiable, match=reason):
-        fit_alpha_y(runs, GENERIC, model=model)
-
-
 @pytest.mark.parametrize(
     ("zetas", "error", "sizes", "told"),
     [
@@ -170,7 +112,7 @@ def test_the_spread_of_zeta_covers_the_tools():
 
 @pytest.mark.parametrize("second", [False, True], ids=["treers2021", "agarwal2023"])
 def test_the_grains_inertia_is_not_taken_for_strength_or_depth(second):
-    """At 0.5 m/s it is a fifth of the force; without it the surface rises by 2.7 mm. The second law has no α_y."""
+    """At 0.5 m/s it is a fifth of the force; without it the surface rises by 2.7 mm."""
     time, states = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.09), 0.5).wait(1.0).states(1000.0)
     density = {"density": 1500.0}
     grains = agarwal2023(zeta=0.4, **density) if second else treers2021(GENERIC, law().alpha_y, zeta=0.4, **density)
@@ -180,4 +122,3 @@ def test_the_grains_inertia_is_not_taken_for_strength_or_depth(second):
     found = {f.name: f.values[0] for f in result.fitted}
     assert found["surface_height"] == pytest.approx(SURFACE, abs=2e-4)
     assert found["medium.zeta"] == pytest.approx(0.4, rel=0.01)
-    assert ("law agarwal2023 does not use α_y" in result.not_identifiable["alpha_y"]) == second
