@@ -49,7 +49,7 @@ setup(
         "scipy>=1.11",
         "trimesh>=4.4",
         "pycollada>=0.7.2",
-        "rosbags>=0.11,<0.12",  # limits.py replaces tables of its readers
+        "rosbags>=0.11,<0.12",
         "mcap>=1.1",
         "PyYAML>=6.0",
         "rich>=13.0",

@@ -28,7 +28,6 @@ import fuzz_estimators
 import numpy as np
 import trimesh
 from hostile_parameters import hostile_file
-from packed_bags import chunk_bomb
 from recordings import FRAMES, TOPICS, StoragePlugin, cdr, moments, write_messages, write_ros1, write_ros2
 
 from rft_ros.cli import main
@@ -179,8 +178,8 @@ def cases(folder: Path) -> list[Callable[[Random], Case]]:
         return [replay(bag), replay(bag), calibrated, viewed, doctor][random.integers(5)]
 
     def bad_bag(random: Random) -> Case:
-        """A bag of strange messages, or a file of a good bag damaged, or its metadata; or one that fills the memory."""
-        kind = str(random.choice(["strange", "strange", "bomb", "damaged", "spoiled"]))
+        """A bag of strange messages, or a file of a good bag damaged, or its metadata."""
+        kind = str(random.choice(["strange", "damaged", "spoiled"]))
         name = str(random.choice(["MCAP", "SQLITE3", "ROS1.bag"]))
         copy = folder / ("bad" if kind == "strange" else f"bad_{name}")
         if copy.is_symlink() or not copy.is_dir():
@@ -188,9 +187,6 @@ def cases(folder: Path) -> list[Callable[[Random], Case]]:
         shutil.rmtree(copy, ignore_errors=True)
         if kind == "strange":
             write_messages(copy, strange(random))
-        elif kind == "bomb":
-            sizes = {"size": 300 * 2**20, "says": int(random.choice([0, 2**20, 2**40, 300 * 2**20])) or None}
-            chunk_bomb(copy := folder / "bomb.mcap", **sizes, streamed=bool(random.random() < 0.5))
         else:
             shutil.copytree(folder / name, copy) if (folder / name).is_dir() else shutil.copy(folder / name, copy)
             if kind == "spoiled":

@@ -4,16 +4,16 @@ import heapq
 import os
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
 from rft_ros.bags.options import ReplayOptions, topics_of
-from rft_ros.bags.sources import Messages, Source, sources_of
+from rft_ros.bags.sources import Messages, Source, fault_of, sources_of
 from rft_ros.bags.table import is_table, read_recorded_table, source_of_table, values_for_table
-from rft_ros.errors import InputError, file_errors, reason_of
+from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import Sample, TransformSample
 from rft_ros.files import resolved
 from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder
@@ -171,28 +171,41 @@ class Recording:
         try:
             yield from source.read(topics, self.first, self.last)
         except Exception as error:  # parsers raise anything on damage
-            self._faults.append(f"{source.name} is damaged: {reason_of(error)}")
+            self._faults.append(fault_of(source.name, error))
 
     def _check_topics(self) -> None:
         found: dict[str, list[str]] = {}
         for topic, msgtype in sorted({pair for source in self._sources for pair in source.types}):
             found.setdefault(topic, []).append(msgtype)
         for role, topic in list(self.topics.items()):
-            wanted, types = TYPES[role], found.get(topic, [])
-            if len(types) == 1 and types[0] in wanted:
+            types = found.get(topic, [])
+            if len(types) == 1 and types[0] in TYPES[role]:
                 self._kinds[role] = types[0]
-                continue
-            if not types and (role in _OPTIONAL or not self._strict):
-                continue
-            fault = f" has no {role} topic '{topic}'"
-            if types:
-                is_not = f"is {' and '.join(types)}; it must be {' or '.join(wanted)}"
-                if not self._strict:
-                    self.mistyped[role] = f"{topic} {is_not}"
-                    del self.topics[role]
-                    continue
-                fault = f": {role} topic '{topic}' {is_not}"
-            fits = next((t for t, types in found.items() if len(types) == 1 and types[0] in wanted), "TOPIC")
-            advice = f"{_INSTEAD.get(role, '')}--remap {TOPICS[role]}:={fits}"
-            there = ", ".join(f"{topic} ({' and '.join(types)})" for topic, types in found.items())
-            raise InputError(f"bag '{self.bag}'{fault} (use {advice}); it has {there}")
+            elif types and not self._strict:
+                self.mistyped[role] = f"{topic} {_is_not(role, types)}"
+                del self.topics[role]
+            elif types:
+                raise InputError(
+                    f"bag '{self.bag}': {role} topic '{topic}' {_is_not(role, types)} {_advice(role, found)}"
+                )
+            elif self._strict and role not in _OPTIONAL:
+                raise InputError(f"bag '{self.bag}' has no {role} topic '{topic}' {_advice(role, found)}")
+
+
+def _is_not(role: Role, types: Collection[str]) -> str:
+    """The end of a sentence on a topic of other types than those of its role."""
+    sentence = f"is {' and '.join(types)}; it must be {' or '.join(TYPES[role])}"
+    if any(" as " in kind for kind in types):  # of ROS 1, or JSON
+        sentence += ", serialised by ROS 2 (cdr): convert the recording to a bag of ROS 2, as rosbags-convert does"
+    return sentence
+
+
+def _advice(role: Role, found: Mapping[str, Sequence[str]]) -> str:
+    """The options that help where a role has no topic, and the topics that the bag has, `found`, with their types."""
+    fits = "TOPIC"
+    there = []
+    for topic, types in found.items():
+        there.append(f"{topic} ({' and '.join(types)})")
+        if fits == "TOPIC" and len(types) == 1 and types[0] in TYPES[role]:
+            fits = topic
+    return f"(use {_INSTEAD.get(role, '')}--remap {TOPICS[role]}:={fits}); it has {', '.join(there)}"

@@ -4,39 +4,35 @@ A file compressed by zstd is unpacked, what SQLite left beside a .db3 file is me
 rosbags cannot open is read record by record, up to its damage.
 """
 
+import io
 import shutil
 import sqlite3
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, closing, suppress
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from pathlib import Path
-from struct import Struct
 from tempfile import TemporaryDirectory
-from typing import Any, BinaryIO
+from typing import Any
 
-from mcap.exceptions import EndOfFile
-from mcap.opcode import Opcode
-from mcap.records import Channel, Chunk, DataEnd, McapRecord, Message, Schema
-from mcap.stream_reader import StreamReader, breakup_chunk
+import yaml
+import zstandard
+from mcap.records import Channel, DataEnd, Message, Schema
+from mcap.stream_reader import StreamReader
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
-from rft_ros.bags.limits import MOST_BYTES, LimitedPath, LimitError, unpack, unpacked
 from rft_ros.errors import InputError, reason_of
-from rft_ros.files import checked_file, read_yaml
+from rft_ros.files import checked_file, read_text
 
-__all__ = ["SUFFIXES", "Messages", "Source", "sources_of"]
+__all__ = ["SUFFIXES", "Messages", "Source", "fault_of", "sources_of"]
 
-SUFFIXES = (".mcap", ".db3", ".bag")
+_REPAIRS = {".mcap": "mcap recover", ".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
+SUFFIXES = tuple(_REPAIRS)
 _PACKED = (".zstd", ".zst")
 _ZSTD = b"\x28\xb5\x2f\xfd"
 """The first bytes of what zstd compressed; CDR begins otherwise."""
-_REPAIRS = {".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
-_FOREVER = 2**63 - 2  # ns
-_CHUNK_HEAD = Struct("<BQQQQII8x")
-"""The bytes before the records of an uncompressed chunk (https://mcap.dev/spec): opcode, length, start and end time,
-uncompressed size, CRC, length of the name of the compression, which is 0, and length of the records.
-"""
+
+_NEVER = 2**63 - 1  # ns
 
 Messages = Iterator[tuple[int, str, Any]]
 """Receive time [ns], topic, and a serialised message, or the sample itself."""
@@ -60,6 +56,14 @@ class Source:
     ros1: bool = False
 
 
+def fault_of(name: str, error: Exception) -> str:
+    """A sentence on a damaged file: what stopped its parser, and the tool that repairs it."""
+    reason = reason_of(error)
+    if isinstance(error, OverflowError | MemoryError):
+        reason = "it gives a length that no record has"
+    return f"{name} is damaged: {reason}; try '{_REPAIRS[_kind(Path(name))]}'"
+
+
 def sources_of(bag: Path, opened: ExitStack) -> tuple[list[Source], list[str]]:
     """The sources of a bag that can be opened, until `opened` is closed; and a sentence on each fault.
 
@@ -68,35 +72,42 @@ def sources_of(bag: Path, opened: ExitStack) -> tuple[list[Source], list[str]]:
     files, faults = _files_of(bag)
     found = []
     for file in files:
-        source, fault = _source(file, opened)
-        found += [source] if source else []
-        faults += [f"{file.name} is damaged: {fault}"] if fault else []
+        try:
+            found.append(_opened(file, opened))
+        except InputError as error:
+            faults.append(str(error))
+        except Exception as error:  # parsers raise anything on damage
+            is_whole = False
+            if _kind(file) == ".mcap":
+                source, is_whole = _read_by_record(file, opened)
+                found.append(source)
+            if not is_whole:
+                faults.append(fault_of(file.name, error))
     return found, faults
 
 
 def _files_of(bag: Path) -> tuple[list[Path], list[str]]:
     """The files of a bag: those that its metadata.yaml names, or else all in its folder; and what is wrong with it."""
     bag.stat()  # raises FileNotFoundError
-    inside = [*bag.iterdir()] if bag.is_dir() else [bag]
-    files = {file.name: file for file in inside if _kind(file) in SUFFIXES}
-    about = bag / "metadata.yaml"
-    for file in (*files.values(), about):
-        if file.exists() and not (file.is_file() or file.is_dir()):
-            checked_file(file, "bag")  # raises: to read a pipe or a device may block
-    if not (files or about.exists()):
-        known = ", ".join(SUFFIXES)
-        raise InputError(f"'{bag}' is not a bag: give a rosbag2 folder, a file that ends in {known}, or a .csv table")
     if not bag.is_dir():
+        if _kind(bag) not in SUFFIXES:
+            raise InputError(_no_bag(bag))
         return [bag], []
     try:
-        names = read_yaml(about, "metadata")["rosbag2_bagfile_information"]["relative_file_paths"]
-        described = [bag / Path(name).name for name in names]
-    except (InputError, LookupError, TypeError) as error:
-        why = reason_of(error) if about.exists() else "it is missing"
-        plain = [f for f in files.values() if f.is_file() and f.name.removesuffix(f.suffix) not in files]
-        return plain, [f"its files were read one by one, without metadata.yaml: {why}"]
-    missing = [f"{file.name} is missing" for file in described if not file.is_file()]
-    return [file for file in described if file.is_file()], missing
+        about = yaml.safe_load(read_text(bag / "metadata.yaml", "metadata"))
+        names = about["rosbag2_bagfile_information"]["relative_file_paths"]
+        return [bag / Path(name).name for name in names], []
+    except (InputError, yaml.YAMLError, LookupError, TypeError) as error:
+        files = sorted(file for file in bag.iterdir() if _kind(file) in SUFFIXES)
+        if not files:
+            raise InputError(_no_bag(bag)) from None
+        without = "its files were read one by one, without a metadata.yaml that can be used"
+        return files, [f"{without} ({reason_of(error)}); 'ros2 bag reindex' writes it"]
+
+
+def _no_bag(path: Path) -> str:
+    known = ", ".join(SUFFIXES)
+    return f"'{path}' is not a bag: give a rosbag2 folder, a file that ends in {known}, or a .csv table"
 
 
 def _kind(file: Path) -> str:
@@ -104,26 +115,63 @@ def _kind(file: Path) -> str:
     return Path(file.stem).suffix if file.suffix in _PACKED else file.suffix
 
 
-def _source(file: Path, opened: ExitStack) -> tuple[Source | None, str]:
-    """Open a file. Returns its source, unless there is nothing to be read, and its fault, if any."""
-    kind, name = _kind(file), file.name
-    try:
-        if file.suffix in _PACKED:
-            copy = _scratch(opened) / file.stem
-            unpack(file, copy)
-            file = copy
-        if kind == ".db3":
-            file = _merged(file, opened)
-        return _opened(file, name, opened), ""
-    except Exception as error:  # parsers raise anything on damage
-        fault = reason_of(error)
-    if kind != ".mcap" or not file.name.endswith(kind):
-        return None, f"{fault}; try '{_REPAIRS[kind]}'" if kind in _REPAIRS else fault
-    return _recovered(file, name, fault)
+def _opened(file: Path, opened: ExitStack) -> Source:
+    """Open a file by rosbags. Raises any exception at damage, and InputError for what is no file."""
+    intact = _unpacked(checked_file(file, "bag file", limit=None), opened)
+    if intact.suffix == ".db3":
+        intact = _merged(intact, opened)
+    ros1 = intact.suffix == ".bag"
+    if ros1:
+        _check_begin(intact)
+    reader = Reader1(intact) if ros1 else Reader2(intact)
+    reader.open()
+    opened.callback(reader.close)
+    first = int(reader.start_time)
+    last = int(reader.end_time) - 1
+    if reader.message_count and last < first:
+        raise ValueError("its last message is older than its first")
+    types = set()
+    for connection in reader.connections:
+        encoding = getattr(connection.ext, "serialization_format", "cdr")
+        types.add((str(connection.topic), _type(connection.msgtype, encoding)))
+
+    def read(topics: Collection[str], begin: int, end: int) -> Messages:
+        chosen = [connection for connection in reader.connections if connection.topic in topics]
+        if not chosen:  # of which rosbags would read all
+            return
+        for connection, time, content in reader.messages(chosen, begin, end + 1):
+            data = bytes(content)  # SQLite keeps anything in any column
+            if data[:4] == _ZSTD:
+                data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
+            yield int(time), connection.topic, data
+
+    return Source(
+        name=file.name,
+        types=types,
+        count=reader.message_count,
+        first=first,
+        last=last,
+        read=read,
+        ros1=ros1,
+    )
 
 
-def _scratch(opened: ExitStack) -> Path:
-    return Path(opened.enter_context(TemporaryDirectory()))
+def _check_begin(file: Path) -> None:
+    """Raise ValueError where rosbags would read a whole file in search of its first line."""
+    with file.open("rb") as stream:
+        if not stream.read(20).startswith(b"#ROSBAG"):
+            raise ValueError("it does not begin as a bag of ROS 1")
+
+
+def _unpacked(file: Path, opened: ExitStack) -> Path:
+    """The file, or a copy that is unpacked up to its damage."""
+    if file.suffix not in _PACKED:
+        return file
+    copy = Path(opened.enter_context(TemporaryDirectory())) / file.stem
+    with file.open("rb") as packed, copy.open("wb") as out, suppress(zstandard.ZstdError):
+        stream = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+        shutil.copyfileobj(stream, out)
+    return copy
 
 
 def _merged(file: Path, opened: ExitStack) -> Path:
@@ -131,7 +179,7 @@ def _merged(file: Path, opened: ExitStack) -> Path:
     beside = [log for log in (Path(f"{file}-wal"), Path(f"{file}-journal")) if log.is_file() and log.stat().st_size]
     if not beside:
         return file
-    folder = _scratch(opened)
+    folder = Path(opened.enter_context(TemporaryDirectory()))
     for part in (file, *beside):
         shutil.copyfile(part, folder / part.name)
     with suppress(sqlite3.Error), closing(sqlite3.connect(folder / file.name)) as database:
@@ -139,100 +187,64 @@ def _merged(file: Path, opened: ExitStack) -> Path:
     return folder / file.name
 
 
-def _opened(file: Path, name: str, opened: ExitStack) -> Source:
-    """Open a file by rosbags."""
-    limited, ros1 = LimitedPath(file), file.suffix == ".bag"
-    reader = Reader1(limited) if ros1 else Reader2(limited)
-    reader.open()
-    opened.callback(reader.close)
-    first, last = reader.start_time, reader.end_time - 1
-    if not (isinstance(first, int) and isinstance(last, int)):
-        raise ValueError("it has times that are not whole numbers")
-    last = last if last >= first else _FOREVER  # for SQLite any text is later than any number
-    types = {
-        (str(c.topic), _type(c.msgtype, getattr(c.ext, "serialization_format", "cdr"))) for c in reader.connections
-    }
-
-    def read(topics: Collection[str], begin: int, end: int) -> Messages:
-        chosen = [c for c in reader.connections if c.topic in topics]
-        missing = sum(c.msgcount for c in chosen)
-        # rosbags reads all topics if it is given none
-        for connection, time, data in reader.messages(chosen, begin, end + 1) if chosen else ():
-            if not isinstance(time, int):
-                continue
-            missing -= 1
-            if not isinstance(data, bytes):  # SQLite keeps anything in any column
-                yield time, connection.topic, str(data).encode()
-            elif data[:4] == _ZSTD:
-                yield time, connection.topic, unpacked(data, "zstd", what="a message")
-            else:
-                yield time, connection.topic, data
-        if missing > 0 and begin <= first and last <= end:  # rosbags skips what it cannot find in a chunk
-            raise ValueError(f"{missing} of its messages are missing")
-
-    return Source(name=name, types=types, count=reader.message_count, first=first, last=last, read=read, ros1=ros1)
-
-
 def _type(name: str, encoding: str) -> str:
     return name if encoding in ("cdr", "") else f"{name} as {encoding}"
 
 
-def _recovered(file: Path, name: str, fault: str) -> tuple[Source | None, str]:
-    """The messages of an .mcap file up to its damage. It may be intact, but not of ROS 2 or without an index."""
-    types = dict[str, str]()
-    count, first, last = 0, _FOREVER, 0
-    try:
-        for topic, kind, message in _messages(file):
-            types[topic], count = kind, count + 1
-            first, last = min(first, message.log_time), max(last, message.log_time)
-        fault = ""
-    except LimitError as limit:
-        fault = str(limit)
-    except Exception:
-        pass  # the reason why it could not be opened says more
+def _read_by_record(file: Path, opened: ExitStack) -> tuple[Source, bool]:
+    """The messages of an .mcap file that rosbags cannot open, up to its damage; and whether it has none.
+
+    Such a file is of another recorder than that of ROS 2, or has no index.
+    """
+    intact = _unpacked(file, opened)
+    types: dict[str, str] = {}
+    count = 0
+    first = _NEVER
+    last = 0
+    is_whole = False
+    with suppress(Exception):
+        for topic, kind, message in _messages(intact):
+            types[topic] = kind
+            count += 1
+            first = min(first, message.log_time)
+            last = max(last, message.log_time)
+        is_whole = True
 
     def read(topics: Collection[str], begin: int, end: int) -> Messages:
         with suppress(Exception):
-            for topic, _, message in _messages(file):
+            for topic, _, message in _messages(intact):
                 if topic in topics and begin <= message.log_time <= end:
                     yield message.log_time, topic, message.data
 
-    found = Source(name=name, types=[*types.items()], count=count, first=first, last=last, read=read)
-    return found if count else None, fault
+    source = Source(name=file.name, types=[*types.items()], count=count, first=first, last=last, read=read)
+    return source, is_whole
+
+
+class _Stream(io.BufferedReader):
+    """Ends where a file is filled with zeros, which mcap would read as gigabytes of empty records."""
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        data = super().read(size)
+        is_type = size == 1  # of a record
+        if is_type and data == b"\0":
+            raise ValueError("it is filled with zeros")
+        return data
 
 
 def _messages(file: Path) -> Iterator[tuple[str, str, Message]]:
     """Topic, type and message of each message of an .mcap file. Raises an exception at damage."""
-    names, channels = {0: "unknown type"}, dict[int, tuple[str, str]]()
-    with LimitedPath(file).open("rb") as stream:
-        for record in _records(stream):
+    names = {0: "unknown type"}
+    channels: dict[int, tuple[str, str]] = {}
+    with _Stream(io.FileIO(file)) as stream:
+        reader = StreamReader(stream, validate_crcs=True, record_size_limit=file.stat().st_size)
+        for record in reader.records:
             if isinstance(record, Schema):
                 names[record.id] = record.name
             elif isinstance(record, Channel):
-                channels[record.id] = record.topic, _type(names[record.schema_id], record.message_encoding)
+                kind = _type(names[record.schema_id], record.message_encoding)
+                channels[record.id] = (record.topic, kind)
             elif isinstance(record, Message):
-                yield *channels[record.channel_id], record
+                topic, kind = channels[record.channel_id]
+                yield topic, kind, record
             elif isinstance(record, DataEnd):
                 return
-    raise EndOfFile
-
-
-def _records(stream: BinaryIO) -> Iterator[McapRecord]:
-    """The records of an MCAP file, also those in chunks and in an uncompressed last chunk that is cut short."""
-    at = 0
-    try:
-        for record in StreamReader(stream, emit_chunks=True, validate_crcs=True, record_size_limit=MOST_BYTES).records:
-            if isinstance(record, Chunk):
-                content = unpacked(record.data, record.compression, record.uncompressed_size)
-                yield from breakup_chunk(replace(record, compression="", data=content), validate_crc=True)
-            else:
-                yield record
-            at = stream.tell()
-    except EndOfFile:
-        stream.seek(at)
-        head = stream.read(_CHUNK_HEAD.size)
-        if len(head) < _CHUNK_HEAD.size:
-            return
-        opcode, _, _, _, _, _, length_of_compression = _CHUNK_HEAD.unpack(head)
-        if opcode == Opcode.CHUNK and length_of_compression == 0:
-            yield from StreamReader(stream, skip_magic=True, record_size_limit=MOST_BYTES).records

@@ -3,6 +3,7 @@
 import csv
 from pathlib import Path
 
+import mcap.writer
 import numpy as np
 from rosbags.rosbag1 import Writer as Writer1
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
@@ -127,6 +128,23 @@ def write_run(path: Path, time, states, readings, **named) -> Path:
     columns = {"wrench": readings, "twist": states[:, frames.TWIST], "pose": states[:, frames.POSE]}
     stamps = [START + round(t * 1e9) for t in time]
     return write_ros2(path, [(r, t, t, columns[r][k]) for k, t in enumerate(stamps) for r in columns], **named)
+
+
+def write_mcap(file, rows, *, encoding="cdr", **options):
+    """A file as of another recorder than that of ROS 2."""
+    with file.open("wb") as stream:
+        writer = mcap.writer.Writer(stream, **options)
+        writer.start()
+        foreign = writer.register_schema("Log", "jsonschema", b"{}")
+        channels = {"log": writer.register_channel("/log", "json", foreign)}
+        for role, (topic, kind) in TOPICS.items():
+            schema = writer.register_schema(kind, "ros2msg", b"")
+            channels[role] = writer.register_channel(topic, encoding, schema)
+        writer.add_message(channels["log"], rows[0][1], b"{}", 0)
+        for role, time, stamp, values in rows:
+            writer.add_message(channels[role], time, cdr(role, stamp, values), time)
+        writer.finish()
+    return file
 
 
 def write_messages(path: Path, messages) -> Path:
