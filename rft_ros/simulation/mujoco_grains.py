@@ -1,4 +1,4 @@
-"""Grains around bodies of a MuJoCo model, which hold the wrenches of the implicit step of `coupling` over its steps."""
+"""Grains around bodies of a MuJoCo model: they hold the wrenches of the implicit step over its steps."""
 
 import logging
 import math
@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 from functools import partial
 from os import PathLike
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,9 +18,9 @@ from rft_ros.rft.arguments import number
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.simulation.grains import GrainsBatch, GrainsState
 from rft_ros.simulation.mechanism import Mechanism, import_mujoco
-from rft_ros.simulation.shapes import check_size, ground_of_field, tool_of_body
+from rft_ros.simulation.shapes import check_size, geometry_of, ground_of_field, tool_of_body
 from rft_ros.simulation.step import Joints, Trial, new_trial, search
-from rft_ros.tool import load_tool
+from rft_ros.tool import Tool, load_tool
 
 __all__ = ["MujocoGrains"]
 
@@ -36,6 +36,13 @@ _AHEAD = 1.5  # steps; data that moved on by more since the last call was steppe
 _log = logging.getLogger("rft_ros.simulation")
 
 
+class _Call(NamedTuple):
+    """The last call of `apply`: time of the data, and the step that began there [s]."""
+
+    time: float
+    step: float
+
+
 class MujocoGrains:
     """Grains around bodies of a MuJoCo model.
 
@@ -46,8 +53,8 @@ class MujocoGrains:
     Reduced to fewer plates within `tolerance` of the force (0: not reduced). The grains: `zeta`, `alpha_y` (a model's
     name) of the generic medium and `mobilization_length` [m] (3 mm), or a `law` of your own; `surface_height` [m], or
     `ground`, as for `GrainsBatch`, or the name of a geom of type hfield. One object serves one `MjData`. It starts anew
-    when the data's time goes back, as after `mj_resetData`; call `reset` after other jumps. Raises ValueError or
-    TypeError.
+    when the data's time goes back to 0, as after `mj_resetData`; call `reset` or `restore` after other jumps. Shapes
+    are read once. Raises ValueError or TypeError.
     """
 
     def __init__(
@@ -67,15 +74,27 @@ class MujocoGrains:
         tolerance: float = 0.025,
     ) -> None:
         self._given = partial(
-            MujocoGrains, body=body, bodies=bodies, zeta=zeta, alpha_y=alpha_y, mobilization_length=mobilization_length,
-            law=law, surface_height=surface_height, ground=ground, mesh=mesh, scale=scale, tolerance=tolerance,
-        )  # fmt: skip
+            MujocoGrains,
+            body=body,
+            bodies=bodies,
+            zeta=zeta,
+            alpha_y=alpha_y,
+            mobilization_length=mobilization_length,
+            law=law,
+            surface_height=surface_height,
+            ground=ground,
+            mesh=mesh,
+            scale=scale,
+            tolerance=tolerance,
+        )
         mujoco = import_mujoco()
         if not isinstance(model, mujoco.MjModel):
             raise TypeError(f"model is a {type(model).__name__}; load one with mujoco.MjModel.from_xml_path")
         if (bodies is None) == (body is None):
             raise InputError("give the body's name as body=, or several names as bodies=")
-        names = [body] if bodies is None else [bodies] if isinstance(bodies, str) else list(bodies)
+        names: list[Any] = [body]
+        if bodies is not None:
+            names = [bodies] if isinstance(bodies, str) else list(bodies)
         self._ids = [_body_id(mujoco, model, name) for name in names]
         if not names or len(set(self._ids)) < len(names):
             raise InputError(f"bodies is {names}; name at least one body, and each of them once")
@@ -90,22 +109,30 @@ class MujocoGrains:
         files = [mesh] * len(names) if mesh is None or isinstance(mesh, str | PathLike) else list(mesh)
         if len(files) != len(names):
             raise InputError(f"mesh has {len(files)} files; there are {len(names)} bodies")
-        tools = []
+        self.tools: list[Tool] = []
+        """The bodies' shapes."""
         for k, file in zip(self._ids, files, strict=True):
             if file is None:
-                made = tool_of_body(model, k, tolerance, frozenset(self._ids))
+                tool = tool_of_body(model, k, tolerance, frozenset(self._ids))
             else:
-                made = load_tool(file, scale=scale, tolerance=tolerance)
-            check_size(made, model, k, law.mobilization_length)
-            tools.append(made)
-        self.tools, self.tool = tools, tools[0]
-        """The bodies' shapes, and that of the first."""
+                tool = load_tool(file, scale=scale, tolerance=tolerance)
+            check_size(tool, model, k, law.mobilization_length)
+            self.tools.append(tool)
+        self.tool = self.tools[0]
+        """The shape of the first body."""
         if isinstance(ground, str):
-            ground = ground_of_field(model, ground, tools)
-        self._grains = GrainsBatch(tools, law, bodies=len(tools), surface_height=surface_height, ground=ground)
-        self._model, self._single, self._mechanism = model, bodies is None, Mechanism(model, self._ids)
-        self._last: tuple[float, float] | None = None  # time of the data at the last call, and its step
-        self._own, self._written = np.zeros((2, len(tools), 6))  # forces of the user's, and those with the grains'
+            ground = ground_of_field(model, ground, self.tools)
+        self._grains = GrainsBatch(self.tools, law, bodies=len(names), surface_height=surface_height, ground=ground)
+        self._model = model
+        self._single = bodies is None
+        self._of_geoms = [k for k, file in zip(self._ids, files, strict=True) if file is None]
+        self._geometry = geometry_of(model, self._of_geoms)
+        self._mechanism = Mechanism(model, self._ids)
+        self._last: _Call | None = None
+        self._own = np.zeros((len(names), 6))
+        """Forces of the user's."""
+        self._written = np.zeros((len(names), 6))
+        """Those with the grains'."""
         self._grains.remembered |= {"own": self._own, "written": self._written}
         self._told = False  # that the steps are long for RK4
         self._bind(self._mechanism.data)
@@ -122,33 +149,34 @@ class MujocoGrains:
     def _bind(self, data: Any) -> None:
         """Take the arrays of `data`, which stay where they are."""
         self._mechanism.bind(data)
-        ids, last = np.array(self._ids), self._grains.last
-        self._forces = ids, self._own, self._written, data.xfrc_applied
-        self._wrenches = last, data.xpos, data.xipos
+        self._forces = np.array(self._ids), self._own, self._written, data.xfrc_applied
+        self._wrenches = self._grains.last, data.xpos, data.xipos
 
     def apply(self, data: Any) -> Array:
         """Add the wrenches of the grains for the next step to ``data.xfrc_applied``; returns `wrench`.
 
         Call it before each `mj_step`, with any integrator. Forces of your own on the bodies act beside it; set them
         there with ``=``. Raises ValueError for data that is not finite or that moves without bound, and InputError for
-        data that was stepped without the grains.
+        data that was stepped without the grains or set back, and for shapes that have changed.
         """
-        mechanism, grains, h = self._mechanism, self._grains, self._step_of(data)
+        mechanism = self._mechanism
+        grains = self._grains
+        h = self._step_of(data)
         self._take_away(*self._forces)
         if not mechanism.move():
             raise self._without_bound(data, h)
         grains.advance(mechanism.states, h)
         bodies = np.flatnonzero(grains.near)
-        grains.last[:], found, path = 0.0, True, 0.0
+        grains.last[:] = 0.0
         if len(bodies):
             trial = self._search_for(mechanism.joints(bodies, h), h)
             if not math.isfinite(trial.best.sum()):
                 raise self._without_bound(data, h)
             grains.last[bodies] = trial.best.reshape(-1, 6)
-            found, path = bool(trial.at["found"][0]), float(trial.at["path"][0])
+            at = trial.at[0]
+            grains.failed(0 if at["found"] else 1, dt=h, path=at["path"])
         self._write(*self._wrenches, *self._forces)
-        self._last = data.time, h
-        grains.failed(0 if found else 1, dt=h, path=path)
+        self._last = _Call(data.time, h)
         return self.wrench
 
     def _step_of(self, data: Any) -> float:
@@ -157,35 +185,53 @@ class MujocoGrains:
         if h > _LONGEST_RK4 and self._mechanism.holds_over_stages and not self._told:
             self._told = True
             _log.warning("RK4 in steps of %g s: bodies in grains may not lie still; take 0.002 s or Euler", h)
-        other = data is not self._mechanism.data
-        if self._last is not None:
-            time, step = self._last
-            if data.time < time:
-                self.reset()
-            elif other:
-                raise InputError(
-                    "this MjData is not that of the last apply, and one MujocoGrains serves one MjData; make one for "
-                    "each, or call restore(state) or reset() before apply"
-                )
-            elif data.time > time + _AHEAD * step:
-                raise InputError(
-                    f"the data moved on by {(data.time - time) / step:.3g} steps since the last apply; call apply "
-                    "before each mj_step (no nstep= or frame_skip), or reset() or restore(state) after a jump in time"
-                )
-        if other:
+        self._check_course(data)
+        if data is not self._mechanism.data:
             self._bind(data)
+        if self._last is None:
+            self._check_shapes()
         return h
+
+    def _check_course(self, data: Any) -> None:
+        """Start anew if the time is back at 0; raise InputError if `data` does not go on from the last call."""
+        last = self._last
+        if last is None:
+            return
+        if data.time < last.time:
+            if data.time > 0.0:
+                raise InputError(
+                    f"the data's time went back from {last.time:g} to {data.time:g} s; call restore(state) with what "
+                    "state() returned at that time, or reset() for new beds"
+                )
+            self.reset()
+        elif data is not self._mechanism.data:
+            raise InputError(
+                "this MjData is not that of the last apply, and one MujocoGrains serves one MjData; make one for "
+                "each, or call restore(state) or reset() before apply"
+            )
+        elif data.time > last.time + _AHEAD * last.step:
+            raise InputError(
+                f"the data moved on by {(data.time - last.time) / last.step:.3g} steps since the last apply; call "
+                "apply before each mj_step (no nstep= or frame_skip), or reset() or restore(state) after a jump in time"
+            )
+
+    def _check_shapes(self) -> None:
+        if not np.array_equal(geometry_of(self._model, self._of_geoms), self._geometry):
+            raise InputError(
+                "the geoms of a body in grains changed since MujocoGrains read its shape; make a new MujocoGrains"
+            )
 
     def _search_for(self, joints: Joints, h: float) -> Trial:
         """Solve the step; the trial with which it ended."""
         mechanism = self._mechanism
         trial: Trial = new_trial(len(joints.bodies), len(joints.force))
-        x, constraints, found = trial.acceleration, mechanism.unconstrained, False
-        x[:] = mechanism.data.qacc_warmstart
-        while not found:
+        trial.acceleration[:] = mechanism.data.qacc_warmstart
+        constraints = mechanism.unconstrained
+        ended = False
+        while not ended:
             if mechanism.data.nefc:
-                constraints = mechanism.constraints(x)
-            found = self._search(self._grains.beds, joints, constraints, h, trial)
+                constraints = mechanism.constraints(trial.acceleration)
+            ended = self._search(self._grains.beds, joints, constraints, h, trial)
         return trial
 
     def _without_bound(self, data: Any, h: float) -> ValueError:
@@ -232,7 +278,8 @@ class MujocoGrains:
         return self._grains.failures
 
     def reset(self) -> None:
-        """Start with level beds, without hysteresis."""
+        """Start with level beds, without hysteresis. Raises InputError if the shape of a body has changed."""
+        self._check_shapes()
         self._grains.reset()
         self._last = None
 
@@ -279,8 +326,9 @@ def _write(wrenches, origins, centers, ids, own, written, applied):
     for b in range(len(ids)):
         i = ids[b]
         x, y, z = centers[i] - origins[i]
-        fx, fy, fz, tx, ty, tz = wrenches[b]
-        written[b, 0], written[b, 1], written[b, 2] = fx, fy, fz
-        written[b, 3], written[b, 4], written[b, 5] = tx - y * fz + z * fy, ty - z * fx + x * fz, tz - x * fy + y * fx
-        written[b] += own[b]
+        fx, fy, fz = wrenches[b, :3]
+        written[b] = own[b] + wrenches[b]
+        written[b, 3] -= y * fz - z * fy
+        written[b, 4] -= z * fx - x * fz
+        written[b, 5] -= x * fy - y * fx
         applied[i] = written[b]

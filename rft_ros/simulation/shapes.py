@@ -13,7 +13,7 @@ from rft_ros.rft import rotation_matrix
 from rft_ros.simulation.mechanism import import_mujoco
 from rft_ros.tool import Tool, solids, tool_of_mesh
 
-__all__ = ["check_size", "ground_of_field", "tool_of_body"]
+__all__ = ["check_size", "geometry_of", "ground_of_field", "tool_of_body"]
 
 Array = NDArray[np.float64]
 
@@ -39,6 +39,16 @@ def tool_of_body(model: Any, body: int, tolerance: float, apart: frozenset[int] 
         name = model.body(body).name or body
         raise InputError(f"body '{name}' has no geoms of {kinds}; give its shape as mesh=FILE")
     return _tool_of_triangles(np.concatenate(_uncovered(shapes)).tobytes(), tolerance)
+
+
+def geometry_of(model: Any, bodies: list[int]) -> Array:
+    """The numbers that give the shapes of these bodies, but for the vertices of meshes, to see whether one changed."""
+    roots = model.body_weldid[bodies]
+    geoms = np.isin(model.body_weldid[model.geom_bodyid], roots)
+    fixed = np.isin(model.body_weldid, roots) & (model.body_jntnum == 0)
+    of_geoms = model.geom_type, model.geom_dataid, model.geom_size, model.geom_pos, model.geom_quat
+    parts = [array[geoms] for array in of_geoms] + [model.body_pos[fixed], model.body_quat[fixed]]
+    return np.concatenate([part.ravel() for part in parts])
 
 
 def _geoms(model: Any, body: int, apart: frozenset[int], at: Array, axes: Array) -> Iterator[tuple[int, Array, Array]]:

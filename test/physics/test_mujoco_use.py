@@ -68,6 +68,50 @@ def test_steps_without_the_grains_and_a_second_data_are_refused_with_the_remedy(
     grains.apply(other)
 
 
+def test_only_the_start_is_a_new_start_and_another_time_back_names_restore():
+    model = model_of(BALL.format("b", 0.0))
+    everything = mujoco.mjtState.mjSTATE_INTEGRATION
+    grains, data, saved = MujocoGrains(model, body="b", law=law()), mujoco.MjData(model), {}
+    for k in range(400):
+        if k in (0, 100, 399):
+            saved[k] = np.zeros(mujoco.mj_stateSize(model, everything)), grains.state()
+            mujoco.mj_getState(model, data, saved[k][0], everything)
+            earlier = copy.copy(data)
+        grains.apply(data)
+        mujoco.mj_step(model, data)
+    with pytest.raises(InputError, match=r"time went back from 0\.798 to 0\.2 s.*restore"):
+        mujoco.mj_setState(model, data, saved[100][0], everything)
+        grains.apply(data)
+    mujoco.mj_setState(model, earlier, saved[100][0], everything)
+    with pytest.raises(InputError, match=r"time went back.*restore"):
+        grains.apply(earlier)
+    rest = {}
+    for k, restored in ((0, False), (100, True), (0, True)):
+        mujoco.mj_setState(model, data, saved[k][0], everything)
+        if restored:
+            grains.restore(saved[k][1])
+        for _ in range(400 - k):
+            grains.apply(data)
+            mujoco.mj_step(model, data)
+        rest[k, restored] = data.qpos.tobytes()
+    assert len(set(rest.values())) == 1
+
+
+@pytest.mark.parametrize("change", ["geom_size", "geom_pos", "body_quat"])
+def test_a_shape_that_changed_is_said_at_the_next_start_and_one_that_has_no_grains_may_change(change):
+    toe = '<body pos="0.05 0 0"><geom type="sphere" size="0.02" mass="0.1"/></body>'
+    tree = f'<body name="b"><freejoint/><geom size="0.02"/>{toe}</body><geom type="plane" size="1 1 1" pos="0 0 -1"/>'
+    model = model_of(tree)
+    data, grains = mujoco.MjData(model), MujocoGrains(model, body="b", law=law())
+    model.geom_size[0] = 2.0
+    grains.apply(data)
+    grains.reset()
+    getattr(model, change)[-1] += 0.01
+    for start in (grains.reset, lambda: grains.apply(data)):
+        with pytest.raises(InputError, match=r"geoms of a body.*make a new MujocoGrains"):
+            start()
+
+
 def test_a_copy_right_after_a_restore_has_no_force_of_its_own():
     model = model_of(BALL.format("b", 0.0))
     everything = mujoco.mjtState.mjSTATE_INTEGRATION
