@@ -71,7 +71,8 @@ WALL_SECONDS = {
 DATA = Path(__file__).resolve().parents[1] / "test" / "data" / "dem"
 """The folder of the runs."""
 
-_MESHES = {"ellipsoid": "ellipsoid", "root": "paraboloid"}  # by the first word of a run's name; else the plate
+_MESHES = {"ellipsoid": "ellipsoid", "root": "paraboloid", "cup": "cup", "pair9": "pair9", "rake": "rake"}
+"""The mesh of a run by the first word of its name; the others have the plate."""
 _HEADER = ("t_s", *STATE, "fx", "fy", "fz", "tx", "ty", "tz")
 
 _WINDOW = 9  # samples of the centred mean; the grains' own noise is faster
@@ -103,9 +104,14 @@ class DemRun:
         return wrenches_in_time(plates, law, self.states, Memory(plates))[:, :3]
 
 
-def read_run(name: str, choice: Choice = PUBLISHED, *, rests: bool = False) -> DemRun:
-    """A simulated run with the tool of a choice, and the rows in which it rests if asked for, or of `CYCLE_RUNS`."""
-    file = DATA / f"{name}.csv"
+def read_run(
+    name: str, choice: Choice = PUBLISHED, *, rests: bool = False, folder: Path = DATA, hull: bool = False
+) -> DemRun:
+    """A simulated run with the tool of a choice, and the rows in which it rests if asked for, or of `CYCLE_RUNS`.
+
+    `folder`: of the run and of its mesh. `hull`: the tool is the convex hull of its mesh.
+    """
+    file = folder / f"{name}.csv"
     with file.open(encoding="utf-8") as lines:
         header = tuple(next(lines).strip().split(","))
         rows = np.loadtxt(lines, delimiter=",", ndmin=2)
@@ -113,10 +119,10 @@ def read_run(name: str, choice: Choice = PUBLISHED, *, rests: bool = False) -> D
         raise InputError(f"'{file}' has the header {','.join(header)}; it must be {','.join(_HEADER)}")
     states = checked_states(rows[:, 1:14])
     used = np.any(states[:, TWIST] != 0.0, axis=1) | (name in CYCLE_RUNS) | rests
-    mesh = DATA / "meshes" / f"{_MESHES.get(name.split('_')[0], 'plate')}.stl"
+    mesh = folder / "meshes" / f"{_MESHES.get(name.split('_')[0], 'plate')}.stl"
     return DemRun(
         name=name,
-        tool=load_tool(mesh, scale=1.0, integration=choice.integration, tolerance=choice.tolerance),
+        tool=load_tool(mesh, scale=1.0, hull=hull, integration=choice.integration, tolerance=choice.tolerance),
         times=rows[used, 0],
         states=states[used],
         forces=rows[used, 14:17],

@@ -44,6 +44,7 @@ _AS_PARAMETERS = {
     "--scale": "mesh.scale",
     "--origin": "mesh.origin",
     "--rotate": "mesh.quaternion",
+    "--hull": "mesh.hull",
     "--law": "law",
     "--medium": "medium.name",
     "--zeta": "medium.zeta",
@@ -119,6 +120,8 @@ def _table(*rows: str) -> str:
 def _yaml(value: Value) -> str:
     if isinstance(value, tuple):
         return "[" + ", ".join(_yaml(v) for v in value) + "]"
+    if isinstance(value, bool):
+        return str(value).lower()
     return f'"{value}"' if isinstance(value, str) else repr(value)
 
 

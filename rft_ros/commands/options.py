@@ -16,7 +16,7 @@ from rft_ros.rft import ALPHA_Y_MODELS, MEDIA
 BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, also with .zstd, or ROS 1 .bag"
 RECORDING = f"{BAG}; or a .csv table with the columns t,px..qw, and if known vx..wz and fx..tz"
 
-PLACED = ("--scale", "--origin", "--rotate")
+PLACED = ("--scale", "--origin", "--rotate", "--hull")
 OF_LAW = ("--law", "--medium", "--zeta", "--alpha-y", "--density", "--inertia", "--surface-friction")
 OF_RECORDING = ("--params", "--remap", "--start", "--end")
 
@@ -63,6 +63,8 @@ def _of_parameter(option: str) -> dict[str, Any]:
     (parameter,) = (p for p in PARAMETERS if p.name == name)
     value, unit = parameter.default, f" [{parameter.unit}]" if parameter.unit else ""
     meaning = (parameter.description[0].lower() + parameter.description[1:]).rstrip(".").replace("%", "%%")
+    if isinstance(value, bool):
+        return {"action": "store_true", "default": None, "help": meaning}
     if isinstance(value, str):
         among = f"{meaning} ({', '.join(parameter.choices)}; default {value})"
         return {"choices": parameter.choices, "metavar": "NAME", "help": among}

@@ -17,31 +17,33 @@ from rft_ros.states_file import read_states
 from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import run
 from rft_ros.tool import Tool, describe_tool
+from rft_ros.tool.hollow import describe_hollow
 from rft_ros.tool.mesh_file import SUFFIX, save_reduced
-from rft_ros.tool.outline import Outline, write_outline
 from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
+from rft_ros.tool.union import write_union
 
 
 def check_mesh_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("mesh", metavar="FILE", help=MESH)
     options.share(command, *options.PLACED)
-    for outline, made in (("union", "union of its bodies (needs manifold3d)"), ("hull", "convex hull")):
-        command.add_argument(f"--{outline}", type=Path, metavar="OUT.stl", help=f"write the {made} as STL")
+    union = "write the union of its bodies as STL (needs manifold3d)"
+    command.add_argument("--union", type=Path, metavar="OUT.stl", help=union)
 
 
 def check_mesh(arguments: argparse.Namespace) -> int:
     """rft check-mesh my_tool.stl --scale 0.001"""
     values = options.values_of(arguments)
-    outputs: dict[Outline, Path | None] = {"union": arguments.union, "hull": arguments.hull}
-    written = {outline: file for outline, file in outputs.items() if file is not None}
-    refuse_overwriting(written.values(), named_files(values))
-    for file in written.values():
-        if file.suffix.lower() != ".stl":
-            raise InputError(f"output '{file}' must end in .stl")
+    union = arguments.union
+    if union is not None:
+        refuse_overwriting([union], named_files(values))
+        if union.suffix.lower() != ".stl":
+            raise InputError(f"output '{union}' must end in .stl")
     tool = tool_of(values)
     print("\n".join(describe_tool(tool)))
-    for outline, file in written.items():
-        print(f"{outline}: {write_outline(file, tool, outline):,} facets -> {file}")
+    if "concave" in tool.issues:
+        print("\n".join(describe_hollow(tool)))
+    if union is not None:
+        print(f"union: {write_union(union, tool):,} facets -> {union}")
         print(_same_options(tool, values))
     return 1 if tool.issues.keys() - {"concave"} else 0  # many good tools are concave
 

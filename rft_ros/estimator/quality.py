@@ -112,7 +112,11 @@ class QualityFlag(IntFlag):
     )
     NEAR_REST = 4, "so slow that noise decides the direction of the motion"
     WAKE = 8, "in the wake of its own motion, where the grains are looser"
-    CONCAVE = 16, "a hollow tool: the model computes each facet as if no other facet were near"
+    CONCAVE = (
+        16,
+        "a hollow tool: the model computes each facet as if no other were near; rft check-mesh says whether to set"
+        " mesh.hull",
+    )
     WITHDRAWAL = 32, "the tool moves up: the force of real grains vanishes sooner than the predicted one"
     DEEP = 128, "deeper than medium.calibrated_depth"
     SURPRISE = 256, "the grains are harder or softer than the filter has estimated"

@@ -29,6 +29,7 @@ def tool_of(values: Values) -> Tool:
         scale=values["mesh.scale"],
         origin=values["mesh.origin"],
         quaternion=values["mesh.quaternion"],
+        hull=values["mesh.hull"],
         integration=values["integration"],
         tolerance=values["tolerance"],
     )
@@ -57,7 +58,7 @@ class _Part(NamedTuple):
 
 _PARTS = {
     "tool": _Part(
-        ("mesh.file", "mesh.scale", "mesh.origin", "mesh.quaternion", "integration", "tolerance"),
+        ("mesh.file", "mesh.scale", "mesh.origin", "mesh.quaternion", "mesh.hull", "integration", "tolerance"),
         tool_of,
         lambda _: False,
     ),
@@ -123,6 +124,7 @@ OF_TOOL = {
     "scale": "mesh.scale",
     "origin": "mesh.origin",
     "rotate": "mesh.quaternion",
+    "hull": "mesh.hull",
     "integration": "integration",
     "tolerance": "tolerance",
 }

@@ -12,7 +12,7 @@ from rft_ros.rft.frames import UNIT_TOLERANCE
 
 __all__ = ["LONGEST_NAME", "Parameter", "Value", "Values", "parameters_of", "values_of"]
 
-Value = str | float | tuple[float, ...]
+Value = str | bool | float | tuple[float, ...]
 """A parameter's value, in the parameter's type."""
 
 Values = Mapping[str, Any]
@@ -68,6 +68,10 @@ class Parameter:
                 raise InputError(f"{name} has {len(value):,} characters; the limit is {limit:,}")
             if choices and value not in choices:
                 raise InputError(f"{name} is {shown(value)}; it must be one of {', '.join(choices)}")
+            return value
+        if isinstance(default, bool):
+            if not isinstance(value, bool):
+                raise InputError(f"{name} is {shown(value)}; it must be true or false")
             return value
         if isinstance(default, float):
             number = self._number(value)

@@ -27,6 +27,9 @@ _OTHERS = (
     Parameter("mesh.quaternion", (0.0, 0.0, 0.0, 1.0), "xyzw", kind="quaternion").means(
         "Orientation of the mesh file's axes in tool_frame, unit length."
     ),
+    Parameter("mesh.hull", False).means(
+        "Compute forces on the convex hull of the tool: for a hollow tool whose hollows fill with grains."
+    ),
     Parameter("law", "treers2021", choices=LAWS).means(
         "Traction law. agarwal2023 has its own coefficients and ignores medium.name, medium.file and alpha_y.model."
     ),

@@ -75,9 +75,7 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
     share = _hollow_share(mesh, ~degenerate, outward=-1.0 if volume < 0.0 else 1.0)
     if share > _CONCAVE_SHARE:
         hollow = f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores"
-        issues["concave"] = (
-            f"{hollow}; if grains fill them, use the convex hull (rft check-mesh --hull OUT.stl writes it)"
-        )
+        issues["concave"] = f"{hollow}; rft check-mesh says whether the convex hull (mesh.hull, --hull) is better"
     extent = float(mesh.extents.max())
     step, factor = (1e-3 if extent > _LARGEST_USUAL else 1e3), 1.0
     while not _SMALLEST_USUAL <= extent * factor <= _LARGEST_USUAL:

@@ -1,17 +1,22 @@
-"""Triangles of primitive solids, in a grid whose cells are an eighth of the longest side; and what lies inside.
+"""Triangles of primitive solids, the convex hull of points, and which points a surface surrounds.
 
-A triangle's velocity and depth then vary little over it. Triangles face outward and have shape [n, 3, 3]; lengths [m].
+The grid of a primitive has cells of an eighth of its longest side: velocity and depth vary little over a triangle.
+Triangles face outward and have shape [n, 3, 3]; lengths [m].
 """
 
 import math
 from collections.abc import Sequence
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft import rotation_matrix
 
-__all__ = ["CELLS", "are_inside", "box", "capsule", "cylinder", "ellipsoid"]
+if TYPE_CHECKING:
+    import trimesh
+
+__all__ = ["CELLS", "are_inside", "box", "capsule", "convex_hull", "cylinder", "ellipsoid"]
 
 Array = NDArray[np.float64]
 
@@ -81,6 +86,21 @@ def _rounded(points: Array) -> Array:
     """Points on nested cubes, or squares, moved onto the spheres, or circles, within these."""
     size = np.linalg.norm(points, axis=-1, keepdims=True)
     return np.asarray(points * np.abs(points).max(axis=-1, keepdims=True) / size.clip(1e-300))
+
+
+def convex_hull(points: Array) -> "trimesh.Trimesh":
+    """The convex hull of points, shape [n, 3]. Raises scipy's QhullError for points in a plane."""
+    import trimesh
+    from scipy.spatial import ConvexHull
+
+    hull = ConvexHull(points)
+    faces = hull.simplices.copy()
+    a, b, c = points[faces.T]
+    is_inward = np.einsum("ik,ik->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    faces[is_inward] = faces[is_inward, ::-1]
+    mesh = trimesh.Trimesh(points, faces, process=False)
+    mesh.remove_unreferenced_vertices()
+    return mesh
 
 
 def are_inside(points: Array, triangles: Array) -> NDArray[np.bool_]:

@@ -18,6 +18,7 @@ from rft_ros.tool.locate import link_in, locate_mesh
 from rft_ros.tool.mesh_file import IN_TOOL_FRAME, SUFFIX, MeshFrame, read_mesh, read_reduced
 from rft_ros.tool.reduction_cache import reduced_once
 from rft_ros.tool.refine import refined_plates
+from rft_ros.tool.solids import convex_hull
 
 if TYPE_CHECKING:
     import trimesh
@@ -89,6 +90,7 @@ def load_tool(
     scale: float = 0.0,
     origin: Sequence[float] = (0.0, 0.0, 0.0),
     quaternion: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
+    hull: bool = False,
     integration: Integration | None = None,
     tolerance: float = 0.0,
 ) -> Tool:
@@ -97,26 +99,51 @@ def load_tool(
     `file`: a path, package:// URI or name of a shipped mesh. `scale`: metres per mesh unit; 0 takes the unit that the
     file declares (COLLADA, glTF, a reduced tool), and a millimetre for other files. `origin`: where the tool frame's
     origin lies, in mesh-file coordinates and units. `quaternion`: orientation of the mesh file's axes in the tool
-    frame, xyzw. `integration`: the integration rule; None takes the rule of a reduced tool, and ``refined`` for a mesh.
-    `tolerance`: 0 keeps all plates. Over 0, a mesh is reduced to the fewest plates whose wrench deviates from that of
-    the full tool by at most this share, in 95 % of random motions. A tool from an .npz file is not reduced again.
-    Normals come from the winding of the facets. Facets without area are dropped. Raises InputError or ValueError, with
-    one sentence, for a file or a value that cannot be used.
+    frame, xyzw. `hull`: take the convex hull of the mesh. `integration`: the integration rule; None takes the rule of a
+    reduced tool, and ``refined`` for a mesh. `tolerance`: 0 keeps all plates. Over 0, a mesh is reduced to the fewest
+    plates whose wrench deviates from that of the full tool by at most this share, in 95 % of random motions. A tool
+    from an .npz file is not reduced again. Normals come from the winding of the facets. Facets without area are
+    dropped. Raises InputError or ValueError, with one sentence, for a file or a value that cannot be used.
     """
     if integration not in (None, *INTEGRATIONS):
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
-    path, frame = locate_mesh(file), MeshFrame.checked(scale, origin, quaternion)
-    if path.suffix.lower() != SUFFIX:
-        link, rule = link_in(file), integration or "refined"
-        mesh, frame = read_mesh(path, frame, link=link)
-        name, source = (Path(link).name, f"{path}#{link}") if link else (path.stem, str(path))
-        return tool_of_mesh(mesh, name=name, file=source, frame=frame, integration=rule, tolerance=tolerance)
-    mesh, frame, plates, reduction = read_reduced(path, frame)
-    if integration not in (None, plates.integration):
-        only = f"has plates for integration '{plates.integration}' only; set that, or reduce the mesh again"
+    path = locate_mesh(file)
+    frame = MeshFrame.checked(scale, origin, quaternion)
+    if path.suffix.lower() == SUFFIX:
+        if hull:
+            raise InputError(f"mesh file '{path}' is a reduced tool; for its hull, reduce the mesh with --hull")
+        return _load_reduced(path, frame, integration)
+    name = path.stem
+    source = str(path)
+    link = link_in(file)
+    if link:
+        name = Path(link).name
+        source = f"{path}#{link}"
+    mesh, frame_of_file = read_mesh(path, frame, link=link)
+    if hull:
+        mesh = _hull_of(mesh, path)
+        name = f"{name} (convex hull)"
+    rule = integration or "refined"
+    return tool_of_mesh(mesh, name=name, file=source, frame=frame_of_file, integration=rule, tolerance=tolerance)
+
+
+def _load_reduced(path: Path, frame: MeshFrame, integration: Integration | None) -> Tool:
+    mesh, frame_of_file, plates, reduction = read_reduced(path, frame)
+    rule = plates.integration
+    if integration not in (None, rule):
+        only = f"has plates for integration '{rule}' only; set that, or reduce the mesh again"
         raise InputError(f"mesh file '{path}' {only}")
-    tool = tool_of_mesh(mesh, name=path.stem, file=str(path), frame=frame, integration=plates.integration)
+    tool = tool_of_mesh(mesh, name=path.stem, file=str(path), frame=frame_of_file, integration=rule)
     return replace(tool, plates=plates, reduction=reduction)
+
+
+def _hull_of(mesh: "trimesh.Trimesh", path: Path) -> "trimesh.Trimesh":
+    from scipy.spatial import QhullError
+
+    try:
+        return convex_hull(np.asarray(mesh.vertices)[np.unique(mesh.faces)])
+    except QhullError:
+        raise InputError(f"mesh file '{path}' lies in a plane and has no convex hull; unset mesh.hull") from None
 
 
 def tool_of_mesh(

@@ -141,10 +141,11 @@ def test_check_mesh_says_what_a_mesh_holds_and_ends_with_1_where_it_finds_someth
 
 
 def test_a_concave_tool_is_no_fault_and_its_hull_and_its_union_are_an_option_away(tmp_path):
-    done = rft("check-mesh", "scoop", "--hull", "scoop_hull.stl", "--union", "scoop_union.stl", cwd=tmp_path)
+    done = rft("check-mesh", "scoop", "--union", "scoop_union.stl", cwd=tmp_path)
     assert done.returncode == 0, done.stdout
     assert "--hull" in next(line for line in done.stdout.splitlines() if "hollows" in line)
-    hull = rft("check-mesh", "scoop_hull.stl", cwd=tmp_path)
+    assert "press along -z: " in done.stdout
+    hull = rft("check-mesh", "scoop", "--hull", cwd=tmp_path)
     assert (hull.returncode, "hollows" in hull.stdout) == (0, False)
     (tmp_path / "states.csv").write_text(STATE)
     for command, output, notes in (("predict", "out.csv", 1), ("view", "out.html", 0), ("reduce", "out.npz", 0)):

@@ -35,6 +35,10 @@ def test_a_parameter_is_described_passes_its_own_check_and_refuses_what_has_anot
         assert_says(refusal(checked, name, value), name, repr(value), "must be")
     if isinstance(parameter.default, str):
         return
+    if isinstance(parameter.default, bool):
+        assert checked(name, True) is True
+        assert_says(refusal(checked, name, 1.0), name, "1.0", "true or false")
+        return
     for value in (math.nan, math.inf, -math.inf, True, "1.0", 10**400):
         words = name, shown(value), "finite number"
         if isinstance(parameter.default, float):

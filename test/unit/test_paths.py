@@ -8,7 +8,7 @@ from path_arguments import GOOD, command_lines, hostile_paths, parameters_with, 
 
 from rft_ros.cli import main
 
-OUTPUTS = {"output", "figure", "union", "hull"}
+OUTPUTS = {"output", "figure", "union"}
 LONGEST = 60
 """Seconds that a command may take, also on a busy machine."""
 

@@ -50,7 +50,7 @@ CENTRES = BALL.triangles.mean(axis=1, keepdims=True)
         (of(BALL.vertices, BALL.faces[1:]), {"not_closed": "the surface is not closed (open edges: 3)"}),
         (
             trimesh.creation.annulus(r_min=0.018, r_max=0.02, height=0.02),
-            {"concave": "use the convex hull (rft check-mesh --hull"},
+            {"concave": "rft check-mesh says whether the convex hull (mesh.hull"},
         ),
         (of(BALL.vertices, turned(BALL.faces, 7)), {"inconsistent_winding": WINDING}),
         (of(BALL.vertices, BALL.faces[:, ::-1]), {"inside_out": INSIDE_OUT}),

@@ -1,9 +1,9 @@
-"""The union of a mesh's bodies, and its convex hull: surfaces of which grains touch all."""
+"""The union of a mesh's bodies: a surface of which grains touch all."""
 
 from collections import Counter
 from itertools import pairwise, starmap
 from pathlib import Path
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,32 +16,24 @@ from rft_ros.tool.tool import Tool
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["Outline", "outline_of", "write_outline"]
-
-Outline = Literal["union", "hull"]
-"""What is made of the bodies of a mesh."""
+__all__ = ["union_of", "write_union"]
 
 
-def outline_of(tool: Tool, outline: Outline) -> "trimesh.Trimesh":
-    """The union of the bodies of a tool's mesh, or its convex hull, in its file's units and axes. Raises InputError."""
-    import trimesh
-
-    points, faces = welded(tool.frame.to_file(tool.vertices), tool.faces)
-    if outline == "hull":
-        return trimesh.Trimesh(points, faces).convex_hull
+def union_of(tool: Tool) -> "trimesh.Trimesh":
+    """The union of the bodies of a tool's mesh, in its file's units and axes. Raises InputError."""
     named = f"mesh file '{tool.file}'"
-    bodies = [
-        body
-        for some in _closed_parts(faces)
-        for body in trimesh.Trimesh(points, faces[some]).split(only_watertight=False, repair=False)
-    ]
-    if not bodies or not all(body.is_watertight and body.is_winding_consistent for body in bodies):
-        raise InputError(f"{named} has a body whose surface is not closed, or is wound both ways; close it first")
-    solids, cavities = [body for body in bodies if body.volume > 0.0], [body for body in bodies if body.volume <= 0.0]
+    solids = []
+    cavities = []
+    for body in _bodies(tool):
+        if not (body.is_watertight and body.is_winding_consistent):
+            raise InputError(f"{named} has a body whose surface is not closed, or is wound both ways; close it first")
+        if body.volume > 0.0:
+            solids.append(body)
+        else:
+            body.invert()
+            cavities.append(body)
     if not solids:
-        raise InputError(f"{named} is inside out; turn its facets before the union is made")
-    for cavity in cavities:
-        cavity.invert()
+        raise InputError(f"{named} is not closed, or inside out; turn its facets before the union is made")
     try:
         from trimesh.boolean import difference, union
 
@@ -49,6 +41,17 @@ def outline_of(tool: Tool, outline: Outline) -> "trimesh.Trimesh":
         return difference([solid, *cavities], engine="manifold") if cavities else solid
     except ImportError:
         raise InputError("the union of bodies needs manifold3d: pip install manifold3d") from None
+
+
+def _bodies(tool: Tool) -> "list[trimesh.Trimesh]":
+    """The bodies of a mesh, in its file's units and axes; none if it stays open."""
+    import trimesh
+
+    points, faces = welded(tool.frame.to_file(tool.vertices), tool.faces)
+    bodies: list[trimesh.Trimesh] = []
+    for part in _closed_parts(faces):
+        bodies += trimesh.Trimesh(points, faces[part]).split(only_watertight=False, repair=False)
+    return bodies
 
 
 def _closed_parts(faces: NDArray[np.int64]) -> list[slice]:
@@ -75,9 +78,9 @@ def _closed_parts(faces: NDArray[np.int64]) -> list[slice]:
     return list(starmap(slice, pairwise(ends)))
 
 
-def write_outline(file: Path, tool: Tool, outline: Outline) -> int:
-    """Write an outline as STL, in the coordinates and units of the tool's file; returns its number of facets."""
-    mesh = outline_of(tool, outline)
+def write_union(file: Path, tool: Tool) -> int:
+    """Write the union as STL, in the coordinates and units of the tool's file; returns its number of facets."""
+    mesh = union_of(tool)
     with whole(file) as part:
         part.write_bytes(mesh.export(file_type="stl"))
     return len(mesh.faces)

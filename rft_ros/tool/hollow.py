@@ -1,0 +1,112 @@
+"""The force on a hollow tool's facets and on its convex hull, and which of both simulated grains support.
+
+The simulations are a box with one open side, two plates 0.3 and 0.8 of their width apart, and a rake, in beads of 3 mm
+(docs/where-it-fails.md). Grains in a narrow gap or in a box move along with the tool, so that it acts as its hull.
+"""
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.rft import MEDIA, POSITION, QUATERNION, STATE, VELOCITY, alpha_y_model, treers2021, wrenches
+from rft_ros.tool.solids import are_inside, convex_hull
+from rft_ros.tool.tool import Tool, tool_of_mesh
+
+__all__ = ["describe_hollow"]
+
+Array = NDArray[np.float64]
+
+_PRESS = (0.0, 0.0, -1.0)
+_DRAGS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}
+
+_NARROW = 1.0 / 3.0  # of the tool's middle extent: a gap in which grains move along; 0.3 did, 0.8 did not
+_POINTS = 1000  # in the tool's hull
+_MOST_PAIRS = 100_000_000  # of a point and a facet
+_SPEED = 0.01  # m/s
+
+_HULL = "the hull (mesh.hull, --hull), as in simulated grains"
+_HULL_OF_DRAGS = "the hull (mesh.hull, --hull), as in simulated drags; presses were not simulated"
+_FILLS = "the facets at first, and the hull (mesh.hull, --hull) when the hollow is full, as in simulated grains"
+_NOT_KNOWN = "not known, since the surface is not closed"
+
+
+def describe_hollow(tool: Tool) -> list[str]:
+    """Lines of text: for a press and two drags, the forces on facets and hull, and which one to use."""
+    surface = convex_hull(tool.corners)
+    hull = tool_of_mesh(surface, name=tool.name, frame=tool.frame, integration=tool.facets.integration)
+    press, drag = _supported(tool, hull)
+    lines = ["force on the tool, buried to its top, on its facets and on its convex hull (zeta 1, no memory):"]
+    lines.append(f"press along -z: {_both(tool, hull, _PRESS)}; use {press}")
+    for axis, direction in _DRAGS.items():
+        lines.append(f"drag along {axis}: {_both(tool, hull, direction)}; use {drag}")
+    return lines
+
+
+def _both(tool: Tool, hull: Tool, direction: tuple[float, float, float]) -> str:
+    return f"{_resistance(tool, direction):.3g} and {_resistance(hull, direction):.3g} N"
+
+
+def _resistance(tool: Tool, direction: tuple[float, float, float]) -> float:
+    """Force against a motion of the tool, in the axes of its frame, whose top is at the surface [N]."""
+    state = np.zeros(len(STATE))
+    state[POSITION][2] = -tool.corners[:, 2].max()
+    state[QUATERNION][3] = 1.0
+    state[VELOCITY] = _SPEED * np.array(direction)
+    medium = MEDIA["generic"]
+    law = treers2021(medium, alpha_y_model("linear", medium))
+    force = wrenches(tool.facets, law, state[None])[0, :3]
+    return float(-force @ direction)
+
+
+def _supported(tool: Tool, hull: Tool) -> tuple[str, str]:
+    """What simulated grains support for a press and for a drag: facets, hull or neither."""
+    if {"not_closed", "inconsistent_winding", "inside_out"} & tool.issues.keys():
+        return _NOT_KNOWN, _NOT_KNOWN
+    walls = _walls_of_hollows(tool, hull)
+    is_open = np.isinf(walls)
+    if np.median(is_open.sum(axis=(1, 2))) <= 1.0:
+        is_mouth_down = bool(is_open[:, 2, 0].mean() > 0.5)
+        return (_FILLS if is_mouth_down else _HULL), _HULL
+    gap = float(np.median(walls.sum(axis=2).min(axis=1)))
+    narrow = _NARROW * float(np.sort(np.ptp(tool.corners, axis=0))[1])
+    if gap <= narrow:
+        return _HULL_OF_DRAGS, _HULL
+    width = f"{1e3 * gap:.3g} mm wide" if np.isfinite(gap) else "open"
+    neither = f"neither: the hollow is {width}, and simulated grains fill it up to {1e3 * narrow:.3g} mm"
+    return neither, neither
+
+
+def _walls_of_hollows(tool: Tool, hull: Tool) -> Array:
+    """From points in the hull but outside of the tool, the distance to the tool along -x, +x, -y, +y, -z and +z [m].
+
+    Shape [n, 3, 2]; infinite where the tool is not met.
+    """
+    triangles = tool.vertices[tool.faces]
+    count = min(_POINTS, _MOST_PAIRS // len(triangles))
+    low = tool.corners.min(axis=0)
+    high = tool.corners.max(axis=0)
+    points = np.random.default_rng(0).uniform(low, high, (count, 3))
+    in_hull = points[are_inside(points, hull.vertices[hull.faces])]
+    hollow = in_hull[~are_inside(in_hull, triangles)]
+    return np.stack([_walls_along(axis, hollow, triangles) for axis in range(3)], axis=1)
+
+
+def _walls_along(axis: int, points: Array, triangles: Array) -> Array:
+    """Distance from each point to the nearest triangle backwards and forwards along an axis, shape [n, 2]."""
+    u = axis - 2
+    v = axis - 1
+    low = triangles.min(axis=1)
+    high = triangles.max(axis=1)
+    distances = np.full((len(points), 2), np.inf)
+    for found, point in zip(distances, points, strict=True):
+        is_near = (
+            (low[:, u] <= point[u]) & (point[u] <= high[:, u]) & (low[:, v] <= point[v]) & (point[v] <= high[:, v])
+        )
+        a, b, c = (triangles[is_near] - point).transpose(1, 0, 2)
+        weights = np.stack([p[:, u] * q[:, v] - p[:, v] * q[:, u] for p, q in ((b, c), (c, a), (a, b))], axis=1)
+        is_met = (weights > 0.0).all(axis=1) | (weights < 0.0).all(axis=1)
+        heights = np.stack([a[is_met, axis], b[is_met, axis], c[is_met, axis]], axis=1)
+        met = weights[is_met]
+        away = (met * heights).sum(axis=1) / met.sum(axis=1)
+        found[0] = -max(away[away < 0.0], default=-np.inf)
+        found[1] = min(away[away > 0.0], default=np.inf)
+    return distances

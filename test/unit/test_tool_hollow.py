@@ -1,0 +1,70 @@
+"""Hollow tools: their convex hull as the tool, and what check-mesh says of facets and hull."""
+
+import numpy as np
+import pytest
+import trimesh
+from refusals import assert_says, refusal
+
+from rft_ros.tool import load_tool, tool_of_mesh
+from rft_ros.tool.hollow import describe_hollow
+
+PLATE = (0.03, 0.03, 0.003)
+
+
+def plates(gap, *, extents=PLATE, count=2):
+    made = [trimesh.creation.box(extents).apply_translation((0.0, 0.0, k * (gap + extents[2]))) for k in range(count)]
+    return trimesh.util.concatenate(made)
+
+
+def cup():
+    """A round box of 36 x 36 x 25 mm with walls of 3 mm, open towards -z."""
+    profile = [[0, 25], [18, 25], [18, 0], [15, 0], [15, 22], [0, 22]]
+    mesh = trimesh.creation.revolve(1e-3 * np.array(profile), sections=24)
+    mesh.fix_normals()
+    return mesh
+
+
+TURNED = trimesh.transformations.rotation_matrix(np.pi, (1.0, 0.0, 0.0))
+HULL, FACETS, NEITHER = "use the hull", "use the facets at first", "use neither"
+
+
+@pytest.mark.parametrize(
+    ("mesh", "press", "drag"),
+    [
+        (cup(), FACETS, HULL),
+        (cup().apply_transform(TURNED), HULL, HULL),
+        (plates(0.009), HULL, HULL),
+        (plates(0.024), NEITHER, NEITHER),
+        (plates(0.005, extents=(0.03, 0.003, 0.005), count=4), HULL, HULL),
+    ],
+)
+def test_both_forces_are_told_with_the_one_that_simulated_grains_support(mesh, press, drag):
+    tool = tool_of_mesh(mesh, name="hollow")
+    assert "rft check-mesh" in tool.issues["concave"]
+    lines = {line.partition(":")[0]: line for line in describe_hollow(tool)}
+    for motion, advice in (("press along -z", press), ("drag along x", drag), ("drag along y", drag)):
+        assert advice in lines[motion]
+        assert " N; " in lines[motion]
+
+
+def test_the_hollow_of_an_open_surface_is_not_known():
+    mesh = plates(0.009)
+    mesh.update_faces(np.arange(len(mesh.faces)) > 0)
+    assert "not closed" in describe_hollow(tool_of_mesh(mesh, name="open"))[1]
+
+
+def test_mesh_hull_takes_the_hull_which_has_no_hollow_and_keeps_origin_and_unit(tmp_path):
+    cup().apply_scale(1000.0).export(tmp_path / "cup.stl")
+    given = {"origin": (1.0, 2.0, 3.0), "quaternion": (0.0, 0.6, 0.0, 0.8)}
+    whole = load_tool(tmp_path / "cup.stl", **given)
+    hull = load_tool(tmp_path / "cup.stl", hull=True, **given)
+    assert "concave" in whole.issues
+    assert hull.issues == {}
+    assert "hull" in hull.name
+    for bound in (np.min, np.max):
+        np.testing.assert_allclose(bound(hull.vertices, axis=0), bound(whole.vertices, axis=0))
+
+
+def test_what_has_no_hull_is_refused_with_what_to_do(tmp_path):
+    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 10 0 0\nv 10 10 0\nv 0 10 0\nf 1 3 2\nf 1 4 3\n")
+    assert_says(refusal(lambda: load_tool(tmp_path / "flat.obj", hull=True)), "flat.obj", "plane", "mesh.hull")
