@@ -60,12 +60,4 @@ def _described(fit: MediumFit, cells: int) -> list[str]:
     scaled = f"the generic medium with medium.zeta {fit.zeta:.3g}"
     own, generic = f"{fit.misfit:.4f} N/cm³ with these coefficients", f"{fit.misfit_scaled:.4f} with {scaled}"
     lines.append(f"RMS of the residual: {own}, {generic}")
-    if fit.left_out is None:
-        lines.append("too few cells to leave some out of the fit: the error on other cells is not known")
-        return lines
-    gain = 100.0 * (1.0 - fit.left_out.fitted / fit.left_out.scaled)
-    compared = f"{abs(gain):.0f} % {'less' if gain > 0.0 else 'more'}"
-    lines.append(f"on cells left out of the fit: {fit.left_out.fitted:.4f} and {fit.left_out.scaled:.4f}: {compared}")
-    if gain <= 0.0:
-        lines.append(f"use {scaled} in place of these coefficients")
     return lines

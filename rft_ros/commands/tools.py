@@ -3,23 +3,17 @@
 import argparse
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
-from rft_ros.bags.playback import states_of
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
 from rft_ros.files import refuse_overwriting
-from rft_ros.parameters import MESH, Values, defaults, model_of, named_files, tool_of
+from rft_ros.parameters import MESH, Values, defaults, named_files, tool_of
 from rft_ros.progress import busy
-from rft_ros.rft import STATE
-from rft_ros.states_file import read_states
 from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import run
 from rft_ros.tool import Tool, describe_tool
 from rft_ros.tool.hollow import describe_hollow
 from rft_ros.tool.mesh_file import SUFFIX, save_reduced
-from rft_ros.tool.reduce import reduced_for_any_motion, reduced_for_scene
+from rft_ros.tool.reduce import reduced_for_any_motion
 from rft_ros.tool.union import write_union
 
 
@@ -54,11 +48,6 @@ def reduce_options(command: argparse.ArgumentParser) -> None:
     usual = defaults()["tolerance"]
     allowed = f"greatest error of force and torque, as a share, in 95 of 100 motions (default {usual:g})"
     command.add_argument("--tolerance", dest="share", type=options.number, default=usual, metavar="SHARE", help=allowed)
-    scene = "choose plates for these motions only: a states file or a recorded bag (default: any motion)"
-    command.add_argument("--scene", type=Path, metavar="STATES.csv|BAG", help=scene)
-    options.share(command, "--params")
-    height = "world z of the surface in the scene [m] (default: the parameter file's, or 0)"
-    command.add_argument("--surface-height", type=options.number, metavar="Z", help=height)
     file = "file to write; accepted wherever a mesh is"
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.npz", help=file)
 
@@ -70,20 +59,14 @@ def reduce(arguments: argparse.Namespace) -> int:
         raise InputError(f"--tolerance is {tolerance:g}; it must be over 0, and at most 1")
     if output.suffix.lower() != SUFFIX:
         raise InputError(f"output '{output}' must end in {SUFFIX}, the suffix of reduced tools")
-    if arguments.scene is None and (arguments.params or arguments.surface_height is not None):
-        raise InputError("--params and --surface-height are for a scene: give --scene, or neither")
     values = options.values_of(arguments)
     options.refuse_inputs(arguments, output, also=named_files(values))
     tool = tool_of(values)
     if tool.reduction:
         raise InputError(f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from")
     warnings.warn_of(tool)
-    states = None if arguments.scene is None else _scene(arguments, tool)
     with busy("choosing plates"):
-        if states is None:
-            plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance)
-        else:
-            plates, reduction = reduced_for_scene(tool.facets, states, tolerance)
+        plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance)
     save_reduced(output, tool.frame, vertices=tool.vertices, faces=tool.faces, plates=plates, reduction=reduction)
     print(f"{tool.name}, {plates.integration}: {reduction} -> {output}")
     print(_same_options(tool, values))
@@ -95,16 +78,6 @@ def _same_options(tool: Tool, values: Values) -> str:
     origin, rotation = (" ".join(f"{v:g}" for v in values[name]) for name in ("mesh.origin", "mesh.quaternion"))
     same = f"--scale {tool.frame.scale:g} --origin {origin} --rotate {rotation}"
     return f"use it with the options of the mesh: {same}"
-
-
-def _scene(arguments: argparse.Namespace, tool: Tool) -> NDArray[np.float64]:
-    """The states of the scene, shifted so that the surface is at z = 0."""
-    scene, surface = arguments.scene, arguments.surface_height
-    values, chosen = options.recording(arguments)
-    of_states = scene.suffix.lower() == ".csv"
-    _, states, *_ = read_states(scene) if of_states else states_of(scene, values, model_of(values, tool=tool), chosen)
-    states[:, STATE.index("pz")] -= values["surface_height"] if surface is None else surface
-    return states
 
 
 def sweep_options(command: argparse.ArgumentParser) -> None:

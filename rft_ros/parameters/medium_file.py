@@ -194,14 +194,11 @@ def write_medium(file: Path, fit: MediumFit, *, source: str) -> None:
     tree["errors"] = {name: rounded(value) for name, value in fit.errors.items()}
     tree["misfit"] = {"measured": rounded(fit.size), "fitted": rounded(fit.misfit)}
     tree["misfit"] |= {"generic_scaled": rounded(fit.misfit_scaled), "zeta_of_generic": rounded(fit.zeta)}
-    if fit.left_out is not None:
-        tree["left_out"] = {"fitted": rounded(fit.left_out.fitted)}
-        tree["left_out"]["generic_scaled"] = rounded(fit.left_out.scaled)
     head = [
         f"A medium for medium.file: Eq. (4) of docs/method.md, fitted by rft fit-medium to {source}.",
         "All in N/cm³. errors: standard errors of the coefficients; null: the map does not determine it.",
         "misfit: RMS of the stress (alpha_x, alpha_z), as measured, and of the residual of the fit or of the generic",
-        "medium times zeta_of_generic. left_out: RMS of the residual on cells that were left out of the fit.",
+        "medium times zeta_of_generic.",
         *fit.medium.doubts,
         *fit.remarks,
     ]

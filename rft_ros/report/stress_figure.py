@@ -53,9 +53,6 @@ def write_stress_figure(file: Path, measured: StressMap, fit: MediumFit) -> None
         axes.set_xlabel(r"attack angle $\beta$ [deg]")
         axes.xaxis.set_major_locator(MultipleLocator(45.0))
         axes.yaxis.set_major_locator(MultipleLocator(45.0))
-    held = ""
-    if fit.left_out is not None:
-        held = f"; on cells left out {fit.left_out.fitted:.3f}, generic medium scaled {fit.left_out.scaled:.3f} N/cm³"
-    figure.suptitle(f"{fit.medium.name}: RMS of the fit {fit.misfit:.3f}{held}; grey: no cell", fontsize=10)
+    figure.suptitle(f"{fit.medium.name}: RMS of the fit {fit.misfit:.3f} N/cm³; grey: no cell", fontsize=10)
     with whole(file, "figure") as part:
         figure.savefig(part, dpi=120, metadata={"Date": None} if file.suffix.lower() == ".svg" else None)

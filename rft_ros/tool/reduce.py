@@ -1,20 +1,16 @@
 """Reduced tools: the fewest plates whose wrench stays within a tolerance of the full tool's.
 
-For any motion, neighbouring plates are merged. k-means on plates drawn by area finds groups of similar position, over
-the tool's radius, and outward normal. They are small where the tool bends and large where it is flat. For a known scene
-plates are chosen by empirical cubature (An, Kim, James, ACM Trans. Graph. 27(5), 2008): a greedy search adds the plate
-most like the missing wrench; the areas are a non-negative least-squares fit. The error is measured on random motions,
-or on states of the scene that were held out of the choice. The same tool always gives the same plates.
+Neighbouring plates are merged. k-means on plates drawn by area finds groups of similar position, over the tool's
+radius, and outward normal. They are small where the tool bends and large where it is flat. The error is measured on
+random motions. The same tool always gives the same plates.
 """
 
 from bisect import bisect_left
-from collections.abc import Callable, Iterator
-from itertools import takewhile
+from collections.abc import Callable
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError
 from rft_ros.rft import (
     ANGULAR_VELOCITY,
     FORCE,
@@ -28,14 +24,12 @@ from rft_ros.rft import (
     Plates,
     alpha_y_model,
     checked_states,
-    plate_forces,
-    rotation_matrix,
     treers2021,
     wrenches,
 )
 from rft_ros.rft.plates import AREA, CENTROID, FIRST_CORNER, HALF_ANGLE, NORMAL, SECOND_CORNER
 
-__all__ = ["chosen_plates", "merged_plates", "random_motions", "reduced_for_any_motion", "reduced_for_scene"]
+__all__ = ["merged_plates", "random_motions", "reduced_for_any_motion"]
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -54,19 +48,13 @@ _DRAWN = 4096  # plates drawn for k-means
 _ROUNDS = 10  # of k-means; further ones change the error by less than its scatter
 _CANCELLED = 1e-6  # a shorter mean normal has no direction: the normals cancel, as those of the two sides of a sheet
 
-_FEWEST_STATES = 20  # of a scene; two of every three states choose plates, the third measures the error
-_NEAR = 0.3  # states are interpolated if they differ by at most this angle [rad] and this share of the tool's reach
-_MOST_NUMBERS = 10_000_000  # in the matrix of all plates' wrenches; for more states, every k-th is used
-_FAINT = 1e-3  # of the strongest plate; the fit would give weaker ones meaningless areas
-_RIDGE = 1e-10  # of the plates' squared norms; keeps the equations solvable if two plates act alike
-
 
 def reduced_for_any_motion(plates: Plates, corners: Array, tolerance: float) -> tuple[Plates, str]:
     """The fewest plates that meet the tolerance in random motions, and a sentence that describes the reduction.
 
     `corners`: of the tool's convex hull [m], shape [k, 3]. `tolerance`: error over the force of the same state.
     """
-    error_of = _error_over(random_motions(corners, _STATES, seed=1), plates, own_force=True)
+    error_of = _error_over(random_motions(corners, _STATES, seed=1), plates)
 
     def within(count: int) -> bool:
         return error_of(merged_plates(plates, count)) <= tolerance
@@ -74,29 +62,12 @@ def reduced_for_any_motion(plates: Plates, corners: Array, tolerance: float) -> 
     counts = _COUNTS[_WORTH * len(plates) >= _COUNTS].tolist()
     best = bisect_left(counts, True, key=within)
     few = merged_plates(plates, counts[best]) if best < len(counts) else plates
-    return few, _reduction(plates, few, error_of(few), "any motion")
+    percent = 100.0 * error_of(few)
+    said = f"{len(plates):,} facets -> {len(few):,} plates, {percent:.1f} % at the 95th percentile of any motion"
+    return few, said
 
 
-def reduced_for_scene(plates: Plates, states: Array, tolerance: float) -> tuple[Plates, str]:
-    """The fewest plates that meet the tolerance in a scene, and a sentence that describes the reduction.
-
-    `states`: shape [n, 13], units as `rft_ros.rft.STATE`, the surface at z = 0. `tolerance`: error over the greatest
-    force of the scene. Raises InputError if there are too few states, or none with a force.
-    """
-    if len(states) < _FEWEST_STATES:
-        raise InputError(f"the scene has {len(states)} states; it needs at least {_FEWEST_STATES}")
-    third = np.arange(len(states)) % 3 == 2
-    error_of = _error_over(_halfway(states, plates.reach)[third], plates, own_force=False)
-    candidates = takewhile(lambda few: len(few) <= _WORTH * len(plates), chosen_plates(plates, states[~third]))
-    few = next((few for few in candidates if error_of(few) <= tolerance), plates)
-    return few, _reduction(plates, few, error_of(few), f"a scene of {len(states):,} states")
-
-
-def _reduction(full: Plates, few: Plates, error: float, motions: str) -> str:
-    return f"{len(full):,} facets -> {len(few):,} plates, {100.0 * error:.1f} % at the 95th percentile of {motions}"
-
-
-def _error_over(states: Array, plates: Plates, *, own_force: bool) -> Callable[[Plates], float]:
+def _error_over(states: Array, plates: Plates) -> Callable[[Plates], float]:
     """A function that returns the relative error of fewer plates over these states: the worse law's 95th percentile.
 
     The error of a state is the larger of two: of the force, and of the torque over the tool's reach.
@@ -107,12 +78,8 @@ def _error_over(states: Array, plates: Plates, *, own_force: bool) -> Callable[[
 
     full = wrenches_of(plates)
     force = np.linalg.norm(full[..., FORCE], axis=2)
-    if own_force:
-        scale = np.maximum(force, _FEEBLE * float(np.median(force[force > 0.0])) if force.any() else 1.0)
-    elif force.any():
-        scale = force.max(axis=1, keepdims=True)
-    else:
-        raise InputError("the scene has no force: the tool never moves in the grains (the surface is at z = 0)")
+    least = _FEEBLE * float(np.median(force[force > 0.0])) if force.any() else 1.0
+    scale = np.maximum(force, least)
 
     def error_of(few: Plates) -> float:
         off = wrenches_of(few) - full
@@ -195,68 +162,6 @@ def _triangles(rows: Array, groups: Labels, united: Array) -> Array:
     turn = np.pi * np.array([0.5, 0.5 + 2.0 / 3.0])
     corners = np.einsum("mab,bc,mak->ckm", spread, np.sqrt(8.0) * np.stack([np.cos(turn), np.sin(turn)]), axes)
     return np.asarray(corners.reshape(6, -1))
-
-
-def chosen_plates(plates: Plates, states: Array) -> Iterator[Plates]:
-    """Selections of plates, each one plate larger, that reproduce the wrench of all plates over `states`.
-
-    `states`: shape [n, 13], units as `rft_ros.rft.STATE`. Ends when one more plate does not improve the fit.
-    """
-    from scipy.optimize import nnls
-
-    every = 1 + len(_LAWS) * 6 * len(states) * len(plates) // _MOST_NUMBERS
-    matrix = _wrenches_of_plates(plates, states[::every])
-    target = matrix.sum(axis=1)
-    norm = np.linalg.norm(matrix, axis=0)
-    least = max(_FAINT * norm.max(), 1e-300)
-    per_norm = np.where(norm > least, 1.0 / np.maximum(norm, least), 0.0)
-    chosen: list[int] = []
-    missing = target
-    while True:
-        gain = (missing @ matrix) * per_norm
-        gain[chosen] = 0.0
-        best = int(np.argmax(gain))
-        if gain[best] <= 0.0:
-            return
-        chosen.append(best)
-        # by the normal equations: the columns are few, and of unit length
-        columns = matrix[:, chosen] * per_norm[chosen]
-        lower = np.linalg.cholesky(columns.T @ columns + _RIDGE * np.eye(len(chosen)))
-        factors = nnls(lower.T, np.linalg.solve(lower, columns.T @ target))[0]
-        chosen = [plate for plate, factor in zip(chosen, factors, strict=True) if factor > 0.0]
-        factors = factors[factors > 0.0] * per_norm[chosen]
-        missing = target - matrix[:, chosen] @ factors
-        few = plates.rows[:, chosen]
-        few[AREA] *= factors
-        yield Plates(few)
-
-
-def _wrenches_of_plates(plates: Plates, states: Array) -> Array:
-    """Force, and torque over the tool's reach, of each plate at each state by each law; shape [6 n laws, plates]."""
-    cases = [(law, state) for law in _LAWS for state in states]
-    out = np.empty((len(cases), 6, len(plates)))
-    for wrench, (law, state) in zip(out, cases, strict=True):
-        force = plate_forces(plates, law, state)
-        wrench[FORCE] = force.T
-        wrench[TORQUE] = np.cross(plates.centroids.T @ rotation_matrix(state[QUATERNION]).T, force).T / plates.reach
-    return out.reshape(-1, len(plates))
-
-
-def _halfway(states: Array, reach: float) -> Array:
-    """Each state moved halfway to the next one, unless that is far; shape as given.
-
-    A periodic motion may be sampled at the same phases in every period. The held-out states would then repeat those
-    that chose the plates, and show a tenth of the error between them.
-    """
-    here, there = states, np.concatenate([states[1:], states[-1:]])
-    attitude, next_attitude = here[:, QUATERNION], there[:, QUATERNION]
-    same_side = np.where((attitude * next_attitude).sum(axis=1) < 0.0, -1.0, 1.0)
-    between = attitude + same_side[:, None] * next_attitude
-    cosine = 0.5 * np.linalg.norm(between, axis=1)  # cosine of a quarter of the angle between the attitudes
-    middle = 0.5 * (here + there)
-    middle[:, QUATERNION] = between / (2.0 * cosine[:, None])
-    far = np.linalg.norm(there[:, POSITION] - here[:, POSITION], axis=1) > _NEAR * reach
-    return np.where((far | (cosine < np.cos(_NEAR / 4.0)))[:, None], here, middle)
 
 
 def random_motions(corners: Array, count: int, *, seed: int) -> Array:

@@ -38,7 +38,6 @@ def test_without_arguments_it_shows_its_help_and_fails(tmp_path):
         (f"{PREDICT} --zeta abc", "rft predict: argument --zeta: invalid number value: 'abc'"),
         (f"{PREDICT} --alpha-y linaer", "rft predict: alpha_y.model is 'linaer'; it must be one of constant, linear"),
         (f"{PREDICT}/o.csv --alpha-y=", "rft predict: alpha_y.model is ''; it must be one of constant, linear"),
-        ("reduce plate -o o.npz --params x", "rft reduce: --params and --surface-height are for a scene: give --scene"),
         ("doctor x.yaml --seconds 0", "rft doctor: --seconds is 0; it must be over 0"),
         ("replay /dev/null -o o", "rft replay: '/dev/null' is not a bag: give a rosbag2 folder"),
     ],

@@ -6,7 +6,6 @@ from pathlib import Path
 import numpy as np
 import pytest
 import trimesh
-from recordings import moments, write_ros2
 from refusals import refusal
 from scipy.spatial.transform import Rotation
 from test_cli import HEADER, refused, rft
@@ -16,7 +15,7 @@ from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, Memory, Plates, alpha_y_model, checked_states, treers2021, wrenches, wrenches_in_time
 from rft_ros.sweeps.motions import circumnutation, oscillating_insertion, sample
 from rft_ros.tool import load_tool
-from rft_ros.tool.reduce import merged_plates, random_motions, reduced_for_scene
+from rft_ros.tool.reduce import merged_plates, random_motions
 from studies.sampling import sample_every
 
 LAW = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
@@ -108,26 +107,6 @@ def test_a_flat_square_merged_to_one_triangle_feels_the_same_wrench_while_it_is_
         np.testing.assert_allclose(wrenches(one, LAW, state), wrenches(full, LAW, state), rtol=1e-9, atol=1e-12)
 
 
-def test_a_scene_needs_few_plates_and_they_are_facets_with_other_areas():
-    tool = load_tool("ellipsoid")
-    scene, said = reduced_for_scene(tool.facets, INSERTION, 0.025)
-    assert len(scene) < 0.02 * len(tool.facets)
-    assert said.endswith(" % at the 95th percentile of a scene of 240 states")
-    assert (scene.areas > 0.0).all()
-    assert {tuple(place) for place in scene.centroids.T} <= {tuple(place) for place in tool.facets.centroids.T}
-
-
-@pytest.mark.parametrize(
-    ("count", "height", "message"),
-    [(19, -0.05, "the scene has 19 states; it needs at least 20"), (40, 1.0, "has no force")],
-)
-def test_a_scene_without_force_is_refused_with_a_sentence(count, height, message):
-    states = np.zeros((count, 13))
-    states[:, 2], states[:, 6], states[:, 9] = height, 1.0, -0.01
-    with pytest.raises(InputError, match=message):
-        reduced_for_scene(load_tool("plate").facets, states, 0.025)
-
-
 @pytest.mark.parametrize("rule", RULES)
 def test_a_single_facet_and_a_thin_plate_can_be_asked_to_be_reduced(tmp_path, rule):
     """Normals that cancel have no mean."""
@@ -187,35 +166,10 @@ def write_states(file, height=0.0):
     return str(file)
 
 
-def test_a_reduced_tool_predicts_its_scene_within_the_tolerance(tmp_path):
-    states = write_states(tmp_path / "states.csv", height=0.3)
-    scene = ("--scene", states, "--surface-height", "0.3", "--tolerance", "0.01")
-    file = reduce(tmp_path, *scene, *ORIGIN)
-    found = {}
-    for mesh in (file, "root_tip"):
-        out = tmp_path / "out.csv"
-        assert main(["predict", states, "--mesh", mesh, *ORIGIN, "--surface-height", "0.3", "-o", str(out)]) == 0
-        found[mesh] = np.loadtxt(out, delimiter=",", skiprows=1)[:, 1:4]
-    full = found["root_tip"]
-    off = np.linalg.norm(found[file] - full, axis=1) / np.linalg.norm(full, axis=1).max()
-    assert np.percentile(off, 95.0) < 0.015
-    assert len(load_tool(file).plates) < 0.03 * 1232
-
-
 def test_predict_reduces_when_it_is_asked_to(tmp_path, capsys):
     given = ["predict", write_states(tmp_path / "states.csv"), "--mesh", "plate", "-o", str(tmp_path / "out.csv")]
     assert main([*given, "--tolerance", "0.1"]) == 0
     assert "plate: 672 facets -> " in capsys.readouterr().out
-
-
-def test_a_recorded_bag_is_a_scene_too(tmp_path):
-    """Its surface is that of the parameter file."""
-    write_ros2(tmp_path / "bag", moments())
-    (tmp_path / "cell.yaml").write_text("/**: {ros__parameters: {mesh.file: plate, surface_height: 0.01}}\n")
-    bag = ("--scene", str(tmp_path / "bag"), "--params", str(tmp_path / "cell.yaml"))
-    tool = load_tool(reduce(tmp_path, *bag, mesh="plate"))
-    assert len(tool.plates) < 0.1 * len(tool.facets)
-    assert " of a scene of " in tool.reduction
 
 
 def test_a_reduced_tool_belongs_to_its_rule(of_refined, tmp_path):
@@ -230,9 +184,7 @@ def test_a_reduced_tool_belongs_to_its_rule(of_refined, tmp_path):
     ("options", "message"),
     [
         (("--tolerance", "0"), "--tolerance is 0; it must be over 0"),
-        (("--scene", "nothing.csv"), "states file 'nothing.csv' does not exist"),
-        (("--scene", "no_such_bag"), "bag 'no_such_bag' does not exist"),
-        (("-o", "few.stl", "--scene", "nothing.csv"), "output 'few.stl' must end in .npz"),
+        (("-o", "few.stl"), "output 'few.stl' must end in .npz"),
         (("-o", "/proc/none/few.npz"), "cannot be written"),
     ],
 )
