@@ -26,6 +26,7 @@ _SPEED = 0.01  # m/s
 _HULL = "the hull (mesh.hull, --hull), as in simulated grains"
 _HULL_OF_DRAGS = "the hull (mesh.hull, --hull), as in simulated drags; presses were not simulated"
 _FILLS = "the facets at first, and the hull (mesh.hull, --hull) when the hollow is full, as in simulated grains"
+_FILLED = "the hull (mesh.hull, --hull), which the tool fills"
 _NOT_KNOWN = "not known, since the surface is not closed"
 
 
@@ -62,6 +63,8 @@ def _supported(tool: Tool, hull: Tool) -> tuple[str, str]:
     if {"not_closed", "inconsistent_winding", "inside_out"} & tool.issues.keys():
         return _NOT_KNOWN, _NOT_KNOWN
     walls = _walls_of_hollows(tool, hull)
+    if not len(walls):
+        return _FILLED, _FILLED
     is_open = np.isinf(walls)
     if np.median(is_open.sum(axis=(1, 2))) <= 1.0:
         is_mouth_down = bool(is_open[:, 2, 0].mean() > 0.5)

@@ -25,7 +25,8 @@ from rft_ros.rft import Plates, rotation_matrix, unit_quaternion
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.plates import AREA, CENTROID, FIRST_CORNER, HALF_ANGLE, NORMAL, SECOND_CORNER
 from rft_ros.tool.check import degenerate_facets
-from rft_ros.tool.locate import advice, meshes_of_link
+from rft_ros.tool.locate import advice
+from rft_ros.tool.urdf import ROBOT_SUFFIXES, shapes_of_link
 
 if TYPE_CHECKING:
     import trimesh
@@ -40,7 +41,6 @@ SUFFIX = ".npz"
 _MILLIMETRE = 0.001  # the unit [m] of a mesh file that declares none
 _FORMAT = "rft_ros reduced tool 2"
 _SUFFIXES = ".stl", ".obj", ".ply", ".glb", ".dae"
-_ROBOT = ".urdf"
 _POLYGONS = ".obj", ".ply", ".dae"
 _MOST_FACETS = 2_000_000
 _MOST_PARTS = 10_000  # of a scene; trimesh takes a millisecond to read each
@@ -130,7 +130,7 @@ def read_mesh(path: Path, frame: MeshFrame, *, link: str = "") -> tuple["trimesh
     one mesh with its transforms applied. Facets keep their winding. Raises InputError that names the file or
     `mesh.origin`.
     """
-    loaded = _load_link(path, link) if path.suffix.lower() == _ROBOT else _load(path)
+    loaded = _load_link(path, link) if path.suffix.lower() in ROBOT_SUFFIXES else _load(path)
     frame = frame.for_file(_declared_unit(loaded))
     return _in_tool_frame(loaded.vertices, loaded.faces, path, frame), frame
 
@@ -147,16 +147,21 @@ def _declared_unit(mesh: "trimesh.Trimesh") -> float | None:
 
 
 def _load_link(urdf: Path, link: str) -> "trimesh.Trimesh":
-    """The meshes of a link as one, in the link's frame [m]."""
+    """The shapes of a link as one mesh, in the link's frame [m]."""
     import trimesh
 
     parts = []
-    for mesh in meshes_of_link(urdf, link):
-        part = _load(mesh.file)
+    for shape in shapes_of_link(urdf, link):
+        unit = 1.0
+        if isinstance(shape.source, Path):
+            part = _load(shape.source)
+            unit = _declared_unit(part) or unit  # files that declare no unit are in metres, as in RViz and Gazebo
+        else:
+            corners = shape.source.reshape(-1, 3)
+            part = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3))  # which merges the corners
         to_link = np.eye(4)
-        # files that declare no unit are in metres, as in RViz and Gazebo
-        to_link[:3, :3] = mesh.rotation * mesh.scale * (_declared_unit(part) or 1.0)
-        to_link[:3, 3] = mesh.position
+        to_link[:3, :3] = shape.rotation * shape.scale * unit
+        to_link[:3, 3] = shape.position
         parts.append(part.apply_transform(to_link))  # a mirror keeps the facets outward
     joined = trimesh.util.concatenate(parts)
     joined.units = "meters"
@@ -179,9 +184,7 @@ def _load(path: Path) -> "trimesh.Trimesh":
     name, suffix = f"mesh file '{path}'", path.suffix.lower()
     data = read_file(path, "mesh file", advice=advice())
     if suffix not in _SUFFIXES:
-        raise InputError(
-            f"{name} has no supported suffix; these are {', '.join((*_SUFFIXES, f'{_ROBOT}#LINK', SUFFIX))}"
-        )
+        raise InputError(f"{name} has no supported suffix; these are {', '.join((*_SUFFIXES, '.urdf#LINK', SUFFIX))}")
     parts = _parts_of_glb(data) if suffix == ".glb" else 0
     if parts > _MOST_PARTS:
         most = f"the limit is {_MOST_PARTS:,}; export it as one mesh"

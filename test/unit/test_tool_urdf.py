@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.tool import load_tool, locate_mesh
 
+NO_WIDTH = '<box size="1 0 1"/>'
 BOX = trimesh.creation.box((0.1, 0.2, 0.3)).apply_translation((0.01, 0.02, 0.03))
 
 
@@ -54,11 +55,58 @@ def test_a_link_has_its_mesh_where_the_robot_has_it_with_facets_outward(package,
 @pytest.mark.parametrize("place", ["../meshes/bucket.stl", "package://digger/meshes/bucket.stl"])
 @pytest.mark.parametrize("kind", ["collision", "visual"])
 def test_collision_meshes_are_joined_and_visual_ones_taken_where_there_are_none(package, kind, place):
-    drawn = (
-        element("visual", "gone.stl") if kind == "collision" else "<collision><geometry><box/></geometry></collision>"
-    )
+    drawn = element("visual", "gone.stl") if kind == "collision" else "<collision><geometry/></collision>"
     tool = load_tool(robot(package, drawn, element(kind, place), element(kind, place, xyz="1 0 0")))
     assert len(tool.faces) == 2 * len(BOX.faces)
+
+
+def solid(text, *, kind="collision", xyz="0 0 0", rpy="0 0 0"):
+    return f'<{kind}><origin xyz="{xyz}" rpy="{rpy}"/><geometry>{text}</geometry></{kind}>'
+
+
+@pytest.mark.parametrize(
+    ("text", "extents"),
+    [
+        ('<box size="0.1 0.2 0.3"/>', (0.1, 0.2, 0.3)),
+        ('<sphere radius="0.1"/>', (0.2, 0.2, 0.2)),
+        ('<cylinder radius="0.1" length="0.5"/>', (0.2, 0.2, 0.5)),
+        ('<capsule radius="0.1" length="0.5"/>', (0.2, 0.2, 0.7)),
+    ],
+)
+def test_solids_of_a_link_count_alone_and_beside_a_mesh_where_the_robot_has_them(package, text, extents):
+    half_turn = f"{np.pi / 2} 0 0"
+    alone = load_tool(robot(package, solid(text, xyz="1 2 3", rpy=half_turn), element("visual", "gone.stl")))
+    x, y, z = extents
+    np.testing.assert_allclose(np.ptp(alone.vertices, axis=0), (x, z, y), atol=1e-9)
+    np.testing.assert_allclose(alone.vertices.mean(axis=0), (1.0, 2.0, 3.0), atol=1e-3)
+    assert not {"not_closed", "inside_out", "inconsistent_winding"} & alone.issues.keys()
+    both = load_tool(robot(package, element("collision", "../meshes/bucket.stl"), solid(text, xyz="1 2 3")))
+    assert len(both.faces) == len(alone.faces) + len(BOX.faces)
+
+
+@pytest.mark.parametrize("name", ["package://gone/x.stl", "$(find gone)/x.stl"])
+def test_a_mesh_of_another_link_is_not_looked_for(package, name):
+    file = package / "urdf" / "arm.urdf"
+    camera = f'<link name="camera">{element("collision", name)}</link>'
+    file.write_text(
+        f'<robot name="r">{camera}<link name="b">{element("collision", "../meshes/bucket.stl")}</link></robot>'
+    )
+    assert len(load_tool(f"{file}#b").faces) == len(BOX.faces)
+    assert_says(refusal(load_tool, f"{file}#camera"), "package 'gone'")
+
+
+def test_a_xacro_file_is_expanded_where_xacro_is_installed_and_else_is_told_what_expands_it(
+    package, tmp_path, monkeypatch
+):
+    file = robot(package, element("collision", "$(find digger)/meshes/bucket.stl"), name="robot.urdf.xacro")
+    monkeypatch.setenv("PATH", str(tmp_path))
+    assert_says(refusal(load_tool, file), "robot.urdf.xacro", "expand it with xacro")
+    program = tmp_path / "xacro"
+    program.write_text('#!/bin/sh\n/bin/cat "$1"\n')
+    program.chmod(0o755)
+    assert len(load_tool(file).faces) == len(BOX.faces)
+    program.write_text("#!/bin/sh\necho undefined property 1>&2\nexit 1\n")
+    assert_says(refusal(load_tool, file), "robot.urdf.xacro", "undefined property")
 
 
 def test_a_declared_unit_scales_the_mesh_and_mesh_origin_moves_it_in_the_link(package):
@@ -80,8 +128,11 @@ def test_the_file_of_a_link_is_the_urdf_and_a_hash_elsewhere_is_part_of_a_name()
     [
         ("<robot", ("is not XML", "xacro")),
         ('<robot><link name="a"/></robot>', ("has no link 'tip'", "robot.urdf#LINK", "none")),
-        ('<robot><link name="tip"/></robot>', ("has no mesh in its link 'tip'",)),
-        (f'<robot><link name="b">{element("visual", "x.stl")}</link></robot>', ("has no link 'tip'", "have a mesh: b")),
+        ('<robot><link name="tip"/></robot>', ("has no shape in its link 'tip'",)),
+        (
+            f'<robot><link name="b">{element("visual", "x.stl")}</link></robot>',
+            ("has no link 'tip'", "have a shape: b"),
+        ),
         *(
             (f'<robot><link name="tip">{element("visual", "x.stl", **wrong)}</link></robot>', words)
             for wrong, words in (
@@ -91,6 +142,11 @@ def test_the_file_of_a_link_is_the_urdf_and_a_hash_elsewhere_is_part_of_a_name()
             )
         ),
         (f'<robot><link name="tip">{element("visual", "x.stl")}</link></robot>', ("x.stl' does not exist",)),
+        (f'<robot><link name="tip">{solid("<box/>")}</link></robot>', ("'tip'", "size", "three numbers")),
+        (
+            f'<robot><link name="tip">{solid(NO_WIDTH)}</link></robot>',
+            ("size", "[1.0, 0.0, 1.0]", "positive"),
+        ),
         (f'<robot><link name="tip">{element("visual", "package://gone/x.stl")}</link></robot>', ("package 'gone'",)),
     ],
 )
