@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.rft import MEDIA, Law, Plates
-from studies import numpy_rft
+from studies import numpy_rft, wheel
 from studies.choice import CHOICES, Choice
 from studies.dem import ALONG_ITSELF, CYCLE_RUNS, FAST_RUNS, RUNS, WALL_SECONDS, DemRun, modelled, read_run, run_error
 from studies.learning import Series, bag_series, learned, model_rows, peak_error, series_of
@@ -199,6 +199,26 @@ def _real_marks() -> list[Mark]:
     return marks + _peers(marks[0], plates=plates, by_numpy=by_numpy)
 
 
+def _wheel_marks() -> list[Mark]:
+    """The figure's choices that do not learn over the wheel's steady states, with one ζ for all of them.
+
+    [] where the data are absent.
+    """
+    if not wheel.DATA.is_dir():
+        return []
+    states = wheel.read_states()
+    marks = []
+    for choice in (c for c in CHOICES if c.name in _NAMES and not c.lag):
+        plates = wheel.wheel(choice.integration, choice.tolerance).plates
+        law = choice.made(1.0)
+        at_one = wheel.steady_forces(law, states, plates)
+        model = wheel.fitted_zeta(law, states, at_one) * at_one
+        evaluations = wheel.STEPS * len(states.states) if law.has_memory else len(states.states)
+        seconds = median_seconds([partial(wheel.steady_forces, law, states, plates)])[0] / evaluations
+        marks.append(_mark(choice, seconds, wheel.median_errors(states, model)["all"]))
+    return marks
+
+
 def _evaluated(run: Series, lag: float) -> None:
     """A run's evaluations, and its learning with a lag."""
     model_rows(run.plates, run.law, run.states)
@@ -240,13 +260,19 @@ def _draw(axes: Axes, marks: Sequence[Mark], title: str, error: str) -> None:
     label_axes(axes, x="Time of one evaluation on one core", y=error, title=title, legend=below)
 
 
-def _figure(simulated: Sequence[Mark], real: Sequence[Mark]) -> Figure:
-    figure = new_figure(11.0, 5.8)
+def _figure(simulated: Sequence[Mark], real: Sequence[Mark], driven: Sequence[Mark]) -> Figure:
+    figure = new_figure(15.0, 5.8)
     figure.suptitle("Without a load cell, choose the default. With one, turn on learning.", weight="bold")
-    left, right = figure.subplots(1, 2)
-    _draw(left, simulated, "Simulated grains, 11 runs", "Median error of the force [%]")
-    title = "Real sand: plates and a wheel" if real else "Real sand: the recordings are absent"
-    _draw(right, real, title, "RMS error of the force over its peak [%]")
+    absent = "the recordings are absent"
+    of_peak = "RMS error of the force over its peak [%]"
+    median_error = "Median error of the force [%]"
+    panels = (
+        (simulated, "Simulated grains, 11 runs", median_error),
+        (real, f"Real sand, pressed: {'plates and a wheel' if real else absent}", of_peak),
+        (driven, f"Real sand, travelling: {'a wheel dragged, rolled, spun' if driven else absent}", median_error),
+    )
+    for axes, (marks, title, error) in zip(figure.subplots(1, 3), panels, strict=True):
+        _draw(axes, marks, title, error)
     return figure
 
 
@@ -258,11 +284,10 @@ def study() -> StudyResult:
         mine = [j for j in judged if j.choice == choice]
         errors = [mean(j.error for j in mine if member(j.run)) for member in GROUPS.values()]
         rows.append((choice.name, *(f"{100.0 * e:.1f}" for e in errors), f"{1e6 * mean(j.time for j in mine):.2g} µs"))
-    simulated, real = _simulated_marks(judged), _real_marks()
     return StudyResult(
         name="models",
         title="Accuracy of the modelling choices against simulated grains",
-        figure=_figure(simulated, real),
+        figure=_figure(_simulated_marks(judged), _real_marks(), _wheel_marks()),
         table=TextTable(
             header=("errors [%]", *(name.partition(" (")[0] for name in GROUPS), "time of an evaluation"),
             rows=tuple(rows),

@@ -7,13 +7,14 @@ The wheel is a closed cylinder of 125 x 60 mm. No constant of the model was chos
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rft_ros.rft import Law, Memory, Plates, wrenches
+from rft_ros.rft import Integration, Law, Memory, Plates, wrenches
 from rft_ros.rft.traction import packed_law
 from rft_ros.rft.wrench import prepared
 from rft_ros.simulation import Grains
@@ -21,9 +22,9 @@ from rft_ros.tool import Tool, tool_of_mesh
 from studies.choice import REMEMBERED
 from studies.result import BLUE, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
-__all__ = ["KINDS", "LOAD", "MEASURED", "STEADY_TRAVELS", "ZETA_OF_PRESS", "SteadyStates", "Travel", "fitted_zeta"]
-__all__ += ["kind_of", "mean_states", "measured_sinkage", "median_errors", "read_states", "sinkage", "steady_forces"]
-__all__ += ["steady_travel", "study", "wheel"]
+__all__ = ["DATA", "KINDS", "LOAD", "MEASURED", "STEADY_TRAVELS", "STEPS", "ZETA_OF_PRESS", "SteadyStates", "Travel"]
+__all__ += ["fitted_zeta", "kind_of", "mean_states", "measured_sinkage", "median_errors", "of_kind", "read_states"]
+__all__ += ["sinkage", "steady_forces", "steady_travel", "study", "wheel"]
 
 Array = NDArray[np.float64]
 
@@ -44,13 +45,15 @@ _SECTIONS, _RINGS = 48, 5
 _GRAVITY = 9.81  # m/s²
 _SPEED = 0.01  # m/s, at which every wheel travels
 _PATH, _STEP = 0.16, 0.0005  # m, of the fastest point: an arc as long as the deepest wheel has in the sand
+STEPS = round(_PATH / _STEP) + 1
+"""Steps until the force is steady."""
 _START_CLEARANCE = 0.0315  # m, the authors' own constant for all runs
 _TRAVEL_STEP = 0.0005  # m
 
 
 @cache
-def wheel() -> Tool:
-    """The closed cylinder. Its axle lies along x, through the tool frame's origin."""
+def wheel(integration: Integration = "refined", tolerance: float = 0.0) -> Tool:
+    """The closed cylinder; arguments as for `load_tool`. Its axle lies along x, through the tool frame's origin."""
     radii = _RADIUS * np.linspace(0.0, 1.0, _RINGS + 1)
     half = 0.5 * _WIDTH
     below = [(radius, -half) for radius in radii]
@@ -58,7 +61,7 @@ def wheel() -> Tool:
     above = [(radius, half) for radius in radii[::-1]]
     mesh = trimesh.creation.revolve([*below, *tread, *above], sections=_SECTIONS)
     mesh.apply_transform(trimesh.transformations.rotation_matrix(np.pi / 2, (0.0, 1.0, 0.0)))
-    return tool_of_mesh(mesh, name="wheel")
+    return tool_of_mesh(mesh, name="wheel", integration=integration, tolerance=tolerance)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -123,7 +126,7 @@ def steady_forces(law: Law, states: SteadyStates, plates: Plates | None = None) 
     durations = _STEP / np.maximum(np.abs(states.rim_speeds), _SPEED)
     turns = states.states[:, 10] * durations
     now = states.states.copy()
-    for k in range(round(_PATH / _STEP) + 1):
+    for k in range(STEPS):
         now[:, :2] = states.states[:, :2] + k * durations[:, None] * states.states[:, 7:9]
         now[:, 3] = np.sin(0.5 * k * turns)
         now[:, 6] = np.cos(0.5 * k * turns)
@@ -140,8 +143,12 @@ def median_errors(states: SteadyStates, model: Array) -> dict[str, float]:
     """The median of abs(model - measured) / abs(measured) of force vectors: of `all`, and of each kind."""
     sizes = np.linalg.norm(states.forces, axis=1)
     errors = np.linalg.norm(model - states.forces, axis=1) / sizes
-    kinds = np.array([kind_of(speed) for speed in states.rim_speeds])
-    return {"all": float(np.median(errors))} | {kind: float(np.median(errors[kinds == kind])) for kind in KINDS}
+    return {kind: float(np.median(errors[of_kind(states, kind)])) for kind in ("all", *KINDS)}
+
+
+def of_kind(states: SteadyStates, kind: str) -> NDArray[np.bool_]:
+    """Which states are of a kind, or of `all`, shape [n]."""
+    return np.array([kind in ("all", kind_of(speed)) for speed in states.rim_speeds])
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -225,6 +232,35 @@ _AT = (0.09, 0.3, 0.49)
 """Travel after which the table gives the sinkage [m]."""
 
 
+class _Judged(NamedTuple):
+    """Of a kind of motion: ζ fitted to it alone; errors with the ζ of all states, and with that of a press."""
+
+    own_zeta: float
+    with_one_zeta: float
+    with_zeta_of_press: float
+
+
+_ONE_ZETA_BEFORE = 0.54
+_BEFORE = {
+    "all": _Judged(0.54, 0.36, 0.38),
+    "drag": _Judged(0.54, 0.36, 0.61),
+    "brake": _Judged(0.60, 0.33, 0.42),
+    "roll": _Judged(0.53, 0.36, 0.28),
+    "spin": _Judged(0.48, 0.41, 0.25),
+}
+"""What commit 9e414115, without sliding, had."""
+
+_SINKAGE_BEFORE = {
+    "forward drag": "23, 25, 25",
+    "drag at 30°": "21, 26, 26",
+    "drag at 45°": "19, 27, 28",
+    "roll": "14, 14, 14",
+    "forward drag, set down": "23, 25, 25",
+    "sideways drag, set down": "22, 31, 37",
+    "roll, set down": "14, 14, 14",
+}
+
+
 def study() -> tuple[StudyResult, ...]:
     """Errors of the forces in the steady states, and measured and predicted sinkage; none where the data are absent."""
     if not DATA.is_dir():
@@ -232,47 +268,72 @@ def study() -> tuple[StudyResult, ...]:
     return _forces(), _sinkage()
 
 
+def _judged(states: SteadyStates, law: Law) -> tuple[float, dict[str, _Judged]]:
+    """ζ fitted to all states, and each kind."""
+    model = steady_forces(law, states)
+    zeta = fitted_zeta(law, states, model)
+    with_one = median_errors(states, zeta / law.zeta * model)
+    of_press = median_errors(states, ZETA_OF_PRESS / law.zeta * model)
+    judged = {}
+    for kind in ("all", *KINDS):
+        rows = of_kind(states, kind)
+        own = law.zeta * float((states.forces[rows] * model[rows]).sum() / (model[rows] ** 2).sum())
+        judged[kind] = _Judged(own, with_one[kind], of_press[kind])
+    return zeta, judged
+
+
 def _forces() -> StudyResult:
-    law = REMEMBERED.made(1.0)
-    every = read_states()
-    means = mean_states(every)
-    of_every = steady_forces(law, every)
-    of_means = steady_forces(law, means)
-    zeta = fitted_zeta(law, every, of_every)
-    columns = {
-        f"{len(every.states)} states, ζ fitted: {zeta:.2f}": median_errors(every, zeta * of_every),
-        f"{len(means.states)} means, ζ of a press: {ZETA_OF_PRESS:.2f}": median_errors(means, ZETA_OF_PRESS * of_means),
-    }
-    rows = tuple((kind, *(f"{100.0 * errors[kind]:.0f} %" for errors in columns.values())) for kind in ("all", *KINDS))
+    states = read_states()
+    one_zeta, now = _judged(states, REMEMBERED.made(1.0))
+    rows = []
+    for kind, found in now.items():
+        before = _BEFORE[kind]
+        rows.append(
+            (
+                f"{kind} ({of_kind(states, kind).sum()} states)",
+                f"{before.own_zeta:.2f} → {found.own_zeta:.2f}",
+                f"{100.0 * before.with_one_zeta:.0f} → {100.0 * found.with_one_zeta:.0f} %",
+                f"{100.0 * before.with_zeta_of_press:.0f} → {100.0 * found.with_zeta_of_press:.0f} %",
+            )
+        )
+    header = (
+        "motion",
+        "ζ of its own",
+        f"error with one ζ, {_ONE_ZETA_BEFORE:.2f} → {one_zeta:.2f}",
+        f"error with the ζ of a press, {ZETA_OF_PRESS:.2f}",
+    )
     return StudyResult(
         name="wheel",
-        title="A wheel in real sand: median error of the force",
+        title="A wheel in real sand: median error of the force, before and after sliding",
         figure=None,
-        table=TextTable(header=("motion", *columns), rows=rows),
+        table=TextTable(header=header, rows=tuple(rows)),
     )
 
 
 def _sinkage() -> StudyResult:
     law = REMEMBERED.made(ZETA_OF_PRESS)
     figure = new_figure(10.0, 3.0)
-    rows: list[tuple[str, str, str]] = []
+    rows: list[tuple[str, str, str, str]] = []
     for axes, name in zip(figure.subplots(1, len(MEASURED), sharey=True), MEASURED, strict=True):
         motion, measured = measured_sinkage(name)
         predicted = sinkage(law, motion)
         axes.plot(1e3 * motion.travel, 1e3 * measured, color=BLUE, label="measured")
         axes.plot(1e3 * motion.travel, 1e3 * predicted, color=VERMILION, ls="--", label="predicted")
         label_axes(axes, x="Travel since contact [mm]", y="Sinkage [mm]" if not rows else "", title=name.capitalize())
-        rows.append((name, _at_travels(motion, measured), _at_travels(motion, predicted)))
+        found = _at_travels(motion, predicted)
+        rows.append((name, _at_travels(motion, measured), _SINKAGE_BEFORE[name], found))
     figure.axes[0].invert_yaxis()
     figure.axes[0].legend(fontsize=8)
     for name, motion in STEADY_TRAVELS.items():
-        rows.append((f"{name}, set down", "", _at_travels(motion, sinkage(law, motion))))
+        named = f"{name}, set down"
+        rows.append((named, "", _SINKAGE_BEFORE[named], _at_travels(motion, sinkage(law, motion))))
     travels = ", ".join(f"{1e3 * travel:.0f}" for travel in _AT)
+    header = f"sinkage after {travels} mm [mm]", "measured", "predicted before", "now"
     return StudyResult(
         name="sinkage",
         title="A wheel that is free to sink in real sand",
         figure=figure,
-        table=TextTable(header=(f"sinkage after {travels} mm [mm]", "measured", "predicted"), rows=tuple(rows)),
+        table=TextTable(header=header, rows=tuple(rows)),
     )
 
 
