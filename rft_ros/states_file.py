@@ -16,7 +16,7 @@ from rft_ros.table_file import columns_named, read_table
 __all__ = ["read_states", "wrenches_along", "write_wrenches"]
 
 _FEWEST = 3  # poses for a velocity
-_ANY_GAP = 1e9  # s
+_ANY_GAP = 10**18  # ns
 
 
 def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
@@ -53,10 +53,11 @@ def _velocities(times: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArr
         raise ValueError(f"row {k}: t is {times[k]:g} after {times[k - 1]:g}; without velocities it must increase")
     if len(times) < _FEWEST:
         raise ValueError(f"row 0: velocities need {_FEWEST} poses; give more, or the columns {','.join(STATE[TWIST])}")
-    difference, twists = PoseDifference(), np.empty((len(times), len(STATE[TWIST])))
-    difference.span(window=defaults()["twist_window"], max_age=_ANY_GAP)
+    window: float = defaults()["twist_window"]
+    difference = PoseDifference()
+    twists = np.empty((len(times), len(STATE[TWIST])))
     for row, (stamp, pose) in enumerate(zip(stamps.tolist(), poses.tolist(), strict=True)):
-        difference.push(PoseSample(stamp, "", pose[:3], pose[3:]))
+        difference.push(PoseSample(stamp, "", pose[:3], pose[3:]), window=window, gap=_ANY_GAP)
         twists[row] = difference.twist
     twists[: _FEWEST - 1] = twists[_FEWEST - 1]
     return twists

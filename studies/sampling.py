@@ -33,12 +33,13 @@ def sample_every(motion: Trajectory, step: float) -> tuple[Array, Array]:
 def differenced(states: Array, rate: float, width: float) -> Array:
     """The states with twists from the estimator's pose differencing; zero until it has three poses."""
     difference = PoseDifference()
-    difference.span(window=width, max_age=Settings().max_input_age)
+    gap = Settings().max_age
     out = states.copy()
     out[:, TWIST] = 0.0
     for k, row in enumerate(states):
         stamp = 1 + round(k * 1e9 / rate)
-        if difference.push(PoseSample(stamp, "world", tuple(row[POSITION].tolist()), tuple(row[QUATERNION].tolist()))):
+        pose = PoseSample(stamp, "world", tuple(row[POSITION].tolist()), tuple(row[QUATERNION].tolist()))
+        if difference.push(pose, window=width, gap=gap):
             out[k, TWIST] = difference.twist
     return out
 

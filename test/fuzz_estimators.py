@@ -153,7 +153,7 @@ def _change(random: Random, estimator: Estimator, values: dict[str, Any]) -> Non
         estimator.issues,
         estimator.unknown_frames,
         estimator.counted,
-        lambda: estimator.learning and estimator.learning.forget(),
+        estimator.forget,
         lambda: estimator.learning and (estimator.learning.belief(), estimator.learning.strength()),
     ]
     try:

@@ -6,17 +6,17 @@ from dataclasses import replace
 
 from rft_ros.estimator import samples
 from rft_ros.estimator.load_cell import Comparison, LoadCellFrame
+from rft_ros.estimator.run import Run
 from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TransformSample, TwistSample, WrenchSample
 from rft_ros.estimator.timeline import LATE, NEW_RUN, NEXT, PATIENCE, REPEATED, S, Succession, Timeline, succession
 from rft_ros.estimator.transforms import Transforms
-from rft_ros.ground import DELAY, Cloud, GroundMapper
+from rft_ros.ground import DELAY, Cloud
 from rft_ros.parameters import Settings
 from rft_ros.rft import unit_quaternion
 from rft_ros.rft.frames import Placement
 
 __all__ = ["Intake"]
 
-_TWISTS = 256  # a pose that waited in a queue of 200 messages still finds the twist of its own time
 _CLOUD_PERIOD = 190_000_000  # ns; a cloud that follows another one sooner is dropped: 5 Hz are enough
 _MOST_WANTED = 4096  # stamps that wait for transforms
 
@@ -31,41 +31,30 @@ _UNKNOWN = {
 
 
 class Intake:
-    """Checks and keeps samples. Raises `RefusedError` with the reason for a sample that cannot be used.
+    """Checks samples, and keeps them in a `Run`. Raises `RefusedError` with the reason for one that cannot be used.
 
-    `twists`: those kept; readings of the load cell are kept in `comparison`. The first sample of a new run
-    (`Succession`) drops the earlier ones. With `pose_source` tf, `counts` counts the reasons for which transforms give
-    no pose. `load_cell_frame`: None until transforms give the sensor's place.
+    The first sample of a new run (`Succession`) drops the earlier ones of its input. With `pose_source` tf, `counts`
+    counts the reasons for which transforms give no pose. `load_cell_frame`: None until transforms give the sensor's
+    place.
     """
 
     def __init__(self, settings: Settings, counts: Counter[Reason], comparison: Comparison) -> None:
         self.transforms = Transforms()
-        self.twists: Timeline[TwistSample] = Timeline(maxlen=_TWISTS)
-        self._counts, self._comparison = counts, comparison
+        self._counts = counts
+        self._comparison = comparison
         self._pose_stamp = 0  # of the last pose
         self._wanted: deque[int] = deque()  # stamps whose poses wait for transforms
         self._scheduled = 0  # stamp up to which poses were scheduled
         self._unknown: dict[Reason, tuple[str, ...]] = {}  # the frame refused last, and those expected
-        self._settings = settings
-        self.use_settings(settings)
+        self.use(settings)
 
-    def use_settings(self, settings: Settings) -> None:
-        """Apply new settings. Samples in the axes of a frame that changes, or with another delay, are dropped."""
-        old, self._settings = self._settings, settings
+    def use(self, settings: Settings) -> None:
+        """Apply new settings to the samples that come."""
+        self._settings = settings
         self._delay = round(1e9 * settings.load_cell.delay)
-        if _of_readings(settings) != _of_readings(old):
-            self._comparison.settle(math.inf)
-            self._comparison.readings.clear()
-        if (settings.world_frame, settings.tool_frame) != (old.world_frame, old.tool_frame):
-            self.twists.clear()
         self._unknown.clear()
         self.transforms.keep(settings.world_frame, settings.tool_frame)
         self._place_sensor()
-
-    def start_run(self, stamp: int) -> None:
-        """Start a new run at a pose whose stamp jumped back to `stamp` [ns]: drop the samples of the run before."""
-        self.twists.start_run(stamp)
-        self._comparison.readings.start_run(stamp)
 
     def _place_sensor(self) -> None:
         """Find the sensor in the world and on the tool. With `sensor_source` tf its place comes from transforms."""
@@ -104,14 +93,14 @@ class Intake:
         self._pose_stamp = stamp
         return PoseSample(stamp, world, position, quaternion), follows
 
-    def add(self, sample: TwistSample | WrenchSample | Cloud | TransformSample, mapper: GroundMapper | None) -> None:
-        """Keep a sample that is no pose. A cloud goes to the `mapper`; None: the ground is a level plane."""
+    def add(self, sample: TwistSample | WrenchSample | Cloud | TransformSample, run: Run) -> None:
+        """Keep a sample that is no pose."""
         if isinstance(sample, TwistSample):
-            self._add_twist(sample)
+            self._add_twist(sample, run)
         elif isinstance(sample, WrenchSample):
-            self._add_wrench(sample)
+            self._add_wrench(sample, run)
         elif isinstance(sample, Cloud):
-            self._add_cloud(sample, mapper)
+            self._add_cloud(sample, run)
         else:
             reason = self.transforms.push(sample)
             if sample.fixed:
@@ -119,25 +108,26 @@ class Intake:
             if reason is not None:  # also TF_TWO_PARENTS, although that transform is used
                 raise RefusedError(reason)
 
-    def _add_twist(self, sample: TwistSample) -> None:
+    def _add_twist(self, sample: TwistSample, run: Run) -> None:
         """Keep a twist, in the axes of the world or the tool frame."""
         if self._settings.twist_source != "topic":
             return  # a replay does not read this topic either, so that both give the same result
-        into, axes = self._linked(
-            "twist", sample.stamp, sample.frame, self._settings.world_frame, self._settings.tool_frame
-        )
+        world = self._settings.world_frame
+        into, axes = self._linked("twist", sample.stamp, sample.frame, world, self._settings.tool_frame)
         if not _are_finite(*sample.linear, *sample.angular):
             raise RefusedError(Reason.TWIST_NOT_FINITE)
         if axes is not None:
             sample = TwistSample(sample.stamp, into, axes.rotate(sample.linear), axes.rotate(sample.angular))
-        self._keep(self.twists, sample, Reason.TWIST_OUT_OF_ORDER)
+        self._keep(sample, run.twists, run, late=Reason.TWIST_OUT_OF_ORDER)
 
-    def _add_wrench(self, sample: WrenchSample) -> None:
+    def _add_wrench(self, sample: WrenchSample, run: Run) -> None:
         """Keep a reading of the load cell at the stamp of its event, in the axes of the sensor or the world frame."""
-        s, stamp = self._settings, sample.stamp - self._delay
+        s = self._settings
+        stamp = sample.stamp - self._delay
         into, there = self._linked("wrench", stamp, sample.frame, s.sensor_frame, s.world_frame)
         if self.sensor_is_in_world:
-            into, there = s.world_frame, self.transforms.fixed(s.world_frame, sample.frame)
+            into = s.world_frame
+            there = self.transforms.fixed(s.world_frame, sample.frame)
         in_world = s.sensor_source == "world" or into == s.world_frame
         wrench = sample.wrench
         if there is not None:  # in world axes the torque is about the sensor's origin, not that of its frame
@@ -146,21 +136,22 @@ class Intake:
             raise RefusedError(Reason.WRENCH_NOT_FINITE)
         reading = WrenchSample(stamp, s.world_frame if in_world else s.sensor_frame, wrench)
         # of several with one stamp the first one is kept, also if a pose came between them
-        self._keep(self._comparison.readings, reading, Reason.WRENCH_OUT_OF_ORDER)
+        self._keep(reading, run.readings, run, late=Reason.WRENCH_OUT_OF_ORDER)
 
-    def _keep(self, timeline: Timeline[S], sample: S, late: Reason) -> None:
+    def _keep(self, sample: S, timeline: Timeline[S], run: Run, *, late: Reason) -> None:
         """Keep a sample if it is not late, and compare the predictions that have waited for it."""
         follows = timeline.follows(sample.stamp)
         if follows in (REPEATED, LATE):
             raise RefusedError(late)
         if follows is NEW_RUN:  # the predictions belong to the run before
-            self._comparison.settle(math.inf)
+            self._comparison.settle(math.inf, run.readings)
             timeline.clear()
         timeline.append(sample)
-        self._comparison.settle(sample.stamp)
+        self._comparison.settle(sample.stamp, run.readings)
 
-    def _add_cloud(self, cloud: Cloud, mapper: GroundMapper | None) -> None:
+    def _add_cloud(self, cloud: Cloud, run: Run) -> None:
         """Pass points of the ground to the mapper, with their frame's placement in the world if that is another one."""
+        mapper = run.mapper
         if mapper is None:
             raise RefusedError(Reason.SURFACE_OFF)
         _, camera = self._linked("surface", cloud.stamp, cloud.frame, self._settings.world_frame)
@@ -255,11 +246,12 @@ class Intake:
 
         A pose whose transforms will not come any more is dropped, and the reason is counted.
         """
-        s, found = self._settings, list[PoseSample]()
-        max_age, may_come = round(1e9 * s.max_input_age), (Reason.TF_STALE, Reason.TF_FRAME_UNKNOWN)
+        s = self._settings
+        found: list[PoseSample] = []
+        may_come = (Reason.TF_STALE, Reason.TF_FRAME_UNKNOWN)
         while self._wanted:
             stamp = self._wanted[0]
-            place = self.transforms.at(s.world_frame, s.tool_frame, stamp, max_age)
+            place = self.transforms.at(s.world_frame, s.tool_frame, stamp, s.max_age)
             if isinstance(place, Placement):
                 found.append(PoseSample(stamp, s.world_frame, *place))
             elif place in may_come and now <= stamp + PATIENCE and len(self._wanted) < _MOST_WANTED:
@@ -268,12 +260,6 @@ class Intake:
                 self._counts[place] += 1
             self._wanted.popleft()
         return found
-
-
-def _of_readings(settings: Settings) -> tuple[str, str, float, bool]:
-    """What decides the stamps and the axes of the load cell's readings."""
-    s = settings
-    return s.world_frame, s.sensor_frame, s.load_cell.delay, s.sensor_source == "world"
 
 
 def _are_finite(*numbers: float) -> bool:

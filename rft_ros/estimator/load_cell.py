@@ -117,7 +117,7 @@ class LoadCellFrame:
 class Prediction(NamedTuple):
     """A prediction that waits for its load-cell reading: `LoadCellFrame.into_sensor` at its pose.
 
-    `in_air`: the tool touched nothing.
+    `in_air`: the tool touched nothing. `max_age`: the greatest time between it and a reading that is used with it [ns].
     """
 
     pose: PoseSample
@@ -125,64 +125,73 @@ class Prediction(NamedTuple):
     offset: Wrench
     cell: LoadCellFrame
     in_air: bool
+    max_age: int
+
+    @property
+    def patience(self) -> int:
+        """How much later [ns] than its pose the stamp of another input is when the prediction waits no longer."""
+        return max(self.max_age, PATIENCE)
 
 
 class Comparison:
     """Compares each prediction with the load cell at its stamp, once the readings around the stamp have come.
 
-    The reading is interpolated linearly between those on both sides of the stamp, each within `max_age` [ns]. If no
-    reading follows within that, the last one before the stamp is used. A prediction waits for a later reading until
-    another input has a stamp that is later by `patience`: 1 s, or `max_age` if that is longer. `readings`: the intake
-    adds them. Reasons for predictions without a measurement are counted in `counts`. `on_compared` is called with each
-    prediction that has one, in the order of the estimates, with the compensated force [N], world axes, and whether the
-    raw reading equals the one before, bit by bit.
+    The reading is interpolated linearly between those on both sides of the stamp, each within `max_age`. If no reading
+    follows within that, the last one before the stamp is used. A prediction waits for a later reading until another
+    input has a stamp that is later by `patience`: 1 s, or `max_age` if that is longer. Reasons for predictions without
+    a measurement are counted in `counts`. `on_compared` is called with each prediction that has one, in the order of
+    the estimates, with the compensated force [N], world axes, and whether the raw reading equals the one before, bit by
+    bit.
     """
 
     def __init__(self, counts: Counter[Reason], on_compared: Callable[[Prediction, Vector, bool], None]) -> None:
-        self.readings: Timeline[WrenchSample] = Timeline(maxlen=HISTORY)
-        self._counts, self._on_compared = counts, on_compared
+        self._counts = counts
+        self._on_compared = on_compared
         self._pending: deque[Prediction] = deque()
         self._final: list[Measurement] = []
         self._last_raw: Wrench | None = None
-        self.use(max_age=0)
 
-    def use(self, *, max_age: int) -> None:
-        """Set the greatest time between a prediction and a reading that is used with it [ns]."""
-        self.max_age, self.patience = max_age, max(max_age, PATIENCE)
-
-    def add(self, prediction: Prediction) -> None:
+    def add(self, prediction: Prediction, readings: Timeline[WrenchSample]) -> None:
         """Add a prediction."""
         if len(self._pending) >= _MOST_PENDING:
-            self._final.append(self._measured(self._pending.popleft()))
+            self._compare_oldest(readings)
         self._pending.append(prediction)
-        self.settle(prediction.pose.stamp)
+        self.settle(prediction.pose.stamp, readings)
 
-    def settle(self, now: float) -> None:
+    def settle(self, now: float, readings: Timeline[WrenchSample]) -> None:
         """Compare the predictions that need not wait. `now` [ns]: the stamp of the sample that has just come."""
-        pending, last = self._pending, self.readings.last
-        newest, late = last.stamp if last else 0, now - self.patience
-        while pending and ((stamp := pending[0].pose.stamp) <= newest or stamp < late):
-            self._final.append(self._measured(pending.popleft()))
+        newest = readings.last.stamp if readings.last else 0
+        while self._pending:
+            oldest = self._pending[0]
+            if newest < oldest.pose.stamp and now <= oldest.pose.stamp + oldest.patience:
+                break
+            self._compare_oldest(readings)
 
     def measurements(self) -> list[Measurement]:
         """The measurements that became final since the last call, in the order of the estimates."""
-        final, self._final = self._final, []
+        final = self._final
+        self._final = []
         return final
 
-    def _measured(self, prediction: Prediction) -> Measurement:
-        pose, cell = prediction.pose, prediction.cell
-        before, after, share = self.readings.around(pose.stamp)
-        if before is None or pose.stamp - before.stamp > self.max_age:
+    def _compare_oldest(self, readings: Timeline[WrenchSample]) -> None:
+        self._final.append(self._measured(self._pending.popleft(), readings))
+
+    def _measured(self, prediction: Prediction, readings: Timeline[WrenchSample]) -> Measurement:
+        pose = prediction.pose
+        cell = prediction.cell
+        before, after, share = readings.around(pose.stamp)
+        if before is None or pose.stamp - before.stamp > prediction.max_age:
             reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
             self._counts[reason] += 1
             return Measurement(pose.stamp, None, None, reason)
         raw = before
-        if after and after.stamp - pose.stamp <= self.max_age and after.frame == before.frame:
+        if after and after.stamp - pose.stamp <= prediction.max_age and after.frame == before.frame:
             fx, fy, fz, tx, ty, tz = between(before.wrench, after.wrench, share)
             raw = before._replace(wrench=(fx, fy, fz, tx, ty, tz))
-        repeated, self._last_raw = raw.wrench == self._last_raw, raw.wrench
+        is_repeated = raw.wrench == self._last_raw
+        self._last_raw = raw.wrench
         compensated = _difference(cell.sign, cell.in_own_axes(raw, pose), prediction.offset)
-        self._on_compared(prediction, cell.into_world(pose, compensated[:3]), repeated)
+        self._on_compared(prediction, cell.into_world(pose, compensated[:3]), is_repeated)
         return Measurement(pose.stamp, compensated, _difference(1.0, compensated, prediction.wrench), None)
 
 

@@ -1,7 +1,6 @@
 """The motion of the tool at a pose: its velocity, from twists or from the poses themselves, and its path."""
 
 import math
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -9,7 +8,7 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.estimator.pose_noise import NOISY, PoseNoise
-from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TwistSample, Vector
+from rft_ros.estimator.samples import PoseSample, Reason, TwistSample, Vector
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.parameters import Settings
 from rft_ros.rft import QUATERNION, SLACK, STATE
@@ -17,7 +16,7 @@ from rft_ros.rft.frames import Placement, attitude
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.rft.memory import DEAD_BAND, HEAD, displacement
 
-__all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion"]
+__all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion", "Pace"]
 
 UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTORY_SHORT}
 """Reasons for which a pose has no velocity."""
@@ -49,80 +48,83 @@ class Motion(NamedTuple):
     is_noisy: bool
 
 
+class Pace:
+    """Limits the rate of estimates to `max_rate` [Hz]; 0: no limit."""
+
+    def __init__(self, max_rate: float) -> None:
+        self._period = round(min(1e9 / max_rate, 1e18)) if max_rate > 0.0 else 0
+        self._due = 0
+
+    def allows(self, stamp: int) -> bool:
+        """Whether a pose with this stamp [ns] may have an estimate."""
+        # a tenth of a period lets a 125 Hz stream with jittering stamps pass a limit of 125 Hz
+        return stamp + self._period // 10 >= self._due
+
+    def count(self, stamp: int) -> None:
+        """Count an estimate at a stamp [ns]."""
+        self._due = max(self._due, stamp) + self._period
+
+
 class Kinematics:
-    """Follows the motion of one tool; `reach`: largest distance of its plates from the tool frame's origin [m].
+    """Follows the motion of one tool.
 
     Velocities are those of the twists, or are found from the poses. The path is always that of the poses: of a pose
     that follows the tool's at the distance of the dead band, so that noise at rest is no path.
     """
 
-    def __init__(self, settings: Settings, twists: Timeline[TwistSample], *, reach: float) -> None:
-        self._twists, self._settings, self.reach = twists, settings, reach
-        self._follow: Any = machine_code(_follow, (np.zeros(HEAD), np.zeros(len(STATE)), 0.0))
-        self.start_run()
-
-    def use_settings(self, settings: Settings) -> None:
-        """Apply new settings."""
-        self._settings = settings
-        self._max_age = round(settings.max_input_age * 1e9)
-        self._period = round(min(1e9 / settings.max_rate, 1e18)) if settings.max_rate > 0.0 else 0
-        self._due = 0
-        self._difference.span(window=settings.twist_window, max_age=settings.max_input_age)
-
-    def start_run(self) -> None:
-        """Start a new run, or a run in new axes: drop the poses and the motion so far."""
+    def __init__(self) -> None:
         self._difference = PoseDifference()
         self._head = np.zeros(HEAD)
-        self.use_settings(self._settings)
+        self._follow: Any = machine_code(_follow, (self._head, np.zeros(len(STATE)), 0.0))
 
     @property
     def noise(self) -> PoseNoise:
         """The noise of the poses."""
         return self._difference.noise
 
-    def at(self, pose: PoseSample) -> Motion:
-        """The motion at a pose. Raises `RefusedError` without a velocity, or if `max_rate` allows no answer yet."""
-        velocity = self._velocity(pose)  # before the check of `max_rate`: the poses that it skips belong to the window
-        # a tenth of a period lets a 125 Hz stream with jittering stamps pass a limit of 125 Hz
-        if pose.stamp + self._period // 10 < self._due:
-            raise RefusedError(Reason.POSE_RATE_LIMITED)
-        if isinstance(velocity, Reason):
-            raise RefusedError(velocity)
-        self._due = max(self._due, pose.stamp) + self._period
+    def velocity(
+        self, pose: PoseSample, twists: Timeline[TwistSample], settings: Settings
+    ) -> tuple[float, ...] | Reason:
+        """Linear and angular velocity at the next pose, world axes; or the reason why it has none.
+
+        Call it at every pose: those without an estimate belong to the window of `PoseDifference`, too.
+        """
+        max_age = settings.max_age
+        if settings.twist_source == "pose_difference":
+            is_known = self._difference.push(pose, window=settings.twist_window, gap=max_age)
+            return tuple(self._difference.twist.tolist()) if is_known else Reason.POSE_HISTORY_SHORT
+        self.noise.add(pose, gap=max_age)
+        twist, _, _ = twists.around(pose.stamp)
+        if twist is None:
+            return Reason.TWIST_MISSING
+        if pose.stamp - twist.stamp > max_age:
+            return Reason.TWIST_STALE
+        if twist.frame != settings.tool_frame:
+            return *twist.linear, *twist.angular
+        to_world = Placement(pose.position, pose.quaternion)
+        return *to_world.rotate(twist.linear), *to_world.rotate(twist.angular)
+
+    def motion(self, pose: PoseSample, velocity: tuple[float, ...], *, reach: float, rest_speed: float) -> Motion:
+        """The motion of the tool to a pose, at which it has this `velocity`. `reach`: of its plates [m]."""
         vx, vy, vz, wx, wy, wz = velocity
-        bound = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * self.reach
-        noise = self.noise.at_tip(self.reach)
+        bound = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * reach
+        noise = self.noise.at_tip(reach)
         dead_band = min(max(_BAND_OVER_NOISE * noise, SLACK), _WIDEST_BAND)
         state = np.array([(*pose.position, *pose.quaternion, *velocity)], dtype=np.float64)
         self._head[DEAD_BAND] = dead_band
-        path, rise, along = self._follow(self._head, state[0], self.reach)
+        path, rise, along = self._follow(self._head, state[0], reach)
         return Motion(
             pose=pose,
             state=state,
             velocity=(vx, vy, vz),
             speed_bound=bound,
-            rests=bound < self._settings.rest_speed or bound == 0.0,
+            rests=bound < rest_speed or bound == 0.0,
             path=path,
             rise=rise,
             dead_band=dead_band,
             is_along=along > 0.0,
             is_noisy=noise > NOISY,
         )
-
-    def _velocity(self, pose: PoseSample) -> Sequence[float] | Reason:
-        """Linear and angular velocity at a pose, world axes; or the reason why it has none."""
-        if self._settings.twist_source == "pose_difference":
-            return self._difference.twist.tolist() if self._difference.push(pose) else Reason.POSE_HISTORY_SHORT
-        self.noise.add(pose, gap=self._max_age)
-        twist, _, _ = self._twists.around(pose.stamp)
-        if twist is None:
-            return Reason.TWIST_MISSING
-        if pose.stamp - twist.stamp > self._max_age:
-            return Reason.TWIST_STALE
-        if twist.frame != self._settings.tool_frame:
-            return *twist.linear, *twist.angular
-        to_world = Placement(pose.position, pose.quaternion)
-        return *to_world.rotate(twist.linear), *to_world.rotate(twist.angular)
 
 
 @compiled

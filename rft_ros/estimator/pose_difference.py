@@ -33,26 +33,28 @@ class PoseDifference:
     """
 
     def __init__(self) -> None:
-        self.twist, self.noise = np.zeros(6), PoseNoise()
-        self._stamps, self._ring = np.zeros(_CAPACITY, dtype=np.int64), np.zeros((_CAPACITY, 7))
+        self.twist = np.zeros(6)
+        self.noise = PoseNoise()
+        self._stamps = np.zeros(_CAPACITY, dtype=np.int64)
+        self._ring = np.zeros((_CAPACITY, 7))
         self._variances = np.zeros(2)  # of positions and of rotations
-        times, coordinates = np.zeros(_CAPACITY), np.zeros((2, 3, _CAPACITY))
+        times = np.zeros(_CAPACITY)
+        coordinates = np.zeros((2, 3, _CAPACITY))
         self._arrays = self._stamps, self._ring, self._variances, times, coordinates, self.twist.reshape(2, 3)
-        self._count = self._fitted = 0
-        self.span(window=0.0, max_age=0.0)
+        self._count = 0
+        self._fitted = 0
 
-    def span(self, *, window: float, max_age: float) -> None:
-        """Set the window of the fit [s]; it has at least three poses, and ends at a gap longer than `max_age` [s]."""
-        self._window, self._gap = round(1e9 * window), round(1e9 * max_age)
+    def push(self, pose: PoseSample, *, window: float, gap: int) -> bool:
+        """Add a pose. Returns whether there are enough poses for `twist`.
 
-    def push(self, pose: PoseSample) -> bool:
-        """Add a pose. Returns whether there are enough poses for `twist`."""
-        if self.noise.add(pose, gap=self._gap):
+        `window`: of the fit [s]; it has at least three poses, and ends at an interval longer than `gap` [ns].
+        """
+        if self.noise.add(pose, gap=gap):
             newest = self._count % _CAPACITY
             self._stamps[newest] = pose.stamp
             self._ring[newest] = (*pose.position, *pose.quaternion)
             self._variances[:] = self.noise.position, self.noise.rotation
-            self._fitted = int(_fit(*self._arrays, newest, self._window, self._gap))
+            self._fitted = int(_fit(*self._arrays, newest, round(1e9 * window), gap))
             self._count += 1
         return self._fitted >= _FEWEST
 

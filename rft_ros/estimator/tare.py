@@ -42,21 +42,13 @@ class AirReading:
 
     def __init__(self) -> None:
         self._waiting: deque[tuple[Prediction, Vector]] = deque()  # until no late reading can come before it
-        self.start_run()
-
-    def forget(self) -> None:
-        """Drop the readings in the air: the load cell was tared, or has other settings."""
-        self._waiting.clear()
-        self._mean, self._count = (0.0, 0.0, 0.0), 0
+        self._mean = (0.0, 0.0, 0.0)
+        self._count = 0
+        self._greatest = 0.0  # predicted force in the grains so far [N]
         self.load = 0.0
         """Magnitude of the mean [N]; 0 before there are enough readings."""
         self.is_offset = False
         """Whether the load cell reads a force in the air."""
-
-    def start_run(self) -> None:
-        """Start with another tool, or another run of samples."""
-        self._greatest = 0.0  # predicted force in the grains so far [N]
-        self.forget()
 
     def add(self, prediction: Prediction, force: Vector) -> None:
         """Add the compensated force at a prediction [N], world axes; it counts from `settle` on."""
@@ -65,16 +57,23 @@ class AirReading:
     def settle(self, before: float) -> None:
         """Count the forces stamped before this [ns]: so the mean depends on stamps, and not on the order of arrival."""
         while self._waiting and self._waiting[0][0].pose.stamp < before:
-            prediction, (a, b, c) = self._waiting.popleft()
+            prediction, force = self._waiting.popleft()
             if prediction.in_air:
-                self._count = n = min(self._count + 1, _READINGS)
-                x, y, z = self._mean
-                self._mean = x, y, z = x + (a - x) / n, y + (b - y) / n, z + (c - z) / n
-                if 2 * n >= _READINGS:
-                    self.load = math.sqrt(x * x + y * y + z * z)
+                self._average(force)
             else:
                 self._greatest = max(self._greatest, math.hypot(*prediction.wrench[:3]))
             self.is_offset = is_offset(self.load, self._greatest)
+
+    def _average(self, force: Vector) -> None:
+        """Bring the mean to the next force [N]."""
+        self._count = min(self._count + 1, _READINGS)
+        a, b, c = force
+        x, y, z = self._mean
+        n = self._count
+        x, y, z = x + (a - x) / n, y + (b - y) / n, z + (c - z) / n
+        self._mean = x, y, z
+        if 2 * n >= _READINGS:
+            self.load = math.sqrt(x * x + y * y + z * z)
 
     def issues(self) -> list[str]:
         """`OFFSET_SENTENCE` if the load cell reads a force in the air; otherwise nothing."""

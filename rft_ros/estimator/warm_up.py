@@ -10,11 +10,12 @@ from numba.core import event
 from rft_ros.child_process import start_child
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import LoadCellFrame
-from rft_ros.estimator.pose_difference import PoseDifference
+from rft_ros.estimator.motion import Kinematics
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.estimator.sigma import predict_without_learning
+from rft_ros.estimator.timeline import Timeline
 from rft_ros.ground import HeightMap, Support
-from rft_ros.parameters import LoadCell
+from rft_ros.parameters import LoadCell, Settings
 from rft_ros.rft import QUATERNION, Plates, agarwal2023, wrenches
 
 __all__ = ["forces", "other_loops", "prepare"]
@@ -58,7 +59,8 @@ def other_loops() -> None:
     """Run the loops around it: of frames, velocities, learning and the ground."""
     LoadCellFrame(LoadCell()).into_sensor(_SINKING[QUATERNION], np.zeros(12))
     predict_without_learning(np.zeros(7), 1.0, 0.0, np.zeros(12))
-    PoseDifference().push(PoseSample(1, "", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)))
+    pose = PoseSample(1, "", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    Kinematics().velocity(pose, Timeline(), Settings(twist_source="pose_difference"))
     Learning()
     level = HeightMap.unknown(1.0).with_points(*np.zeros((3, 1)))
     Support(np.eye(3)).local_surface(level, _SINKING, level=0.0)

@@ -4,8 +4,8 @@ Without a map the ground is the level plane at `surface_height`.
 """
 
 from rft_ros.ground.height_map import MOST_CELLS, HeightMap, read_height_map, write_height_map
-from rft_ros.ground.mapper import DELAY, Cloud, GroundMapper
-from rft_ros.ground.support import LAST_SURFACE, LocalSurface, Support
+from rft_ros.ground.mapper import DELAY, Cloud, GroundMapper, ToolPlace
+from rft_ros.ground.support import LAST_SURFACE, Footing, LocalSurface, Support
 
-__all__ = ["DELAY", "LAST_SURFACE", "MOST_CELLS", "Cloud", "GroundMapper", "HeightMap", "LocalSurface", "Support"]
-__all__ += ["read_height_map", "write_height_map"]
+__all__ = ["DELAY", "LAST_SURFACE", "MOST_CELLS", "Cloud", "Footing", "GroundMapper", "HeightMap", "LocalSurface"]
+__all__ += ["Support", "ToolPlace", "read_height_map", "write_height_map"]

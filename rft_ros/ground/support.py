@@ -17,7 +17,7 @@ from rft_ros.rft import LEVEL, STATE
 from rft_ros.rft.frames import attitude, from_frame, parts_of_state
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
-__all__ = ["LAST_SURFACE", "LocalSurface", "Support"]
+__all__ = ["LAST_SURFACE", "Footing", "LocalSurface", "Support"]
 
 Array = NDArray[np.float64]
 
@@ -206,3 +206,19 @@ class Support:
         if not math.isfinite(height + sx + sy + roughness):  # a pose so far away that its squares overflow
             return LocalSurface(level, depth=level - float(state[STATE.index("pz")]))
         return LocalSurface(height, (sx, sy), roughness, depth)
+
+
+class Footing:
+    """The surface at one tool from pose to pose. `corners`: of its convex hull, in the tool frame [m], shape [k, 3]."""
+
+    def __init__(self, corners: Array) -> None:
+        self._support = Support(corners)
+        self._last = np.zeros(1, LAST_SURFACE)
+        self._ground: HeightMap | None = None
+
+    def surface(self, ground: HeightMap | None, state: Array, *, level: float) -> LocalSurface:
+        """The surface at the next state; arguments as for `Support.local_surface`."""
+        if ground is not self._ground:
+            self._ground = ground
+            self._last[:] = 0
+        return self._support.local_surface(ground, state, level=level, last=self._last)

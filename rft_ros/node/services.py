@@ -46,7 +46,8 @@ class Services:
         return self._estimator.learning
 
     def _forget(self) -> str:
-        self._learning().forget()
+        self._learning()
+        self._estimator.forget()
         return "back to the calibration"
 
     def _save_medium(self) -> str:

@@ -114,6 +114,11 @@ class Settings:
                 raise InputError(f"{name} is {value}; it must be positive, or None if it is not known")
 
     @property
+    def max_age(self) -> int:
+        """`max_input_age` [ns]."""
+        return round(1e9 * self.max_input_age)
+
+    @property
     def strength_error(self) -> float:
         """Relative standard error of the strength of the grains, ζ, that predictions assume.
 

@@ -1,6 +1,5 @@
 """Points of the ground in the estimator: when they count, what they change, and what refuses them."""
 
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -111,22 +110,3 @@ def test_a_cloud_with_a_stamp_in_the_future_does_not_hold_up_later_ones():
     assert forces(e, [cloud(START + 100 * MS, 0.005)])[-1] == pytest.approx(6.0, rel=0.01)
     assert isinstance(push(e, twist(START - 10 * SECOND), pose(START - 10 * SECOND)), Estimate)
     assert push(e, cloud(START - 10 * SECOND + MS)) is None
-
-
-def test_a_new_world_frame_leaves_behind_all_that_is_told_in_the_old_axes():
-    """Memory and map: forces are those of an estimator that begins in the new frame."""
-    model = plate_model(mobilization_length=0.003)
-
-    def pushed(e, start):
-        found = []
-        for k in range(100):
-            stamp = start + 10 * k * MS
-            motion, place = twist(stamp, (0.01, 0.0, -0.01), frame="new"), (1e-4 * k, 0.0, -1e-4 * k - 0.02)
-            found.append(push(e, motion, pose(stamp, place, frame="new")).predicted)
-        return found
-
-    moved = on_map(model=model)
-    forces(moved, [cloud(START + 100 * MS, 0.005)])
-    moved.use(settings=replace(moved.settings, world_frame="new"))
-    assert math.isnan(moved.surface.depth)
-    assert pushed(moved, START + 10 * SECOND) == pushed(on_map(model=model, world_frame="new"), START + 10 * SECOND)

@@ -7,12 +7,11 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from one_plate import SECOND, START, about, estimator, plate_model, plate_tool, pose, push, twist, wrench
+from one_plate import SECOND, START, about, estimator, pose, push, twist, wrench
 
 from rft_ros.estimator import LoadCell, TransformSample
 from rft_ros.estimator.learning.surprise import ISSUES, OFFSET, STUCK, WEAK
 from rft_ros.estimator.quality import QualityFlag, Trust, trust
-from rft_ros.ground import HeightMap
 
 STEP = 10_000_000  # at 1 cm/s: 0.1 mm of path
 
@@ -125,7 +124,7 @@ def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust(source):
     push(press.estimator, TransformSample(0, "tool", "ft_sensor", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0), True))
     press.depth = -0.015
     press.push(150, offset=2.4)
-    assert press.learning.issues() == [ISSUES[OFFSET]]
+    assert press.estimator.issues() == [ISSUES[OFFSET]]
     press.push(200, offset=2.4)
     assert "tare" in ISSUES[OFFSET]
     assert press.learning.doubts() == [ISSUES[OFFSET]]
@@ -161,32 +160,6 @@ def test_the_flag_of_a_disagreement_is_set_while_an_issue_is_named_and_only_then
             press.push(1, factor, offset=offset)
             is_flagged = bool(press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT)
             assert is_flagged == bool(press.estimator.issues())
-
-
-def test_another_medium_or_prior_resets_the_strength_and_other_changes_keep_it():
-    press = Press().push(300, 1.6)
-    learned, e = press.learning.strength(), press.estimator
-    press.use(learning_mode="observe", learning_lag=0.005)
-    assert (e.learning.strength(), e.learning.lag) == (learned, 0.005)
-    e.use(model=replace(e.model, tool=plate_tool()))
-    assert e.learning.strength() == learned
-    press.push(100, 1.6)
-    learned, surface = press.learning.strength(), press.learning.belief().surface
-    e.use(model=replace(e.model, ground=HeightMap.unknown(0.01)))
-    assert (e.learning.strength(), e.learning.belief().surface) == (learned, 0.0 * surface)
-    assert surface != 0.0
-    e.use(model=plate_model(generation=1))  # the same law
-    assert e.learning.strength() == learned
-    press.stamp -= 100 * SECOND
-    press.push(2, 1.6)
-    assert press.learning.strength()[0] == pytest.approx(learned[0], rel=0.2)
-    e.use(model=plate_model(zeta=2.0))
-    assert e.learning.strength() is None
-    assert press.push(300, 1.6).learning.strength() is not None
-    press.use(zeta_error=0.1)
-    assert press.learning.strength() is None
-    press.use(learning_mode="off")
-    assert press.learning is None
 
 
 def test_a_force_that_triples_is_flagged_as_a_surprise_until_it_is_learned():

@@ -271,13 +271,6 @@ def test_a_model_that_cannot_be_right_is_a_sentence_and_not_a_belief(change, iss
     assert 0.1 <= learning.theta[0] <= 10.0
 
 
-def test_forget_goes_back_to_the_calibration():
-    learning, series = learner(), plunge(strength=1.2, seed=1)
-    run(plunge(strength=2.0), learning)
-    learning.forget()
-    assert run(series, learning).tobytes() == run(series, learner()).tobytes()
-
-
 def test_the_strength_survives_a_withdrawal_in_which_the_grains_let_go():
     """On the way up the law pulls and the grains do nothing; the next push has the strength of the last."""
     down, learning = plunge(strength=1.8, seed=11), learner()

@@ -20,7 +20,7 @@ from rft_ros.estimator.sigma import LEVER, SIGMA
 from rft_ros.rft.frames import BY_HEIGHT, FORCE, MOMENTS, TORQUE, WRENCH
 from rft_ros.rft.kernel.compilation import inlined
 
-__all__ = ["FILTER_FIELDS", "copy", "copy_place", "correct", "dot", "grow", "reset", "update"]
+__all__ = ["FILTER_FIELDS", "copy", "copy_place", "correct", "dot", "grow", "start", "update"]
 
 VERTICAL, HORIZONTAL, TURN, SURFACE = range(4)  # places in θ: s_v, s_h, ρ, δ
 X, Y, Z = range(3)
@@ -65,11 +65,12 @@ FILTER_FIELDS = [
 """Fields of a state that the functions below use."""
 
 
-def reset(state: Any, strength_error: float) -> None:
+def start(state: Any, strength_error: float) -> None:
     """Set a state to the calibration, whose ζ has this relative standard error."""
     state["prior"]["theta"] = 1.0, 1.0, 0.0, 0.0
     state["prior"]["p"] = _covariance(strength_error, _PRIOR_EACH, _PRIOR_SURFACE)
-    state["latest"] = state["of_push"] = state["prior"]
+    state["latest"] = state["prior"]
+    state["of_push"] = state["prior"]
     state["scale"] = 1.0
     state["bias"] = 0.0
 

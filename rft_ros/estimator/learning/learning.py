@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.learning.filter import FILTER_FIELDS, copy, copy_place, correct, grow, reset, update
+from rft_ros.estimator.learning.filter import FILTER_FIELDS, copy, copy_place, correct, grow, start, update
 from rft_ros.estimator.learning.surprise import ISSUES, JUDGE_FIELDS, OFFSET, judge
 from rft_ros.estimator.samples import ABSURD, Vector
 from rft_ros.estimator.tare import AirReading
@@ -94,32 +94,22 @@ class Learning:
     of stamps. A prediction uses the measurements at least `lag` of path [m] behind, so no sample is part of its own.
     `strength_error`: relative standard error of ζ. `reach` of the tool's surface from the tool frame's origin [m]. Lag
     and reach may change.
-    `air`: what the load cell reads in the air; its owner adds the readings.
     """
 
-    def __init__(
-        self,
-        *,
-        lag: float = 0.002,
-        strength_error: float = CALIBRATED_ERROR,
-        reach: float = 0.0,
-        air: AirReading | None = None,
-    ) -> None:
-        self.lag, self.reach = lag, reach
-        self._strength_error, self._air = strength_error, air or AirReading()
-        self._states, self._records = np.zeros(1, _STATE), np.zeros(_CAPACITY, _RECORD)
+    def __init__(self, *, lag: float = 0.002, strength_error: float = CALIBRATED_ERROR, reach: float = 0.0) -> None:
+        self.lag = lag
+        self.reach = reach
+        self._states = np.zeros(1, _STATE)
         self._state: Any = self._states[0]
-        self._change, self._issues = self._states["change"], self._states["issues"]
-        self._row, self._y, out = np.zeros(WIDTH), np.zeros(3), np.zeros(12)
+        self._records = np.zeros(_CAPACITY, _RECORD)
+        self._change = self._states["change"]
+        self._issues = self._states["issues"]
+        self._row = np.zeros(WIDTH)
+        self._y = np.zeros(3)
         arrays = self._states, self._records
-        self._predict = machine_code(_predict, (*arrays, self._row, out, 0, 0.0, False, True, 0.0, 0.0))
+        self._predict = machine_code(_predict, (*arrays, self._row, np.zeros(12), 0, 0.0, False, True, 0.0, 0.0))
         self._learn: Any = machine_code(_add_reading, (*arrays, self._y, 0, False, 0.0, False))
-        self.forget()
-
-    def forget(self) -> None:
-        """Go back to the calibration."""
-        self._states[:] = 0
-        reset(self._state, self._strength_error)
+        start(self._state, strength_error)
 
     def forget_place(self) -> None:
         """Keep the strength, and reset surface and turn: the tool moved elsewhere or is another one, or time jumped."""
@@ -142,7 +132,8 @@ class Learning:
         inertia matters; updates from here are dropped afterwards, and no surprise is reported. `apply`: whether the
         wrench is corrected. Returns shape [12]: force, torque about the tool frame's origin, deviation of each.
         """
-        self._row[:], out = row, np.empty(12)
+        self._row[:] = row
+        out = np.empty(12)
         path = min(float(step), _STEP_MOST) if step > _STEP_LEAST else 0.0
         self._predict(
             self._states, self._records, self._row, out, int(stamp), path, bool(passing), bool(apply),
@@ -150,16 +141,19 @@ class Learning:
         )  # fmt: skip
         return out
 
-    def learn(self, stamp: int, force: Array | Vector, *, repeated: bool = False) -> None:
+    def learn(
+        self, stamp: int, force: Array | Vector, *, repeated: bool = False, air: AirReading | None = None
+    ) -> None:
         """Add the compensated force [N] at a pose, world axes, shape [3]. A force that is not finite is ignored.
 
-        `repeated`: the load cell's raw reading equals the one before, bit by bit.
+        `repeated`: the load cell's raw reading equals the one before, bit by bit. `air`: what it reads in the air;
+        None: nothing.
         """
         if math.hypot(*force) < ABSURD:
-            self._y[:], air = force, self._air
-            self._learn(
-                self._states, self._records, self._y, int(stamp), bool(repeated), air.load, air.is_offset
-            )  # fmt: skip
+            self._y[:] = force
+            load = 0.0 if air is None else air.load
+            has_offset = air is not None and air.is_offset
+            self._learn(self._states, self._records, self._y, int(stamp), bool(repeated), load, has_offset)
 
     @property
     def theta(self) -> Array:
@@ -220,11 +214,11 @@ class Learning:
     @property
     def disagrees(self) -> bool:
         """Whether there are `issues`."""
-        return self._air.is_offset or self._issues[0] != 0
+        return bool(self._issues[0] != 0)
 
     def issues(self) -> list[str]:
         """Sentences on an implausible load cell or model, from `ISSUES`."""
-        return [*_sentences(self._state["issues"]), *self._air.issues()]
+        return _sentences(self._state["issues"])
 
     def doubts(self) -> list[str]:
         """The issues that were present when readings in the grains were judged, since the calibration."""

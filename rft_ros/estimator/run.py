@@ -1,0 +1,157 @@
+"""What the estimator keeps from pose to pose, and the table of changes that make each part of it begin anew."""
+
+from collections import deque
+from collections.abc import Callable
+from enum import Flag, auto
+from functools import reduce
+from operator import or_
+from typing import Any
+
+from rft_ros.estimator.learning import Learning
+from rft_ros.estimator.load_cell import HISTORY
+from rft_ros.estimator.motion import Kinematics, Pace
+from rft_ros.estimator.quality import QualityMonitor
+from rft_ros.estimator.samples import PoseSample, TwistSample, WrenchSample
+from rft_ros.estimator.sigma import Withdrawal
+from rft_ros.estimator.tare import AirReading, PastPose
+from rft_ros.estimator.timeline import Timeline
+from rft_ros.ground import Footing, GroundMapper, LocalSurface
+from rft_ros.parameters import LoadCell, Model, Settings
+from rft_ros.rft import Memory
+from rft_ros.rft.wrench import prepared
+
+__all__ = ["RESTARTS", "Change", "Run", "changes", "compared"]
+
+_TWISTS = 256  # a pose that waited in a queue of 200 messages still finds the twist of its own time
+
+
+class Change(Flag):
+    """What can change between two samples."""
+
+    RUN = auto()  # the stamps of the poses jumped back, as in a bag that is played in a loop
+    AXES = auto()  # those of the poses: `world_frame`, `tool_frame`
+    TOOL = auto()
+    GROUND = auto()  # the map at the start; or the ground was levelled
+    HEIGHT = auto()  # `surface_height`
+    LAW = auto()
+    MEMORY = auto()  # the law has a memory now, or has none any more
+    PRIOR = auto()  # of learning: it is switched on or off, or forgets
+    LOAD_CELL = auto()
+    READINGS = auto()  # their stamps or axes
+    RATE = auto()  # `max_rate`
+
+
+_MOTION = Change.RUN | Change.AXES
+_TOOL = _MOTION | Change.TOOL
+
+RESTARTS: dict[str, Change] = {
+    "twists": Change.AXES,  # a new run also drops those of the run before, by their stamps
+    "readings": Change.READINGS,  # likewise
+    "pose": _MOTION,
+    "poses": _MOTION,
+    "pace": _MOTION | Change.RATE,
+    "kinematics": _MOTION,
+    "mapper": _MOTION | Change.GROUND,
+    "surface": _MOTION | Change.GROUND | Change.HEIGHT,
+    "footing": _TOOL,
+    "step": _TOOL | Change.MEMORY,
+    "withdrawal": _TOOL,
+    "quality": _TOOL,
+    "air": _TOOL | Change.LOAD_CELL,
+    "learning": Change.LAW | Change.PRIOR,
+    "place": _TOOL | Change.GROUND | Change.HEIGHT,  # of `learning`: all but the strength of the grains
+}
+"""For each part of `Run`, the changes after which it begins anew."""
+
+
+def compared(settings: Settings, load_cell: LoadCell, model: Model) -> dict[Change, object]:
+    """The values whose change is each `Change`. `load_cell`: that of the settings, at its place by the transforms."""
+    s = settings
+    return {
+        Change.AXES: (s.world_frame, s.tool_frame),
+        Change.TOOL: model.tool,
+        Change.GROUND: model.ground,
+        Change.HEIGHT: s.surface_height,
+        Change.LAW: model.law,
+        Change.MEMORY: model.law.has_memory,
+        Change.PRIOR: (s.learning_mode == "off", s.strength_error),
+        Change.LOAD_CELL: load_cell,
+        Change.READINGS: (s.world_frame, s.sensor_frame, s.load_cell.delay, s.sensor_source == "world"),
+        Change.RATE: s.max_rate,
+    }
+
+
+def changes(before: dict[Change, object], after: dict[Change, object]) -> Change:
+    """The changes between two results of `compared`."""
+    return reduce(or_, [change for change in after if after[change] != before[change]], Change(0))
+
+
+class Run:
+    """The parts of the estimator's state. Each is made anew after the changes that `RESTARTS` names for it."""
+
+    twists: Timeline[TwistSample]
+    readings: Timeline[WrenchSample]
+    """Of the load cell."""
+    pose: PoseSample | None
+    """The last one that was accepted."""
+    poses: deque[PastPose]
+    """For a tare."""
+    pace: Pace
+    kinematics: Kinematics
+    mapper: GroundMapper | None
+    """None: the ground is a level plane."""
+    surface: LocalSurface
+    """The one around the tool at the last pose that was evaluated."""
+    footing: Footing
+    step: Callable[..., None]
+    """`prepared` for the plates of the tool, with their memory if the law has one."""
+    withdrawal: Withdrawal
+    quality: QualityMonitor
+    air: AirReading
+    learning: Learning | None = None
+
+    def __init__(self, settings: Settings, model: Model) -> None:
+        self.restart(~Change(0), settings, model)
+
+    def restart(self, changed: Change, settings: Settings, model: Model) -> None:
+        """Make the parts anew that the changes restart, for these settings and this model."""
+        if changed & RESTARTS["place"] and self.learning is not None:
+            self.learning.forget_place()
+        for name, new in _NEW.items():
+            if changed & RESTARTS[name]:
+                setattr(self, name, new(settings, model))
+
+
+def _new_mapper(_settings: Settings, model: Model) -> GroundMapper | None:
+    return None if model.ground is None else GroundMapper(model.ground)
+
+
+def _new_step(_settings: Settings, model: Model) -> Callable[..., None]:
+    plates = model.tool.plates
+    return prepared(plates, Memory(plates) if model.law.has_memory else None)
+
+
+def _new_learning(settings: Settings, model: Model) -> Learning | None:
+    if settings.learning_mode == "off":
+        return None
+    reach = model.tool.plates.reach
+    return Learning(lag=settings.learning_lag, strength_error=settings.strength_error, reach=reach)
+
+
+_NEW: dict[str, Callable[[Settings, Model], Any]] = {
+    "twists": lambda _settings, _model: Timeline[TwistSample](maxlen=_TWISTS),
+    "readings": lambda _settings, _model: Timeline[WrenchSample](maxlen=HISTORY),
+    "pose": lambda _settings, _model: None,
+    "poses": lambda _settings, _model: deque[PastPose](maxlen=HISTORY),
+    "pace": lambda settings, _model: Pace(settings.max_rate),
+    "kinematics": lambda _settings, _model: Kinematics(),
+    "mapper": _new_mapper,
+    "surface": lambda settings, _model: LocalSurface(settings.surface_height),
+    "footing": lambda _settings, model: Footing(model.tool.corners),
+    "step": _new_step,
+    "withdrawal": lambda _settings, _model: Withdrawal(),
+    "quality": lambda _settings, model: QualityMonitor(model.tool),
+    "air": lambda _settings, _model: AirReading(),
+    "learning": _new_learning,
+}
+"""How each part is made."""
