@@ -7,6 +7,7 @@ from enum import Enum, IntFlag, unique
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.pose_noise import NOISY
 from rft_ros.estimator.samples import Vector
@@ -22,8 +23,8 @@ __all__ += ["sentences", "trust"]
 
 _LARGEST_FORCE = 5e5  # N: more than that of any arm, and than the breakout force of an excavator of 50 t
 _HIGHEST = 50.0  # m: greatest plausible height of a tool frame above the surface
-_DEEPEST, _DEEPEST_OF_SIZE = 0.3, 10.0
-"""Greatest plausible depth: the first [m] plus the second times the tool's largest extent. Small probes go deep."""
+_DEEPEST = 0.3  # m: greatest plausible depth, plus the next number times the tool's largest extent
+_DEEPEST_OF_SIZE = 10.0  # small probes go deep
 
 
 def _deepest(tool: Tool) -> float:
@@ -70,9 +71,8 @@ def sentence_on(tool: Tool, *, depth: float, force: float) -> str:
     return ""
 
 
-Array = NDArray[np.float64]
-
-
+_FROUDE = 0.4  # Kumar et al., arXiv:1712.09057: drag depends on the speed from v / sqrt(g D) = 0.35 on
+_FEWEST_GRAINS = 5.0  # across the tool; with fewer the force rises: Paume et al., doi:10.1039/D3SM01242E
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
 _HARMLESS = {"concave", "size", "degenerate_facets"}  # kinds of issues that are no fault of the mesh
 _DEEPER = 1.02  # times the calibrated depth, so that the bag of the calibration is not flagged
@@ -91,7 +91,8 @@ class QualityFlag(IntFlag):
     def __new__(cls, value: int, sentence: str = "") -> "QualityFlag":
         """A flag with a sentence on what it means for an estimate."""
         flag = int.__new__(cls, value)
-        flag._value_, flag.sentence = value, sentence
+        flag._value_ = value
+        flag.sentence = sentence
         return flag
 
     @property
@@ -107,8 +108,9 @@ class QualityFlag(IntFlag):
     )
     INERTIAL = (
         2,
-        f"over {WITHOUT_INERTIA.inertial:g} m/s without medium.density: the grains' inertia matters; or over"
-        f" {WITH_INERTIA.inertial:g} m/s with it: the modelled inertia was not checked",
+        f"without medium.density over {WITHOUT_INERTIA.inertial:g} m/s, or over a Froude number of {_FROUDE:g} of the"
+        f" tool's width: the grains' inertia matters; or with it over {WITH_INERTIA.inertial:g} m/s: the modelled"
+        " inertia was not checked",
     )
     NEAR_REST = 4, "so slow that noise decides the direction of the motion"
     WAKE = 8, "in the wake of its own motion, where the grains are looser"
@@ -137,6 +139,11 @@ class QualityFlag(IntFlag):
         f" {1e-3 * _LARGEST_FORCE:g} kN, as with poses in millimetres or a wrong mesh.scale",
     )
     NOISY = (16384, f"the poses have a noise of over {1e3 * NOISY:g} mm at the tool's farthest point: forces come late")
+    FEW_GRAINS = (
+        32768,
+        f"the tool's width is under {_FEWEST_GRAINS:g} times medium.grain_diameter: the force of real grains is larger"
+        " and varies more",
+    )
 
 
 class Trust(str, Enum):
@@ -172,10 +179,14 @@ class QualityMonitor:
 
     def __init__(self, tool: Tool) -> None:
         issues = tool.issues.keys()
-        self._plates, self._wake, self._deepest = tool.plates, _Wake(tool), _deepest(tool)
+        self._tool = tool
+        self._wake = _Wake(tool)
+        self._deepest = _deepest(tool)
+        self._fastest = _FROUDE * math.sqrt(GRAVITY * tool.width)
         self._is_plausible = _is_plausible(tool)
         self._of_mesh = _joined(concave="concave" in issues, mesh=bool(issues - _HARMLESS))
-        self._countdown = self._slow = 0
+        self._slow = 0
+        self._countdown = 0
 
     def flags(
         self,
@@ -197,7 +208,8 @@ class QualityMonitor:
         `withdrawn`: the tool is pulled out. `surprises`: the force is not the expected one. `disagrees`: there are
         issues of the load cell or the model.
         """
-        speed, (x, y, z) = motion.speed_bound, motion.pose.position
+        speed = motion.speed_bound
+        x, y, z = motion.pose.position
         height = surface.height + surface.slope[0] * x + surface.slope[1] * y
         origin_depth = height - z  # of the tool frame's origin
         if not in_grains:
@@ -208,13 +220,15 @@ class QualityMonitor:
             self._countdown = _EVERY
             self._wake.extend(motion.state[0])
             calibrated = settings.calibrated_depth
+            grain = settings.grain_diameter
             self._slow = self._of_mesh | _joined(
                 wake=self._wake.is_crossed,
                 deep=calibrated is not None and depth() > _DEEPER * calibrated,
+                few_grains=grain is not None and self._tool.width < _FEWEST_GRAINS * grain,
             )
         self._countdown -= 1
         # the lowest point is at most `reach` below the origin; its exact depth takes longer to compute
-        may_be_deep = origin_depth + self._plates.reach > self._deepest
+        may_be_deep = origin_depth + self._tool.plates.reach > self._deepest
         is_deep = may_be_deep and depth() > self._deepest
         return self._slow | _joined(
             surprise=surprises,
@@ -222,7 +236,7 @@ class QualityMonitor:
             impossible=is_deep or not self._is_plausible or math.hypot(*force) > _LARGEST_FORCE,
             noisy=motion.is_noisy,
             withdrawal=withdrawn,
-            inertial=speed > limits.inertial,
+            inertial=speed > limits.inertial or (limits == WITHOUT_INERTIA and speed > self._fastest),
             fast=speed > limits.checked,
             near_rest=speed < min(_NEAR_REST_FACTOR * settings.rest_speed, limits.checked),
             steep=math.hypot(*surface.slope) > _STEEP_SLOPE,
@@ -253,15 +267,17 @@ class _Wake:
     """
 
     def __init__(self, tool: Tool) -> None:
-        columns = tool.corners.T  # one by one: numpy takes 6 ms for 170,000 rows of three
-        low, high = np.array([c.min() for c in columns]), np.array([c.max() for c in columns])
-        self._centre, self._width = 0.5 * (low + high), float(np.median(high - low))
-        self._places, self._lengths = np.zeros((_KEPT, 3)), np.zeros(_KEPT)  # length of the path up to each place [m]
+        low, high = tool.bounds
+        self._centre = 0.5 * (low + high)
+        self._width = tool.width
+        self._places = np.zeros((_KEPT, 3))
+        self._lengths = np.zeros(_KEPT)  # of the path up to each place [m]
         self.clear()
 
     def clear(self) -> None:
         """Clear the path. The tool has left the grains, which fill its traces."""
-        self._count, self._length = 0, 0.0
+        self._count = 0
+        self._length = 0.0
         self.is_crossed = False
         """Whether the tool crosses its earlier path."""
 
@@ -273,8 +289,9 @@ class _Wake:
             if step < _STEP * self._width:
                 return
             self._length += step
-        self._places[self._count % _KEPT] = place
-        self._lengths[self._count % _KEPT] = self._length
+        row = self._count % _KEPT
+        self._places[row] = place
+        self._lengths[row] = self._length
         self._count += 1
         since = self._length - self._lengths[: self._count]
         apart = np.linalg.norm(self._places[: self._count] - place, axis=1)

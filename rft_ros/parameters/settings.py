@@ -48,9 +48,9 @@ class LoadCell:
 class Settings:
     """The estimator's settings: parameters of the node, in m, s, m/s and Hz.
 
-    `calibrated_depth` and `zeta_error` are None if they are not known; the parameter is 0 then. Raises InputError if
-    they are not positive, and if `world_frame` and `tool_frame` have the same name, because the frame_id of a twist
-    then does not say in which axes the twist is.
+    `calibrated_depth`, `grain_diameter` and `zeta_error` are None if they are not known; the parameter is 0 then.
+    Raises InputError if they are not positive, and if `world_frame` and `tool_frame` have the same name, because the
+    frame_id of a twist then does not say in which axes the twist is.
     """
 
     load_cell: LoadCell = field(default_factory=LoadCell)
@@ -59,6 +59,11 @@ class Settings:
     )
     calibrated_depth: float | None = Parameter("medium.calibrated_depth", 0.0, "m", (0.0, 1e3)).field(
         "Greatest depth reached in the calibration. Estimates at greater depth get the flag deep. 0.0: not known.",
+        default=None,
+    )
+    grain_diameter: float | None = Parameter("medium.grain_diameter", 0.0, "m", (0.0, 1.0)).field(
+        "Mean diameter of the grains. Estimates with a tool under five grains wide get the flag few_grains. 0.0: not "
+        "known.",
         default=None,
     )
     learning_mode: Literal["off", "observe", "apply"] = Parameter("learning.mode", "off").field(
@@ -109,7 +114,8 @@ class Settings:
     def __post_init__(self) -> None:
         if self.world_frame == self.tool_frame:
             raise InputError(f"world_frame and tool_frame are both '{self.tool_frame}'; name two different frames")
-        for name, value in (("calibrated_depth", self.calibrated_depth), ("zeta_error", self.zeta_error)):
+        for name in ("calibrated_depth", "grain_diameter", "zeta_error"):
+            value = getattr(self, name)
             if value is not None and not value > 0.0:
                 raise InputError(f"{name} is {value}; it must be positive, or None if it is not known")
 

@@ -70,7 +70,7 @@ def _supported(tool: Tool, hull: Tool) -> tuple[str, str]:
         is_mouth_down = bool(is_open[:, 2, 0].mean() > 0.5)
         return (_FILLS if is_mouth_down else _HULL), _HULL
     gap = float(np.median(walls.sum(axis=2).min(axis=1)))
-    narrow = _NARROW * float(np.sort(np.ptp(tool.corners, axis=0))[1])
+    narrow = _NARROW * tool.width
     if gap <= narrow:
         return _HULL_OF_DRAGS, _HULL
     width = f"{1e3 * gap:.3g} mm wide" if np.isfinite(gap) else "open"

@@ -53,9 +53,20 @@ class Tool:
     reduction: str = ""
 
     @property
+    def bounds(self) -> NDArray[np.float64]:
+        """The least and the greatest coordinates [m], shape [2, 3]."""
+        columns = self.corners.T  # one by one: numpy takes 6 ms for 170,000 rows of three
+        return np.array([[column.min() for column in columns], [column.max() for column in columns]])
+
+    @property
     def size(self) -> float:
         """Largest extent along an axis of the tool frame [m]."""
-        return max(float(column.max() - column.min()) for column in self.corners.T)
+        return float(np.ptp(self.bounds, axis=0).max())
+
+    @property
+    def width(self) -> float:
+        """Middle extent along an axis of the tool frame [m]: the diameter of a rod, the shorter side of a plate."""
+        return float(np.median(np.ptp(self.bounds, axis=0)))
 
     def lowest_point(self, rotation: NDArray[np.float64], slope: tuple[float, float] = LEVEL) -> float:
         """Height of the tool's lowest point above the tool frame's origin [m], along world z; negative if below.

@@ -81,6 +81,21 @@ def moving(tool, velocity, **settings):
     return last_flags(tool, np.tile([0.0, 0.0, -0.05], (10, 1)), velocity=velocity, **settings)
 
 
+def rod():
+    """20 mm thick and 50 mm long."""
+    return mesh(trimesh.creation.box((0.02, 0.02, 0.05)))
+
+
+def on_grains(*, diameter):
+    """The flags of the rod in grains of this diameter [m]."""
+    return moving(rod(), 0.02 * ASLANT, grain_diameter=diameter)
+
+
+def at_froude(number):
+    """The flags of the rod at this Froude number of its thickness."""
+    return moving(rod(), number * np.sqrt(9.81 * 0.02) * ASLANT)
+
+
 def helix(root, *, pitch, radius):
     depth = np.linspace(0.0, 0.05, 600)
     turn = 2.0 * np.pi * depth / pitch
@@ -130,6 +145,10 @@ SCENES = {
     "deeper by rounding": (QualityFlag.NONE, lambda root: at_depth(root, 0.101, calibrated_depth=0.1)),
     "deeper": (QualityFlag.DEEP, lambda root: at_depth(root, 0.103, calibrated_depth=0.1)),
     "softer grains learned": (QualityFlag.SURPRISE, lambda _: pressed([1.0] * 300 + [3.0] * 30)),
+    "a tool five grains wide": (QualityFlag.NONE, lambda _: on_grains(diameter=0.0039)),
+    "a tool under five grains wide": (QualityFlag.FEW_GRAINS, lambda _: on_grains(diameter=0.0041)),
+    "a Froude number of 0.45": (QualityFlag.FAST | QualityFlag.INERTIAL, lambda _: at_froude(0.45)),
+    "a Froude number of 0.35": (QualityFlag.FAST, lambda _: at_froude(0.35)),
     "a slope of 0.2": (QualityFlag.NONE, lambda _: on_ground(lambda x: 0.2 * x)),
     "a slope of 0.3": (QualityFlag.STEEP, lambda _: on_ground(lambda x: 0.3 * x)),
     "a narrow crest": (QualityFlag.UNEVEN, lambda _: on_ground(lambda x: np.where(np.abs(x) < 0.006, 0.01, -0.01))),

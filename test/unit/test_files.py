@@ -173,7 +173,6 @@ def test_a_device_is_written_and_not_replaced(tmp_path):
         "predict states.csv --mesh file://{folder}/tool.stl -o tool.stl",
         "view states.csv --mesh tool.stl -o link.html",
         "reduce tool.npz -o tool.npz",
-        "reduce tool.stl --scene states.npz -o states.npz",
         "predict states.csv --mesh tool.stl --alpha-y=~/table.csv -o ~/table.csv",
         "replay bag --params cell.yaml -o .",
         "replay bag --params cell.yaml -o bag/out",

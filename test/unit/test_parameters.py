@@ -83,7 +83,7 @@ def test_an_integer_a_norm_near_1_and_an_unquoted_off_are_accepted():
     assert checked("learning.mode", False) == "off"  # unquoted in YAML
 
 
-@pytest.mark.parametrize("name", ["zeta_error", "calibrated_depth"])
+@pytest.mark.parametrize("name", ["zeta_error", "calibrated_depth", "grain_diameter"])
 def test_a_parameter_of_0_is_none_in_python_where_0_means_not_known(name):
     assert getattr(settings_of({**defaults(), f"medium.{name}": 0.0}), name) is None
     assert getattr(settings_of({**defaults(), f"medium.{name}": 0.2}), name) == 0.2
