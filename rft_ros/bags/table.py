@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rft_ros.bags.sources import Messages, Source
 from rft_ros.errors import InputError
@@ -29,6 +30,8 @@ six columns of the twist may be missing, and those of the wrench.
 """
 
 _LAST = 2**31  # s: stamps of ROS have 32 bits
+_UNITS = {"ns": 5e5, "µs": 500.0, "ms": 0.5}
+"""Least time between rows, taken for seconds, of a table whose times are in each unit. None is slower than 2 Hz."""
 
 
 def is_table(bag: Path) -> bool:
@@ -53,16 +56,15 @@ def source_of_table(file: Path, rows: Rows, topics: Mapping[Role, str], values: 
     In ROS a stamp of 0 means none: stamps that begin at 0 or below are shifted by whole seconds. Raises InputError,
     which names the line.
     """
-    table, lines, times = rows.numbers, rows.lines, rows.numbers[:, 0]
-    wrong = np.flatnonzero(~(np.abs(times) < _LAST) | (np.diff(times, prepend=-np.inf) < 0.0))
-    if len(wrong):
-        must = "it must be a time [s] that does not go back; write a file for each run"
-        raise InputError(f"table '{file}' line {lines[wrong[0]]}: t is {times[wrong[0]]:.9g}; {must}")
+    table = rows.numbers
+    times = table[:, 0]
+    _check_times(times, rows.lines, f"table '{file}'")
     shift = 0 if times[0] > 0.0 else 1 + math.ceil(-times[0])
     stamps = np.round((times + shift) * 1e9).astype(np.int64).tolist()
     names = [*rows.factors]
     begin = {role: names.index(group[0]) for role, group in _GROUPS.items() if group[0] in names}
-    world, sensor = values["world_frame"], values["sensor_frame"]
+    world = values["world_frame"]
+    sensor = values["sensor_frame"]
     sample_of: dict[Role, Callable[[int, Any], Sample]] = {
         "pose": lambda stamp, numbers: PoseSample(stamp, world, numbers[:3], numbers[3:]),
         "twist": lambda stamp, numbers: TwistSample(stamp, world, numbers[:3], numbers[3:]),
@@ -78,6 +80,18 @@ def source_of_table(file: Path, rows: Rows, topics: Mapping[Role, str], values: 
                         yield stamp, topics[role], sample_of[role](stamp, tuple(numbers[k : k + len(_GROUPS[role])]))
 
     types = [(topics[role], TYPES[role][0]) for role in begin if role in topics]
-    count, first, last = len(types) * len(stamps), stamps[0], stamps[-1]
-    source = Source(name=file.name, types=types, count=count, first=first, last=last, read=read)
+    count = len(types) * len(stamps)
+    source = Source(name=file.name, types=types, count=count, first=stamps[0], last=stamps[-1], read=read)
     return source, shift * 1_000_000_000
+
+
+def _check_times(times: NDArray[np.float64], lines: NDArray[np.int64], named: str) -> None:
+    """Raise InputError for times that are not in seconds, too large, or go back."""
+    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
+    for unit, least in _UNITS.items():
+        if step >= least:
+            raise InputError(f"{named}: t looks like {unit} ({step:.3g} s between rows); give seconds")
+    wrong = np.flatnonzero(~(np.abs(times) < _LAST) | (np.diff(times, prepend=-np.inf) < 0.0))
+    if len(wrong):
+        must = "it must be a time [s] that does not go back; write a file for each run"
+        raise InputError(f"{named} line {lines[wrong[0]]}: t is {times[wrong[0]]:.9g}; {must}")

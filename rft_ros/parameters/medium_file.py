@@ -78,13 +78,12 @@ def read_stress_map(file: Path) -> StressMap:
 def read_alpha_y_table(file: str) -> Table:
     """A table from a CSV file with the columns beta, alpha_y, or beta, gamma, alpha_y on a full grid.
 
-    Units are as in `read_stress_map`. Without a header the columns stand in this order. Raises InputError.
+    Units are as in `read_stress_map`. Raises InputError.
     """
     if not file:
         raise InputError("alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first")
     named = f"alpha_y.table '{file}'"
-    orders = (_BETA, _ALPHA_Y), (_BETA, _GAMMA, _ALPHA_Y)
-    rows = _read(Path(file), "alpha_y.table", orders[0], (_GAMMA,), limit=_LARGEST_TABLE, without_header=orders)
+    rows = _read(Path(file), "alpha_y.table", (_BETA, _ALPHA_Y), (_GAMMA,), limit=_LARGEST_TABLE)
     stresses = rows.column("alpha_y")
     if stresses.min() < 0.0:
         raise InputError(f"{named} has a negative alpha_y ({stresses.min():g}); give the size of a stress that resists")
@@ -107,9 +106,10 @@ def read_alpha_y_table(file: str) -> Table:
     return table
 
 
-def _read(file: Path, what: str, *columns: Sequence[Column], **options: Any) -> Rows:
+def _read(file: Path, what: str, *columns: Sequence[Column], limit: int) -> Rows:
     """As `read_table`. Raises InputError also for numbers that are not finite."""
-    rows, named = read_table(file, what, *columns, **options), f"{what} '{file}'"
+    named = f"{what} '{file}'"
+    rows = read_table(file, what, *columns, limit=limit)
     for column in itertools.chain(*columns):
         if column.name in rows.factors:
             values = rows.column(column.name)

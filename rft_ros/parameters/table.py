@@ -59,7 +59,7 @@ _OTHERS = (
     ),
     Parameter("alpha_y.table", "", "deg, N/cm3").means(
         "CSV file for alpha_y.model table, with the columns beta, alpha_y, or beta, gamma, alpha_y. Its header "
-        "may name other units; without a header they stand in this order."
+        "may name other units."
     ),
     Parameter("integration", "refined", choices=INTEGRATIONS).means(
         "Integration rule. refined: cuts facets at the surface, and lets a facet's force grow gradually as it "

@@ -108,6 +108,17 @@ def test_what_is_wrong_in_a_table_is_named(tmp_path, change, words):
     assert words in said
 
 
+@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("µs", 1e6), ("ns", 1e9)])
+@pytest.mark.parametrize("begin", [0.0, 1.7e9])
+def test_times_in_another_unit_are_named_as_such(tmp_path, unit, factor, begin):
+    rows = list(plunge())[:60]
+    table = write_table(tmp_path / "trial.csv", rows, begin=begin)
+    header, *lines = table.read_text().splitlines()
+    cells = [line.split(",", 1) for line in lines]
+    table.write_text("\n".join([header, *(f"{factor * float(t):.0f},{rest}" for t, rest in cells)]))
+    assert f"t looks like {unit} ({0.01 * factor:.3g} s between rows); give seconds" in refusal(opened, table)
+
+
 def opened(table):
     with Recording(table, values()):
         pass

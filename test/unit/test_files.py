@@ -85,7 +85,8 @@ def _array(values):
 
 def test_a_table_whose_grid_would_fill_the_memory_is_refused(tmp_path):
     file = tmp_path / "table.csv"
-    file.write_text("".join(f"{k / 1000},{k / 999},0.1\n" for k in range(100_000)))
+    rows = (f"{k / 1000},{k / 999},0.1\n" for k in range(100_000))
+    file.write_text("beta,gamma,alpha_y\n" + "".join(rows))
     assert "100000 beta x 100000 gamma values" in refusal(read_alpha_y_table, str(file))
 
 
@@ -190,8 +191,9 @@ def test_no_command_overwrites_its_input(tmp_path, monkeypatch, capsys, command)
     for name in ("bag", "out"):
         (tmp_path / name).mkdir()
     cell = "/**: {ros__parameters: {mesh.file: tool.stl, alpha_y.table: estimates.csv}}\n"
-    contents = {"states.csv": STATE, "states.npz": "", "cell.yaml": cell, "out/report.html": cell, "tool.stl": ""}
-    contents |= {"table.csv": "0,0.1\n90,0.2\n", "tool.npz": "", "fits.html": "", "estimates.csv": "0,0.1\n90,0.2\n"}
+    table = "beta,alpha_y\n0,0.1\n90,0.2\n"
+    contents = {"states.csv": STATE, "cell.yaml": cell, "out/report.html": cell, "tool.stl": ""}
+    contents |= {"table.csv": table, "tool.npz": "", "fits.html": "", "estimates.csv": table}
     contents |= {"out/summary.json": "estimates: {min: 1}", "out/results.csv": STATE}
     contents["study.yaml"] = "{tools: [{mesh: plate}], motions: [{states_file: out/results.csv}], media: [{zeta: 1.0}]}"
     for name, content in contents.items():

@@ -38,7 +38,9 @@ def write(tmp_path):
 
 
 def test_a_map_is_read_by_the_names_and_units_of_its_header(write):
-    in_degrees = write("# beta_deg;gamma_deg;alpha_x;alpha_z\n" + lines(cells(), separator=";").replace(".", ","))
+    in_degrees = write(
+        "# a plate\nbeta_deg;gamma_deg;alpha_x;alpha_z\n" + lines(cells(), separator=";").replace(".", ",")
+    )
     header = "alpha_z (Pa/m)\talpha_x [N/cm³]\tgamma_rad\tbeta\n"
     mixed = write(header + lines(MIXED, (3, 2, 1, 0), separator="\t"), "mixed.csv")
     for file in (in_degrees, mixed):

@@ -136,7 +136,7 @@ def test_a_model_is_the_tool_medium_and_alpha_y_of_the_values(values):
 
 
 def test_the_alpha_y_model_is_chosen_by_name(values, table, tmp_path):
-    read = table("0,0.2\n90,0.1\n")
+    read = table("beta,alpha_y\n0,0.2\n90,0.1\n")
     assert model_of({**values, "alpha_y.model": "linear"}).law.alpha_y == Linear(0.2035, -0.0015)
     chosen = model_of({**values, "alpha_y.model": "table", "alpha_y.table": str(tmp_path / "alpha_y.csv")}).law.alpha_y
     assert chosen == read
@@ -223,8 +223,8 @@ def test_missing_files_are_named(tmp_path):
 @pytest.mark.parametrize(
     "text",
     [
-        "0,0.2\n90,0.1\n180,0.05\n",
-        "0;0,2\n90;0,1\n180;0,05\n",
+        "beta,alpha_y\n0,0.2\n90,0.1\n180,0.05\n",
+        "beta;alpha_y\n0;0,2\n90;0,1\n180;0,05\n",
         "# measured\n\nalpha_y [N/m³], beta [deg]\n5e4, 180\n1e5,90\n2e5, 0\n",
         b'\xef\xbb\xbf"beta_rad","alpha_y"\r\n0,0.2\r\n1.570796326794897,0.1\r\n3.141592653589793,0.05\r\n',
     ],
@@ -247,19 +247,23 @@ def test_a_table_of_beta_and_gamma_is_a_full_grid_in_any_order(table):
 @pytest.mark.parametrize(
     ("text", "sentence"),
     [
-        ("0,0.1\n90,0,0.1\n", "line 2 is not 2 numbers"),
-        ("0,O.1\n90,0.2\n", "line 1 is not 2 numbers"),
-        ("0,0.1\nbeta,alpha_y\n", "line 2 is not 2 numbers"),
+        ("beta,alpha_y\n0,0.1\n90,0,0.1\n", "line 3 is not 2 numbers"),
+        ("beta,alpha_y\n0,O.1\n90,0.2\n", "line 2 is not 2 numbers"),
+        ("0,0.1\n90,0.2\n", "has no column beta; its first line must name beta,alpha_y"),
+        ("# beta,alpha_y\n0,0.1\n", "has no column beta; its first line must name beta,alpha_y, without #"),
         ("beta,gamma_grad,alpha_y\n0,0,0.2\n", "no column gamma; it must be in deg or rad"),
-        ("nan,0.1\n0,0.2\n", "line 1: beta is nan; it must be a finite number"),
-        ("0,0.1\n90,-0.2\n", "has a negative alpha_y (-0.2)"),
-        ("0,0.1\n0,0.2\n", "has 2 rows; a grid of 1 beta x 1 gamma values needs each pair once (1 rows)"),
-        ("0,0,1\n0,30,1\n90,0,1\n", "has 3 rows; a grid of 2 beta x 2 gamma values needs each pair once (4 rows)"),
+        ("beta,alpha_y\nnan,0.1\n0,0.2\n", "line 2: beta is nan; it must be a finite number"),
+        ("beta,alpha_y\n0,0.1\n90,-0.2\n", "has a negative alpha_y (-0.2)"),
+        ("beta,alpha_y\n0,0.1\n0,0.2\n", "has 2 rows; a grid of 1 beta x 1 gamma values needs each pair once (1 rows)"),
+        (
+            "beta,gamma,alpha_y\n0,0,1\n0,30,1\n90,0,1\n",
+            "has 3 rows; a grid of 2 beta x 2 gamma values needs each pair once (4 rows)",
+        ),
         (b"\xff\xfe0,1", "cannot be read"),
-        ("0,200000\n45,136000\n90,60000\n180,0\n", "N/cm³"),
-        ("0.2,0\n0.136,45\n0.06,90\n0,180\n", "order of the columns"),
+        ("beta,alpha_y\n0,200000\n45,136000\n90,60000\n180,0\n", "N/cm³"),
+        ("beta,alpha_y\n0.2,0\n0.136,45\n0.06,90\n0,180\n", "order of the columns"),
         ("beta_rad,alpha_y\n0,0.2\n90,0.1\n", "beta_deg"),
-        ("0,0.2\n0.785,0.136\n1.571,0.06\n3.1416,0\n", "radians"),
+        ("beta,alpha_y\n0,0.2\n0.785,0.136\n1.571,0.06\n3.1416,0\n", "radians"),
     ],
 )
 def test_a_table_that_cannot_be_used_is_refused_with_a_sentence_that_names_it(table, text, sentence):
