@@ -12,7 +12,7 @@ from rft_ros.bags.writing import check_replaceable
 from rft_ros.diagnosis import SILENT, diagnose, evidence_of
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model, Reason, Settings, Wrench, WrenchSample
-from rft_ros.estimator.warm_up import prepare
+from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import refuse_overwriting, whole_folder
 from rft_ros.ground import write_height_map
 from rft_ros.parameters import Values, model_of, named_files, settings_of
@@ -32,7 +32,7 @@ def results(out: Path) -> list[Path]:
 def replay_model(values: Values) -> Model:
     """Load and compile the model that the parameters describe; it serves any number of replays."""
     model = model_of(values)
-    prepare()
+    prepare(needed(values))
     return model
 
 

@@ -86,6 +86,6 @@ def demo(arguments: argparse.Namespace) -> int:
 
 def warm_up(_arguments: argparse.Namespace) -> int:
     """rft warm-up"""
-    prepare(lambda: print("compiling, ten seconds or more ...", flush=True))
+    prepare(on_cold_cache=lambda: print("compiling, ten seconds or more ...", flush=True))
     print("everything is compiled")
     return 0

@@ -46,7 +46,7 @@ def compiled() -> Finding:
         raise InputError("run rft warm-up, or the node's first start compiles for some ten seconds")
 
     try:
-        prepare(stop)
+        prepare(on_cold_cache=stop)
     except InputError as error:
         return Finding(False, f"compiled: no; {error}")
     return Finding(True, "compiled: yes")

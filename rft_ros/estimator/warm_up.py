@@ -1,4 +1,4 @@
-"""Loads the machine code that poses need from the cache on disk, or compiles it in child processes."""
+"""Loads the machine code that an estimator needs from the cache on disk, or compiles it in child processes."""
 
 import threading
 from collections.abc import Callable
@@ -7,7 +7,7 @@ from contextlib import suppress
 import numpy as np
 from numba.core import event
 
-from rft_ros.child_process import start_child
+from rft_ros.child_process import lower_priority, start_child
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.motion import Kinematics
@@ -15,55 +15,109 @@ from rft_ros.estimator.samples import PoseSample
 from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.ground import HeightMap, Support
-from rft_ros.parameters import LoadCell, Settings
+from rft_ros.parameters import LoadCell, Settings, Values
 from rft_ros.rft import QUATERNION, Plates, agarwal2023, wrenches
 
-__all__ = ["forces", "other_loops", "prepare"]
+__all__ = ["PARTS", "load", "needed", "prepare", "prepare_later"]
 
 _PLATE = Plates.from_arrays([[0.0, 0.0, -1.0]], [[0.0, 0.0, -1.0]], [1.0])
 _SINKING = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
 
 
-def prepare(on_cold_cache: Callable[[], None] = lambda: None) -> None:
-    """Load all machine code from the cache on disk, so that nothing compiles when samples come.
+def _forces() -> None:
+    """The loop over plates, with all that it is made of."""
+    wrenches(_PLATE, agarwal2023(), _SINKING)
+
+
+def _around() -> None:
+    """The loops around it: of frames, velocities and the standard deviation."""
+    LoadCellFrame(LoadCell()).into_sensor(_SINKING[QUATERNION], np.zeros(12))
+    predict_without_learning(np.zeros(7), 1.0, 0.0, np.zeros(12))
+    pose = PoseSample(1, "", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    Kinematics().velocity(pose, Timeline(), Settings(twist_source="pose_difference"))
+
+
+def _ground() -> None:
+    level = HeightMap.unknown(1.0).with_points(*np.zeros((3, 1)))
+    Support(np.eye(3)).local_surface(level, _SINKING, level=0.0)
+
+
+_LOADS: dict[str, Callable[[], object]] = {
+    "forces": _forces,
+    "around": _around,
+    "learning": Learning,
+    "ground": _ground,
+}
+PARTS = frozenset(_LOADS)
+"""Names of the parts that the machine code is divided into."""
+
+
+def needed(values: Values) -> frozenset[str]:
+    """The parts that an estimator with these parameters needs."""
+    unused = set()
+    if values["learning.mode"] == "off":
+        unused.add("learning")
+    if not values["ground.cell"]:
+        unused.add("ground")
+    return PARTS - unused
+
+
+def prepare(parts: frozenset[str] = PARTS, on_cold_cache: Callable[[], None] = lambda: None) -> None:
+    """Load machine code from the cache on disk, so that nothing compiles when samples come.
 
     If some is missing in the cache, `on_cold_cache` is called, and child processes compile it. The 100 MB of the
     compiler are freed when they end. Where nothing can be cached, this process compiles.
     """
-    try:
-        with event.install_listener("numba:compile", _ColdCache()):
-            forces()
-            return other_loops()
-    except _NotCompiledError:
-        on_cold_cache()
+    if _load_cached(parts):
+        return
+    on_cold_cache()
     children = []
     try:
         with suppress(OSError):  # the system starts no more processes; then this process compiles below
-            for loops in (forces, other_loops):  # they take as long as each other
-                children.append(start_child(loops))
+            for group in ({"forces"}, parts - {"forces"}):
+                children.append(start_child(load, *sorted(group)))
         for child in children:
             child.wait()
     finally:
         for child in children:
             child.kill()
-    forces()
-    return other_loops()
+    load(*parts)
 
 
-def forces() -> None:
-    """Run the loop over plates, with all that it is made of."""
-    wrenches(_PLATE, agarwal2023(), _SINKING)
+def prepare_later(parts: frozenset[str]) -> threading.Thread | None:
+    """As `prepare`, but what is missing in the cache compiles until the returned thread ends; this one goes on."""
+    if _load_cached(parts):
+        return None
+    thread = threading.Thread(target=_compile_in_child, args=[parts], daemon=True)
+    thread.start()
+    return thread
 
 
-def other_loops() -> None:
-    """Run the loops around it: of frames, velocities, learning and the ground."""
-    LoadCellFrame(LoadCell()).into_sensor(_SINKING[QUATERNION], np.zeros(12))
-    predict_without_learning(np.zeros(7), 1.0, 0.0, np.zeros(12))
-    pose = PoseSample(1, "", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
-    Kinematics().velocity(pose, Timeline(), Settings(twist_source="pose_difference"))
-    Learning()
-    level = HeightMap.unknown(1.0).with_points(*np.zeros((3, 1)))
-    Support(np.eye(3)).local_surface(level, _SINKING, level=0.0)
+def _compile_in_child(parts: frozenset[str]) -> None:
+    with suppress(OSError):
+        start_child(_load_slowly, *sorted(parts)).wait()
+    load(*parts)
+
+
+def load(*parts: str) -> None:
+    """Load these of `PARTS`, or compile them in this process."""
+    for part in parts:
+        _LOADS[part]()
+
+
+def _load_slowly(*parts: str) -> None:
+    lower_priority()
+    load(*parts)
+
+
+def _load_cached(parts: frozenset[str]) -> bool:
+    """Load these of `PARTS` from the cache on disk. Returns False once something is not there."""
+    try:
+        with event.install_listener("numba:compile", _ColdCache()):
+            load(*parts)
+    except _NotCompiledError:
+        return False
+    return True
 
 
 class _NotCompiledError(Exception):

@@ -12,7 +12,7 @@ from typing import Any, NamedTuple
 
 from rft_ros.errors import InputError
 from rft_ros.estimator import Model, Settings
-from rft_ros.estimator.warm_up import prepare
+from rft_ros.estimator.warm_up import PARTS, needed, prepare, prepare_later
 from rft_ros.files import checked_file
 from rft_ros.messages import decoder
 from rft_ros.node.tool_worker import ToolWorker, named
@@ -70,8 +70,11 @@ class Swap:
 
     def __init__(self, worker: ToolWorker, values: Values, *, on_cold_cache: Callable[[], None]) -> None:
         self._worker = worker
-        self._file_thread, self._check_thread = ThreadPoolExecutor(1), ThreadPoolExecutor(1)
-        prepare(on_cold_cache)
+        self._file_thread = ThreadPoolExecutor(1)
+        self._check_thread = ThreadPoolExecutor(1)
+        self._code = needed(values)
+        prepare(self._code, on_cold_cache)
+        self._code_thread = prepare_later(PARTS - self._code)
         wanted = parts_of(values)
         loaded = worker.load(wanted)  # after the code is in the cache; otherwise the worker compiles it, too
         in_force = {part: _InForce(wanted[part], content) for part, content in loaded.items()}
@@ -83,12 +86,19 @@ class Swap:
 
     def prepare(self, values: Values) -> Prepared:
         """Prepare a change to these values, without reading files. Raises InputError for unusable values."""
+        self._check_code(needed(values))
         before = self.prepared
         made = self._made(values, before.in_force, generation=before.model.generation + 1)
         check = self._check_thread.submit(_check_files, parts_of(values), made.in_force)
         if wait([check], _ANSWERS_WITHIN).done:  # otherwise the drive stalls, and the worker finds what is wrong
             check.result()
         return made
+
+    def _check_code(self, parts: frozenset[str]) -> None:
+        """Raise InputError if machine code for these parts still compiles, as in the seconds after a first start."""
+        compiles = self._code_thread is not None and self._code_thread.is_alive()
+        if compiles and not parts <= self._code:
+            raise InputError(f"{' and '.join(sorted(parts - self._code))} still compiles; try again in ten seconds")
 
     def _made(self, values: Values, in_force: dict[str, _InForce], *, generation: int) -> Prepared:
         at_once = {part: _InForce(wanted, None) for part, wanted in parts_of(values).items() if unused(part, wanted)}

@@ -8,13 +8,12 @@ from multiprocessing.connection import Connection, Pipe
 from pathlib import Path
 from typing import Any
 
-from rft_ros.child_process import start_child
+from rft_ros.child_process import lower_priority, start_child
 from rft_ros.errors import InputError
 from rft_ros.parameters import FILES, Values, load_parts
 
 __all__ = ["ToolWorker", "named"]
 
-_NICENESS = 10  # such a process gets a tenth of a busy core, and all of an idle one
 _LOOK = 1.0  # s between two looks at a process that loads
 _BLOCKED_AFTER, _BLOCKED_CPU = 60.0, 0.01
 """A process that uses less than `_BLOCKED_CPU` [s] of CPU time in `_BLOCKED_AFTER` [s] waits for a file, as for a pipe.
@@ -100,23 +99,14 @@ def _serve(descriptor: int, low_priority: int) -> None:
     """
     connection = Connection(descriptor)
     if low_priority:
-        _lower_priority()
+        lower_priority()
     import scipy.spatial  # noqa: F401
     import trimesh  # noqa: F401
 
     with suppress(EOFError, OSError):
         while True:
             connection.send(_loaded(connection.recv()))
-            _lower_priority()
-
-
-def _lower_priority() -> None:
-    """In the process: leave busy cores to the node."""
-    os.setpriority(os.PRIO_PROCESS, 0, max(os.getpriority(os.PRIO_PROCESS, 0), _NICENESS))
-    # A kernel that schedules by session (autogroup) applies niceness within one session only, so the session gets it
-    # too. During 20 changes of the mesh 474 of 15,000 poses were answered late, and 1,824 without this.
-    with suppress(OSError):
-        Path("/proc/self/autogroup").write_text(str(_NICENESS))
+            lower_priority()
 
 
 def _loaded(files: Mapping[str, Values]) -> dict[str, Any] | str:

@@ -20,6 +20,9 @@ os.environ.update(own_domain())
 def ros() -> Iterator[None]:
     import rclpy
 
+    from rft_ros.estimator.warm_up import prepare
+
+    prepare()  # else a node's first start compiles learning while tests use it
     rclpy.init()
     yield
     rclpy.try_shutdown()

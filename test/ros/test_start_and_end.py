@@ -15,6 +15,7 @@ from rclpy.executors import SingleThreadedExecutor
 from refusals import refusal
 
 import rft_ros
+from rft_ros.estimator.warm_up import prepare
 from rft_ros.node.rft_node import executor_of
 from rft_ros.parameters import read_parameter_file
 from rft_ros.tool import locate_mesh
@@ -60,6 +61,23 @@ def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(star
     assert rft.stop(signal.SIGTERM) == 0
     wait_until(lambda: not alive(children), "the children end")
     assert "Traceback" not in rft.said()
+
+
+def test_a_node_is_ready_before_code_that_it_does_not_use_is_compiled_and_refuses_to_use_it_until_then(
+    start_process, not_compiled
+):
+    prepare()
+    cache = not_compiled / "__pycache__"
+    unused = shutil.ignore_patterns("rft_ros.estimator.learning.*")
+    shutil.copytree(Path(rft_ros.__file__).parents[1] / "__pycache__", cache, ignore=unused)
+    rft = start_process("-p", f"mesh.file:={PLATE}", folder=not_compiled).wait_ready()
+    made, why = rft.set(learning__mode="observe")
+    assert not made
+    assert "learning still compiles" in why
+    while not rft.set(learning__mode="observe")[0]:
+        rft.ask(rft.moment())
+    assert list(cache.glob("rft_ros.estimator.learning.*"))
+    assert "compiling: " not in rft.said()
 
 
 @pytest.mark.parametrize("action", [signal.SIG_DFL, signal.SIG_IGN], ids=["foreground", "background job"])
@@ -108,19 +126,20 @@ from rft_ros.estimator import Estimator, PoseSample, Settings
 from rft_ros.parameters import defaults, model_of
 from rft_ros.estimator.warm_up import prepare
 
-prepare(lambda: sys.exit("the cache is cold after rft warm-up"))
+prepare(on_cold_cache=lambda: sys.exit("the cache is cold after rft warm-up"))
 if "trimesh" in sys.modules:
     sys.exit("warming up imports trimesh, which the node does not need")
 for rule in ("centroid", "refined"):
     model = model_of({**defaults(), "mesh.file": "plate", "integration": rule})
     for length in (0.0, 0.001):
         grains = replace(model.law, mobilization_length=length)
-        estimator = Estimator(Settings(twist_source="pose_difference"), replace(model, law=grains))
+        with event.install_recorder("numba:compile") as compiled:
+            estimator = Estimator(Settings(twist_source="pose_difference"), replace(model, law=grains))
         with event.install_recorder("numba:compiler_lock") as compiled_or_loaded:
             for k in range(1, 40):  # from the air into the grains
                 pose = (0.0, 0.0, 0.1 - 0.005 * k), (0.0, 0.0, 0.0, 1.0)
                 estimator.push_pose(PoseSample(k * 10_000_000, "world", *pose))
-        if compiled_or_loaded.buffer or estimator.depth() < 0.05:
+        if compiled.buffer or compiled_or_loaded.buffer or estimator.depth() < 0.05:
             sys.exit(f"{rule}, {length}: a pose compiles, loads or looks up")
 """
 
