@@ -32,7 +32,9 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.rft import FORCE, POSE, POSITION, QUATERNION, TORQUE, TWIST, VELOCITY
 
-RATE, HASTE = 100.0, 4  # Hz; the recorded motion takes 10 s
+# Hz; the recorded motion takes 10 s
+RATE = 100.0
+HASTE = 4
 TILTED = Rotation.from_rotvec(np.radians(120.0) / np.sqrt(14.0) * np.array([1.0, 2.0, 3.0]))
 TURNED = (Rotation.from_quat(cells.MOUNT.quaternion) * Rotation.from_euler("x", 180, degrees=True)).as_quat().tolist()
 
@@ -131,7 +133,8 @@ def said_of(fault: Fault, folder: Path, seconds: float) -> list[str]:
     command = [sys.executable, "-m", "rft_ros.cli", "doctor", str(file), "--seconds", f"{seconds:g}"]
     with running_node("-m", "rft_ros.node.main", "--ros-args", "--params-file", str(file)):
         doctor = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
-        start, k = time.monotonic(), 0
+        start = time.monotonic()
+        k = 0
         while doctor.poll() is None:
             time.sleep(max(0.0, start + k / RATE - time.monotonic()))
             now = driver.get_clock().now().nanoseconds - fault.old

@@ -49,7 +49,8 @@ def over(function: Callable[[mp.mpf], mp.mpf]) -> Callable[[mp.mpf], mp.mpf]:
 
 
 def chebyshev_points(low: mp.mpf, high: mp.mpf) -> list[mp.mpf]:
-    middle, half = (low + high) / 2, (high - low) / 2
+    middle = (low + high) / 2
+    half = (high - low) / 2
     return [middle - half * mp.cos(mp.pi * (k + mp.mpf(1) / 2) / POINTS) for k in range(POINTS)]
 
 
@@ -75,7 +76,8 @@ def fit(target: Target) -> Fit:
                 rows[i, m + k] = -weight * g * y**k
             right[i] = weight * g
         solution = list(mp.lu_solve(rows.T * rows, rows.T * right))
-        p, q = solution[: m + 1], [mp.mpf(1), *solution[m + 1 :]]
+        p = solution[: m + 1]
+        q = [mp.mpf(1), *solution[m + 1 :]]
         errors = [abs(horner(p, y) / horner(q, y) / g - 1) for y, g in zip(ys, wanted, strict=True)]
         worst = max(errors)
         if best is None or worst < best.error:

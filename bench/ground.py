@@ -40,7 +40,8 @@ def tick_times(e: Estimator, first: int, count: int) -> list[float]:
     found = []
     for k in range(first, first + count):
         row, along = divmod(0.1 * k / RATE, 0.8)
-        sign, stamp = 1.0 if row % 2 == 0 else -1.0, START + k * (10**9 // RATE)
+        sign = 1.0 if row % 2 == 0 else -1.0
+        stamp = START + k * (10**9 // RATE)
         place = sign * (along - 0.4), -0.4 + 0.04 * (row % 20), 0.02 if along < 0.05 else -0.01
         e.push(WrenchSample(stamp, "ft_sensor", (-sign, 0.0, 1.0, 0.0, 0.0, 0.0)))
         e.push(TwistSample(stamp, "world", (0.1 * sign, 0.0, 0.0), (0.0, 0.0, 0.0)))

@@ -44,7 +44,8 @@ STATE = (0, 0, -0.05, 0, 0, 0, 1, 0.001, 0.002, -0.005, 0, 0.3, 0)
 TURNS = 15
 TURN_SECONDS = 0.02
 BATCH_ELEMENTS = 4_000_000
-BETA, GAMMA = np.deg2rad(np.arange(-90.0, 271.0, 15.0)), np.deg2rad(np.arange(-180.0, 181.0, 30.0))
+BETA = np.deg2rad(np.arange(-90.0, 271.0, 15.0))
+GAMMA = np.deg2rad(np.arange(-180.0, 181.0, 30.0))
 TABLE = AlphaYTable.sampled(BETA, GAMMA, 0.1 + 0.02 * np.cos(BETA)[:, None] + 0.01 * np.sin(GAMMA))
 TARGET = 33.0  # times NumPy, at the ellipsoid's 2,352 elements, one state on one core
 

@@ -25,6 +25,7 @@ import rclpy
 import trimesh
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from rclpy.qos import HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.time import Time
 from rich.console import Console
 from rich.table import Table
 
@@ -88,7 +89,7 @@ class Driver:
         """Publish the three inputs; the time at which the pose left [ns]."""
         pose, twist, wrench = self.messages
         for message in self.messages:
-            message.header.stamp.sec, message.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+            message.header.stamp = Time(nanoseconds=stamp).to_msg()
         self._wrench.publish(wrench)
         self._twist.publish(twist)
         start = time.perf_counter_ns()
@@ -124,7 +125,8 @@ class Driver:
                 at[k] = _cpu_seconds(pid), time.perf_counter()
 
         sent = self.stream(count, rate, read_clocks)
-        (cpu, wall), (last_cpu, last_wall) = at[warm], at[count - 1]
+        cpu, wall = at[warm]
+        last_cpu, last_wall = at[count - 1]
         used = (last_cpu - cpu) / (last_wall - wall)
         counted = list(sent.items())[warm:]
         trips = np.array([self.arrived[s] - t for s, t in counted if s in self.arrived]) / 1e3

@@ -38,7 +38,8 @@ def serialised(role: Role, stamp: int, frame: str, numbers: tuple[float, ...]) -
     """A stamped message as CDR, by rosbags."""
     t = STORE.types
     name = {"pose": "Pose", "twist": "Twist", "wrench": "Wrench"}[role]
-    vector, point = t["geometry_msgs/msg/Vector3"], t["geometry_msgs/msg/Point"]
+    vector = t["geometry_msgs/msg/Vector3"]
+    point = t["geometry_msgs/msg/Point"]
     if role == "pose":
         parts = point(*numbers[:3]), t["geometry_msgs/msg/Quaternion"](*numbers[3:])
     else:
@@ -94,7 +95,8 @@ def main() -> int:
         poses = record(bag)
         summary = replay(bag, Path(folder, "first"), values, model=model)  # compiles what is not yet compiled
         wrenches = 4 * summary.estimates  # predicted and its standard deviation, compensated, residual
-        ours, theirs = [], []
+        ours = []
+        theirs = []
         for turn in range(TURNS):
             out = Path(folder, f"turn{turn}")
             theirs.append(seconds(partial(bare, bag, out / "bare", wrenches), 1))

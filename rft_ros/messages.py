@@ -20,7 +20,8 @@ __all__ = ["TOPICS", "TYPES", "UNREADABLE", "Role", "decoder", "stamped_cdr"]
 Role = Literal["pose", "twist", "wrench", "surface", "tf", "tf_static"]
 """The inputs of an estimator."""
 
-_TRANSFORM, _CLOUD = "geometry_msgs/msg/TransformStamped", "sensor_msgs/msg/PointCloud2"
+_TRANSFORM = "geometry_msgs/msg/TransformStamped"
+_CLOUD = "sensor_msgs/msg/PointCloud2"
 
 TYPES: dict[Role, tuple[str, ...]] = {
     "pose": ("geometry_msgs/msg/PoseStamped", _TRANSFORM),
@@ -86,7 +87,8 @@ def _transforms(data: bytes, *, ros1: bool, fixed: bool, one: bool = False) -> t
     # CDR begins with 4 bytes, from which on each number is aligned to its size; ROS 1 does neither
     begin, of_integers, of_doubles = (0, 1, 1) if ros1 else (4, 4, 8)
     header = struct.Struct(order + ("4xIII" if ros1 else "iII"))  # stamp, length of the parent's name
-    length, pose = struct.Struct(f"{order}I"), struct.Struct(f"{order}7d")
+    length = struct.Struct(f"{order}I")
+    pose = struct.Struct(f"{order}7d")
     (count,) = (1,) if one else length.unpack_from(data, begin)
     at = begin if one else begin + length.size
     found: list[TransformSample] = []
@@ -130,14 +132,16 @@ def _clouds(*, ros1: bool) -> Callable[[bytes], Cloud]:
             cloud: Any = read(memoryview(data), _CLOUD)
         except Exception as error:  # rosbags' parsers raise anything on damage
             raise ValueError(f"not a cloud: {error}") from error
-        frame, shape = cloud.header.frame_id, (cloud.height, cloud.width)
+        frame = cloud.header.frame_id
+        shape = (cloud.height, cloud.width)
         places = {f.name: (f.offset, _COORDINATES[f.datatype]) for f in cloud.fields if f.datatype in _COORDINATES}
         found = [places[name] for name in "xyz" if name in places]
         if len(found) != 3 or max(offset + int(kind[1]) for offset, kind in found) > cloud.point_step:
             raise ValueError("the cloud has no fields x, y and z of type FLOAT32 or FLOAT64")
         if cloud.height > 1 and cloud.row_step < cloud.width * cloud.point_step:
             raise ValueError(f"the cloud's row_step, {cloud.row_step}, is less than a row of its points")
-        order, steps = ">" if cloud.is_bigendian else "<", (cloud.row_step, cloud.point_step)
+        order = ">" if cloud.is_bigendian else "<"
+        steps = (cloud.row_step, cloud.point_step)
         axes = [np.empty(0), np.empty(0), np.empty(0)]
         if cloud.height * cloud.width:  # numpy raises ValueError where these need more bytes than there are
             layouts = [(np.dtype(order + kind), offset) for offset, kind in found]

@@ -31,7 +31,8 @@ def demo(bag: Path, parameters: Path, *, seconds: float) -> None:
         try:
             console.print("waiting for the node, which may have to compile first ...")
             node.wait()
-            start, tare_at = time.monotonic(), PAUSE / 2.0
+            start = time.monotonic()
+            tare_at = PAUSE / 2.0
             with Live(console=console, refresh_per_second=8, get_renderable=lambda: _table(node)) as live:
                 for t, state, reading in virtual_arm.moments(seconds):
                     start = max(start, time.monotonic() - t)

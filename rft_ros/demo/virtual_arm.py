@@ -36,7 +36,8 @@ LAYER = 0.025  # m: depth of the tool's lowest point at which it reaches the har
 
 _RATE = 125.0  # Hz, of the poses
 _STRENGTH = np.array([0.6, 0.6, 1.3])  # of the grains over the model's, world axes
-_HARDNESS, _TRANSITION = 2.0, 0.002  # strength of the layer over that of the grains above; depth of the transition [m]
+_HARDNESS = 2.0  # of the layer: its strength over that of the grains above
+_TRANSITION = 0.002  # m: depth over which the strength changes
 _DESCENT = oscillating_insertion(start_height=0.020)  # starts with the ellipsoid's lowest point 2 mm above the surface
 _NOISE = (0.02, 0.02, 0.02, 0.0005, 0.0005, 0.0005)  # N, N m, standard deviations
 LOAD_CELL = LoadCell(
@@ -50,9 +51,11 @@ LOAD_CELL = LoadCell(
 
 def moments(seconds: float) -> Iterator[tuple[float, Array, Wrench]]:
     """Time [s], state of the tool frame, shape [13], columns `rft_ros.rft.STATE`, and raw reading of the load cell."""
-    tool, medium = load_tool("ellipsoid"), MEDIA["generic"]
+    tool = load_tool("ellipsoid")
+    medium = MEDIA["generic"]
     law = treers2021(medium, alpha_y_model("constant", medium), zeta=0.33)
-    frame, random = LoadCellFrame(LOAD_CELL), np.random.default_rng(2021)
+    frame = LoadCellFrame(LOAD_CELL)
+    random = np.random.default_rng(2021)
     for k in range(round(seconds * _RATE)):
         t = k / _RATE
         state = _DESCENT.at(max(t - PAUSE, 0.0))[0]
@@ -68,7 +71,8 @@ def moments(seconds: float) -> Iterator[tuple[float, Array, Wrench]]:
 def _grain_wrench(tool: Tool, law: Law, state: Array) -> Array:
     """Force [N] and torque [N m] of the virtual grains on the tool, world axes, about the tool frame's origin."""
     result = wrenches(tool.plates, law, state, threads=1, sensitivities=True)[0]
-    force, moments = result[FORCE], result[MOMENTS]
+    force = result[FORCE]
+    moments = result[MOMENTS]
     depth = -state[STATE.index("pz")] - tool.lowest_point(rotation_matrix(state[QUATERNION]))
     strength = _STRENGTH * np.interp(depth, [LAYER, LAYER + _TRANSITION], [1.0, _HARDNESS])
     m = moments.reshape(3, 3) * strength

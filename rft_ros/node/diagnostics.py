@@ -22,9 +22,12 @@ class Diagnostics:
     """Counts messages and estimates, and publishes and logs what happened since the last report."""
 
     def __init__(self, node: Node, estimator: Estimator, swap: Swap) -> None:
-        self._node, self._estimator, self._swap = node, estimator, swap
+        self._node = node
+        self._estimator = estimator
+        self._swap = swap
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._reported, self._reported_estimates = Counter[Reason](), 0  # until the last report
+        self._reported = Counter[Reason]()  # until the last report, as the next
+        self._reported_estimates = 0
         self._newest: dict[Role, int] = {}  # stamp [ns] of the last message
         self._ongoing: dict[str, int] = {}  # for each problem, the number of reports since it was last present
         self._idle = True  # no pose came in the second before the last report
@@ -35,7 +38,8 @@ class Diagnostics:
     def _start_period(self) -> None:
         self._received: Counter[Role] = Counter()
         self._latencies: list[float] = []
-        self._fastest, self._quality_flags = 0.0, 0
+        self._fastest = 0.0
+        self._quality_flags = 0
 
     def received(self, role: Role, stamp: int) -> None:
         """Count a message with this stamp [ns]."""
@@ -69,11 +73,15 @@ class Diagnostics:
         """Publish the statuses, and log each problem that began or ended since the last report."""
         now = self._node.get_clock().now()
         counts = Counter(self._estimator.counts)
-        new, self._reported = counts - self._reported, counts
+        new = counts - self._reported
+        self._reported = counts
         estimates = self._estimator.estimates
-        new_estimates, self._reported_estimates = estimates - self._reported_estimates, estimates
+        new_estimates = estimates - self._reported_estimates
+        self._reported_estimates = estimates
         bad: list[str] = [*sorted(new.keys() - _NORMAL)]
-        array, learning, issues = DiagnosticArray(), self._estimator.learning, self._estimator.issues()
+        array = DiagnosticArray()
+        learning = self._estimator.learning
+        issues = self._estimator.issues()
         array.header.stamp = now.to_msg()
         of_inputs = bad if learning is not None else bad + issues  # with learning, the status of the medium has them
         array.status = [self._inputs(now.nanoseconds, of_inputs), self._estimates(new_estimates), self._model()]
@@ -126,9 +134,11 @@ class Diagnostics:
         values: dict[str, object] = {f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD for role in roles}
         values |= {f"{role}_age_s": (now - stamp) * 1e-9 for role, stamp in self._newest.items()}
         values |= {f"count.{k}": n for k, n in self._estimator.counts.items()}
-        problems, level = list(map(self._sentence, bad)), DiagnosticStatus.WARN
+        problems = list(map(self._sentence, bad))
+        level = DiagnosticStatus.WARN
         if not self._received["pose"]:
-            problems, level = ["no poses", *problems], DiagnosticStatus.ERROR
+            problems = ["no poses", *problems]
+            level = DiagnosticStatus.ERROR
         return self._status("inputs", values, problem=", ".join(problems), fine="inputs arrive", level=level)
 
     def _estimates(self, new: int) -> DiagnosticStatus:
@@ -147,7 +157,8 @@ class Diagnostics:
         return self._status("estimates", values, problem=problem, fine=f"{new} estimates")
 
     def _model(self) -> DiagnosticStatus:
-        model, swap = self._estimator.model, self._swap
+        model = self._estimator.model
+        swap = self._swap
         tool = model.tool
         values: dict[str, object] = {"tool": tool.name, "facets": len(tool.facets), "plates": len(tool.plates)}
         values |= {"law": model.law.name, **model.law.stresses, "zeta": model.law.zeta}

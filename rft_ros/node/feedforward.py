@@ -30,7 +30,8 @@ class Ramp:
     """Follows a wrench with limits. `limit`: largest force and torque [N, N m]. `rise_time`: from zero to it [s]."""
 
     def __init__(self) -> None:
-        self.limit, self.rise_time = (0.0, 0.0), 1.0
+        self.limit = (0.0, 0.0)
+        self.rise_time = 1.0
         self.wrench: Wrench = _ZERO
         self._largest = [0.0, 0.0]
         """Greatest force and torque since the wrench was zero. The ramp to zero is timed by these, so that a lowered
@@ -43,7 +44,8 @@ class Ramp:
         before: tuple[float, ...] = self.wrench
         wanted: tuple[float, ...] = target
         for k, (part, limit) in enumerate(zip((FORCE, TORQUE), self.limit, strict=True)):
-            now, goal = before[part], _scaled(wanted[part], limit)
+            now = before[part]
+            goal = _scaled(wanted[part], limit)
             most = max(limit, self._largest[k], _LEAST) * duration / self.rise_time
             if math.dist(now, goal) > most:
                 step = _scaled(tuple(b - a for a, b in zip(now, goal, strict=True)), most)
@@ -70,10 +72,13 @@ class FeedForward:
 
     def __init__(self, node: Node, estimator: Estimator, values: Values) -> None:
         self._publisher = node.create_publisher(WrenchStamped, "~/wrench_feedforward", OUTPUTS)
-        self._clock, self._estimator, self._ramp = node.get_clock(), estimator, Ramp()
+        self._clock = node.get_clock()
+        self._estimator = estimator
+        self._ramp = Ramp()
         self._moved = self._estimated = -math.inf
         self._active = False
-        self._lock, self._ended = threading.Lock(), threading.Event()
+        self._lock = threading.Lock()
+        self._ended = threading.Event()
         self.use_parameters(values)
         self._watchdog = threading.Thread(target=self._watch, daemon=True)
         self._watchdog.start()
@@ -81,9 +86,12 @@ class FeedForward:
     def use_parameters(self, values: Values) -> None:
         """Apply new values of the parameters."""
         with self._lock:
-            self._gain, self._timeout = values["feedforward.gain"], values["feedforward.timeout"]
-            self._ramp.limit, self._ramp.rise_time = values["feedforward.limit"], values["feedforward.rise_time"]
-            self._frame, self._axes = values["feedforward.frame"], values[values["feedforward.frame"]]
+            self._gain = values["feedforward.gain"]
+            self._timeout = values["feedforward.timeout"]
+            self._ramp.limit = values["feedforward.limit"]
+            self._ramp.rise_time = values["feedforward.rise_time"]
+            self._frame = values["feedforward.frame"]
+            self._axes = values[values["feedforward.frame"]]
 
     def estimated(self, estimate: Estimate) -> None:
         """Publish the wrench for an estimate, with its stamp."""
@@ -91,7 +99,8 @@ class FeedForward:
             return
         target = _ZERO if trust(estimate.quality_flags) is Trust.NO else self._target(estimate.predicted)
         with self._lock:
-            self._active, self._estimated = True, time.monotonic()
+            self._active = True
+            self._estimated = time.monotonic()
             self._publish(target, estimate.stamp)
 
     def _watch(self) -> None:
@@ -120,7 +129,8 @@ class FeedForward:
             self._without_estimate()
             time.sleep(_PERIOD)
         if self._active:
-            self._active, self._ramp = False, Ramp()
+            self._active = False
+            self._ramp = Ramp()
             self._publish(_ZERO, self._clock.now().nanoseconds)
         self._publisher.wait_for_all_acked(Duration(seconds=0.1))
 
@@ -134,7 +144,8 @@ class FeedForward:
         return tuple(self._gain * c for c in wrench)
 
     def _publish(self, target: Wrench, stamp: int) -> None:
-        before, self._moved = self._moved, time.monotonic()
+        before = self._moved
+        self._moved = time.monotonic()
         wrench = self._ramp.follow(target, min(self._moved - before, _LONGEST_STEP))
         axes = self._estimator.wrench_frame if self._frame == "sensor_frame" else self._axes
         self._publisher.publish(stamped_cdr(axes)(stamp, wrench))

@@ -78,7 +78,8 @@ class Listener:
     """A ROS node beside `name`."""
 
     def __init__(self, name: str) -> None:
-        self._name, self._node = name, rclpy.create_node(_OURS)
+        self._name = name
+        self._node = rclpy.create_node(_OURS)
         self._discovered = time.monotonic() + _DISCOVERY
         self.found = False
         """Whether the node exists, even if it does not answer."""
@@ -110,8 +111,10 @@ class Listener:
             kind = type_on(self._node, role, topic, usual=kinds[role])
             if kind != kinds[role]:
                 self._node.destroy_subscription(subscriptions[role])
-                kinds[role], subscriptions[role] = kind, self._subscribe(role, kind, topic)
-        messages, end = list[Message](), time.monotonic() + seconds
+                kinds[role] = kind
+                subscriptions[role] = self._subscribe(role, kind, topic)
+        messages = list[Message]()
+        end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0.0:
             time.sleep(min(left, _PERIOD))  # the middleware's own threads receive meanwhile
             for role, subscription in subscriptions.items():
@@ -121,7 +124,8 @@ class Listener:
 
     def _subscribe(self, role: Role, kind: str, topic: str) -> Subscription:
         """A subscription with the node's QoS and a longer queue. No executor spins; `_waiting` reads the queue."""
-        qos, depth = INPUTS[role], _DEPTH if role != "surface" else INPUTS[role].depth
+        qos = INPUTS[role]
+        depth = _DEPTH if role != "surface" else INPUTS[role].depth
         longer = QoSProfile(depth=depth, reliability=qos.reliability, durability=qos.durability)
         return self._node.create_subscription(message_class(kind), topic, lambda _: None, longer, raw=True)
 

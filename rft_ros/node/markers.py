@@ -1,27 +1,33 @@
 """~/markers: the tool coloured by traction, arrows of the forces, the surface. Drawn only if there is a subscriber."""
 
 import struct
-from collections.abc import Iterable
 
 import numpy as np
-from geometry_msgs.msg import Point
+from geometry_msgs.msg import Point, Quaternion, Vector3
 from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
+from rclpy.time import Time
+from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
 from rft_ros.estimator import Estimate, Estimator, Wrench
 from rft_ros.ground import HeightMap
-from rft_ros.rft import FORCE, POSE, plate_forces, rotation_matrix
+from rft_ros.rft import FORCE, POSITION, QUATERNION, plate_forces, rotation_matrix
 
 Array = NDArray[np.float64]
 
 _MOST_FACETS = 5000  # of a finer tool every k-th facet is drawn, so that drawing takes about 1 ms
 _METRES_PER_NEWTON = 0.01
 _SENTINEL = 0x5AFEC0DE
-_PREDICTED, _MEASURED = (0.85, 0.1, 0.1), (0.1, 0.5, 0.1)
-_SAND, _RISEN, _SUNK = np.array([0.76, 0.7, 0.5]), np.array([0.8, 0.1, 0.1]), np.array([0.1, 0.2, 0.8])
-_YELLOW, _RED = np.array([0.95, 0.85, 0.1]), np.array([0.8, 0.0, 0.1])
+_PREDICTED = ColorRGBA(r=0.85, g=0.1, b=0.1, a=1.0)
+_MEASURED = ColorRGBA(r=0.1, g=0.5, b=0.1, a=1.0)
+_SURFACE = ColorRGBA(r=0.76, g=0.7, b=0.5, a=0.4)
+_SAND = np.array([0.76, 0.7, 0.5])
+_RISEN = np.array([0.8, 0.1, 0.1])
+_SUNK = np.array([0.1, 0.2, 0.8])
+_YELLOW = np.array([0.95, 0.85, 0.1])
+_RED = np.array([0.8, 0.0, 0.1])
 
 
 def _spliced(marker: Marker, points: Array, rgb: Array) -> bytes:
@@ -39,8 +45,14 @@ def _spliced(marker: Marker, points: Array, rgb: Array) -> bytes:
     count = struct.pack("<I", len(points))
     padding = b"\x00" * (-len(head) % 8)  # the doubles start at a multiple of 8 from byte 4, after a length of 4 bytes
     rgba = np.column_stack([rgb, np.ones(len(rgb))])
-    numbers = points.astype("<f8").tobytes(), rgba.astype("<f4").tobytes()
-    return b"".join([head, count, padding, numbers[0], count, numbers[1], template[end + 8 :]])
+    places = points.astype("<f8").tobytes()
+    colours = rgba.astype("<f4").tobytes()
+    return b"".join([head, count, padding, places, count, colours, template[end + 8 :]])
+
+
+def _point(place: Array) -> Point:
+    x, y, z = place.tolist()
+    return Point(x=x, y=y, z=z)
 
 
 class Markers:
@@ -59,8 +71,11 @@ class Markers:
         e = self._estimator
         self._answer = answer
         self._state[:] = e.state
-        self._model, self._settings, self._load_cell = e.model, e.settings, e.load_cell
-        self._surface, self._ground = e.surface, e.ground
+        self._model = e.model
+        self._settings = e.settings
+        self._load_cell = e.load_cell
+        self._surface = e.surface
+        self._ground = e.ground
 
     def publish(self) -> None:
         """Draw the last estimate and measurement, if there is a subscriber and the estimate is new."""
@@ -69,30 +84,25 @@ class Markers:
             return
         self._answer = None
         self._publish_tool(answer.stamp)
-        position, quaternion, _ = np.split(self._state, [3, 7])
-        to_world = rotation_matrix(quaternion) @ rotation_matrix(self._load_cell.quaternion)
-        markers = [self._surface_around(answer.stamp)]
-        for number, wrench, colour in ((1, answer.predicted, _PREDICTED), (2, self.measured, _MEASURED)):
-            if wrench is not None:
-                arrow = self._marker(answer.stamp, number, Marker.ARROW, (0.003, 0.006, 0.008), (*colour, 1.0))
-                tip = position + _METRES_PER_NEWTON * (to_world @ np.array(wrench[FORCE]))
-                arrow.points = [Point(x=x, y=y, z=z) for x, y, z in (position.tolist(), tip.tolist())]
-                markers.append(arrow)
+        markers = [self._surface_around(answer.stamp), self._arrow(answer.stamp, 1, answer.predicted, _PREDICTED)]
+        if self.measured is not None:
+            markers.append(self._arrow(answer.stamp, 2, self.measured, _MEASURED))
         self._publisher.publish(MarkerArray(markers=markers))
         self._publish_ground(answer.stamp)
 
     def _publish_tool(self, stamp: int) -> None:
-        tool, plane = self._model.tool, self._surface
+        tool = self._model.tool
+        plane = self._surface
         drawn = slice(None, None, 1 + (len(tool.faces) - 1) // _MOST_FACETS)
-        forces = plate_forces(
-            tool.facets, self._model.law, self._state, surface_height=plane.height, slope=plane.slope
-        )[drawn]
-        traction = np.linalg.norm(forces, axis=1) / tool.facets.areas[drawn]
+        law = self._model.law
+        forces = plate_forces(tool.facets, law, self._state, surface_height=plane.height, slope=plane.slope)
+        traction = np.linalg.norm(forces[drawn], axis=1) / tool.facets.areas[drawn]
         share = traction[:, None] / max(traction.max(), 1e-12)
         rgb = np.where(share > 0.0, _YELLOW + share * (_RED - _YELLOW), 0.8)  # light grey without traction
-        marker = self._marker(stamp, 0, Marker.TRIANGLE_LIST, (1.0, 1.0, 1.0))
-        p, q = marker.pose.position, marker.pose.orientation
-        p.x, p.y, p.z, q.x, q.y, q.z, q.w = self._state[POSE].tolist()
+        marker = self._marker(stamp, 0, Marker.TRIANGLE_LIST, Vector3(x=1.0, y=1.0, z=1.0))
+        qx, qy, qz, qw = self._state[QUATERNION].tolist()
+        marker.pose.position = _point(self._state[POSITION])
+        marker.pose.orientation = Quaternion(x=qx, y=qy, z=qz, w=qw)
         corners = tool.vertices[tool.faces[drawn]].reshape(-1, 3)
         self._publisher.publish(_spliced(marker, corners, np.repeat(rgb, 3, axis=0)))
 
@@ -101,7 +111,8 @@ class Markers:
 
         The colour is full at 20 mm.
         """
-        ground, start = self._ground, self._model.ground
+        ground = self._ground
+        start = self._model.ground
         if ground is None or start is None:
             return
         if self._drawn is None or self._drawn[0] is not ground:  # to find the cells of the largest maps takes 0.2 s
@@ -110,24 +121,31 @@ class Markers:
         moved = np.nan_to_num(cells[:, 2] - start.heights_at(cells[:, 0], cells[:, 1]))[:, None]
         share = np.clip(moved / 0.02, -1.0, 1.0)
         rgb = _SAND + np.abs(share) * (np.where(share > 0.0, _RISEN, _SUNK) - _SAND)
-        marker = self._marker(stamp, 4, Marker.CUBE_LIST, (ground.cell, ground.cell, 1e-4))
+        marker = self._marker(stamp, 4, Marker.CUBE_LIST, Vector3(x=ground.cell, y=ground.cell, z=1e-4))
         self._publisher.publish(_spliced(marker, cells, rgb))
 
     def _surface_around(self, stamp: int) -> Marker:
         side = 10.0 * self._model.tool.plates.reach
-        surface = self._marker(stamp, 3, Marker.CUBE, (side, side, 1e-4), (*_SAND.tolist(), 0.4))
-        (x, y), (sx, sy) = self._state[:2].tolist(), self._surface.slope
-        p = surface.pose.position
-        p.x, p.y, p.z = x, y, self._surface.height + sx * x + sy * y
+        surface = self._marker(stamp, 3, Marker.CUBE, Vector3(x=side, y=side, z=1e-4))
+        surface.color = _SURFACE
+        x, y, _ = self._state[POSITION].tolist()
+        sx, sy = self._surface.slope
+        surface.pose.position = Point(x=x, y=y, z=self._surface.height + sx * x + sy * y)
         return surface
 
-    def _marker(
-        self, stamp: int, number: int, kind: int, size: Iterable[float], colour: Iterable[float] = (0.0, 0.0, 0.0, 0.0)
-    ) -> Marker:
-        marker = Marker(ns="rft", id=number, type=kind, action=Marker.ADD)
+    def _arrow(self, stamp: int, number: int, wrench: Wrench, colour: ColorRGBA) -> Marker:
+        """An arrow from the tool frame's origin along the force of a wrench, which has the sensor's axes."""
+        position = self._state[POSITION]
+        to_world = rotation_matrix(self._state[QUATERNION]) @ rotation_matrix(self._load_cell.quaternion)
+        force = to_world @ np.array(wrench[FORCE])
+        arrow = self._marker(stamp, number, Marker.ARROW, Vector3(x=0.003, y=0.006, z=0.008))
+        arrow.color = colour
+        arrow.points = [_point(position), _point(position + _METRES_PER_NEWTON * force)]
+        return arrow
+
+    def _marker(self, stamp: int, number: int, kind: int, scale: Vector3) -> Marker:
+        marker = Marker(ns="rft", id=number, type=kind, action=Marker.ADD, scale=scale)
         marker.header.frame_id = self._settings.world_frame
-        marker.header.stamp.sec, marker.header.stamp.nanosec = divmod(stamp, 1_000_000_000)
+        marker.header.stamp = Time(nanoseconds=stamp).to_msg()
         marker.pose.orientation.w = 1.0
-        s, c = marker.scale, marker.color
-        (s.x, s.y, s.z), (c.r, c.g, c.b, c.a) = size, colour
         return marker

@@ -25,7 +25,9 @@ def given_sections(arguments: Sequence[str]) -> list[tuple[Path | None, list[Sec
     Raises InputError for them, and for arguments outside of ``--ros-args``: ROS ignores those, and the node would run
     with default parameters.
     """
-    for_ros, others, inside = list[str](), list[str](), False
+    for_ros = list[str]()
+    others = list[str]()
+    inside = False
     for argument in arguments:
         if argument == ("--" if inside else "--ros-args"):
             inside = not inside
@@ -82,7 +84,9 @@ class NodeParameters:
         prepare: Callable[[Values], Prepared],
         apply: Callable[[Prepared], None],
     ) -> None:
-        self._node, self._prepare, self._apply = node, prepare, apply
+        self._node = node
+        self._prepare = prepare
+        self._apply = apply
         self._why = ""
         self._accepted: tuple[dict[str, Value], Prepared] | None = None
         """The new values of the change that was accepted last, and the result of `prepare`, until it is applied."""
@@ -138,7 +142,8 @@ class NodeParameters:
 
     def _on_pre_set(self, parameters: list[RosParameter]) -> list[RosParameter]:
         """Check and prepare a change; returns its parameters in the types of the table."""
-        self._accepted, new = None, dict[str, Value]()
+        self._accepted = None
+        new = dict[str, Value]()
         try:
             for p in parameters:
                 if p.name in self.values:
@@ -153,10 +158,14 @@ class NodeParameters:
         return [RosParameter(p.name, value=_plain(new[p.name])) if p.name in new else p for p in parameters]
 
     def _on_post_set(self, parameters: list[RosParameter]) -> None:
-        accepted, self._accepted = self._accepted, None  # `_apply` may declare qos_overrides, which calls this again
-        if accepted is None or not accepted[0].keys() <= {p.name for p in parameters}:  # rclpy has refused the change
+        accepted = self._accepted
+        self._accepted = None  # `_apply` may declare qos_overrides, which calls this again
+        if accepted is None:
             return
-        before, (changes, prepared) = self.values, accepted
+        changes, prepared = accepted
+        if not changes.keys() <= {p.name for p in parameters}:  # rclpy has refused the change
+            return
+        before = self.values
         said = ", ".join([f"{name} {before[name]!r} -> {value!r}" for name, value in sorted(changes.items())])
         self._node.get_logger().info(f"parameters set: {said}" + (f" ({self._why})" if self._why else ""))
         self.values = {**before, **changes}

@@ -53,7 +53,8 @@ class RecordedNode:
     """A node in its own process, and the peer. Records their topics, and keeps the newest message of each output."""
 
     def __init__(self, parameters: Path, bag: BagWriter) -> None:
-        self._bag, self._peer = bag, rclpy.create_node("rft_demo")
+        self._bag = bag
+        self._peer = rclpy.create_node("rft_demo")
         self._newest: dict[str, bytes] = {}
         self._decoded = decoder("wrench", ros1=False)
         self._publishers = {n: self._peer.create_publisher(kind, f"/rft/{n}", _QOS) for n, kind in _INPUTS.items()}

@@ -54,7 +54,8 @@ class RftNode(Node):
         self._compensated = publisher(WrenchStamped, "~/wrench_compensated")
         self._residual = publisher(WrenchStamped, "~/wrench_residual")
         self._sigma = publisher(WrenchStamped, "~/wrench_sigma")
-        self._learned, self._learned_at = publisher(JointState, "~/medium_learned"), 0
+        self._learned = publisher(JointState, "~/medium_learned")
+        self._learned_at = 0
         self.feedforward = FeedForward(self, self.estimator, values)
         self._markers = Markers(self, self.estimator)
         self._measured_frame = self.estimator.wrench_frame
@@ -83,8 +84,10 @@ class RftNode(Node):
         self._decode[role] = decoder(role, ros1=False, kind=kind)
         # Raw bytes: the estimator needs no message object, which rclpy takes 16 us to make.
         # A copy of the profile, since rclpy writes the node's qos_overrides into the one that it is given.
-        qos, options = copy(INPUTS[role]), QoSOverridingOptions.with_default_policies()
-        message, callback = message_class(kind or TYPES[role][0]), partial(self._on_message, role)
+        qos = copy(INPUTS[role])
+        options = QoSOverridingOptions.with_default_policies()
+        message = message_class(kind or TYPES[role][0])
+        callback = partial(self._on_message, role)
         return self.create_subscription(message, TOPICS[role], callback, qos, raw=True, qos_overriding_options=options)
 
     def _follow_pose_type(self) -> None:
@@ -171,7 +174,8 @@ class RftNode(Node):
         learning = self.estimator.learning
         if learning is None or 0 <= stamp - self._learned_at < _LEARNED_PERIOD:
             return
-        self._learned_at, belief = stamp, learning.belief()
+        self._learned_at = stamp
+        belief = learning.belief()
         message = JointState(name=_LEARNED)
         message.header.stamp = Time(nanoseconds=stamp).to_msg()
         message.position = [getattr(belief, name) for name in _LEARNED]

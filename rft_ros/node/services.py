@@ -27,7 +27,8 @@ class Services:
     def __init__(
         self, node: Node, estimator: Estimator, parameters: NodeParameters, *, status: Callable[[], str]
     ) -> None:
-        self._estimator, self._parameters = estimator, parameters
+        self._estimator = estimator
+        self._parameters = parameters
         answers = {"tare": self._tare, "status": status, "forget": self._forget, "save_medium": self._save_medium}
         answers |= {"level_ground": self._level_ground, "save_ground": self._save_ground}
         for name, answer in answers.items():
@@ -52,7 +53,8 @@ class Services:
 
     def _save_medium(self) -> str:
         """Save all parameters, with the learned ζ and its standard error."""
-        learning, values = self._learning(), self._parameters.values
+        learning = self._learning()
+        values = self._parameters.values
         learned = learning.strength()
         if learned is None:
             raise InputError("not saved: nothing was learned yet")
@@ -81,7 +83,8 @@ class Services:
 
 def _respond(answer: Callable[[], str], _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
     try:
-        response.success, response.message = True, answer()
+        response.message = answer()
+        response.success = True
     except InputError as error:
         response.message = str(error)
     return response

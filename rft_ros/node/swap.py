@@ -144,7 +144,8 @@ class Swap:
         except InputError as error:
             self.last_failure = str(error)
             return Failed(undo=self.prepared.in_force[part].values, reason=self.last_failure)
-        self.last_failure, before = "", self.prepared
+        self.last_failure = ""
+        before = self.prepared
         in_force = {**before.in_force, part: _InForce(load.wanted, loaded[part])}
         self.prepared = self._made(before.values, in_force, generation=before.model.generation + 1)
         return self.prepared

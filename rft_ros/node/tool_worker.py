@@ -15,7 +15,8 @@ from rft_ros.parameters import FILES, Values, load_parts
 __all__ = ["ToolWorker", "named"]
 
 _LOOK = 1.0  # s between two looks at a process that loads
-_BLOCKED_AFTER, _BLOCKED_CPU = 60.0, 0.01
+_BLOCKED_AFTER = 60.0
+_BLOCKED_CPU = 0.01
 """A process that uses less than `_BLOCKED_CPU` [s] of CPU time in `_BLOCKED_AFTER` [s] waits for a file, as for a pipe.
 """
 
@@ -31,7 +32,8 @@ class ToolWorker:
         self._start(low_priority=False)
 
     def _start(self, *, low_priority: bool) -> None:
-        self._connection, theirs = Pipe()
+        ours, theirs = Pipe()
+        self._connection = ours
         with theirs:
             self.process = start_child(_serve, theirs.fileno(), low_priority, pass_fds=[theirs.fileno()])
 
@@ -63,13 +65,16 @@ class ToolWorker:
 
     def _wait(self, files: Mapping[str, Values], is_wanted: Callable[[], bool]) -> dict[str, Any] | str:
         """Wait for the answer to a request that was sent."""
-        moved, used_then = time.monotonic(), self._cpu_time()
+        moved = time.monotonic()
+        used_then = self._cpu_time()
         while not self._connection.poll(_LOOK):
             if not is_wanted():
                 raise InputError(f"{named(files)} is no longer wanted")
-            now, used = time.monotonic(), self._cpu_time()
+            now = time.monotonic()
+            used = self._cpu_time()
             if used - used_then > _BLOCKED_CPU:
-                moved, used_then = now, used
+                moved = now
+                used_then = used
             elif now - moved > _BLOCKED_AFTER:
                 raise InputError(f"{named(files)} could not be read for {_BLOCKED_AFTER:g} s; give a regular file")
         answer: dict[str, Any] | str = self._connection.recv()

@@ -69,14 +69,18 @@ def _keeps_shape(full: Any, fewer: Any) -> bool:
     return bool(np.abs(sides - drawn_sides).max() <= _AREA_ERROR * full.area)
 
 
-_SURFACE, _FORCE, _PATH = "#C2A878", "#0072B2", "#555555"
+_SURFACE = "#C2A878"
+_FORCE = "#0072B2"
+_PATH = "#555555"
 TRACTION = ((0.0, "#dfe3e8"), (0.25, "#f9d48b"), (0.6, "#e8743b"), (1.0, "#8c0d25"))
 """Colour scale of the traction, relative to the greatest."""
 
 _ZOOM_TALL = 1.1  # size at which a scene as tall as wide fills the figure
-_FLAT, _ZOOM_FLAT = 0.7, 1.35  # the size for a scene of this height over its width, or flatter
+_FLAT = 0.7  # height over width of a scene, below which the size is
+_ZOOM_FLAT = 1.35
 _PERIOD = 83  # ms from frame to frame
-_MOMENTS, _FEWEST_MOMENTS = 60, 3
+_MOMENTS = 60
+_FEWEST_MOMENTS = 3
 _NUMBERS = 400_000  # coordinates and tractions in all moments, 2 MB; of a finer mesh fewer moments are drawn
 
 
@@ -123,14 +127,19 @@ def animate(
     greatest = np.linalg.norm(forces, axis=1).argmax()
     used = np.linspace(0, len(states) - 1, moments).round().astype(int)
     used[np.abs(used - greatest).argmin()] = greatest
-    times, states, forces = times[used], states[used], forces[used]
-    support, traction, grid = Support(tool.corners), [], None
+    times = times[used]
+    states = states[used]
+    forces = forces[used]
+    support = Support(tool.corners)
+    traction = []
+    grid = None
     for state in states:
         surface = support.local_surface(ground, state, level=surface_height)
         by_facet = plate_forces(tool.facets, law, state, surface_height=surface.height, slope=surface.slope)
         traction.append((np.linalg.norm(by_facet, axis=1) / tool.facets.areas)[facet])
     if ground is not None:  # around the tool's path
-        around, places = 3.0 * tool.plates.reach, states[:, POSITION][:, :2]
+        around = 3.0 * tool.plates.reach
+        places = states[:, POSITION][:, :2]
         x, y = np.linspace(places.min(axis=0) - around, places.max(axis=0) + around, 100).T
         grid = 1e3 * x, 1e3 * y, 1e3 * ground.heights_at(*np.meshgrid(x, y, indexing="ij"))
     return Animation(
@@ -214,8 +223,10 @@ def animation_figure(drawn: Animation) -> Any:
 
 def _limits(drawn: Animation) -> tuple[Array, Array]:
     """The lowest and the highest point of the scene, with a margin, so that a deep scene is no narrow column."""
-    low, high = drawn.placed.min(axis=(0, 1)), drawn.placed.max(axis=(0, 1))
-    low[2], high[2] = min(low[2], drawn.surface_height), max(high[2], drawn.surface_height)
+    low = drawn.placed.min(axis=(0, 1))
+    high = drawn.placed.max(axis=(0, 1))
+    low[2] = min(low[2], drawn.surface_height)
+    high[2] = max(high[2], drawn.surface_height)
     margin = (high - low).max() * np.array([0.2, 0.2, 0.06])
     return low - margin, high + margin
 

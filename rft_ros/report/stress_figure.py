@@ -35,7 +35,8 @@ def write_stress_figure(file: Path, measured: StressMap, fit: MediumFit) -> None
     panels = figure.subplots(2, 3, sharex=True, sharey=True)
     modelled = fit.medium.stresses(measured.beta, measured.gamma)
     quantities = ((r"$\alpha_x$", measured.alpha_x, modelled[0]), (r"$\alpha_z$", measured.alpha_z, modelled[1]))
-    beta, gamma = np.rad2deg(measured.beta), np.rad2deg(measured.gamma)
+    beta = np.rad2deg(measured.beta)
+    gamma = np.rad2deg(measured.gamma)
     style = {"cmap": "RdBu_r", "marker": "s", "s": _PANEL / len(beta), "linewidths": 0.0}
     for (name, stress, model), row in zip(reversed(quantities), panels, strict=True):
         seen = np.isfinite(stress)
