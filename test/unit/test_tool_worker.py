@@ -17,6 +17,13 @@ from rft_ros.parameters import defaults, parts_of
 from rft_ros.tool import load_tool
 
 
+@pytest.fixture(autouse=True)
+def compiled(monkeypatch):
+    """Machine code may have to compile first, and changes that need more of it would be refused meanwhile."""
+    for name in ("prepare", "prepare_later"):
+        monkeypatch.setattr(swap, name, lambda *_: None)
+
+
 @pytest.fixture(scope="module")
 def worker():
     started = ToolWorker()
@@ -148,8 +155,7 @@ def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
     assert pending.prepared.model.tool.name == "sphere"
 
 
-def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker, big, monkeypatch):
-    monkeypatch.setattr(swap, "prepare", lambda *_, **__: None)  # machine code may have to compile first
+def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker, big):
     values = {**defaults(), "tolerance": 0.0}
     pending = Swap(worker, values, on_cold_cache=lambda: None)
     values = {**values, "mesh.file": big}
