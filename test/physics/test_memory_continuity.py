@@ -13,7 +13,7 @@ from hypothesis import strategies as st
 from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, LINEAR, facing, seeds, unit
 
 from rft_ros.rft import Memory, Plates, Table, checked_states, rotation_matrix, treers2021, wrenches, wrenches_in_time
-from rft_ros.rft.memory import STIFF, advance
+from rft_ros.rft.memory import STIFF, PlateState, advance
 
 LENGTH = 0.003
 SMALL = 1e-6
@@ -145,7 +145,7 @@ def test_one_step_amplifies_no_change_of_motion_normal_law_or_state_by_more_than
     def inwards(vector, n):
         return vector - max(vector @ n, 0.0) * n
 
-    n, width = unit(rng.normal(size=3)), rng.choice([0.0, 0.0175, 0.3])
+    n = unit(rng.normal(size=3))
     past = {
         "tau": inwards(unit(rng.normal(size=3)) * strength * rng.choice([0.0, rng.random()]), n),
         "t": inwards(unit(rng.normal(size=3)) * strength * rng.choice([0.0, 0.3, 1.0]), n),
@@ -157,10 +157,12 @@ def test_one_step_amplifies_no_change_of_motion_normal_law_or_state_by_more_than
     if rng.random() < 0.5 and along.any():
         past["moved"] = past["moved"] - (past["moved"] @ along) * along / (along @ along)
     past["y"] = np.linalg.norm(past["tau"]) * (1.0 + rng.choice([0.0, 1e-9, 0.5]))
+    past["worn"] = rng.choice([0.0, 0.5, rng.random()])
 
-    def stepped(*, tau, y, gap, n, moved, t):
-        tau, y, gap, _ = advance((tau, y, gap), n, width, moved, t, span, strength)
-        return np.array([*tau, y, k * gap])
+    def stepped(*, tau, y, gap, worn, n, moved, t):
+        past = PlateState(tau=tau, radius=y, gap=gap, worn=worn)
+        now, _ = advance(past, n, moved, t, span, strength)
+        return np.array([*now.tau, now.radius, k * now.gap, strength * now.worn])
 
     before, nudge = stepped(**past), tiny * unit(rng.normal(size=3))
     outward = past["moved"] @ n
@@ -173,6 +175,7 @@ def test_one_step_amplifies_no_change_of_motion_normal_law_or_state_by_more_than
         "t": ({"t": past["t"] + strength * nudge}, tiny * strength),
         "moved": ({"moved": past["moved"] + 1e-3 * nudge}, 1e-3 * tiny * per_metre),
         "gap": ({"gap": past["gap"] + 1e-3 * tiny}, 1e-3 * tiny * per_metre),
+        "worn": ({"worn": past["worn"] + tiny}, tiny * strength),
         "n": ({"n": turned}, tiny * (k * np.linalg.norm(past["moved"]) + np.linalg.norm(past["tau"]))),
     }
     for what, (changed, size) in nudges.items():

@@ -26,17 +26,17 @@ PLACE, NORMAL, VELOCITY, TRACTION, UNBLENDED = (3 * LENGTH * k for k in range(5)
 """Where the three rows of each vector begin, world axes: centre of load [m], from the tool frame's origin; outward
 normal; direction of the velocity; traction per depth [N/m³]; the same with each plate's own e2."""
 
-SPEED, E2_X, E2_Y, SIN_B, COS_B, SIN_G, COS_G, LOAD, AREA, SHARE, ALONG, TANGENT, PER_WIDTH, KIND, NUMBER = (
-    LENGTH * k for k in range(15, 30)
+SPEED, E2_X, E2_Y, SIN_B, COS_B, SIN_G, COS_G, LOAD, AREA, SHARE, ALONG, TANGENT, KIND, NUMBER = (
+    LENGTH * k for k in range(15, 29)
 )
 """Where the row of each number begins: scaled speed; e2; sine and cosine of β and γ; load [m³] and area [m²] that the
 traction acts on; leading share; the traction's part along e1 per α_y; its tangent with memory times the load [N/m];
-half over the sine of its half angle; kinds of the next `KINDS` blocks; numbers and kinds of the chunk's blocks, with
+kinds of the next `KINDS` blocks; numbers and kinds of the chunk's blocks, with
 the totals of the state, `TOTAL`, behind them."""
 
 KINDS, TOTAL = 128, NUMBER + 2 * BLOCKS
 
-SIZE = LENGTH * 30
+SIZE = LENGTH * 29
 
 
 @intrinsic

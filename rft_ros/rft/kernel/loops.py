@@ -216,9 +216,7 @@ def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
         i = at(i0, j)
         per_speed = orient(chunk, i, normal, (ux, uy, uz))
         if refined:
-            per_width = rows[at(first + _HALF_ANGLE, j)]
-            chunk[at(row.PER_WIDTH, i)] = per_width
-            share = min(max(lead * per_speed * per_width + 0.5, 0.0), 1.0)
+            share = min(max(lead * per_speed * rows[at(first + _HALF_ANGLE, j)] + 0.5, 0.0), 1.0)
         else:
             share = 1.0 if lead > 0.0 else 0.0
         put(chunk, row.PLACE, i, (x, y, z))
@@ -237,10 +235,8 @@ def _follow_gaps(memory, first, form, b, below, rise, motion):
     block = b * np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK)
     for i in range(BLOCK):
         place, _, _ = _centre_and_load(rows, block, i, below, rise, refined, False)
-        normal, width = triple(rows, block + _NORMAL, i, BLOCK), 0.0
-        if refined:
-            width = 0.5 / rows[at(block + _HALF_ANGLE, i)]
-        follow_gap(memory, first, i, normal, width, place, motion)
+        normal = triple(rows, block + _NORMAL, i, BLOCK)
+        follow_gap(memory, first, i, normal, place, motion)
 
 
 @inlined
@@ -338,8 +334,6 @@ def _sums(form, law, height, slope, states, past, out):
     chunk, inertia = new_chunk(), law.numbers[IN_LAW.inertia]
     mobilization = Mobilization(law.numbers[IN_LAW.mobilization_length], law.numbers[IN_LAW.stiffness])
     level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == _FORCES
-    for i in range(row.LENGTH):
-        chunk[at(row.PER_WIDTH, i)] = np.inf  # plates for the published rule keep it
     # unsigned: numba adds code for negative indices otherwise
     blocks, one = np.uint64(bounds.shape[1]), np.uint64(1)
     for k in range(states.shape[0]):
