@@ -13,10 +13,14 @@ if TYPE_CHECKING:
 
 __all__ = ["LARGEST", "SMALLEST", "MeshIssue", "check_mesh", "degenerate_facets"]
 
-SMALLEST, LARGEST = 1e-3, 10.0
-"""Plausible largest extents of a tool [m]: one as small as a grain, and more than the 7 m of a bulldozer's blade."""
+SMALLEST = 1e-3
+"""Least plausible extent of a tool [m]: as small as a grain."""
 
-_SMALLEST_USUAL, _LARGEST_USUAL = 5e-3, 5.0  # m; beyond them the check proposes a scale
+LARGEST = 10.0
+"""Greatest plausible extent of a tool [m]: more than the 7 m of a bulldozer's blade."""
+
+_SMALLEST_USUAL = 5e-3  # m; below, the check proposes a scale
+_LARGEST_USUAL = 5.0  # m; above, too
 
 _COLLINEAR = 1e-12  # of the longest edge squared: rounding error of the cross product of parallel edges
 _CLOSED = 0.01  # greatest sum of the area vectors, over the area, of a surface that counts as closed; 0 without holes
@@ -37,7 +41,8 @@ def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
     """True for facets without area, which have no normal; shape [m]."""
     triangles = np.asarray(mesh.triangles)
     longest = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2).max(axis=1)
-    return np.asarray(np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1) <= _COLLINEAR * longest**2)
+    doubled = np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1)
+    return np.asarray(doubled <= _COLLINEAR * longest**2)
 
 
 def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue, str]:
@@ -45,44 +50,39 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
 
     `scale`: metres per unit of the mesh's file, which the sentence on an unusual size corrects.
     """
-    import trimesh
-
+    joined = _joined(mesh)
+    is_degenerate = degenerate_facets(mesh)
+    is_consistent = joined.is_winding_consistent
+    volume = _volume_if_closed(mesh)
+    is_inside_out = volume < 0.0
     issues: dict[MeshIssue, str] = {}
-    degenerate, volume = degenerate_facets(mesh), _volume_if_closed(mesh)
-    if degenerate.any():
-        issues["degenerate_facets"] = f"{degenerate.sum():,} of {len(mesh.faces):,} facets have no area: dropped"
-    joined = trimesh.Trimesh(*welded(np.asarray(mesh.vertices), np.asarray(mesh.faces)), process=False)
-    a, b, c = joined.faces.T
-    joined.update_faces((a != b) & (b != c) & (c != a))
+    if is_degenerate.any():
+        issues["degenerate_facets"] = f"{is_degenerate.sum():,} of {len(mesh.faces):,} facets have no area: dropped"
     open_edges = int((np.bincount(joined.edges_unique_inverse) == 1).sum())
     if open_edges:
         issues["not_closed"] = f"the surface is not closed (open edges: {open_edges:,})"
-    if not joined.is_winding_consistent:
+    if not is_consistent:
         issues["inconsistent_winding"] = "the winding is inconsistent: some facets face outward, others inward"
-    elif volume < 0.0:
-        volume_cm3 = f"volume {volume * 1e6:.3g} cm³"
-        issues["inside_out"] = f"the surface is inside out ({volume_cm3}): its trailing facets are taken as leading"
-    first = joined.faces.argmin(axis=1)[:, None]
-    same_start = np.take_along_axis(joined.faces, (first + np.arange(3)) % 3, axis=1)
-    repeated = len(same_start) - len(np.unique(same_start, axis=0))
+    elif is_inside_out:
+        measured = f"volume {1e6 * volume:.3g} cm³"
+        issues["inside_out"] = f"the surface is inside out ({measured}): its trailing facets are taken as leading"
+    repeated = _repeated_facets(joined)
     if repeated:
         issues["duplicate_facets"] = f"repeated facets, whose force counts more than once: {repeated:,}"
-    covered = 0.0 if volume < 0.0 or not joined.is_winding_consistent else _covered_share(joined)
+    covered = _covered_share(joined) if is_consistent and not is_inside_out else 0.0
     if covered > _COVERED_SHARE:
-        counted = "whose force counts although no grains touch it"
-        inside = f"{100 * covered:.0f} % of the surface lies in or on other bodies of the mesh, {counted}"
-        issues["overlap"] = f"{inside}; rft check-mesh --union OUT.stl writes the union of the bodies"
-    share = _hollow_share(mesh, ~degenerate, outward=-1.0 if volume < 0.0 else 1.0)
+        inside = f"{100 * covered:.0f} % of the surface lies in or on other bodies of the mesh"
+        issues["overlap"] = (
+            f"{inside}, whose force counts although no grains touch it; rft check-mesh --union OUT.stl writes the union"
+            " of the bodies"
+        )
+    share = _hollow_share(mesh, ~is_degenerate, outward=-1.0 if is_inside_out else 1.0)
     if share > _CONCAVE_SHARE:
         hollow = f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores"
         issues["concave"] = f"{hollow}; rft check-mesh says whether the convex hull (mesh.hull, --hull) is better"
-    extent = float(mesh.extents.max())
-    step, factor = (1e-3 if extent > _LARGEST_USUAL else 1e3), 1.0
-    while not _SMALLEST_USUAL <= extent * factor <= _LARGEST_USUAL:
-        factor *= step
-    if factor != 1.0:
-        meant = f"if {extent * factor:.3g} m is meant, set mesh.scale (--scale) to {scale * factor:g}"
-        issues["size"] = f"the largest extent is {extent:.3g} m at mesh.scale {scale:g}; {meant}"
+    unusual = _unusual_size(float(mesh.extents.max()), scale)
+    if unusual:
+        issues["size"] = unusual
     away = float(np.linalg.norm(np.clip(0.0, *mesh.bounds)))
     if away > LARGEST:
         nearer = "set mesh.origin (--origin) to the place of the tool frame's origin in the mesh file"
@@ -90,43 +90,73 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
     return issues
 
 
+def _joined(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
+    """The mesh with coincident vertices merged, and without the facets of which two corners become one."""
+    import trimesh
+
+    vertices, faces = welded(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    a, b, c = faces.T
+    return trimesh.Trimesh(vertices, faces[(a != b) & (b != c) & (c != a)], process=False)
+
+
+def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
+    """Signed volume [m³] of a closed surface, even if its facets share no vertices; 0 if it is open."""
+    doubled = np.asarray(mesh.triangles_cross)
+    if np.linalg.norm(doubled.sum(axis=0)) >= _CLOSED * np.linalg.norm(doubled, axis=1).sum():
+        return 0.0
+    centres = np.asarray(mesh.triangles_center)
+    return float(((centres - centres.mean(axis=0)) * doubled).sum()) / 6.0
+
+
+def _repeated_facets(mesh: "trimesh.Trimesh") -> int:
+    """Number of facets with the corners of another one, in the same order: the two sides of a sheet are not."""
+    first = mesh.faces.argmin(axis=1)[:, None]
+    from_least = np.take_along_axis(mesh.faces, (first + np.arange(3)) % 3, axis=1)
+    return len(from_least) - len(np.unique(from_least, axis=0))
+
+
+def _unusual_size(extent: float, scale: float) -> str:
+    """A sentence on a tool of an unusual largest extent [m], with the scale that is probably meant; or ""."""
+    step = 1e-3 if extent > _LARGEST_USUAL else 1e3
+    factor = 1.0
+    while not _SMALLEST_USUAL <= extent * factor <= _LARGEST_USUAL:
+        factor *= step
+    if factor == 1.0:
+        return ""
+    meant = f"if {extent * factor:.3g} m is meant, set mesh.scale (--scale) to {scale * factor:g}"
+    return f"the largest extent is {extent:.3g} m at mesh.scale {scale:g}; {meant}"
+
+
 def _covered_share(mesh: "trimesh.Trimesh") -> float:
     """Share of the area that lies in or on other bodies of a mesh whose facets share vertices.
 
     Just in front of a facet, the winding number of the whole surface is 0 in the open, and 1 or more in another body.
     """
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    from trimesh.graph import connected_component_labels
     from trimesh.sample import sample_surface
 
-    pairs, facets = mesh.face_adjacency, len(mesh.faces)
-    graph = coo_array((np.ones(len(pairs), dtype=np.int8), (pairs[:, 0], pairs[:, 1])), shape=(facets, facets))
-    if connected_components(graph, directed=False)[0] < 2:
+    facets = len(mesh.faces)
+    if connected_component_labels(mesh.face_adjacency, node_count=facets).max() == 0:
         return 0.0
     count = max(1, min(_COVERED_SAMPLES, _MOST_PAIRS // facets))
     points, sampled = sample_surface(mesh, count, seed=0)[:2]
-    places = points + _OUTSIDE * float(mesh.extents.max()) * np.asarray(mesh.face_normals)[sampled]
+    distance = _OUTSIDE * float(mesh.extents.max())
+    places = points + distance * np.asarray(mesh.face_normals)[sampled]
     return float(are_inside(places, np.asarray(mesh.triangles)).mean())
-
-
-def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
-    """Signed volume [m³] of a closed surface, even if its facets share no vertices; 0 if it is open."""
-    triangles = mesh.triangles - mesh.triangles.mean(axis=(0, 1))
-    area_vectors = np.asarray(mesh.triangles_cross) / 2.0
-    closed = np.linalg.norm(area_vectors.sum(axis=0)) < _CLOSED * np.linalg.norm(area_vectors, axis=1).sum()
-    return float((triangles.mean(axis=1) * area_vectors).sum()) / 3.0 if closed else 0.0
 
 
 def _hollow_share(mesh: "trimesh.Trimesh", used: NDArray[np.bool_], outward: float) -> float:
     """Share of the area that has other parts of the tool in front of it, whose shielding RFT ignores."""
-    keep = np.flatnonzero(used)
-    keep = keep[:: 1 + len(keep) // _SAMPLED]
-    points = np.unique(np.asarray(mesh.vertices)[np.unique(mesh.faces)], axis=0)
-    points = points[:: 1 + len(points) // _SAMPLED]
+    all_used = np.flatnonzero(used)
+    keep = all_used[:: 1 + len(all_used) // _SAMPLED]
+    vertices = np.unique(np.asarray(mesh.vertices)[np.unique(mesh.faces)], axis=0)
+    points = vertices[:: 1 + len(vertices) // _SAMPLED]
     doubled = np.asarray(mesh.triangles_cross)[keep]
     area = np.linalg.norm(doubled, axis=1)
     normal = outward * doubled / area[:, None]
     # in chunks of 64 facets: the system clears new memory, and 32 MB at once would delay the node on the same core
-    farthest = np.concatenate([(part @ points.T).max(axis=1) for part in np.array_split(normal, 1 + len(normal) // 64)])
+    chunks = np.array_split(normal, 1 + len(normal) // 64)
+    farthest = np.concatenate([(chunk @ points.T).max(axis=1) for chunk in chunks])
     beyond = farthest - (normal * mesh.triangles_center[keep]).sum(axis=1)
-    return float(area[beyond > _HOLLOW * mesh.extents.max()].sum() / area.sum())
+    is_hollow = beyond > _HOLLOW * mesh.extents.max()
+    return float(area[is_hollow].sum() / area.sum())

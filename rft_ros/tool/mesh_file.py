@@ -11,7 +11,7 @@ import json
 import logging
 import math
 import warnings
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -68,7 +68,8 @@ class MeshFrame:
     @classmethod
     def checked(cls, scale: float, origin: Sequence[float], quaternion: Sequence[float]) -> "MeshFrame":
         """From `mesh.scale`, `mesh.origin` and `mesh.quaternion`. Raises ValueError that names the parameter."""
-        unit, shift = number("mesh.scale", scale, least=0.0), numbers("mesh.origin", origin, rows=3)
+        unit = number("mesh.scale", scale, least=0.0)
+        shift = numbers("mesh.origin", origin, rows=3)
         given = numbers("mesh.quaternion", quaternion, rows=4)
         turn = unit_quaternion(*given.tolist())
         if turn is None:
@@ -81,41 +82,31 @@ class MeshFrame:
 
     def to_tool(self, points: Array) -> Array:
         """Points of the file, shape [n, 3], in the tool frame [m]."""
-        placed = (points - self.origin) * self.scale
-        return placed if self._keeps_axes() else placed @ self.rotation.T
+        return np.asarray((points - self.origin) * self.scale @ self.rotation.T)
 
     def to_file(self, points: Array) -> Array:
         """Points in the tool frame [m], shape [n, 3], in the file's coordinates and units."""
-        turned = points if self._keeps_axes() else points @ self.rotation
-        return turned / self.scale + self.origin
+        return np.asarray(points @ self.rotation / self.scale + self.origin)
 
     def plates_to_tool(self, plates: Plates) -> Plates:
         """Plates in the file's coordinates and units, in the tool frame [m]."""
-        rows = self._turned(plates.rows, self.rotation, scale=self.scale)
-        rows[CENTROID] = self.to_tool(plates.centroids.T).T
-        return Plates(rows)
+        return _moved(plates, self.to_tool, rotation=self.rotation, scale=self.scale)
 
     def plates_to_file(self, plates: Plates) -> Plates:
         """Plates in the tool frame [m], in the file's coordinates and units."""
-        rows = self._turned(plates.rows, self.rotation.T, scale=1.0 / self.scale)
-        rows[CENTROID] = self.to_file(plates.centroids.T).T
-        return Plates(rows)
+        return _moved(plates, self.to_file, rotation=self.rotation.T, scale=1.0 / self.scale)
 
-    def _turned(self, rows: Array, rotation: Array, *, scale: float) -> Array:
-        """Rows as `Plates.rows` with normals, areas and corners turned and scaled; the centroids stay as they are."""
-        out = rows.copy()
-        out[AREA] *= scale * scale
-        corners = (FIRST_CORNER, SECOND_CORNER) if len(rows) > HALF_ANGLE else ()
-        for corner in corners:
-            out[corner] *= scale
-        if not self._keeps_axes():
-            for vector in (NORMAL, *corners):
-                out[vector] = rotation @ out[vector]
-        return out
 
-    def _keeps_axes(self) -> bool:
-        """Whether there is no rotation. Coordinates are not multiplied then, so that they keep every bit."""
-        return np.array_equal(self.rotation, np.eye(3))
+def _moved(plates: Plates, place: Callable[[Array], Array], *, rotation: Array, scale: float) -> Plates:
+    """Plates in other axes and units; `place` moves their centroids."""
+    rows = plates.rows.copy()
+    rows[CENTROID] = place(plates.centroids.T).T
+    rows[NORMAL] = rotation @ rows[NORMAL]
+    rows[AREA] *= scale**2
+    if len(rows) > HALF_ANGLE:
+        for corner in (FIRST_CORNER, SECOND_CORNER):
+            rows[corner] = scale * (rotation @ rows[corner])
+    return Plates(rows)
 
 
 IN_TOOL_FRAME = MeshFrame(1.0, np.zeros(3), np.eye(3))
@@ -179,35 +170,17 @@ def _parts_of_glb(data: bytes) -> int:
 
 def _load(path: Path) -> "trimesh.Trimesh":
     """The mesh of a file, in the file's coordinates and units. Raises InputError that names the file."""
-    import trimesh
-
-    name, suffix = f"mesh file '{path}'", path.suffix.lower()
+    name = f"mesh file '{path}'"
+    suffix = path.suffix.lower()
     data = read_file(path, "mesh file", advice=advice())
     if suffix not in _SUFFIXES:
-        raise InputError(f"{name} has no supported suffix; these are {', '.join((*_SUFFIXES, '.urdf#LINK', SUFFIX))}")
+        supported = ", ".join([*_SUFFIXES, ".urdf#LINK", SUFFIX])
+        raise InputError(f"{name} has no supported suffix; these are {supported}")
     parts = _parts_of_glb(data) if suffix == ".glb" else 0
     if parts > _MOST_PARTS:
-        most = f"the limit is {_MOST_PARTS:,}; export it as one mesh"
-        raise InputError(f"{name} has {parts:,} parts; {most}")
-    binary_stl = len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
-    if suffix in (".obj", ".stl") and not binary_stl:
-        # trimesh needs another package for text that is not UTF-8, such as a name or a comment
-        data = data.decode(errors="replace").encode()
+        raise InputError(f"{name} has {parts:,} parts; the limit is {_MOST_PARTS:,}; export it as one mesh")
     try:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")
-            # numpy before 2.3 only warns about a word among the numbers
-            warnings.filterwarnings("error", message="string or file could not be read")
-            mesh = trimesh.load(
-                io.BytesIO(data),
-                file_type=suffix[1:],
-                force="mesh",
-                process=False,
-                skip_materials=True,
-                maintain_order=True,
-            )
-        if mesh.vertices.shape[1] != 3 or mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
-            raise ValueError
+        mesh = _parsed(data, suffix)
     except ImportError as error:
         raise InputError(f"{name} needs a package ({error}; for .dae: pip install pycollada)") from None
     except Exception:  # each reader raises its own errors, and some quote the file
@@ -222,12 +195,39 @@ def _load(path: Path) -> "trimesh.Trimesh":
     return mesh
 
 
+def _parsed(data: bytes, suffix: str) -> "trimesh.Trimesh":
+    """The mesh in a file's bytes. Raises what its reader raises, and ValueError for facets without vertices."""
+    import trimesh
+
+    is_binary_stl = len(data) == 84 + 50 * int.from_bytes(data[80:84], "little")
+    if suffix in (".obj", ".stl") and not is_binary_stl:
+        # trimesh needs another package for text that is not UTF-8, such as a name or a comment
+        data = data.decode(errors="replace").encode()
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")
+        # numpy before 2.3 only warns about a word among the numbers
+        warnings.filterwarnings("error", message="string or file could not be read")
+        mesh = trimesh.load(
+            io.BytesIO(data),
+            file_type=suffix[1:],
+            force="mesh",
+            process=False,
+            skip_materials=True,
+            maintain_order=True,
+        )
+    if mesh.vertices.shape[1] != 3 or mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
+        raise ValueError
+    return mesh
+
+
 def _folds(mesh: "trimesh.Trimesh") -> int:
     """Number of edges at which a facet lies on its neighbour, without slivers and the two sides of a sheet."""
-    areas, (a, b) = mesh.area_faces, mesh.face_adjacency.T
-    sheet = (np.sort(mesh.faces[a], axis=1) == np.sort(mesh.faces[b], axis=1)).all(axis=1)
-    slivers = np.minimum(areas[a], areas[b]) < _SLIVER * areas.max()
-    return int(((mesh.face_adjacency_angles > _FOLDED) & ~sheet & ~slivers).sum())
+    a, b = mesh.face_adjacency.T
+    is_sheet = (np.sort(mesh.faces[a], axis=1) == np.sort(mesh.faces[b], axis=1)).all(axis=1)
+    smaller = np.minimum(mesh.area_faces[a], mesh.area_faces[b])
+    is_sliver = smaller < _SLIVER * mesh.area_faces.max()
+    is_folded = mesh.face_adjacency_angles > _FOLDED
+    return int((is_folded & ~is_sheet & ~is_sliver).sum())
 
 
 def _in_tool_frame(corners: Array, faces: NDArray[np.int64], path: Path, frame: MeshFrame) -> "trimesh.Trimesh":
@@ -266,7 +266,7 @@ def save_reduced(
         )
 
 
-@np.errstate(over="ignore")
+@np.errstate(over="ignore", invalid="ignore")
 def read_reduced(file: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", MeshFrame, Plates, str]:
     """The full mesh, its frame, the plates and the reduction that `save_reduced` wrote, in the tool frame.
 
@@ -274,11 +274,13 @@ def read_reduced(file: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", MeshF
     """
     vertices, faces, rows, about = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
     try:
-        about, plates, vertices = about.tolist(), Plates(rows), vertices.astype(np.float64)
-        if about[:1] != [_FORMAT] or faces.min() < 0 or vertices[faces].shape[1:] != (3, 3):
+        points = vertices.astype(np.float64)
+        if about.ravel()[0] != _FORMAT or faces.min() < 0 or points[faces].shape[1:] != (3, 3):
             raise ValueError("it is of another version, or its facets are not of three of its vertices")
-        frame = frame.for_file(float(about[2]) if len(about) > 2 else None)
-        return _in_tool_frame(vertices, faces, file, frame), frame, frame.plates_to_tool(plates), about[1]
+        _, reduction, unit = about.tolist()
+        frame_of_file = frame.for_file(float(unit))
+        mesh = _in_tool_frame(points, faces, file, frame_of_file)
+        return mesh, frame_of_file, frame_of_file.plates_to_tool(Plates(rows)), reduction
     except InputError:
         raise
     except (ValueError, LookupError, TypeError) as error:
