@@ -8,13 +8,14 @@ from typing import Any
 
 import numpy as np
 
-from rft_ros.calibration.fitting import FitResults, FittedValue
+from rft_ros.calibration.fitting import FitResults, FittedValue, MotionFit
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.files import resolved, whole
 from rft_ros.parameters import FILES, read_sections, sections_for
 from rft_ros.parameters.file import path_beside
 from rft_ros.parameters.sections import parameter_file_text
+from rft_ros.rft.motion_kinds import MOTIONS
 
 __all__ = ["SECTION", "rounded", "write_calibrated"]
 
@@ -54,6 +55,8 @@ def write_calibrated(file: Path, source: Path, result: FitResults, tracks: Itera
             parameters["medium.zeta_error"] = float(f"{relative:.3g}")
         if fit.name == "sensor.bias":
             _remove_tare(tree)
+    if result.motions:
+        parameters["medium.calibrated_motions"] = ", ".join(m.kind for m in result.motions if m.kind in MOTIONS)
     tree[SECTION] = {"ros__parameters": _record(result, tracks)}
     head = f"# {source.name} calibrated by rft calibrate; bags, sources and standard errors: {SECTION} below.\n"
     text = head + parameter_file_text(tree)
@@ -94,9 +97,21 @@ def _record(result: FitResults, tracks: Iterable[Track]) -> dict[str, Any]:
         record["fitted"] = {fit.name.replace(".", "_"): _entry(fit) for fit in result.fitted}
     if result.not_identifiable:
         record["not_identifiable"] = [f"{name}: {why}" for name, why in result.not_identifiable.items()]
+    if result.motions:
+        record["motions"] = {motion.kind: _motion(motion) for motion in result.motions}
     if result.warnings:
         record["warnings"] = result.warnings
     return record
+
+
+def _motion(motion: MotionFit) -> dict[str, float]:
+    """The ζ that a kind of motion alone would have, and the error with the written one [N]."""
+    return {
+        "zeta": rounded(motion.zeta, motion.error),
+        "standard_error": float(f"{motion.error:.3g}"),
+        "rms": float(f"{motion.rms:.3g}"),
+        "peak": float(f"{motion.peak:.3g}"),
+    }
 
 
 def _date(track: Track) -> str:

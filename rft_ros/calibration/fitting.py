@@ -17,8 +17,8 @@ from scipy.signal import lfilter
 from rft_ros.errors import InputError
 from rft_ros.parameters import checked
 
-__all__ = ["Estimates", "Fit", "FitResults", "FittedValue", "Measurement", "NotIdentifiable", "Parameter"]
-__all__ += ["fit_curve", "fit_each", "fit_linear", "fit_measurements", "listed"]
+__all__ = ["Estimates", "Fit", "FitResults", "FittedValue", "Measurement", "MotionFit", "NotIdentifiable"]
+__all__ += ["Parameter", "fit_curve", "fit_each", "fit_linear", "fit_measurements", "listed"]
 
 Array = NDArray[np.float64]
 
@@ -72,12 +72,37 @@ class FittedValue:
             raise NotIdentifiable(f"the fitted {error}") from None
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class MotionFit:
+    """A kind of motion: the ζ that it alone would have, and the error of the force with the written ζ.
+
+    `own_error`: standard error of this ζ by itself. `by_causes`: its changes by a standard error of what all kinds
+    share, such as the surface. `rms`: of the force [N]. `peak`: greatest measured force in this kind of motion [N].
+    """
+
+    kind: str
+    zeta: float
+    own_error: float
+    by_causes: Array
+    rms: float
+    peak: float
+
+    @property
+    def error(self) -> float:
+        """Standard error of this ζ."""
+        return float(np.linalg.norm([self.own_error, *self.by_causes]))
+
+    def __str__(self) -> str:
+        return f"{self.kind}: ζ {self.zeta:.3g} ± {self.error:.2g} alone; RMS {self.rms:.2g} N of {self.peak:.3g} N"
+
+
 @dataclass(slots=True)
 class FitResults:
-    """Fitted values; by name the reason why a value is not identifiable; warnings."""
+    """Fitted values; by name the reason why a value is not identifiable; kinds of motion in the grains; warnings."""
 
     fitted: list[FittedValue] = field(default_factory=list)
     not_identifiable: dict[str, str] = field(default_factory=dict)
+    motions: list[MotionFit] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
 
     def add(

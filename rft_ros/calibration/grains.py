@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.calibration.fitting import FitResults, Measurement, NotIdentifiable, fit_each, listed
+from rft_ros.calibration.motions import motion_fit, motion_phases, sentence_on
 from rft_ros.calibration.phases import (
     SHORTEST,
     Contact,
@@ -114,13 +115,15 @@ def fit_grains(
     if "zeta" in parts:
         with result.or_reason("medium.zeta"):
             ways_down = _fitted_ways_down(recordings, fits.values)
-    surface_error, length_error, zeta_error = _errors(fits, ways_down, own_errors, given).tolist()
+    errors = _errors(fits, ways_down, own_errors, given)
+    surface_error, length_error, zeta_error = errors.tolist()
     if contacts:
         _add_surface(result, fits, contacts, surface_error)
     if ways_down:
         with result.or_reason("medium.zeta"):
             kept = fit_each(check_strength, ((way, zeta_error) for way in ways_down), none="")
             _add_zeta(result, kept, shared_error=zeta_error, surface_error=surface_error)
+            _add_motions(result, recordings, fits.values, zeta=_mean(kept), errors=errors, given=given)
     if turns:
         _add_length(result, fits, length_error)
 
@@ -267,6 +270,20 @@ def _add_zeta(result: FitResults, ways_down: Sequence[Phase], *, shared_error: f
         goodness="",
         source=f"deepest penetration, {deepest.recording.track.name}",
     )
+
+
+def _add_motions(
+    result: FitResults, recordings: Sequence[Recorded], values: BedValues, *, zeta: float, errors: Array, given: Given
+) -> None:
+    """Add what each kind of motion tells. `errors`: of the surface [m], log λ and the ζ of the ways down."""
+    for kind, phases in motion_phases(recordings, values).items():
+        effects = np.mean([_effects(phase, errors, given) for phase in phases], axis=0)
+        by_causes = np.concatenate([effects[:2] * errors[:2], effects[2:]])
+        fit = motion_fit(kind, phases, written_zeta=zeta, own_error=_own_error(phases), by_causes=by_causes)
+        result.motions.append(fit)
+    sentence = sentence_on(result.motions)
+    if sentence:
+        result.warnings.append(sentence)
 
 
 def _lowest(way: Phase) -> float:

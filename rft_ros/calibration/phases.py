@@ -150,6 +150,11 @@ class Phase:
         peak = float(np.linalg.norm(self.part.observed, axis=1).max())
         return self.fit.rms / peak if peak > 0.0 else 0.0
 
+    def residuals(self, scale: float) -> Array:
+        """The measured force less `scale` times the model's, shape [n, axes] [N]."""
+        course = self.part.course(self.recording, self.values)
+        return self.part.observed - scale * self.part.columns(course, self.values)[:, :, 0]
+
     def measurement(self, shared_error: float = 0.0) -> Measurement:
         """The value, with its own error and one that it shares with others."""
         return Measurement(self.recording.track.name, self.value, float(np.hypot(self.error, shared_error)))

@@ -60,6 +60,8 @@ def calibrate(arguments: argparse.Namespace) -> int:
         numbers = ", ".join(f"{rounded(v, e):.9g} ± {e:.2g}" for v, e in zip(f.values, f.errors, strict=True))
         how = "; from ".join(filter(None, (f.goodness, f.source)))
         print(f"{f.name}: {' '.join(filter(None, (numbers, f.unit)))} ({how})")
+    for motion in result.motions:
+        print(motion)
     for name, why in result.not_identifiable.items():
         print(f"{name}: not identifiable: {why}")
     for sentence in result.warnings:

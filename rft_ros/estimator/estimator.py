@@ -95,12 +95,16 @@ class Estimator:
         return None if self.run.mapper is None else self.run.mapper.map
 
     def issues(self) -> list[str]:
-        """The current issues: a sparse map, noisy poses, a force in the air, and with learning those of `ISSUES`."""
+        """The current issues: a sparse map, noisy poses, a kind of motion that was not calibrated, a force in the air.
+
+        With learning also those of `ISSUES`.
+        """
         found = []
         if self.ground is not None and self.ground.issue:
             found.append(self.ground.issue)
         if self.pose_noise > NOISY:
             found.append(NOISY_SENTENCE)
+        found += self.run.unseen.sentences(self.settings.calibrated_motions)
         if self.learning is not None:
             found += self.learning.issues()
         return found + self.run.air.issues()
@@ -257,6 +261,7 @@ class Estimator:
         in_grains = area > 0.0
         run.poses.append(PastPose(pose, "the tool was in the grains" if in_grains else None))
         run.withdrawal.follow(motion, force, in_grains=in_grains)
+        run.unseen.follow(motion, in_grains=in_grains)
         with_sigma = self._corrected(motion, row)
         run.withdrawal.widen(with_sigma)
         self.state = state

@@ -15,6 +15,7 @@ from rft_ros.estimator.samples import PoseSample, TwistSample, WrenchSample
 from rft_ros.estimator.sigma import Withdrawal
 from rft_ros.estimator.tare import AirReading, PastPose
 from rft_ros.estimator.timeline import Timeline
+from rft_ros.estimator.unseen_motion import UnseenMotion
 from rft_ros.ground import Footing, GroundMapper, LocalSurface
 from rft_ros.parameters import LoadCell, Model, Settings
 from rft_ros.rft import Memory
@@ -57,6 +58,7 @@ RESTARTS: dict[str, Change] = {
     "step": _TOOL | Change.MEMORY,
     "withdrawal": _TOOL,
     "quality": _TOOL,
+    "unseen": _TOOL,
     "air": _TOOL | Change.LOAD_CELL,
     "learning": Change.LAW | Change.PRIOR,
     "place": _TOOL | Change.GROUND | Change.HEIGHT,  # of `learning`: all but the strength of the grains
@@ -107,6 +109,7 @@ class Run:
     """`prepared` for the plates of the tool, with their memory if the law has one."""
     withdrawal: Withdrawal
     quality: QualityMonitor
+    unseen: UnseenMotion
     air: AirReading
     learning: Learning | None = None
 
@@ -151,6 +154,7 @@ _NEW: dict[str, Callable[[Settings, Model], Any]] = {
     "step": _new_step,
     "withdrawal": lambda _settings, _model: Withdrawal(),
     "quality": lambda _settings, model: QualityMonitor(model.tool),
+    "unseen": lambda _settings, model: UnseenMotion(model.tool),
     "air": lambda _settings, _model: AirReading(),
     "learning": _new_learning,
 }

@@ -9,6 +9,7 @@ from typing import Any, Literal, get_args, get_origin, get_type_hints
 
 from rft_ros.errors import InputError, shown
 from rft_ros.rft.frames import UNIT_TOLERANCE
+from rft_ros.rft.motion_kinds import MOTIONS
 
 __all__ = ["LONGEST_NAME", "Parameter", "Value", "Values", "parameters_of", "values_of"]
 
@@ -28,9 +29,9 @@ class Parameter:
     """One parameter. Its values have the type of `default`.
 
     `bounds`: least and greatest value of each number. `least`: of a length [m] that may be 0, the least other value.
-    `kind`: "frame" for the name of a frame, "quaternion" for the four numbers of a rotation, "sign" for 1 or -1.
-    `choices`: the values that a text may have; empty: any. `applies`: "live", or "restart" if the running node refuses
-    a change.
+    `kind`: "frame" for the name of a frame, "motions" for names of `MOTIONS` with commas, "quaternion" for the four
+    numbers of a rotation, "sign" for 1 or -1. `choices`: the values that a text may have; empty: any. `applies`:
+    "live", or "restart" if the running node refuses a change.
     """
 
     name: str
@@ -39,7 +40,7 @@ class Parameter:
     bounds: tuple[float, float] = (-math.inf, math.inf)
     _: KW_ONLY
     least: float = 0.0
-    kind: Literal["", "frame", "quaternion", "sign"] = ""
+    kind: Literal["", "frame", "motions", "quaternion", "sign"] = ""
     choices: tuple[str, ...] = ()
     applies: Literal["live", "restart"] = "live"
     description: str = ""
@@ -66,6 +67,8 @@ class Parameter:
             limit = LONGEST_NAME if self.kind == "frame" else _LONGEST
             if len(value) > limit:
                 raise InputError(f"{name} has {len(value):,} characters; the limit is {limit:,}")
+            if self.kind == "motions" and not {motion.strip() for motion in value.split(",")} <= {"", *MOTIONS}:
+                raise InputError(f"{name} is {shown(value)}; it may name {', '.join(MOTIONS)}, with commas")
             if choices and value not in choices:
                 raise InputError(f"{name} is {shown(value)}; it must be one of {', '.join(choices)}")
             return value

@@ -8,6 +8,7 @@ from rft_ros.ground import HeightMap
 from rft_ros.parameters.parameter import Parameter
 from rft_ros.rft import Law, described
 from rft_ros.rft.frames import Quaternion, Vector, Wrench
+from rft_ros.rft.motion_kinds import MOTIONS
 from rft_ros.tool import Tool
 
 __all__ = ["CALIBRATED_ERROR", "LoadCell", "Model", "Settings"]
@@ -65,6 +66,10 @@ class Settings:
         "Mean diameter of the grains. Estimates with a tool under five grains wide get the flag few_grains. 0.0: not "
         "known.",
         default=None,
+    )
+    calibrated_motions: str = Parameter("medium.calibrated_motions", "", kind="motions").field(
+        f"Kinds of motion that the calibration had, with commas: {', '.join(MOTIONS)}. Another kind is reported once. "
+        "Empty: not known."
     )
     learning_mode: Literal["off", "observe", "apply"] = Parameter("learning.mode", "off").field(
         "Estimate the medium from the load cell. observe: only report the estimates. apply: also correct the "

@@ -68,6 +68,11 @@ class Tool:
         """Middle extent along an axis of the tool frame [m]: the diameter of a rod, the shorter side of a plate."""
         return float(np.median(np.ptp(self.bounds, axis=0)))
 
+    @property
+    def middle(self) -> NDArray[np.float64]:
+        """Middle of the tool's extents, in the tool frame [m], shape [3]."""
+        return np.asarray(0.5 * (self.corners.min(axis=0) + self.corners.max(axis=0)))
+
     def lowest_point(self, rotation: NDArray[np.float64], slope: tuple[float, float] = LEVEL) -> float:
         """Height of the tool's lowest point above the tool frame's origin [m], along world z; negative if below.
 

@@ -77,6 +77,20 @@ def test_the_node_and_the_replay_take_the_file_as_it_is(calibrated, cell, tmp_pa
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["quality_flags"]["deep"] == 0
 
 
+def test_a_replay_says_once_that_its_motion_is_of_a_kind_that_was_not_calibrated(calibrated, cell, tmp_path):
+    assert read_parameter_file(calibrated)["medium.calibrated_motions"] == "press, drag, withdrawal"
+    of_press = tmp_path / "of_press.yaml"
+    assert calibrate(cell, ("pressed",), of_press) == 0
+    assert read_parameter_file(of_press)["medium.calibrated_motions"] == "press, withdrawal"
+    for bag, file, times in (("pressed", of_press, 0), ("dragged", calibrated, 0), ("dragged", of_press, 1)):
+        out = tmp_path / f"{bag}_{file.stem}"
+        assert main(["replay", str(cell / bag), "--params", str(file), "-o", str(out)]) == 0
+        warnings = json.loads((out / "summary.json").read_text())["warnings"]
+        told = [warning for warning in warnings if "medium.calibrated_motions" in warning]
+        assert len(told) == times
+        assert all("drag" in warning for warning in told)
+
+
 def test_files_that_are_kept_are_found_from_the_new_file(cell, tmp_path):
     tree = yaml.safe_load((cell / "cell.yaml").read_text())
     (tmp_path / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
@@ -117,6 +131,8 @@ def test_other_nodes_stay_and_the_record_names_bags_dates_and_errors(calibrated,
     assert found["bags"] == ["pressed (2020-09-13T12:26:40Z)", "dragged (2020-09-13T12:26:40Z)"]
     assert set(found["fitted"]["sensor_mass"]) == {"value", "standard_error", "unit", "goodness", "source"}
     assert 0.0 < found["fitted"]["medium_zeta"]["standard_error"][0] < 0.01
+    assert set(found["motions"]) == {"press", "drag", "withdrawal", "rest"}
+    assert found["motions"]["drag"]["zeta"] == pytest.approx(0.8, abs=0.03)
     again = tmp_path / "calibrated.yaml"
     assert calibrate(cell, ("pressed", "dragged"), again) == 0
     assert again.read_bytes() == calibrated.read_bytes()

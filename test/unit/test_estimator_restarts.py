@@ -14,7 +14,7 @@ from rft_ros.ground import Cloud, HeightMap
 MODEL = replace(plate_model(mobilization_length=0.003), ground=HeightMap.unknown(0.004))
 
 MOTION = {"pose", "poses", "pace", "kinematics", "mapper", "surface", "place"}
-TOOL = {"step", "withdrawal", "quality", "air", "footing"}
+TOOL = {"step", "withdrawal", "quality", "unseen", "air", "footing"}
 TABLE = {
     "a jump back in time": {*MOTION, *TOOL},
     "another world_frame": {*MOTION, *TOOL, "twists", "readings"},

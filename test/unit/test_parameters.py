@@ -109,6 +109,12 @@ def test_default_values_make_the_default_settings_and_other_values_reach_them():
             assert getattr(changed if owner is Settings else changed.load_cell, name) == other
 
 
+def test_an_unknown_kind_of_motion_is_refused_with_those_that_exist():
+    name = "medium.calibrated_motions"
+    assert checked(name, "press, drag") == "press, drag"
+    assert_says(refusal(checked, name, "press, drags"), name, "'press, drags'", "drag", "withdrawal")
+
+
 def test_one_frame_for_two_is_refused():
     words = "world_frame", "tool_frame", "'base'", "different frames"
     assert_says(refusal(settings_of, {**defaults(), "world_frame": "base", "tool_frame": "base"}), *words)

@@ -1,0 +1,110 @@
+"""The whole recording replayed with the fitted values: its error by kind of motion, and the ζ of each kind alone.
+
+A kind is that of `rft_ros.rft.motion_kinds`, or rest, where the grains hold their force. The written ζ is that of the
+press, the way straight down. Grains that are dragged or rolled on may need another: then one ζ predicts both wrongly.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.calibration.fitting import MotionFit
+from rft_ros.calibration.phases import Part, Phase, fitted
+from rft_ros.calibration.recorded import BedValues, Recorded
+from rft_ros.calibration.smoothing import GAP
+from rft_ros.calibration.track import FEWEST, Indices, Track
+from rft_ros.rft import FORCE
+from rft_ros.rft.frames import ANGULAR_VELOCITY, VELOCITY
+from rft_ros.rft.motion_kinds import LEAST_PATH, MOTIONS, kinds_of_motion
+
+__all__ = ["OF_ZETA", "REST", "motion_fit", "motion_phases", "sentence_on"]
+
+Array = NDArray[np.float64]
+
+REST = "rest"
+"""The kind of a moment at which the tool does not move."""
+
+OF_ZETA = MOTIONS[0]
+"""The kind of motion that the written ζ is for."""
+
+_CORNER = 0.1  # time [s] about a change of the kind that counts for neither: velocities are averaged over it
+_APART = 3.0  # standard errors by which the ζ of two kinds must differ to be told
+_NOTEWORTHY = 0.1  # and least relative difference: beds of the same grains differ by as much
+
+
+def motion_phases(recordings: Sequence[Recorded], values: BedValues) -> dict[str, list[Phase]]:
+    """The moments of each kind in each recording, with the ζ that fits them; only kinds that were recorded.
+
+    ζ scales the force of the model, which follows the recording from its beginning.
+    """
+    found: dict[str, list[Phase]] = {kind: [] for kind in (*MOTIONS, REST)}
+    for recording in recordings:
+        for kind, rows in _rows_by_kind(recording.track, values.surface).items():
+            if kind == REST and values.length == 0.0:
+                continue  # without memory the model has no force at rest
+            part = Part(recording=recording, first=0, rows=rows, axes=FORCE)
+            phase = fitted(part, values, ())
+            if phase.fit.influence.any():
+                found[kind].append(phase)
+    return {kind: phases for kind, phases in found.items() if phases}
+
+
+def _rows_by_kind(track: Track, surface: float) -> dict[str, Indices]:
+    """Rows in the grains by kind of motion, without the corners between them. Kinds of a short path are left out."""
+    moved = track.smooth[:, VELOCITY] + np.cross(track.smooth[:, ANGULAR_VELOCITY], track.rotations @ track.tool.middle)
+    turned = 0.5 * track.tool.size * np.linalg.norm(track.smooth[:, ANGULAR_VELOCITY], axis=1)
+    kinds = np.where(track.moving, kinds_of_motion(moved, turned), REST)
+    lasting = np.minimum(np.diff(track.time, append=track.time[-1]), GAP)
+    path = lasting * (np.linalg.norm(moved, axis=1) + turned)
+    corners = track.time[1:][kinds[1:] != kinds[:-1]]
+    edges = np.concatenate([[-np.inf], corners, [np.inf]])
+    after = np.searchsorted(edges, track.time, side="right")
+    clear = np.minimum(track.time - edges[after - 1], edges[after] - track.time) > _CORNER
+    usable = (track.heights < surface) & clear
+    found = {}
+    for kind in (*MOTIONS, REST):
+        rows = np.flatnonzero(usable & (kinds == kind))
+        if len(rows) >= FEWEST and (kind == REST or path[rows].sum() > LEAST_PATH):
+            found[kind] = rows
+    return found
+
+
+def motion_fit(
+    kind: str, phases: Sequence[Phase], *, written_zeta: float, own_error: float, by_causes: Array
+) -> MotionFit:
+    """What `phases` of one kind tell; errors are those of `MotionFit`."""
+    measured = np.concatenate([phase.part.observed for phase in phases])
+    residuals = np.concatenate([phase.residuals(written_zeta) for phase in phases])
+    return MotionFit(
+        kind=kind,
+        zeta=float(np.mean([phase.value for phase in phases])),
+        own_error=own_error,
+        by_causes=by_causes,
+        rms=float(np.sqrt(np.mean(np.sum(residuals**2, axis=1)))),
+        peak=float(np.linalg.norm(measured, axis=1).max()),
+    )
+
+
+def sentence_on(motions: Sequence[MotionFit]) -> str:
+    """A sentence on kinds of motion whose ζ differs from that of the press by more than their errors, or ""."""
+    of_press = [motion for motion in motions if motion.kind == OF_ZETA]
+    if not of_press or of_press[0].zeta <= 0.0:
+        return ""
+    press = of_press[0]
+    apart = [motion for motion in motions if _differs(motion, press)]
+    if not apart:
+        return ""
+    others = " and ".join(f"{motion.zeta:.3g} ± {motion.error:.2g} in {motion.kind}" for motion in apart)
+    return (
+        f"ζ is {press.zeta:.3g} ± {press.error:.2g} in {OF_ZETA}, but {others}: medium.zeta is for {OF_ZETA}; for a job"
+        " of another motion set medium.zeta to the ζ of that motion, or learn from the load cell (learning.mode)"
+    )
+
+
+def _differs(motion: MotionFit, press: MotionFit) -> bool:
+    ratio = motion.zeta / press.zeta
+    # a cause that both share, such as the surface, changes the ratio by less than either
+    by_causes = motion.by_causes - ratio * press.by_causes
+    error = float(np.linalg.norm([motion.own_error, ratio * press.own_error, *by_causes])) / press.zeta
+    return abs(ratio - 1.0) > max(_APART * error, _NOTEWORTHY)
