@@ -83,16 +83,17 @@ class HeightMap:
 
     def nearest(self, x: float, y: float) -> float:
         """Height of the cell at a place [m], or beside the map of the nearest one on its edge; NaN if it is unknown."""
-        (first_i, first_j), (n, m) = self.corner, self.heights.shape
-        i = int(np.clip(x / self.cell - first_i, 0, n - 1))
-        j = int(np.clip(y / self.cell - first_j, 0, m - 1))
+        cells = np.array([x, y]) / self.cell - self.corner
+        i, j = np.clip(cells, 0, np.array(self.heights.shape) - 1).astype(int)
         return float(self.heights[i, j])
 
     def heights_at(self, x: Array, y: Array) -> Array:
         """Height of the cell at each place [m], shape as `x` and `y` [m]; NaN where it is unknown."""
         around = np.pad(self.heights, 1, constant_values=np.nan)
-        i, j = (np.floor(v / self.cell - first).astype(int) + 1 for v, first in zip((x, y), self.corner, strict=True))
+        first_i, first_j = self.corner
         n, m = around.shape
+        i = np.floor(x / self.cell - first_i).astype(int) + 1
+        j = np.floor(y / self.cell - first_j).astype(int) + 1
         return np.asarray(around[i.clip(0, n - 1), j.clip(0, m - 1)], dtype=np.float64)
 
     def with_points(self, x: Numbers, y: Numbers, z: Numbers, tool: _Tool | None = None) -> "HeightMap":
@@ -105,31 +106,24 @@ class HeightMap:
         """
         phase = np.append(np.mod(self.corner, 1.0), 0.0)  # distance of the cells from multiples of `cell`, in cells
         offset = self.cell * phase
-        box = _NO_BOX
-        if tool is not None:
-            (position, rotation, corners), margin = tool, _MARGIN * self.cell
-            box = _Box(
-                position=position - offset,
-                axes=np.ascontiguousarray(rotation.T),
-                lowest=corners.min(axis=0) - margin,
-                highest=corners.max(axis=0) + margin,
-                reach=_REACH * self.cell,
-            )
-        any_known = not np.isnan(self.heights).all()
-        first = np.floor(self.corner).astype(np.int64)
-        end = first + self.heights.shape if any_known else first
+        box = _NO_BOX if tool is None else _box_of(tool, offset, self.cell)
         p = np.vstack([x, y, z]).astype(np.float64) - offset[:, None]
+        first = np.floor(self.corner).astype(np.int64)
+        any_known = not np.isnan(self.heights).all()
+        end = first + self.heights.shape if any_known else first
         index, i0, j0, i1, j1 = _cells_of(p, self.cell, box, first, end)
         if i1 == i0:
             return self
         heights = np.full((i1 - i0, j1 - j0), np.nan, dtype=np.float32)
         if any_known:
             i, j = first - (i0, j0)
-            heights[i : i + self.heights.shape[0], j : j + self.heights.shape[1]] = self.heights
+            n, m = self.heights.shape
+            heights[i : i + n, j : j + m] = self.heights
         seen = np.full_like(heights, np.nan)
         _medians(p[2], index, i0, j0, seen)
         _take_plausible(seen, heights, _JUMP * self.cell)
-        return HeightMap(cell=self.cell, corner=(i0 + float(phase[0]), j0 + float(phase[1])), heights=heights)
+        corner = i0 + float(phase[0]), j0 + float(phase[1])
+        return HeightMap(cell=self.cell, corner=corner, heights=heights)
 
 
 class _Box(NamedTuple):
@@ -150,6 +144,32 @@ _NO_BOX = _Box(np.zeros(3), np.zeros((3, 3)), np.full(3, np.inf), np.full(3, np.
 """A box without points."""
 
 
+def _box_of(tool: _Tool, offset: Array, cell: float) -> _Box:
+    """The box around a tool, `_MARGIN` larger. `offset`: of the cells from multiples of `cell` [m]."""
+    position, rotation, corners = tool
+    margin = _MARGIN * cell
+    return _Box(
+        position=position - offset,
+        axes=np.ascontiguousarray(rotation.T),
+        lowest=corners.min(axis=0) - margin,
+        highest=corners.max(axis=0) + margin,
+        reach=_REACH * cell,
+    )
+
+
+@inlined
+def _is_left_out(box, x, y, z):
+    """Whether a point is in the box around the tool, or far from it."""
+    dx = x - box.position[0]
+    dy = y - box.position[1]
+    dz = z - box.position[2]
+    inside = True
+    for c in range(3):
+        along = box.axes[c, 0] * dx + box.axes[c, 1] * dy + box.axes[c, 2] * dz
+        inside = inside and box.lowest[c] <= along <= box.highest[c]
+    return inside or max(abs(dx), abs(dy)) > box.reach
+
+
 @compiled
 def _cells_of(p, cell, box, first, end):
     """The cell of each point, shape [2, n], and the first and end cells i0, j0, i1, j1 of the new map.
@@ -157,26 +177,26 @@ def _cells_of(p, cell, box, first, end):
     Row 0 is `_LEFT_OUT` for a point that is left out. `first`, `end`: cells of the map so far.
     """
     index = np.full((2, p.shape[1]), _LEFT_OUT)
-    i0, j0, i1, j1 = first[0], first[1], end[0], end[1]
-    position, axes, lowest, highest = box.position, box.axes, box.lowest, box.highest
+    i0, j0 = first
+    i1, j1 = end
+    farthest = _FARTHEST * cell
     for k in range(p.shape[1]):
         x, y, z = p[0, k], p[1, k], p[2, k]
-        if not (abs(x) < _FARTHEST * cell and abs(y) < _FARTHEST * cell and abs(z) < _HIGHEST):  # NaN, too
+        is_possible = abs(x) < farthest and abs(y) < farthest and abs(z) < _HIGHEST
+        if not is_possible or _is_left_out(box, x, y, z):  # the first also for NaN
             continue
-        dx, dy, dz = x - position[0], y - position[1], z - position[2]
-        inside = True
-        for c in range(3):
-            r = axes[c, 0] * dx + axes[c, 1] * dy + axes[c, 2] * dz
-            inside = inside and lowest[c] <= r <= highest[c]
-        if inside or max(abs(dx), abs(dy)) > box.reach:
-            continue
-        i, j = int(np.floor(x / cell)), int(np.floor(y / cell))
+        i = int(np.floor(x / cell))
+        j = int(np.floor(y / cell))
         if i1 == i0:  # the first cell that is known
-            i0, j0, i1, j1 = i, j, i + 1, j + 1
-        a0, b0, a1, b1 = min(i0, i), min(j0, j), max(i1, i + 1), max(j1, j + 1)
-        if (a1 - a0) * (b1 - b0) <= MOST_CELLS:
-            i0, j0, i1, j1 = a0, b0, a1, b1
-            index[0, k], index[1, k] = i, j
+            i0, j0 = i, j
+            i1, j1 = i, j
+        low_i, low_j = min(i0, i), min(j0, j)
+        high_i, high_j = max(i1, i + 1), max(j1, j + 1)
+        if (high_i - low_i) * (high_j - low_j) <= MOST_CELLS:
+            i0, j0 = low_i, low_j
+            i1, j1 = high_i, high_j
+            index[0, k] = i
+            index[1, k] = j
     return index, i0, j0, i1, j1
 
 
@@ -187,7 +207,8 @@ def _median(values, n):
     while gap > 1:
         gap = max(gap * 5 // 11, 1)
         for a in range(gap, n):
-            v, b = values[a], a
+            v = values[a]
+            b = a
             while b >= gap and values[b - gap] > v:
                 values[b] = values[b - gap]
                 b -= gap
@@ -225,7 +246,8 @@ def _take_plausible(seen, heights, jump):
         for j in range(seen.shape[1]):
             if np.isnan(seen[i, j]):
                 continue
-            count, alike = 0, True  # if all neighbours are near this height, so is their median: no need to sort
+            count = 0
+            alike = True  # if all neighbours are near this height, so is their median: no need to sort
             for a in range(max(i - 1, 0), min(i + 2, seen.shape[0])):
                 for b in range(max(j - 1, 0), min(j + 2, seen.shape[1])):
                     if not np.isnan(seen[a, b]) and (a != i or b != j):
@@ -242,17 +264,9 @@ def read_height_map(file: Path | str, cell: float) -> HeightMap:
     The arrays of an NPZ file have one shape, or form a grid: x shape [n], y [m], h [n, m], NaN where h is unknown.
     Raises InputError for a file that cannot be used or does not fit in `MOST_CELLS`.
     """
-    file, what, cell = Path(file), f"ground.file '{file}'", number("ground.cell", cell, positive=True)
-    if file.suffix.lower() == ".npz":
-        x, y, h = read_arrays(file, "ground.file", _COLUMNS)
-        if any(v.dtype.kind not in "fiu" for v in (x, y, h)):
-            raise InputError(f"{what} has arrays that are not numbers; write x, y and h as numbers [m]")
-        if h.ndim == 2 and h.shape == (*x.shape, *y.shape):
-            i, j = np.nonzero(~np.isnan(h))
-            x, y, h = x[i], y[j], h[i, j]
-        x, y, h = (v.ravel().astype(np.float64) for v in (x, y, h))
-    else:
-        x, y, h = read_table(file, "ground.file", columns_named(_COLUMNS)).numbers.T
+    what = f"ground.file '{file}'"
+    number("ground.cell", cell, positive=True)
+    x, y, h = _points_of(Path(file), what)
     if not len(x) or not len(x) == len(y) == len(h):
         counts = f"{len(x)} x, {len(y)} y and {len(h)} h"
         raise InputError(f"{what} has {counts}; it needs the same number of each, and at least one")
@@ -261,11 +275,28 @@ def read_height_map(file: Path | str, cell: float) -> HeightMap:
         raise InputError(f"{what} has values that are not finite or not below {limit:g} m; remove their rows")
     # The first point lies in the middle of its cell. The points of a grid then lie far from the borders of cells.
     corner = round(x.min() / cell - 0.5, 6) % 1.0, round(y.min() / cell - 0.5, 6) % 1.0
-    n, m = (np.ptp(np.floor(v / cell - first)) + 1.0 for v, first in zip((x, y), corner, strict=True))
+    first_i, first_j = corner
+    n = np.ptp(np.floor(x / cell - first_i)) + 1.0
+    m = np.ptp(np.floor(y / cell - first_j)) + 1.0
     if n * m > MOST_CELLS:
         raise InputError(f"{what} spans {n:.0f} x {m:.0f} cells of ground.cell {cell:g} m; the limit is {MOST_CELLS:,}")
     ground = HeightMap.unknown(cell, corner).with_points(x, y, h)
     return replace(ground, issue=_issue_of(ground, what))
+
+
+def _points_of(file: Path, what: str) -> tuple[Array, Array, Array]:
+    """The columns x, y, h of a file, shape [n] each, if they are of one length."""
+    if file.suffix.lower() != ".npz":
+        x, y, h = read_table(file, "ground.file", columns_named(_COLUMNS)).numbers.T
+        return x, y, h
+    x, y, h = read_arrays(file, "ground.file", _COLUMNS)
+    if any(v.dtype.kind not in "fiu" for v in (x, y, h)):
+        raise InputError(f"{what} has arrays that are not numbers; write x, y and h as numbers [m]")
+    if h.ndim == 2 and h.shape == (*x.shape, *y.shape):
+        known = ~np.isnan(h)
+        i, j = np.nonzero(known)
+        x, y, h = x[i], y[j], h[known]
+    return x.ravel().astype(np.float64), y.ravel().astype(np.float64), h.ravel().astype(np.float64)
 
 
 def _issue_of(ground: HeightMap, what: str) -> str:
@@ -287,8 +318,10 @@ def write_height_map(file: Path, ground: HeightMap) -> None:
     """Write a grid (NPZ) if the file's suffix is .npz, otherwise the known cells (CSV). Raises InputError."""
     with whole(file, "height map") as part:
         if file.suffix == ".npz":
-            axes = zip(ground.corner, ground.heights.shape, strict=True)
-            x, y = (ground.cell * (first + 0.5 + np.arange(n)) for first, n in axes)
+            first_i, first_j = ground.corner
+            n, m = ground.heights.shape
+            x = ground.cell * (first_i + 0.5 + np.arange(n))
+            y = ground.cell * (first_j + 0.5 + np.arange(m))
             np.savez(part, x=x, y=y, h=ground.heights)
         else:
             np.savetxt(part, ground.points(), fmt="%.9g", delimiter=",", header=",".join(_COLUMNS), comments="")

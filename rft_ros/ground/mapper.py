@@ -92,11 +92,10 @@ class GroundMapper:
             self._waiting.append((cloud.stamp + DELAY, self._thread.submit(self._with, cloud, camera, tool)))
 
     def _with(self, cloud: Cloud, camera: Placement | None, tool: tuple[Array, Array, Array]) -> HeightMap:
-        x, y, z = cloud.x, cloud.y, cloud.z
+        points = np.array([cloud.x, cloud.y, cloud.z], dtype=np.float64)
         if camera is not None:
-            axes = rotation_matrix(camera.quaternion)
-            u, v, w = np.array([x, y, z], dtype=np.float64)
             with np.errstate(invalid="ignore", over="ignore"):  # points that are not finite
-                x, y, z = (a * u + b * v + c * w + p for (a, b, c), p in zip(axes, camera.position, strict=True))
-        self._merged = self._merged.with_points(x, y, z, tool)
+                points = np.einsum("ij,jn", rotation_matrix(camera.quaternion), points)
+                points += np.array(camera.position)[:, None]
+        self._merged = self._merged.with_points(points[0], points[1], points[2], tool)
         return self._merged

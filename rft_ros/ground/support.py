@@ -65,110 +65,214 @@ _AREA, _COS, _SIN = _spiral(37)
 _DISC = np.column_stack([np.sqrt(_AREA) * _COS, np.sqrt(_AREA) * _SIN])
 
 
+class _Grid(NamedTuple):
+    """What the compiled fit takes of a map: heights [m], the first cell's corner [cells], the side of a cell [m].
+
+    `level`: height where nothing is known [m]. `disc`: places at which the plane is fitted, in a disc of radius 1.
+    """
+
+    heights: NDArray[np.float32]
+    i0: float
+    j0: float
+    cell: float
+    level: float
+    disc: Array
+
+
 @inlined
-def _known(heights, i0, j0, cell, x, y):
-    """Bilinear interpolation of the known cells around a place: the height, and the weight of these cells, 0 to 1."""
-    u, v = x / cell - 0.5 - i0, y / cell - 0.5 - j0
+def _known(heights, u, v):
+    """Bilinear interpolation of the known cells around a place: the height, and the weight of these cells, 0 to 1.
+
+    `u`, `v`: the place, in cells from the centre of the first one.
+    """
     n, m = heights.shape
     if not (-1.0 < u < n and -1.0 < v < m):
         return 0.0, 0.0
-    i, j = int(np.floor(u)), int(np.floor(v))
-    total = weight = 0.0
+    i = int(np.floor(u))
+    j = int(np.floor(v))
+    total = 0.0
+    weight = 0.0
     for a in range(max(i, 0), min(i + 2, n)):
         for b in range(max(j, 0), min(j + 2, m)):
-            if not np.isnan(heights[a, b]):
+            height = heights[a, b]
+            if not np.isnan(height):
                 w = (1.0 - abs(u - a)) * (1.0 - abs(v - b))
-                total += w * heights[a, b]
+                total += w * height
                 weight += w
     return (total / weight if weight > 0.0 else 0.0), weight
 
 
 @inlined
-def _fit(heights, i0, j0, cell, level, disc, x, y, radius):
+def _fit(grid, x, y, radius):
     """Fit a plane to the known cells of a disc by least squares: height at its centre, slopes, RMS distance.
 
     If no cell is known, the plane at `level`.
     """
-    s = su = sv = suu = suv = svv = sh = suh = svh = shh = 0.0
-    for k in range(disc.shape[0]):
-        u, v = disc[k, 0], disc[k, 1]
-        h, w = _known(heights, i0, j0, cell, x + radius * u, y + radius * v)
-        h -= level
-        s, su, sv, sh = s + w, su + w * u, sv + w * v, sh + w * h
-        suu, suv, svv = suu + w * u * u, suv + w * u * v, svv + w * v * v
-        suh, svh, shh = suh + w * u * h, svh + w * v * h, shh + w * h * h
-    if not s > 1e-9:
-        return level, 0.0, 0.0, 0.0
-    uu, uv, vv = suu - su * su / s, suv - su * sv / s, svv - sv * sv / s
-    uh, vh, hh = suh - su * sh / s, svh - sv * sh / s, shh - sh * sh / s
-    det = uu * vv - uv * uv
-    gu = gv = 0.0
-    if det > 0.01 * s * s:  # 0.06 s² for a disc that is known everywhere
-        gu, gv = (vv * uh - uv * vh) / det, (uu * vh - uv * uh) / det
-    rest = max(hh - gu * uh - gv * vh, 0.0) / s
-    return level + (sh - gu * su - gv * sv) / s, gu / radius, gv / radius, np.sqrt(rest)
+    whole = u_sum = v_sum = h_sum = 0.0
+    uu = uv = vv = uh = vh = hh = 0.0
+    heights = grid.heights
+    disc = grid.disc
+    for k in range(len(disc)):
+        u = disc[k, 0]
+        v = disc[k, 1]
+        i = (x + radius * u) / grid.cell - 0.5 - grid.i0
+        j = (y + radius * v) / grid.cell - 0.5 - grid.j0
+        height, weight = _known(heights, i, j)
+        h = height - grid.level
+        whole += weight
+        u_sum += weight * u
+        v_sum += weight * v
+        h_sum += weight * h
+        uu += weight * u * u
+        uv += weight * u * v
+        vv += weight * v * v
+        uh += weight * u * h
+        vh += weight * v * h
+        hh += weight * h * h
+    if not whole > 1e-9:
+        return grid.level, 0.0, 0.0, 0.0
+    mean_u = u_sum / whole
+    mean_v = v_sum / whole
+    mean_h = h_sum / whole
+    uu -= mean_u * u_sum
+    uv -= mean_u * v_sum
+    vv -= mean_v * v_sum
+    uh -= mean_u * h_sum
+    vh -= mean_v * h_sum
+    hh -= mean_h * h_sum
+    determinant = uu * vv - uv * uv
+    by_u = 0.0
+    by_v = 0.0
+    if determinant > 0.01 * whole * whole:  # 0.06 of the square of `whole` for a disc that is known everywhere
+        by_u = (vv * uh - uv * vh) / determinant
+        by_v = (uu * vh - uv * uh) / determinant
+    rest = max(hh - by_u * uh - by_v * vh, 0.0) / whole
+    centre = grid.level + mean_h - by_u * mean_u - by_v * mean_v
+    return centre, by_u / radius, by_v / radius, np.sqrt(rest)
+
+
+@inlined
+def _placed(corners, quaternion):
+    """The corners from the tool frame's origin, in world axes."""
+    axes = attitude(quaternion)
+    placed = np.empty_like(corners)
+    for k in range(len(corners)):
+        # number by number: for an assignment of arrays numba also compiles an error message, which takes 2 s
+        x, y, z = from_frame(axes, corners[k, 0], corners[k, 1], corners[k, 2])
+        placed[k, 0] = x
+        placed[k, 1] = y
+        placed[k, 2] = z
+    return placed
+
+
+@inlined
+def _way(last, position, quaternion, reach):
+    """An upper bound on how far any point of the body is from its place at the last surface [m]."""
+    square = 0.0
+    for k in range(3):
+        square += (position[k] - last.position[k]) ** 2
+    cosine = 0.0
+    for k in range(4):
+        cosine += quaternion[k] * last.quaternion[k]
+    return np.sqrt(square) + reach * np.sqrt(8.0 * max(1.0 - abs(cosine), 0.0))
+
+
+@inlined
+def _wet_part(placed, height, slope_x, slope_y, bottom):
+    """The part of a tool in the grains: mean place by depth, from the tool frame's origin; depth; radius [m].
+
+    The surface is at `height` there, but over z = `bottom` everywhere.
+    """
+    whole = mx = my = mz = square = deepest = 0.0
+    for k in range(len(placed)):
+        x, y, z = placed[k, 0], placed[k, 1], placed[k, 2]
+        surface = max(height + slope_x * x + slope_y * y, bottom)
+        depth = max(surface - z, 0.0)
+        deepest = max(deepest, depth)
+        whole += depth
+        mx += depth * x
+        my += depth * y
+        mz += depth * z
+        square += depth * (x * x + y * y)
+    mx /= whole
+    my /= whole
+    mz /= whole
+    spread = max(square / whole - mx * mx - my * my, 0.0)  # half of the squared radius of an even disc
+    return mx, my, mz, deepest, np.sqrt(2.0 * spread)
+
+
+@inlined
+def _horizontal_direction(velocity, spin, x, y, z):
+    """The horizontal part of the direction in which a place of the body moves; 0 at rest."""
+    vx = velocity[0] + spin[1] * z - spin[2] * y
+    vy = velocity[1] + spin[2] * x - spin[0] * z
+    vz = velocity[2] + spin[0] * y - spin[1] * x
+    fastest = max(abs(vx), abs(vy), abs(vz))
+    if not fastest > 1e-290:
+        return 0.0, 0.0
+    vx /= fastest
+    vy /= fastest
+    vz /= fastest
+    size = np.sqrt(vx * vx + vy * vy + vz * vz)
+    return vx / size, vy / size
+
+
+@inlined
+def _find_plane(grid, placed, state, last):
+    """Fit the plane that resists a tool, and write it to the last surface. `placed`: its corners."""
+    position, quaternion, velocity, spin = parts_of_state(state)
+    px, py, pz = position[0], position[1], position[2]
+    lowest = 0
+    for k in range(len(placed)):
+        if placed[k, 2] < placed[lowest, 2]:
+            lowest = k
+    x = placed[lowest, 0]
+    y = placed[lowest, 1]
+    least = _LEAST_RADIUS * grid.cell
+    fitted, slope_x, slope_y, roughness = _fit(grid, px + x, py + y, least)
+    height = fitted - slope_x * x - slope_y * y  # at the tool frame's origin
+    bottom = placed[lowest, 2] + least  # in the air the disc is placed by the lowest part of the tool
+    for _ in range(_ROUNDS):
+        mx, my, mz, deepest, wide = _wet_part(placed, height - pz, slope_x, slope_y, bottom)
+        radius = max(wide, deepest, least)
+        along_x, along_y = _horizontal_direction(velocity, spin, mx, my, mz)
+        ahead = min(radius, max(_WEDGE * deepest, least))
+        x = px + mx + ahead * along_x
+        y = py + my + ahead * along_y
+        fitted, slope_x, slope_y, roughness = _fit(grid, x, y, radius)
+        # fitted ahead of the tool, but its height at the tool's middle is used
+        height = fitted - slope_x * mx - slope_y * my
+    last.known = 1
+    last.level = grid.level
+    for k in range(3):
+        last.position[k] = position[k]
+    for k in range(4):
+        last.quaternion[k] = quaternion[k]
+    last.height = height - slope_x * px - slope_y * py
+    last.roughness = roughness
+    last.slope[0] = slope_x
+    last.slope[1] = slope_y
 
 
 @compiled
 def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, lasts):
     """Update the last surface if the body has moved; returns the depth of the body's deepest point below it.
 
-    `lasts`: one record of `LAST_SURFACE`.
+    The first six: as in `_Grid`. `lasts`: one record of `LAST_SURFACE`.
     """
+    grid = _Grid(heights, i0, j0, cell, level, disc)
     last = lasts[0]
-    position, quaternion, velocity, angular_velocity = parts_of_state(state)
-    px, py, pz = position[0], position[1], position[2]
-    ux, uy, uz = velocity[0], velocity[1], velocity[2]
-    wx, wy, wz = angular_velocity[0], angular_velocity[1], angular_velocity[2]
-    axes = attitude(quaternion)
-    placed, lowest = np.empty_like(corners), 0  # the corners in world axes
-    for k in range(corners.shape[0]):
-        # number by number: for an assignment of arrays numba also compiles an error message, which takes 2 s
-        placed[k, 0], placed[k, 1], placed[k, 2] = from_frame(axes, corners[k, 0], corners[k, 1], corners[k, 2])
-        lowest = k if placed[k, 2] < placed[lowest, 2] else lowest
-    x, y, z = px - last.position[0], py - last.position[1], pz - last.position[2]
-    product = 0.0
-    for k in range(4):
-        product += quaternion[k] * last.quaternion[k]
-    cosine = abs(product)
-    moved = np.sqrt(x * x + y * y + z * z) + reach * np.sqrt(8.0 * max(1.0 - cosine, 0.0))  # most of any point [m]
-    if not (last.known == 1 and moved <= _MOVED and last.level == level):
-        x, y = placed[lowest, 0], placed[lowest, 1]  # relative to the tool frame's origin
-        least = _LEAST_RADIUS * cell
-        h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, px + x, py + y, least)
-        h -= sx * x + sy * y
-        bottom = placed[lowest, 2] + least  # in the air the disc is placed by the lowest part of the tool
-        for _ in range(_ROUNDS):
-            total = mx = my = mz = square = deepest = 0.0
-            for k in range(corners.shape[0]):
-                x, y, z = placed[k, 0], placed[k, 1], placed[k, 2]
-                depth = max(max(h + sx * x + sy * y - pz, bottom) - z, 0.0)
-                deepest = max(deepest, depth)
-                total, square = total + depth, square + depth * (x * x + y * y)
-                mx, my, mz = mx + depth * x, my + depth * y, mz + depth * z
-            mx, my, mz = mx / total, my / total, mz / total
-            spread = max(square / total - mx * mx - my * my, 0.0)  # half of the squared radius of an even disc
-            radius = max(np.sqrt(2.0 * spread), deepest, least)
-            vx, vy, vz = ux + wy * mz - wz * my, uy + wz * mx - wx * mz, uz + wx * my - wy * mx
-            fastest = max(abs(vx), abs(vy), abs(vz))
-            ahead = 0.0
-            if fastest > 1e-290:
-                vx, vy, vz = vx / fastest, vy / fastest, vz / fastest
-                ahead = min(radius, max(_WEDGE * deepest, least)) / np.sqrt(vx * vx + vy * vy + vz * vz)
-            x, y = px + mx + ahead * vx, py + my + ahead * vy
-            h, sx, sy, rough = _fit(heights, i0, j0, cell, level, disc, x, y, radius)
-            h -= sx * mx + sy * my  # fitted ahead of the tool, but its height at the tool's middle is used
-        last.known, last.level = 1, level
-        for k in range(3):
-            last.position[k] = position[k]
-        for k in range(4):
-            last.quaternion[k] = quaternion[k]
-        last.height, last.roughness = h - sx * px - sy * py, rough
-        last.slope[0], last.slope[1] = sx, sy
-    deepest, height, sx, sy = -1e300, last.height, last.slope[0], last.slope[1]
-    for k in range(corners.shape[0]):
-        x, y = px + placed[k, 0], py + placed[k, 1]
-        deepest = max(deepest, height + sx * x + sy * y - pz - placed[k, 2])
+    position, quaternion, _, _ = parts_of_state(state)
+    placed = _placed(corners, quaternion)
+    rests = last.known == 1 and last.level == grid.level and _way(last, position, quaternion, reach) <= _MOVED
+    if not rests:
+        _find_plane(grid, placed, state, last)
+    deepest = -np.inf
+    for k in range(len(placed)):
+        x = position[0] + placed[k, 0]
+        y = position[1] + placed[k, 1]
+        surface = last.height + last.slope[0] * x + last.slope[1] * y
+        deepest = max(deepest, surface - position[2] - placed[k, 2])
     return deepest
 
 
@@ -198,10 +302,11 @@ class Support:
         if last is None:
             last = np.zeros(1, LAST_SURFACE)
         i0, j0 = map(float, ground.corner)  # numba compiles once more for each type of argument
-        place = ground.heights, i0, j0, ground.cell, level, _DISC
-        depth = _local_plane(*place, self._corners, self._reach, state, last)
+        grid = ground.heights, i0, j0, ground.cell, level, _DISC
+        depth = _local_plane(*grid, self._corners, self._reach, state, last)
         found = last[0]
-        height, roughness = float(found["height"]), float(found["roughness"])
+        height = float(found["height"])
+        roughness = float(found["roughness"])
         sx, sy = found["slope"].tolist()
         if not math.isfinite(height + sx + sy + roughness):  # a pose so far away that its squares overflow
             return LocalSurface(level, depth=level - float(state[STATE.index("pz")]))
