@@ -7,10 +7,11 @@ from studies.stability import share_in_wake
 
 
 @pytest.mark.usefixtures("shared_data")
-@pytest.mark.parametrize("name", RUNS)
-def test_a_dragged_hollow_tool_is_nearer_to_its_hull_and_a_box_pressed_mouth_first_to_its_facets(name):
-    facets, hull = errors(name)
-    assert (hull < 0.85 * facets) is (name != "cup_down")
+def test_the_hull_that_check_mesh_recommends_predicts_dragged_hollow_tools_and_facets_the_beginning_of_a_press():
+    error = {name: errors(name) for name in RUNS}
+    assert [error[name][1] <= most for name, most in (("rake", 0.15), ("cup_fwd", 0.25), ("pair9", 0.26))] == [True] * 3
+    facets, hull = error["cup_down"]
+    assert facets < hull
 
 
 def test_a_helix_of_less_pitch_has_more_of_its_force_from_its_own_wake():
