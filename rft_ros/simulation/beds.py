@@ -51,20 +51,42 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
 
     Raises TypeError for what is not a law, and ValueError for one without memory.
     """
-    packed, shapes = packed_law(law), list({id(p): p for p in plates}.values())
+    packed = packed_law(law)
     length = number("mobilization_length of the law", law.mobilization_length, positive=True)
-    rows, bounds = ([np.ravel(a) for a in arrays] for arrays in zip(*(p.form[:2] for p in shapes), strict=True))
-    row, bound, places = 0, 0, {}
-    for p, its_rows, its_bounds in zip(shapes, rows, bounds, strict=True):
-        places[id(p)] = row, row + its_rows.size, bound, p.bounds.shape[1], p.integration == "refined", p.reach
-        row, bound = row + its_rows.size, bound + its_bounds.size
-    bodies = np.array([(*places[id(p)], 0.0, 0.0, 0.0) for p in plates], _BODY)
+    shapes = {id(p): p for p in plates}
+    of_shape = {}
+    rows: list[Array] = []
+    bounds: list[Array] = []
+    rows_end = bounds_end = 0
+    for key, shape in shapes.items():
+        own_rows, own_bounds, *_ = shape.form
+        body = np.zeros((), _BODY)
+        body["rows"] = rows_end
+        body["bounds"] = bounds_end
+        rows_end += own_rows.size
+        bounds_end += own_bounds.size
+        body["rows_end"] = rows_end
+        body["blocks"] = shape.bounds.shape[1]
+        body["refined"] = shape.integration == "refined"
+        body["reach"] = shape.reach
+        of_shape[key] = body
+        rows.append(own_rows.ravel())
+        bounds.append(own_bounds.ravel())
     numbers = np.array([packed.numbers] * len(plates))
-    memory = np.zeros((len(plates), max(Memory(p).numbers.size for p in shapes)))
-    tools = np.concatenate(rows), np.concatenate(bounds)
-    for array in (*tools, fixed := numbers.view()):
+    beds = Beds(
+        bodies=np.array([of_shape[id(p)] for p in plates]),
+        rows=np.concatenate(rows),
+        bounds=np.concatenate(bounds),
+        law=packed.law,
+        alpha_y=packed.alpha_y,
+        numbers=numbers.view(),
+        table=packed.table,
+        length=length,
+        memory=np.zeros((len(plates), max(Memory(shape).numbers.size for shape in shapes.values()))),
+    )
+    for array in (beds.rows, beds.bounds, beds.numbers):
         array.flags.writeable = False  # a part of the types that the kernel is compiled for
-    return Beds(bodies, *tools, packed.law, packed.alpha_y, fixed, packed.table, length, memory)
+    return beds
 
 
 def laws_of(beds: Beds) -> Array:
@@ -101,13 +123,13 @@ def stiffness_matrix(memory, b):
 
     It is that of the last state, from the sums of `Memory.stiffness`.
     """
-    s, x, y, z = memory[kept.K], memory[kept.K_X], memory[kept.K_Y], memory[kept.K_Z]
+    s = memory[kept.K]
+    x, y, z = memory[kept.K_X], memory[kept.K_Y], memory[kept.K_Z]
     xx, yy, zz = memory[kept.K_XX], memory[kept.K_YY], memory[kept.K_ZZ]
     xy, xz, yz = memory[kept.K_XY], memory[kept.K_XZ], memory[kept.K_YZ]
-    b[:] = 0.0
-    b[0, 0] = b[1, 1] = b[2, 2] = s
-    b[0, 4], b[0, 5], b[1, 3], b[1, 5], b[2, 3], b[2, 4] = z, -y, -z, x, y, -x
-    b[4, 0], b[5, 0], b[3, 1], b[5, 1], b[3, 2], b[4, 2] = z, -y, -z, x, y, -x
-    b[3, 3], b[4, 4], b[5, 5] = yy + zz, xx + zz, xx + yy
-    b[3, 4], b[3, 5], b[4, 5] = -xy, -xz, -yz
-    b[4, 3], b[5, 3], b[5, 4] = -xy, -xz, -yz
+    b[0] = (s, 0.0, 0.0, 0.0, z, -y)
+    b[1] = (0.0, s, 0.0, -z, 0.0, x)
+    b[2] = (0.0, 0.0, s, y, -x, 0.0)
+    b[3] = (0.0, -z, y, yy + zz, -xy, -xz)
+    b[4] = (z, 0.0, -x, -xy, xx + zz, -yz)
+    b[5] = (-y, x, 0.0, -xz, -yz, xx + yy)
