@@ -69,18 +69,31 @@ class GrainsBatch:
         if not isinstance(ground, HeightMap | None):
             raise TypeError(f"ground is a {type(ground).__name__}; read one with rft_ros.ground.read_height_map")
         self._new = partial(type(self), tool, law, bodies=n, ground=ground, threads=threads)
-        self.beds, self._law = make_beds([one.plates for one in self.tools], law), law
+        self.beds = make_beds([one.plates for one in self.tools], law)
+        self._law = law
         self._ground = None if ground is None else ground.filled()
         self._supports = {id(one): Support(one.corners) for one in self.tools}
-        self._bodies, self._surfaces = np.zeros(n, BODY), np.zeros(n, LAST_SURFACE)
-        self.states, self._durations = np.zeros((n, 13)), np.zeros(2)
-        """`states`: those of the last step, shape [n, 13]."""
-        self._of_bodies = {"memory": self.beds.memory, "bodies": self._bodies, "surfaces": self._surfaces}
-        self._of_bodies["states"] = self.states
-        places, laws = self.beds.bodies, laws_of(self.beds)
-        self.remembered: GrainsState = {**self._of_bodies, "beds": places, "laws": laws, "durations": self._durations}
-        self.rows, self.near = np.zeros((n, 19)), np.zeros(n, np.bool_)
-        """Rows of `wrenches_in_time` at these states; whether each body may reach the surface in the step."""
+        self._bodies = np.zeros(n, BODY)
+        self._surfaces = np.zeros(n, LAST_SURFACE)
+        self._durations = np.zeros(2)
+        self.states = np.zeros((n, 13))
+        """Those of the last step."""
+        self._of_bodies: GrainsState = {
+            "memory": self.beds.memory,
+            "bodies": self._bodies,
+            "surfaces": self._surfaces,
+            "states": self.states,
+        }
+        self.remembered: GrainsState = {
+            **self._of_bodies,
+            "beds": self.beds.bodies,
+            "laws": laws_of(self.beds),
+            "durations": self._durations,
+        }
+        self.rows = np.zeros((n, 19))
+        """Rows of `wrenches_in_time` at these states."""
+        self.near = np.zeros(n, np.bool_)
+        """Whether each body may reach the surface in the step."""
         self.last = self._bodies["wrench"]
         """The wrenches of the last step, as it returned them, shape [n, 6]."""
         self.failures = 0
@@ -115,8 +128,8 @@ class GrainsBatch:
         the twist and moves the body by `dt` times the new twist: the wrench is that where the body is then. Without
         both it is the grains' own at `states`. Raises ValueError, and forgets nothing, for values that cannot be used.
         """
-        given = checked_states(states)
         n = len(self.rows)
+        given = checked_states(states)
         if len(given) != n:
             raise ValueError(f"states has {len(given)} rows; there are {n} bodies")
         duration = number("dt", dt, positive=True)
@@ -125,21 +138,22 @@ class GrainsBatch:
             raise ValueError(f"{missing} is missing; the implicit step needs inverse_inertia and free_acceleration")
         if inverse_inertia is None or free_acceleration is None:
             self.advance(given, duration)
-            wrenches: Array = self.rows[:, :6].copy()
-        else:
-            inverse = _each("inverse_inertia", inverse_inertia, (n, 6, 6))
-            free = _each("free_acceleration", free_acceleration, (n, 6))
-            _refuse_without_bound(duration, given[:, 7:], free, inverse)
-            self.advance(given, duration)
-            wrenches = np.empty((n, 6))
+            self.last[:] = self.rows[:, :6]
+            return self.wrench
+        inverse = _each("inverse_inertia", inverse_inertia, (n, 6, 6))
+        free = _each("free_acceleration", free_acceleration, (n, 6))
+        _refuse_without_bound(duration, given[:, 7:], free, inverse)
+        self.advance(given, duration)
+        wrenches = np.empty((n, 6))
 
-            def hold(part: slice) -> tuple[int, float]:
-                failed, path = self._hold(*self._held(part, inverse, free, duration, wrenches))
-                return int(failed), float(path)
+        def hold(part: slice) -> tuple[int, float]:
+            failed, path = self._hold(*self._held(part, inverse, free, duration, wrenches))
+            return int(failed), float(path)
 
-            self._hold = self._hold or machine_code(hold_each, self._held(slice(0, n), inverse, free, 0.1, wrenches))
-            failed, paths = zip(*self._in_parts(hold), strict=True)
-            self.failed(sum(failed), dt=duration, path=max(paths))
+        if self._hold is None:
+            self._hold = machine_code(hold_each, self._held(slice(0, n), inverse, free, 0.1, wrenches))
+        failed, paths = zip(*self._in_parts(hold), strict=True)
+        self.failed(sum(failed), dt=duration, path=max(paths))
         self.last[:] = wrenches
         return wrenches
 
@@ -160,19 +174,26 @@ class GrainsBatch:
 
     def _in_parts(self, work: Callable[[slice], Any]) -> list[Any]:
         """What `work` returns of each part of the bodies."""
-        return [work(self._parts[0])] if len(self._parts) == 1 else list(self._pool.map(work, self._parts))
+        if len(self._parts) == 1:
+            return [work(self._parts[0])]
+        return list(self._pool.map(work, self._parts))
 
     def _find_surfaces(self, states: Array, ground: HeightMap) -> None:
-        for k, (body, state) in enumerate(zip(self.beds.bodies, states, strict=True)):
-            support, level = self._supports[id(self.tools[k])], ground.nearest(state[0], state[1])
-            height, (x, y), *_ = support.local_surface(ground, state, level=level, last=self._surfaces[k : k + 1])
-            body["height"], body["slope_x"], body["slope_y"] = height, x, y
+        for k, (tool, state) in enumerate(zip(self.tools, states, strict=True)):
+            support = self._supports[id(tool)]
+            level = ground.nearest(state[0], state[1])
+            height, slope, *_ = support.local_surface(ground, state, level=level, last=self._surfaces[k : k + 1])
+            body = self.beds.bodies[k]
+            body["height"] = height
+            body["slope_x"], body["slope_y"] = slope
 
     def failed(self, times: int, *, dt: float, path: float) -> None:
         """Count the steps that did not converge, or in which a body moved too far [m]. Logs the first of them."""
-        times += path > _LONGEST
+        why = "does not converge"
+        if path > _LONGEST:
+            times += 1
+            why = "moves a body too far in grains"
         if times and not self.failures:
-            why = "moves a body too far in grains" if path > _LONGEST else "does not converge"
             _log.warning("a step of %g s %s (%.2g m), so the wrench is a guess; take shorter steps", dt, why, path)
         self.failures += times
 
@@ -201,7 +222,7 @@ class GrainsBatch:
     def tractions(self, body: int = 0) -> Array:
         """Force per area on each plate of a body at the last step [Pa], shape [plates, 3], world axes.
 
-        In the order of `Tool.plates`, whose `packed` rows give the plates' places and areas, to draw them.
+        In the order of `Tool.plates`, whose `rows` give the plates' places and areas, to draw them.
         """
         k = int(self._indices(body)[0])
         plates = self.tools[k].plates
@@ -210,8 +231,7 @@ class GrainsBatch:
         ordered = np.empty((len(plates), 3))
         ordered[plates.order] = forces[: len(plates)]
         area = plates.areas[:, None]
-        tractions: Array = np.divide(ordered, area, out=np.zeros_like(ordered), where=area > 0.0)
-        return tractions
+        return np.divide(ordered, area, out=np.zeros_like(ordered), where=area > 0.0)
 
     def reset(
         self,
@@ -294,7 +314,9 @@ class Grains:
 
     def __init__(self, tool: Tool, law: Law, **options: Any) -> None:
         self._one = GrainsBatch(tool, law, bodies=1, **options)
-        self.reset, self.state, self.restore = self._one.reset, self._one.state, self._one.restore
+        self.reset = self._one.reset
+        self.state = self._one.state
+        self.restore = self._one.restore
         self.tractions = self._one.tractions
 
     def step(

@@ -34,19 +34,24 @@ class Mechanism:
     """The bodies with these ids in one model. `states`: shape [n, 13], columns and units of `rft_ros.rft.STATE`."""
 
     def __init__(self, model: Any, bodies: list[int]) -> None:
-        self._mujoco, self.model, self._ids = import_mujoco(), model, np.array(bodies)
-        n, nv = len(bodies), int(model.nv)
-        self.states = np.zeros((n, 13))
-        self._jacobian, self._mass = np.zeros((6 * n, nv)), np.zeros((nv, nv))
+        mujoco = import_mujoco()
+        nv = int(model.nv)
+        self._mujoco = mujoco
+        self.model = model
+        self._ids = np.array(bodies)
+        self.states = np.zeros((len(bodies), 13))
+        self._jacobian = np.zeros((6 * len(bodies), nv))
+        self._mass = np.zeros((nv, nv))
         self.unconstrained = no_constraints(nv)
         self._response = self.unconstrained.response  # P
-        integrators, flags = self._mujoco.mjtIntegrator, self._mujoco.mjtDisableBit
-        self._euler, self._rk4 = int(integrators.mjINT_EULER), int(integrators.mjINT_RK4)
-        self._undamped = int(
-            getattr(flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0)) | flags.mjDSBL_EULERDAMP
-        )
-        self.data, self._scratch = self._mujoco.MjData(model), self._mujoco.MjData(model)
-        self._mujoco.mj_forward(model, self.data)
+        self._euler = int(mujoco.mjtIntegrator.mjINT_EULER)
+        self._rk4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+        flags = mujoco.mjtDisableBit
+        dampers = getattr(flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0))  # by version
+        self._undamped = int(dampers | flags.mjDSBL_EULERDAMP)
+        self.data = mujoco.MjData(model)
+        self._scratch = mujoco.MjData(model)
+        mujoco.mj_forward(model, self.data)
         self.bind(self.data)
         self._measure: Any = machine_code(_measure, (*self._moving, 0.1, *self._motion))
 
@@ -64,21 +69,22 @@ class Mechanism:
 
         Returns whether all of it is finite, and not too fast to be squared.
         """
-        mujoco, model, data = self._mujoco, self.model, self.data
         # not mj_forward: the user's callback for controls is called once a step, by mj_step
-        mujoco.mj_fwdPosition(model, data)
-        mujoco.mj_fwdVelocity(model, data)
-        mujoco.mj_fwdActuation(model, data)
-        mujoco.mj_fwdAcceleration(model, data)
-        fine: bool = self._measure(*self._moving, model.opt.timestep, *self._motion)
-        return fine
+        self._mujoco.mj_fwdPosition(self.model, self.data)
+        self._mujoco.mj_fwdVelocity(self.model, self.data)
+        self._mujoco.mj_fwdActuation(self.model, self.data)
+        self._mujoco.mj_fwdAcceleration(self.model, self.data)
+        return bool(self._measure(*self._moving, self.model.opt.timestep, *self._motion))
 
     def joints(self, bodies: NDArray[np.int64], h: float) -> Joints:
         """The bodies with these places among all, at a step of h [s]; in arrays that the next call overwrites."""
-        mujoco, model, data = self._mujoco, self.model, self.data
+        mujoco = self._mujoco
+        model = self.model
+        data = self.data
         jacobian = self._jacobian[: 6 * len(bodies)]
-        for k, body in enumerate(self._ids[bodies].tolist()):
-            mujoco.mj_jacBody(model, data, jacobian[6 * k : 6 * k + 3], jacobian[6 * k + 3 : 6 * k + 6], body)
+        by_body = jacobian.reshape(-1, 2, 3, model.nv)
+        for (linear, angular), body in zip(by_body, self._ids[bodies].tolist(), strict=True):
+            mujoco.mj_jacBody(model, data, linear, angular, body)
         if hasattr(data, "qM"):  # before MuJoCo 4
             mujoco.mj_fullM(model, self._mass, data.qM)
         else:
@@ -86,35 +92,53 @@ class Mechanism:
         inertia = self._mass + h * self._damping()
         if data.nefc:
             self._response = np.asarray(np.linalg.solve(self._mass, inertia), dtype=np.float64)
-        return Joints(bodies, self.states, self.states[bodies, 7:].ravel(), jacobian, inertia, data.qfrc_smooth)
+        return Joints(
+            bodies=bodies,
+            states=self.states,
+            twists=self.states[bodies, 7:].ravel(),
+            jacobian=jacobian,
+            inertia=inertia,
+            force=data.qfrc_smooth,
+        )
 
     def _damping(self) -> Array | float:
         """The damping that the integrator takes implicitly, C, shape [nv, nv]."""
-        mujoco, model = self._mujoco, self.model
-        if model.opt.integrator == self._rk4:
+        model = self.model
+        if self.holds_over_stages:
             return 0.0
         if model.opt.integrator == self._euler:
             return 0.0 if model.opt.disableflags & self._undamped else np.diag(model.dof_damping)
         # MuJoCo computes it on the way through a step
-        mujoco.mj_copyData(self._scratch, model, self.data)
-        mujoco.mj_implicit(model, self._scratch)
+        self._mujoco.mj_copyData(self._scratch, model, self.data)
+        self._mujoco.mj_implicit(model, self._scratch)
         layout = model if hasattr(model, "D_rownnz") else self._scratch
         return -self._dense(self._scratch.qDeriv, layout.D_rownnz, layout.D_rowadr, layout.D_colind)
 
     def constraints(self, acceleration: Array) -> Constraints:
         """The constraints at an acceleration x of the joints."""
-        mujoco, model, data = self._mujoco, self.model, self.data
+        mujoco = self._mujoco
+        model = self.model
+        data = self.data
         if mujoco.mj_isSparse(model):
             rows = self._dense(data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
         else:
             rows = data.efc_J.reshape(-1, model.nv)
         mujoco.mj_constraintUpdate(model, data, rows @ (self._response @ acceleration) - data.efc_aref, None, 1)
-        cones, hessians = self.unconstrained.cones, self.unconstrained.cone_hessians
+        cones = self.unconstrained.cones
+        hessians = self.unconstrained.cone_hessians
         if model.opt.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL and data.ncon:
             cones = np.vstack([data.contact.efc_address, data.contact.dim]).astype(np.int32)
             # MuJoCo's array has other data of the contact between its rows
             hessians = np.ascontiguousarray(data.contact.H)
-        return Constraints(rows, data.efc_state, data.efc_D, cones, hessians, data.qfrc_constraint, self._response)
+        return Constraints(
+            jacobian=rows,
+            state=data.efc_state,
+            stiffness=data.efc_D,
+            cones=cones,
+            cone_hessians=hessians,
+            force=data.qfrc_constraint,
+            response=self._response,
+        )
 
     @property
     def holds_over_stages(self) -> bool:
@@ -145,14 +169,16 @@ def _measure(velocity, acceleration, h, ids, roots, positions, quaternions, velo
             return False
     for b in range(len(ids)):
         body = ids[b]
-        wx, wy, wz = velocities[body, 0], velocities[body, 1], velocities[body, 2]
         x, y, z = positions[body] - centers[roots[b]]
-        w = quaternions[body, 0]
-        states[b, :3], states[b, 3:6], states[b, 6] = positions[body], quaternions[body, 1:], w
-        states[b, 7] = velocities[body, 3] + wy * z - wz * y
-        states[b, 8] = velocities[body, 4] + wz * x - wx * z
-        states[b, 9] = velocities[body, 5] + wx * y - wy * x
-        states[b, 10], states[b, 11], states[b, 12] = wx, wy, wz
+        wx, wy, wz = velocities[body, :3]
+        states[b, :3] = positions[body]
+        states[b, 3:6] = quaternions[body, 1:]
+        states[b, 6] = quaternions[body, 0]
+        states[b, 7:10] = velocities[body, 3:]
+        states[b, 7] += wy * z - wz * y
+        states[b, 8] += wz * x - wx * z
+        states[b, 9] += wx * y - wy * x
+        states[b, 10:] = velocities[body, :3]
         if not np.abs(states[b]).max() < _FASTEST:
             return False
     return True

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,12 +28,10 @@ def tool_of_body(model: Any, body: int, tolerance: float, apart: frozenset[int] 
     Those geoms that collide, if there are any, else all; without the faces that lie within another geom. `tolerance`:
     as for `load_tool`. Raises InputError if there is none of a known shape.
     """
-    paired = {*model.pair_geom1.tolist(), *model.pair_geom2.tolist()}
     placed = list(_geoms(model, body, apart, np.zeros(3), np.eye(3)))
-    collide = [g for g in placed if model.geom_contype[g[0]] or model.geom_conaffinity[g[0]] or g[0] in paired]
-    shapes = [
-        corners @ axes.T + at for g, at, axes in collide or placed if (corners := _triangles(model, g)) is not None
-    ]
+    shapes = [triangles for one in placed if _collides(model, one.geom) for triangles in _triangles(model, one)]
+    if not shapes:
+        shapes = [triangles for one in placed for triangles in _triangles(model, one)]
     if not shapes:
         kinds = "a mesh, box, sphere, capsule, cylinder or ellipsoid"
         name = model.body(body).name or body
@@ -51,25 +49,39 @@ def geometry_of(model: Any, bodies: list[int]) -> Array:
     return np.concatenate([part.ravel() for part in parts])
 
 
-def _geoms(model: Any, body: int, apart: frozenset[int], at: Array, axes: Array) -> Iterator[tuple[int, Array, Array]]:
-    """Each geom of a body and of those fixed to it: its number, and the place [m] and axes of its body."""
-    first = int(model.body_geomadr[body])
-    yield from ((g, at, axes) for g in range(first, first + int(model.body_geomnum[body])))
+class _Placed(NamedTuple):
+    """A geom, and the place [m] and axes of the body that it is fixed to, in the frame of the tool."""
+
+    geom: int
+    position: Array
+    axes: Array
+
+
+def _geoms(model: Any, body: int, apart: frozenset[int], position: Array, axes: Array) -> Iterator[_Placed]:
+    """Each geom of a body at this place, and of its jointless children that are not `apart`."""
+    for geom in np.flatnonzero(model.geom_bodyid == body).tolist():
+        yield _Placed(geom, position, axes)
     for child in np.flatnonzero((model.body_parentid == body) & (model.body_jntnum == 0)).tolist():
         if child not in apart:
             turn = rotation_matrix(np.roll(model.body_quat[child], -1))
-            yield from _geoms(model, child, apart, at + axes @ model.body_pos[child], axes @ turn)
+            yield from _geoms(model, child, apart, position + axes @ model.body_pos[child], axes @ turn)
 
 
-def _triangles(model: Any, geom: int) -> Array | None:
-    """A geom's triangles in the frame of its body [m], shape [n, 3, 3]; None for a shape without a volume."""
+def _collides(model: Any, geom: int) -> bool:
+    paired = geom in model.pair_geom1 or geom in model.pair_geom2
+    return bool(paired or model.geom_contype[geom] or model.geom_conaffinity[geom])
+
+
+def _triangles(model: Any, placed: _Placed) -> Iterator[Array]:
+    """A geom's triangles in the frame of the tool [m], shape [n, 3, 3]; none for a shape without a volume."""
     kinds = import_mujoco().mjtGeom
-    kind, (a, b, c) = kinds(int(model.geom_type[geom])), model.geom_size[geom].tolist()
+    geom = placed.geom
+    kind = model.geom_type[geom]
+    a, b, c = model.geom_size[geom].tolist()
     if kind == kinds.mjGEOM_MESH:
         mesh = model.geom_dataid[geom]
-        first, faces = model.mesh_vertadr[mesh], model.mesh_faceadr[mesh]
-        vertices = np.array(model.mesh_vert[first : first + model.mesh_vertnum[mesh]], dtype=np.float64)
-        triangles = vertices[model.mesh_face[faces : faces + model.mesh_facenum[mesh]]]
+        vertices = np.array(model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]], dtype=np.float64)
+        triangles = vertices[model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]]
     elif kind == kinds.mjGEOM_BOX:
         triangles = solids.box((a, b, c))
     elif kind == kinds.mjGEOM_SPHERE:
@@ -81,9 +93,10 @@ def _triangles(model: Any, geom: int) -> Array | None:
     elif kind == kinds.mjGEOM_CAPSULE:
         triangles = solids.capsule(a, b)
     else:
-        return None
+        return
     axes = rotation_matrix(np.roll(model.geom_quat[geom], -1))
-    return np.asarray(triangles @ axes.T + model.geom_pos[geom])
+    in_body = triangles @ axes.T + model.geom_pos[geom]
+    yield in_body @ placed.axes.T + placed.position
 
 
 def _uncovered(shapes: list[Array]) -> list[Array]:
@@ -92,11 +105,13 @@ def _uncovered(shapes: list[Array]) -> list[Array]:
     Of two faces that lie on each other, back to back, none does; of two that face the same way, the first.
     """
     corners = np.concatenate(shapes).reshape(-1, 3)
-    beside, kept = _BESIDE * float(np.ptp(corners, axis=0).max()), []
+    beside = _BESIDE * float(np.ptp(corners, axis=0).max())
+    kept = []
     for k, triangles in enumerate(shapes):
         normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
         out = beside * normals / np.linalg.norm(normals, axis=1, keepdims=True).clip(1e-300)
-        middle, covered = triangles.mean(axis=1), np.zeros(len(triangles), dtype=bool)
+        middle = triangles.mean(axis=1)
+        covered = np.zeros(len(triangles), dtype=bool)
         for j, other in enumerate(shapes):
             if j != k:
                 covered |= solids.are_inside(middle + out, other)
@@ -120,23 +135,28 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
         raise InputError(f"ground '{name}' is not a geom of type hfield; name one, or give a HeightMap")
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
-    axes, (x, y, z) = data.geom_xmat[geom].reshape(3, 3), data.geom_xpos[geom]
+    axes = data.geom_xmat[geom].reshape(3, 3)
+    x, y, z = data.geom_xpos[geom]
     if model.body_weldid[model.geom_bodyid[geom]] != 0 or axes[2, 2] < 1.0 - 1e-9:
         raise InputError(f"ground '{name}' moves, or is not level; the grains need a fixed height field whose z is up")
     field = model.geom_dataid[geom]
-    rows, columns, first = model.hfield_nrow[field], model.hfield_ncol[field], model.hfield_adr[field]
+    rows = model.hfield_nrow[field]
+    columns = model.hfield_ncol[field]
     half_x, half_y, height, _ = model.hfield_size[field]
-    heights = z + height * model.hfield_data[first : first + rows * columns].reshape(rows, columns)
-    own = min(2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1))
+    data_of_field = model.hfield_data[model.hfield_adr[field] :][: rows * columns]
+    heights = z + height * data_of_field.reshape(rows, columns).astype(np.float64)
     finest = 2.0 * np.sqrt(half_x * half_y / MOST_CELLS)
-    cell = float(max(min(own, *(_size(tool) / solids.CELLS for tool in tools)), finest))
+    smallest = min(_size(tool) for tool in tools) / solids.CELLS
+    cell = max(min(2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1), smallest), finest)
     reach = np.abs(axes[:2, :2]) @ (half_x, half_y)
-    (low_x, low_y), (high_x, high_y) = (np.floor(((x, y) + s * reach) / cell).astype(int) for s in (-1.0, 1.0))
+    low_x, low_y = np.floor((np.array([x, y]) - reach) / cell)
+    high_x, high_y = np.floor((np.array([x, y]) + reach) / cell)
     u, v = np.meshgrid(np.arange(low_x, high_x + 1), np.arange(low_y, high_y + 1), indexing="ij")
     along, across = np.tensordot(axes[:2, :2].T, [cell * (u + 0.5) - x, cell * (v + 0.5) - y], axes=1)
-    places = (across / half_y + 1.0) * (rows - 1) / 2.0, (along / half_x + 1.0) * (columns - 1) / 2.0
-    found = map_coordinates(heights.astype(np.float64), places, order=1, cval=np.nan)
-    return HeightMap(cell=cell, corner=(float(low_x), float(low_y)), heights=found)
+    row = (across / half_y + 1.0) * (rows - 1) / 2.0
+    column = (along / half_x + 1.0) * (columns - 1) / 2.0
+    found = map_coordinates(heights, (row, column), order=1, cval=np.nan)
+    return HeightMap(cell=float(cell), corner=(float(low_x), float(low_y)), heights=found)
 
 
 def check_size(tool: Tool, model: Any, body: int, length: float) -> None:
@@ -145,8 +165,7 @@ def check_size(tool: Tool, model: Any, body: int, length: float) -> None:
     what = f"the mesh of body '{model.body(body).name}' is {size:.3g} m long"
     if size < _SMALLEST * length:
         raise InputError(f"{what}, too small for grains; check scale, in metres per unit of the file")
-    first, count = model.body_geomadr[body], model.body_geomnum[body]
-    own = 2.0 * float(max((model.geom_rbound[g] for g in range(first, first + count)), default=0.0))
+    own = 2.0 * float(model.geom_rbound[model.geom_bodyid == body].max(initial=0.0))
     if own > 0.0 and not 1.0 / _MISTAKEN < size / own < _MISTAKEN:
         raise InputError(f"{what}, and its geoms {own:.3g} m; check scale, in metres per unit of the file")
 

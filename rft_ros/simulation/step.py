@@ -33,14 +33,26 @@ __all__ = ["BODY", "Constraints", "Joints", "Trial", "advance", "hold_each", "ne
 
 Array = NDArray[np.float64]
 
-_MOST, _WHOLE, _CLOSE, _LATE = 64, 8, 0.001, 0.01
-"""Most evaluations of Newton's method; those after which it takes the mean of a stiffness and those before, since with
-each alone it may go round in a circle where plates lose and find contact; and the relative change of the wrench at
-which it ends, after that change, until then and from then on."""
+_MOST = 64
+"""Most evaluations of Newton's method."""
 
-_OFF, _LEVEL, _LONGER = 0.5, 0.1, 10.0
-"""Residual along a step of Newton's method at its end, over that at its beginning: the length of the step is wrong if
-it is over the first number, and right again below the second. `_LONGER`: the greatest factor of the length at once."""
+_WHOLE = 8
+"""Evaluations after which it takes the mean of a stiffness and those before, since with each alone it may go round in a
+circle where plates lose and find contact."""
+
+_CLOSE = 0.001
+"""Relative change of the wrench at which it ends, after that change; after `_WHOLE` evaluations `_LATE`."""
+
+_LATE = 0.01
+
+_OFF = 0.5
+"""Residual along a step of Newton's method at its end, over that at its beginning: over it the length is wrong."""
+
+_LEVEL = 0.1
+"""The residual below which a length that was wrong is right again."""
+
+_LONGER = 10.0
+"""The greatest factor of the length at once."""
 
 _STILL = 1e-7
 """Change of the path of a point, in mobilization lengths, below which the wrench does not matter."""
@@ -49,7 +61,8 @@ _NEAR = 1e-3
 """Distance from the surface [m], beside twice its path in the step, at which a body may reach it."""
 
 _ROUNDING = 1e-12  # relative, of the inverse inertia that a user gives
-_QUADRATIC, _CONE = 1, 4  # of mjtConstraintState
+_QUADRATIC = 1  # of mjtConstraintState
+_CONE = 4
 
 BODY = np.dtype([("wrench", np.float64, 6), ("energy", np.float64)])
 """State of a body: the wrench of the last step; the energy that the grains have taken [J]."""
@@ -117,17 +130,29 @@ class Trial(NamedTuple):
 
 def no_constraints(nv: int) -> Constraints:
     """Those of joints that nothing else bears on."""
-    none = np.zeros((0, nv))
-    cones = np.zeros((2, 0), np.int32), np.zeros((0, 36))
-    return Constraints(none, np.zeros(0, np.int32), np.zeros(0), *cones, np.zeros(nv), np.eye(nv))
+    return Constraints(
+        jacobian=np.zeros((0, nv)),
+        state=np.zeros(0, np.int32),
+        stiffness=np.zeros(0),
+        cones=np.zeros((2, 0), np.int32),
+        cone_hessians=np.zeros((0, 36)),
+        force=np.zeros(nv),
+        response=np.eye(nv),
+    )
 
 
 @inlined
 def new_trial(bodies, nv):
     """The first trial for that many bodies, at no acceleration."""
-    at = np.zeros(1, _SEARCH)
-    x, wrench, best = np.zeros(nv), np.zeros(6 * bodies), np.zeros(6 * bodies)
-    return Trial(x, np.zeros(nv), np.zeros(nv), wrench, best, np.zeros((bodies, 6, 6)), at)
+    return Trial(
+        acceleration=np.zeros(nv),
+        start=np.zeros(nv),
+        change=np.zeros(nv),
+        wrench=np.zeros(6 * bodies),
+        best=np.zeros(6 * bodies),
+        stiffness=np.zeros((bodies, 6, 6)),
+        at=np.zeros(1, _SEARCH),
+    )
 
 
 @inlined
@@ -213,8 +238,8 @@ def _move(state, twist, h):
     """Move a state, shape [13], in place: it takes this twist for h [s], in which it turns little."""
     state[:3] += h * twist[:3]
     state[7:] = twist
-    a, b, c = 0.5 * h * twist[3], 0.5 * h * twist[4], 0.5 * h * twist[5]
-    x, y, z, w = state[3], state[4], state[5], state[6]
+    a, b, c = 0.5 * h * twist[3:]
+    x, y, z, w = state[3:7].copy()
     state[3] += a * w + b * z - c * y
     state[4] += b * w + c * x - a * z
     state[5] += c * w + a * y - b * x
@@ -237,25 +262,28 @@ def _residual(joints, constraints, trial):
 @inlined
 def _add_constraints(matrix, constraints):
     """Add Jc^T D Jc P of the constraints that act, and of contacts that slide within elliptic cones."""
-    jacobian, state, stiffness, cones, cone_hessians, _, response = constraints
+    jacobian = constraints.jacobian
+    state = constraints.state
     weighted = np.zeros_like(jacobian)
     for i in range(len(state)):
         if state[i] == _QUADRATIC:
-            weighted[i] = stiffness[i] * jacobian[i]
-    for c in range(cones.shape[1]):
-        first, size = cones[0, c], cones[1, c]
+            weighted[i] = constraints.stiffness[i] * jacobian[i]
+    for c in range(constraints.cones.shape[1]):
+        first = constraints.cones[0, c]
+        size = constraints.cones[1, c]
         if first >= 0 and state[first] == _CONE:
-            hessian = cone_hessians[c, : size * size].copy().reshape(size, size)
+            hessian = constraints.cone_hessians[c, : size * size].copy().reshape(size, size)
             _product(hessian, jacobian[first : first + size], weighted[first : first + size])
     weighted_by_p = np.zeros_like(jacobian)
-    _product(weighted, response, weighted_by_p)
+    _product(weighted, constraints.response, weighted_by_p)
     _product(jacobian.T, weighted_by_p, matrix)
 
 
 @inlined
 def _newton(joints, constraints, trial, residual, h):
     """Write Newton's step from a residual; returns how the wrenches change along it, shape [6 m]."""
-    matrix, stiff = joints.inertia.copy(), np.zeros_like(joints.jacobian)
+    matrix = joints.inertia.copy()
+    stiff = np.zeros_like(joints.jacobian)
     for b in range(len(joints.bodies)):
         _product(trial.stiffness[b], joints.jacobian[_part(b)], stiff[_part(b)])
     stiff *= h * h
@@ -274,9 +302,11 @@ def _newton(joints, constraints, trial, residual, h):
 @inlined
 def _small(beds, joints, trial, change, close, h):
     """Whether Newton's step changes all wrenches by small shares of themselves, or hardly moves a body."""
-    moved, small = np.empty(6), True
+    moved = np.empty(6)
+    small = True
     for k, b in enumerate(joints.bodies):
-        part, reach = _part(k), beds.bodies[b].reach
+        part = _part(k)
+        reach = beds.bodies[b].reach
         if _size(change[part], reach) > close * _size(trial.wrench[part], reach):
             for i in range(6):
                 moved[i] = h * h * _dot(joints.jacobian[6 * k + i], trial.change)
@@ -291,7 +321,10 @@ def search(beds, joints, constraints, h, trial):
     A step of Newton's method is too long where the grains stiffen on the way, and too short where they release a body.
     Its length is then found by the rule of false position (Illinois) for the residual along it.
     """
-    at, state, row, after = trial.at[0], np.empty((1, 13)), np.empty((1, 19)), np.empty(6)
+    at = trial.at[0]
+    state = np.empty((1, 13))
+    row = np.empty((1, 19))
+    after = np.empty(6)
     tangents = np.empty_like(trial.stiffness)
     at.path = 0.0
     for k, b in enumerate(joints.bodies):
@@ -309,9 +342,13 @@ def search(beds, joints, constraints, h, trial):
     residual = _residual(joints, constraints, trial)
     along = -_dot(residual, trial.change)
     if along > 0.0:
-        at.low, at.at_low, at.at_high = at.share, along, 0.5 * at.at_high
+        at.low = at.share
+        at.at_low = along
+        at.at_high *= 0.5
     else:
-        at.high, at.at_high, at.at_low = at.share, along, 0.5 * at.at_low
+        at.high = at.share
+        at.at_high = along
+        at.at_low *= 0.5
     if abs(along) > (_LEVEL if at.within else _OFF) * at.slope and at.turn > 0:
         at.within = True
         if at.high < np.inf:
@@ -319,15 +356,20 @@ def search(beds, joints, constraints, h, trial):
         else:
             at.share *= min(at.slope / max(at.slope - along, _ROUNDING * at.slope), _LONGER)
     else:
-        share, close = (1.0, _CLOSE) if at.turn < _WHOLE else (0.5, _LATE)
-        trial.stiffness[:] += share * (tangents - trial.stiffness)
+        late = at.turn >= _WHOLE
+        trial.stiffness[:] += (0.5 if late else 1.0) * (tangents - trial.stiffness)
+        trial.start[:] = trial.acceleration
         change = _newton(joints, constraints, trial, residual, h)
-        trial.start[:], at.slope, at.within = trial.acceleration, -_dot(residual, trial.change), False
-        at.found = _small(beds, joints, trial, change, close, h)
+        at.slope = -_dot(residual, trial.change)
+        at.within = False
+        at.found = _small(beds, joints, trial, change, _LATE if late else _CLOSE, h)
         if at.found or at.turn == 0 or at.slope < at.least:
             at.least = at.slope
             trial.best[:] = trial.wrench + change
-        at.low, at.at_low, at.high, at.at_high = 0.0, at.slope, np.inf, 0.0
+        at.low = 0.0
+        at.at_low = at.slope
+        at.high = np.inf
+        at.at_high = 0.0
         at.share = 1.0
     trial.acceleration[:] = trial.start + at.share * trial.change
     at.turn += 1
@@ -343,17 +385,29 @@ def hold_each(beds, first, bodies, near, states, inverse, free, constraints, h, 
     Jacobian and its inertia; a small number holds the directions in which A lets nothing move. `constraints`: none.
     Returns how many times Newton's method did not come to an end, and the longest path [m].
     """
-    failed, longest, none = 0, 0.0, np.zeros(6)
+    failed = 0
+    longest = 0.0
     for k in range(len(wrenches)):
         wrenches[k] = 0.0
         if near[k]:
-            b, inertia, trial = first + k, inverse[k].copy(), new_trial(1, 6)
+            b = first + k
+            inertia = inverse[k].copy()
             for i in range(6):
                 inertia[i, i] += _ROUNDING * np.abs(inverse[k]).max()
-            joints = Joints(np.array([b]), states, states[b, 7:] + h * free[k], inverse[k].copy(), inertia, none)
+            joints = Joints(
+                bodies=np.array([b]),
+                states=states,
+                twists=states[b, 7:] + h * free[k],
+                jacobian=inverse[k].copy(),
+                inertia=inertia,
+                force=np.zeros(6),
+            )
+            trial = new_trial(1, 6)
             trial.acceleration[:] = bodies[k].wrench
             while not search(beds, joints, constraints, h, trial):
                 pass
             wrenches[k] = trial.best
-            failed, longest = failed + (not trial.at[0].found), max(longest, trial.at[0].path)
+            if not trial.at[0].found:
+                failed += 1
+            longest = max(longest, trial.at[0].path)
     return failed, longest
