@@ -82,8 +82,9 @@ class Mechanism:
         model = self.model
         data = self.data
         jacobian = self._jacobian[: 6 * len(bodies)]
-        by_body = jacobian.reshape(-1, 2, 3, model.nv)
-        for (linear, angular), body in zip(by_body, self._ids[bodies].tolist(), strict=True):
+        for k, body in enumerate(self._ids[bodies].tolist()):
+            linear = jacobian[6 * k : 6 * k + 3]
+            angular = jacobian[6 * k + 3 : 6 * k + 6]
             mujoco.mj_jacBody(model, data, linear, angular, body)
         if hasattr(data, "qM"):  # before MuJoCo 4
             mujoco.mj_fullM(model, self._mass, data.qM)
