@@ -7,7 +7,6 @@ within limits before it is opened, and says in one sentence what to give instead
 import errno
 import io
 import os
-import re
 import shutil
 import stat
 import zipfile
@@ -17,17 +16,15 @@ from pathlib import Path
 from typing import Any, BinaryIO
 
 import numpy as np
-import yaml
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
 
 __all__ = ["MAX_BYTES", "MAX_NUMBERS", "checked_file", "expanded", "opened", "read_arrays", "read_file", "read_text"]
-__all__ += ["read_yaml", "refuse_overwriting", "replacing", "resolved", "whole", "whole_folder"]
+__all__ += ["refuse_overwriting", "replacing", "resolved", "whole", "whole_folder"]
 
 MAX_BYTES = 256 * 2**20  # of a file, and of the unpacked arrays of an NPZ file
 MAX_NUMBERS = MAX_BYTES // 8  # in one array or table; each may become a double
-MAX_YAML = 2**20
 _GIVE = "give the path of one that does"
 _KINDS = {
     stat.S_IFDIR: "a folder; give a file",
@@ -136,41 +133,6 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any
         if values.size > MAX_NUMBERS:
             raise InputError(f"{what} '{file}' has {values.size:,} numbers in {name}; the limit is {MAX_NUMBERS:,}")
     return found
-
-
-class _Loader(yaml.SafeLoader):
-    """PyYAML's loader with two rules of ROS: 1e-4 and 1.0e4 are numbers and not strings, and aliases are refused."""
-
-    def flatten_mapping(self, node: yaml.MappingNode) -> None:
-        """Refuse merge keys and repeated keys; PyYAML would merge the first and overwrite the second silently."""
-        met = set[Any]()
-        for key, _ in node.value:
-            line = key.start_mark.line + 1
-            if key.tag == "tag:yaml.org,2002:merge":
-                raise yaml.YAMLError(f"line {line} has a merge key (<<); write its values out")
-            if isinstance(key, yaml.ScalarNode) and (key.tag, key.value) in met:
-                raise yaml.YAMLError(f"line {line} has the key '{key.value}' a second time; remove one")
-            met.add((key.tag, str(key.value)))
-
-    def compose_node(self, parent: yaml.Node | None, index: Any) -> yaml.Node | None:
-        if self.check_event(yaml.AliasEvent):
-            line = self.peek_event().start_mark.line + 1  # type: ignore[no-untyped-call]
-            raise yaml.YAMLError(f"line {line} has an alias (*), which ROS does not read; write its values out")
-        return super().compose_node(parent, index)
-
-
-_Loader.add_implicit_resolver(
-    "tag:yaml.org,2002:float", re.compile(r"[-+]?([0-9]+\.?[0-9]*|\.[0-9]+)[eE][-+]?[0-9]+$"), list("-+.0123456789")
-)
-
-
-def read_yaml(file: Path, what: str, *, limit: int = MAX_YAML) -> Any:
-    """Content of a YAML file. Raises InputError, which calls the file `what`, if it cannot be read or is not YAML."""
-    text = read_text(file, what, limit=limit)
-    try:
-        return yaml.load(text, Loader=_Loader)
-    except (yaml.YAMLError, ValueError, RecursionError) as error:  # ValueError: the 99th day of a month
-        raise InputError(f"{what} '{file}' is not YAML: {reason_of(error)}") from None
 
 
 @contextmanager

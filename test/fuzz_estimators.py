@@ -53,6 +53,8 @@ def _value(random: Random, parameter: Parameter) -> object:
         return str(random.choice(parameter.choices))
     if isinstance(default, str):
         return str(random.choice(NAMES))
+    if isinstance(default, bool):
+        return bool(random.integers(2))
     low, high = np.clip(parameter.bounds, -1e308, 1e308).tolist()
     size = 1 if isinstance(default, float) else len(default)
     numbers = [

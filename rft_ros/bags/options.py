@@ -18,6 +18,7 @@ _SECTION = "rft_replay"
 class ReplayOptions:
     """Options of a replay. `remap`: rules such as ``~/pose:=/tool_pose``. `tare`: its length, at the beginning [s].
 
+    `node`: the full name of the node that subscribed to the topics.
     `start`, `end`: the part of the bag that is replayed [s]. Raises InputError for values that are no times, and if
     `end` is not after `start`.
     """
@@ -26,6 +27,7 @@ class ReplayOptions:
     tare: float | None = None
     start: float | None = None
     end: float | None = None
+    node: str = NODE
 
     def __post_init__(self) -> None:
         if not isinstance(self.remap, list | tuple) or not all(isinstance(rule, str) for rule in self.remap):

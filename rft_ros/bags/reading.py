@@ -56,12 +56,15 @@ class Recording:
         topics: Mapping[Role, str] | None = None,
         strict: bool = True,
     ) -> None:
-        self.bag, self.options = bag, options or ReplayOptions()
-        self.values, given = values, topics
+        self.bag = bag
+        self.options = options or ReplayOptions()
+        self.values = values
         if is_table(bag):
             self._table = read_recorded_table(bag)
-            self.values, given = values_for_table(self._table, values), None  # its columns have no names to choose
-        self.topics = dict(topics_of(self.values, self.options.remap) if given is None else given)
+            self.values = values_for_table(self._table, values)
+        if topics is None or is_table(bag):  # the columns of a table have no names to choose
+            topics = topics_of(self.values, self.options.remap, self.options.node)
+        self.topics = dict(topics)
         self.mistyped: dict[Role, str] = {}
         self._kinds: dict[Role, str] = {}  # message type of each topic
         self.counts: Counter[Role] = Counter()

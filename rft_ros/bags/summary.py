@@ -18,11 +18,11 @@ from rft_ros.errors import InputError, shown
 from rft_ros.estimator import Reason
 from rft_ros.estimator.quality import QualityFlag, Trust, begins_in_grains, trust
 from rft_ros.estimator.tare import OFFSET_SENTENCE
-from rft_ros.files import read_yaml
 from rft_ros.messages import Role
 from rft_ros.parameters import Value
 from rft_ros.parameters.sections import flat
 from rft_ros.rft import AXES, FORCE, TORQUE
+from rft_ros.yaml_file import read_yaml
 
 __all__ = ["METRIC_HEADS", "Group", "PhaseGroup", "Summary", "check", "metric_rows", "read_limits", "statistics"]
 __all__ += ["summary_of"]

@@ -2,12 +2,13 @@
 
 from pathlib import Path
 
+import yaml
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from rft_ros.errors import InputError
-from rft_ros.files import read_yaml
+from rft_ros.files import read_text
 
 __all__ = ["BagWriter", "check_replaceable"]
 
@@ -19,9 +20,9 @@ def check_replaceable(path: Path) -> None:
     if not path.exists():
         return
     try:
-        about = read_yaml(path / "metadata.yaml", "metadata")
+        about = yaml.safe_load(read_text(path / "metadata.yaml", "metadata"))
         ours = about["rosbag2_bagfile_information"]["custom_data"] == _MARK
-    except (InputError, LookupError, TypeError):
+    except (InputError, yaml.YAMLError, LookupError, TypeError):
         ours = False
     if not ours:
         raise InputError(f"'{path}' already exists and was not written by rft_ros; give another folder")

@@ -10,12 +10,11 @@ import numpy as np
 
 from rft_ros.calibration.fitting import FitResults, FittedValue, MotionFit
 from rft_ros.calibration.track import Track
-from rft_ros.errors import InputError
 from rft_ros.files import resolved, whole
-from rft_ros.parameters import FILES, read_sections, sections_for
+from rft_ros.parameters import FILES, NODE, read_sections, sections_for
 from rft_ros.parameters.file import path_beside
-from rft_ros.parameters.sections import parameter_file_text
 from rft_ros.rft.motion_kinds import MOTIONS
+from rft_ros.yaml_file import yaml_text
 
 __all__ = ["SECTION", "rounded", "write_calibrated"]
 
@@ -31,19 +30,19 @@ def rounded(value: float, error: float) -> float:
     return round(value, max(0, min(12, places)))
 
 
-def write_calibrated(file: Path, source: Path, result: FitResults, tracks: Iterable[Track]) -> None:
+def write_calibrated(
+    file: Path, source: Path, result: FitResults, tracks: Iterable[Track], *, node: str = NODE
+) -> None:
     """Write the calibrated file.
 
-    The rest is that of the parameter file `source`, also for other nodes; comments and the nesting of names are lost.
-    The same bags and parameters give the same bytes. Raises InputError if a file cannot be written.
+    The rest is that of the parameter file `source`, also for nodes other than `node`; comments and the
+    nesting of names are lost. The same bags and parameters give the same bytes. Raises InputError if a file cannot be
+    written.
     """
     sections = [section for section in read_sections(source) if section.key != SECTION]
-    for section in sections:
-        if section.fault:
-            raise InputError(f"parameter file '{source}': {section.fault}")
     tree: dict[str, dict[str, dict[str, Any]]] = {s.key: {"ros__parameters": {**s.parameters}} for s in sections}
     parameters: dict[str, Any] = {}
-    for section in sections_for(sections):
+    for section in sections_for(sections, node):
         parameters = tree[section.key]["ros__parameters"]  # at last those that override the others
         _relocate_paths(parameters, source=source, file=file)
 
@@ -59,7 +58,7 @@ def write_calibrated(file: Path, source: Path, result: FitResults, tracks: Itera
         parameters["medium.calibrated_motions"] = ", ".join(m.kind for m in result.motions if m.kind in MOTIONS)
     tree[SECTION] = {"ros__parameters": _record(result, tracks)}
     head = f"# {source.name} calibrated by rft calibrate; bags, sources and standard errors: {SECTION} below.\n"
-    text = head + parameter_file_text(tree)
+    text = head + yaml_text(tree)
     with whole(file, "calibrated file") as part:
         part.write_text(text, encoding="utf-8", errors="backslashreplace")  # the source's name may not be UTF-8
 

@@ -69,7 +69,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
     if not result.fitted:
         print("nothing is identifiable from these bags; no file was written")
         return 1
-    write_calibrated(output, arguments.params, result, tracks)
+    write_calibrated(output, arguments.params, result, tracks, node=chosen.node)
     print(f"-> {output}")
     if not arguments.fit and {f.name for f in result.fitted} == {"sensor.bias"}:
         lacks = (

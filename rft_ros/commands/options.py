@@ -2,12 +2,14 @@
 
 import argparse
 import math
+import re
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rft_ros.bags.options import ReplayOptions, read_replay_options
+from rft_ros.errors import InputError
 from rft_ros.files import refuse_overwriting
 from rft_ros.parameters import NODE, PARAMETERS, Values, defaults, read_parameter_file
 from rft_ros.parameters.from_values import SHORT_NAMES, parameters_of
@@ -18,8 +20,9 @@ RECORDING = f"{BAG}; or a .csv table with the columns t,px..qw, and if known vx.
 
 PLACED = ("--scale", "--origin", "--rotate", "--hull")
 OF_LAW = ("--law", "--medium", "--zeta", "--alpha-y", "--density", "--inertia", "--surface-friction")
-OF_RECORDING = ("--params", "--remap", "--start", "--end")
+OF_RECORDING = ("--params", "--node", "--remap", "--start", "--end")
 
+_ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 _BY_NAME = ", ".join(name for name in ALPHA_Y_MODELS if name != "table")
 _ALPHA_Y = f"{_BY_NAME} or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default linear)"
 _TOLERANCE = (
@@ -45,6 +48,7 @@ _SHARED: dict[str, dict[str, Any]] = {
     "--alpha-y": {"metavar": "MODEL", "help": _ALPHA_Y},
     "--tolerance": {"type": number, "metavar": "SHARE", "help": _TOLERANCE},
     "--params": {"type": Path, "metavar": "FILE.yaml", "help": _PARAMS},
+    "--node": {"metavar": "NAME", "help": f"the node with its namespace (default {NODE})"},
     "--remap": {"action": "append", "default": [], "metavar": "FROM:=TO", "help": _REMAP},
     "--start": {"type": number, "metavar": "S", "help": "begin S seconds into the recording (default: its beginning)"},
     "--end": {"type": number, "metavar": "S", "help": "stop S seconds into the recording (default: its end)"},
@@ -96,9 +100,14 @@ def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[
 
 def recording(arguments: argparse.Namespace) -> tuple[Values, ReplayOptions]:
     """The node's parameters and the replay options. Those on the command line override the parameter file."""
-    file = arguments.params
-    values = read_parameter_file(file, getattr(arguments, "node", NODE)) if file else defaults()
-    written = read_replay_options(file) if file else ReplayOptions()
+    node = "/" + (arguments.node or NODE).strip("/")
+    if not _ROS_NAME.fullmatch(node):
+        raise InputError(f"--node is '{node}'; a ROS name has letters, digits and underscores, such as /rft")
+    values = defaults()
+    written = ReplayOptions()
+    if arguments.params:
+        values = read_parameter_file(arguments.params, node)
+        written = read_replay_options(arguments.params)
     words = {name: getattr(arguments, name, None) for name in ("tare", "start", "end")}
     given = {name: value for name, value in words.items() if value is not None}
-    return values, replace(written, remap=(*written.remap, *getattr(arguments, "remap", ())), **given)
+    return values, replace(written, remap=(*written.remap, *arguments.remap), node=node, **given)

@@ -14,7 +14,7 @@ from rclpy.parameter import Parameter as RosParameter
 from rft_ros.errors import InputError
 from rft_ros.node.swap import Prepared
 from rft_ros.parameters import PARAMETERS, Parameter, Value, Values, checked, defaults
-from rft_ros.parameters.file import absolute, checked_in_file, merged
+from rft_ros.parameters.file import absolute, checked_in_file
 from rft_ros.parameters.sections import Given, Section, read_sections, read_value
 from rft_ros.parameters.table import unknown_parameter
 
@@ -43,9 +43,8 @@ def given_sections(arguments: Sequence[str]) -> list[tuple[Path | None, list[Sec
         elif option in ("-p", "--param"):
             name, _, value = text.partition(":=")
             of_node, separator, parameter = name.rpartition(":")
-            read = read_value(value)
-            if read is not None:
-                found.append((None, [Section(of_node if separator else "/**", {parameter: read})]))
+            read = read_value(value, f"'{option} {text}'")
+            found.append((None, [Section(of_node if separator else "/**", {parameter: read})]))
     return found
 
 
@@ -108,11 +107,9 @@ class NodeParameters:
         by_section: dict[str, dict[str, tuple[Given, Path | None]]] = {}
         for file, sections in given_sections(arguments):
             own = [section for section in sections if section.is_for(own_name)]
-            if file:
-                merged(file, own)  # raises the faults of all sections before those of values
-                if not own and any(section.parameters for section in sections):
-                    warning = f"no section of {file} is for {own_name}: ROS takes nothing from it"
-                    self._node.get_logger().warning(warning)
+            if file and not own and any(section.parameters for section in sections):
+                warning = f"no section of {file} is for {own_name}: ROS takes nothing from it"
+                self._node.get_logger().warning(warning)
             for section in sections:
                 found = by_section.setdefault(section.key, {})
                 found |= {name: (value, file) for name, value in section.parameters.items() if section in own}

@@ -6,11 +6,12 @@ from pathlib import Path
 from rft_ros.errors import InputError, shown
 from rft_ros.files import whole
 from rft_ros.parameters.parameter import Value, Values
-from rft_ros.parameters.sections import Given, Section, parameter_file_text, read_sections
+from rft_ros.parameters.sections import Given, Section, read_sections
 from rft_ros.parameters.table import checked, defaults
 from rft_ros.tool import is_mesh_path, locate_mesh
+from rft_ros.yaml_file import yaml_text
 
-__all__ = ["FILES", "NODE", "absolute", "checked_in_file", "merged", "named_files", "node_parameters", "path_beside"]
+__all__ = ["FILES", "NODE", "absolute", "checked_in_file", "named_files", "node_parameters", "path_beside"]
 __all__ += ["read_parameter_file", "section_parameters", "sections_for", "write_parameter_file"]
 
 NODE = "/rft"
@@ -32,24 +33,19 @@ def sections_for(sections: Iterable[Section], node: str = NODE) -> list[Section]
 
 
 def node_parameters(file: Path, node: str = NODE) -> dict[str, Given]:
-    """The parameters that a file sets for a node, by name with dots.
-
-    Raises InputError for the fault of a section, such as a name that occurs twice.
-    """
-    return merged(file, sections_for(read_sections(file), node))
+    """The parameters that a file sets for a node, by name with dots."""
+    return _merged(sections_for(read_sections(file), node))
 
 
 def section_parameters(file: Path, name: str) -> dict[str, Given]:
     """The parameters of the section of this name alone; empty where there is none."""
-    return merged(file, [section for section in read_sections(file) if section.name == f"/{name}"])
+    return _merged(section for section in read_sections(file) if section.name == f"/{name}")
 
 
-def merged(file: Path, sections: Iterable[Section]) -> dict[str, Given]:
-    """The parameters of all these sections of a file. Raises InputError for the fault of a section."""
+def _merged(sections: Iterable[Section]) -> dict[str, Given]:
+    """The parameters of all these sections; a later one overrides an earlier one."""
     found: dict[str, Given] = {}
     for section in sections:
-        if section.fault:
-            raise InputError(f"parameter file '{file}': {section.fault}")
         found |= section.parameters
     return found
 
@@ -79,7 +75,10 @@ def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
     given = node_parameters(file, node)
     if not given:
         there = ", ".join(section.key for section in read_sections(file))
-        raise InputError(f"parameter file '{file}' has no parameters for the node {node}; its sections are {there}")
+        advice = "name a node of it by --node" if node == NODE else "correct --node"
+        raise InputError(
+            f"parameter file '{file}' has no parameters for the node {node}; its sections are {there}: {advice}"
+        )
     return defaults() | checked_in_file(file, given)
 
 
@@ -107,6 +106,6 @@ def absolute(values: Values) -> dict[str, Value]:
 def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
     """Write a file for `read_parameter_file` and the node; relative paths in `FILES` become absolute."""
     plain = {name: list(v) if isinstance(v, tuple) else v for name, v in absolute(values).items()}
-    text = parameter_file_text({"/**": {"ros__parameters": plain}})
+    text = yaml_text({"/**": {"ros__parameters": plain}})
     with whole(file, "parameter file") as part:
         part.write_text(f"# {comment}\n{text}", encoding="utf-8")

@@ -12,10 +12,11 @@ import numpy as np
 import yaml
 
 from rft_ros.errors import InputError, shown
-from rft_ros.files import read_yaml, whole
+from rft_ros.files import whole
 from rft_ros.parameters.stress_map import MediumFit, StressMap, fit_medium
 from rft_ros.rft import MEDIA, Medium, Table
 from rft_ros.table_file import Column, Rows, read_table
+from rft_ros.yaml_file import read_yaml
 
 __all__ = ["GREATEST", "LEAST", "is_medium_file", "read_alpha_y_table", "read_medium", "read_stress_map"]
 __all__ += ["write_medium"]
@@ -134,7 +135,6 @@ def _check_angles(rows: Rows, named: str) -> None:
 
 
 _YAML = (".yaml", ".yml")
-_MAX_COEFFICIENTS = 16 * 2**10  # bytes; YAML takes 12 s for 1 MB
 
 
 def is_medium_file(text: str) -> bool:
@@ -160,7 +160,7 @@ def read_medium(file: str) -> Medium:
 
 def _of_yaml(file: Path) -> Medium:
     what = f"medium.file '{file}'"
-    content = read_yaml(file, "medium.file", limit=_MAX_COEFFICIENTS)
+    content = read_yaml(file, "medium.file")
     if not isinstance(content, Mapping):
         raise InputError(f"{what} has no coefficients; it needs {', '.join(MEDIA['generic'].coefficients)}")
     given = content.get("coefficients", content)

@@ -22,19 +22,19 @@ NAMES = (
 )
 GOOD = {
     "mesh.file": ("plate", "sphere", "tool.stl", "'a b.stl'", "/x/tool.stl", "~/tool.stl", "file:///x/y.stl"),
-    "mesh.scale": ("1", "0.001", "1e-3", "01", "0x1p-3"),
-    "mesh.origin": ("[0, 0, 1]", "[0.0, 1e-3, 2.]", "[010, 0x10, -3]"),
-    "medium.zeta": ("0.33", "1", "3e-1", "!!float 2", "010"),
-    "medium.name": ("generic", "'generic'", "poppy_seeds_loose", "!!str generic"),
-    "surface_height": ("0", "-0.0", "1E-3", "|-\n      0.1"),
+    "mesh.scale": ("1", "0.001", "1e-3"),
+    "mesh.origin": ("[0, 0, 1]", "[0.0, 1e-3, 2.]"),
+    "medium.zeta": ("0.33", "1", "3e-1"),
+    "medium.name": ("generic", "'generic'", "poppy_seeds_loose"),
+    "surface_height": ("0", "-0.0", "1E-3"),
     "learning.mode": ("off", "apply", "'off'", "observe"),
     "law": ("treers2021", '"agarwal2023"'),
     "alpha_y.model": ("linear", "constant"),
-    "world_frame": ("world", "'on'", "base_link", "~", "null", "1_000", "2001-01-01", "12:30"),
+    "world_frame": ("world", "'on'", "base_link", "'12:30'"),
     "integration": ("refined", "centroid"),
-    "max_rate": ("50.0", "010", "1e2"),
+    "max_rate": ("50.0", "1e2"),
     "tolerance": ("0", "0.05", ".5"),
-    "use_sim_time": ("true", "off", "no"),
+    "use_sim_time": ("true", "off"),
 }
 """Values that a parameter takes, by its name."""
 

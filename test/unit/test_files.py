@@ -15,7 +15,7 @@ from rft_ros import files
 from rft_ros.bags.summary import read_limits
 from rft_ros.cli import main
 from rft_ros.errors import InputError
-from rft_ros.files import read_yaml, whole, whole_folder
+from rft_ros.files import whole, whole_folder
 from rft_ros.ground import read_height_map
 from rft_ros.parameters import checked, read_alpha_y_table, read_parameter_file
 from rft_ros.states_file import read_states
@@ -108,24 +108,6 @@ def test_a_pickle_is_refused_without_advice_to_load_it(tmp_path, reader, in_arra
 def test_a_refusal_does_not_quote_the_mesh(tmp_path):
     (tmp_path / "mesh.stl").write_text("solid x\nvertex root:hunter2:19000 0 1\n")
     assert "hunter2" not in refusal(READERS["mesh.stl"], tmp_path / "mesh.stl")
-
-
-@pytest.mark.parametrize("text", ["a: &x 1.0\nb: *x\n", "base: &x {a: 1.0}\nb: {<<: *x}\n"])
-def test_yaml_that_ros_does_not_read_is_refused(tmp_path, text):
-    (tmp_path / "study.yaml").write_text(text)
-    assert "line 2 has an alias" in refusal(read_yaml, tmp_path / "study.yaml", "study")
-
-
-@pytest.mark.parametrize(
-    ("text", "sentence"),
-    [
-        ("tools: 1\ntools: 2\n", "line 2 has the key 'tools' a second time; remove one"),
-        ("a: {<<: {b: 1}}\n", "line 1 has a merge key (<<); write its values out"),
-    ],
-)
-def test_yaml_whose_later_values_would_replace_earlier_ones_is_refused(tmp_path, text, sentence):
-    (tmp_path / "study.yaml").write_text(text)
-    assert sentence in refusal(read_yaml, tmp_path / "study.yaml", "study")
 
 
 @pytest.mark.parametrize("error", [KeyboardInterrupt, OSError(28, "No space left on device")])

@@ -94,7 +94,7 @@ def test_coefficients_are_read_from_yaml_under_their_names_or_lis(write):
     [
         ({"A00": None}, ("no coefficient A00",)),
         ({"B11": "0.2"}, ("B11 is '0.2'", "number")),
-        ({"C01": float("nan")}, ("C01 is nan", "number")),
+        ({"C01": float("nan")}, ("line 6", ".nan", "number")),
         ({"A10": 47000.0}, ("A10 is 47000", "N/cm³")),
         ({name: -value for name, value in LOOSE.coefficients.items()}, ("along the motion", "signs")),
         ({name: 1e-6 * value for name, value in LOOSE.coefficients.items()}, ("N/cm³",)),
