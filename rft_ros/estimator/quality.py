@@ -267,8 +267,7 @@ class _Wake:
     """
 
     def __init__(self, tool: Tool) -> None:
-        low, high = tool.bounds
-        self._centre = 0.5 * (low + high)
+        self._centre = tool.middle
         self._width = tool.width
         self._places = np.zeros((_KEPT, 3))
         self._lengths = np.zeros(_KEPT)  # of the path up to each place [m]

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft import MEDIA, POSITION, QUATERNION, STATE, VELOCITY, alpha_y_model, treers2021, wrenches
-from rft_ros.tool.solids import are_inside, convex_hull
+from rft_ros.tool.solids import are_inside, convex_hull, crossings
 from rft_ros.tool.tool import Tool, tool_of_mesh
 
 __all__ = ["describe_hollow"]
@@ -95,21 +95,14 @@ def _walls_of_hollows(tool: Tool, hull: Tool) -> Array:
 
 def _walls_along(axis: int, points: Array, triangles: Array) -> Array:
     """Distance from each point to the nearest triangle backwards and forwards along an axis, shape [n, 2]."""
-    u = axis - 2
-    v = axis - 1
-    low = triangles.min(axis=1)
-    high = triangles.max(axis=1)
+    order = [axis - 2, axis - 1, axis]
+    turned = triangles[..., order]
+    low = turned[..., :2].min(axis=1)
+    high = turned[..., :2].max(axis=1)
     distances = np.full((len(points), 2), np.inf)
-    for found, point in zip(distances, points, strict=True):
-        is_near = (
-            (low[:, u] <= point[u]) & (point[u] <= high[:, u]) & (low[:, v] <= point[v]) & (point[v] <= high[:, v])
-        )
-        a, b, c = (triangles[is_near] - point).transpose(1, 0, 2)
-        weights = np.stack([p[:, u] * q[:, v] - p[:, v] * q[:, u] for p, q in ((b, c), (c, a), (a, b))], axis=1)
-        is_met = (weights > 0.0).all(axis=1) | (weights < 0.0).all(axis=1)
-        heights = np.stack([a[is_met, axis], b[is_met, axis], c[is_met, axis]], axis=1)
-        met = weights[is_met]
-        away = (met * heights).sum(axis=1) / met.sum(axis=1)
-        found[0] = -max(away[away < 0.0], default=-np.inf)
-        found[1] = min(away[away > 0.0], default=np.inf)
+    for found, point in zip(distances, points[:, order], strict=True):
+        is_beside = ((low <= point[:2]) & (point[:2] <= high)).all(axis=1)
+        heights, _ = crossings(turned[is_beside] - point)
+        found[0] = min(-heights[heights < 0.0], default=np.inf)
+        found[1] = min(heights[heights > 0.0], default=np.inf)
     return distances

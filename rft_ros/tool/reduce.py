@@ -39,7 +39,8 @@ _LAWS = [treers2021(_GENERIC, alpha_y_model(name, _GENERIC)) for name in ("const
 """The error is the worse of these two laws: plates chosen with one α_y model have errors of 2 % with the other."""
 
 _STATES = 2000  # random motions; the percentile scatters by about 4 % of itself
-_SHALLOWEST, _DEEPEST = 0.25, 2.0  # depth of the lowest point over the tool's height
+_SHALLOWEST = 0.25  # depth of the lowest point over the tool's height
+_DEEPEST = 2.0  # likewise
 _FEEBLE = 0.01  # of the median force: a relative error is taken over at least this force
 
 _COUNTS = np.unique(np.geomspace(4, 4096, 142).astype(int))  # numbers of plates that are tried
@@ -83,9 +84,10 @@ def _error_over(states: Array, plates: Plates) -> Callable[[Plates], float]:
 
     def error_of(few: Plates) -> float:
         off = wrenches_of(few) - full
-        of_force, of_torque = (np.linalg.norm(off[..., part], axis=2) for part in (FORCE, TORQUE))
-        larger = np.maximum(of_force, of_torque / plates.reach)
-        return float(np.percentile(larger / scale, 95.0, axis=1).max())
+        of_force = np.linalg.norm(off[..., FORCE], axis=2)
+        of_torque = np.linalg.norm(off[..., TORQUE], axis=2) / plates.reach
+        error = np.maximum(of_force, of_torque) / scale
+        return float(np.percentile(error, 95.0, axis=1).max())
 
     return error_of
 
@@ -98,18 +100,20 @@ def merged_plates(plates: Plates, count: int) -> Plates:
     from scipy.cluster.vq import vq
     from scipy.spatial import KDTree
 
-    area, centroids = plates.areas, plates.centroids
-    place = centroids - (centroids @ area / area.sum())[:, None]
+    total = plates.areas.sum()
+    place = plates.centroids - (plates.centroids @ plates.areas / total)[:, None]
     radius = float(np.linalg.norm(place, axis=0).max())
     features = np.vstack([place / (radius or 1.0), plates.normals]).T
-    most, random = min(len(features), _DRAWN), np.random.default_rng(0)
-    drawn = features[random.choice(len(features), most, replace=False, p=area / area.sum())]
+    most = min(len(features), _DRAWN)
+    drawn = features[np.random.default_rng(0).choice(len(features), most, replace=False, p=plates.areas / total)]
     centres = drawn[:count].copy()
     for _ in range(_ROUNDS):  # not scipy's kmeans2: it warns of empty groups, which equal centres lead to
-        filled, groups = np.unique(vq(drawn, centres)[0], return_inverse=True)
+        nearest_centre, _ = vq(drawn, centres)
+        filled, groups = np.unique(nearest_centre, return_inverse=True)
         centres[filled] = _means(groups, np.ones(most), drawn)
-    nearest = KDTree(centres).query(features)[1]
-    return Plates(_united(plates.rows, np.unique(nearest, return_inverse=True)[1]))
+    _, nearest = KDTree(centres).query(features)
+    _, groups = np.unique(nearest, return_inverse=True)
+    return Plates(_united(plates.rows, groups))
 
 
 def _means(groups: Labels, weights: Array, values: Array) -> Array:
@@ -121,46 +125,54 @@ def _means(groups: Labels, weights: Array, values: Array) -> Array:
 def _united(rows: Array, groups: Labels) -> Array:
     """One plate for each group, rows as `Plates.rows`; a group of one plate is that plate."""
     areas = rows[AREA]
-    out = np.vstack(
-        [
-            _means(groups, areas, rows[CENTROID].T).T,
-            _means(groups, areas, rows[NORMAL].T).T,
-            np.bincount(groups, areas),
-        ]
-    )
-    one, alone = np.unique(groups, return_index=True)[1], np.bincount(groups) == 1  # one plate of each group
-    cancelled = np.linalg.norm(out[NORMAL], axis=0) < _CANCELLED
-    out[NORMAL, cancelled] = rows[NORMAL, one[cancelled]]
-    out[NORMAL] /= np.linalg.norm(out[NORMAL], axis=0)
+    centroids = _means(groups, areas, rows[CENTROID].T).T
+    normals = _means(groups, areas, rows[NORMAL].T).T
+    _, one = np.unique(groups, return_index=True)  # a plate of each group
+    is_cancelled = np.linalg.norm(normals, axis=0) < _CANCELLED
+    normals[:, is_cancelled] = rows[NORMAL, one[is_cancelled]]
+    normals /= np.linalg.norm(normals, axis=0)
+    parts = [centroids, normals, np.bincount(groups, areas)]
     if len(rows) > HALF_ANGLE:
         # the half angle of the fade whose variance is that of the group's normals
-        tilt = np.arccos(np.clip((rows[NORMAL] * out[NORMAL, groups]).sum(axis=0), -1.0, 1.0))
+        tilt = np.arccos(np.clip((rows[NORMAL] * normals[:, groups]).sum(axis=0), -1.0, 1.0))
         half = np.arcsin(np.minimum(0.5 / rows[HALF_ANGLE], 1.0))
-        angle = np.sqrt(_means(groups, areas, (1.5 * tilt**2 + half**2)[:, None])[:, 0])
-        out = np.vstack([out, _triangles(rows, groups, out), 0.5 / np.sin(np.minimum(angle, 0.5 * np.pi))])
-    out[:, alone] = rows[:, one[alone]]
-    return out
+        variance = _means(groups, areas, (1.5 * tilt**2 + half**2)[:, None])[:, 0]
+        angle = np.minimum(np.sqrt(variance), 0.5 * np.pi)
+        parts += [_triangles(rows, groups, centroids, normals), 0.5 / np.sin(angle)]
+    united = np.vstack(parts)
+    is_alone = np.bincount(groups) == 1
+    united[:, is_alone] = rows[:, one[is_alone]]
+    return united
 
 
-def _triangles(rows: Array, groups: Labels, united: Array) -> Array:
+def _triangles(rows: Array, groups: Labels, centroids: Array, normals: Array) -> Array:
     """Two corners, relative to the centroid, of a triangle with each group's second moments, shape [6, m].
 
-    Equal moments give a submerged plate the depth integral and the centre of pressure of its parts.
+    Equal moments give a submerged plate the depth integral and the centre of pressure of its parts. `centroids`,
+    `normals`: of the groups, shape [3, m].
     """
-    normal = united[NORMAL].T
-    side = np.cross(normal, np.eye(3)[np.abs(normal).argmin(axis=1)])
+    normal = normals.T
+    least = np.eye(3)[np.abs(normal).argmin(axis=1)]
+    side = np.cross(normal, least)
     side /= np.linalg.norm(side, axis=1)[:, None]
     axes = np.stack([side, np.cross(normal, side)], axis=1)  # shape [m, 2, 3]
-    vectors = rows[CENTROID] - united[CENTROID, groups], rows[FIRST_CORNER], rows[SECOND_CORNER]
-    away, first, second = (np.einsum("nak,kn->na", axes[groups], vector) for vector in vectors)
+
+    def in_plane(vectors: Array) -> Array:
+        return np.asarray(np.einsum("nak,kn->na", axes[groups], vectors))
+
+    away = in_plane(rows[CENTROID] - centroids[:, groups])
+    first = in_plane(rows[FIRST_CORNER])
+    second = in_plane(rows[SECOND_CORNER])
     moments = away[:, :, None] * away[:, None]
     for corner in (first, second, -first - second):
         moments += corner[:, :, None] * corner[:, None] / 12.0
-    size, direction = np.linalg.eigh(_means(groups, rows[AREA], moments.reshape(-1, 4)).reshape(-1, 2, 2))
+    mean = _means(groups, rows[AREA], moments.reshape(-1, 4)).reshape(-1, 2, 2)
+    size, direction = np.linalg.eigh(mean)
     spread = direction * np.sqrt(np.maximum(size, 0.0))[:, None]
     # a regular triangle inscribed in the unit circle has moments of 1/8; its corners are at 90, 210 and 330 degrees
     turn = np.pi * np.array([0.5, 0.5 + 2.0 / 3.0])
-    corners = np.einsum("mab,bc,mak->ckm", spread, np.sqrt(8.0) * np.stack([np.cos(turn), np.sin(turn)]), axes)
+    regular = np.sqrt(8.0) * np.stack([np.cos(turn), np.sin(turn)])
+    corners = np.einsum("mab,bc,mak->ckm", spread, regular, axes)
     return np.asarray(corners.reshape(6, -1))
 
 
@@ -180,16 +192,18 @@ def random_motions(corners: Array, count: int, *, seed: int) -> Array:
 
     center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
     radius = float(np.linalg.norm(corners - center, axis=1).max())
-    states = np.zeros((count, len(STATE)))
-    states[:, QUATERNION] = directions(4)
-    rotations = Rotation.from_quat(states[:, QUATERNION])
+    attitude = directions(4)
+    rotations = Rotation.from_quat(attitude)
     # one state at a time: the heights of all corners in all states could fill the memory
     heights = (up @ (corners - center).T for up in rotations.as_matrix()[:, 2])
     bottom, top = np.array([(z.min(), z.max()) for z in heights]).T
     depth = (top - bottom) * random.uniform(_SHALLOWEST, _DEEPEST, count)
     lever = rotations.apply(center)
+    turning = directions(3) * (random.uniform(0.0, 1.0, count) / radius)[:, None]
+    states = np.zeros((count, len(STATE)))
+    states[:, QUATERNION] = attitude
     states[:, POSITION] = -lever
     states[:, STATE.index("pz")] -= depth + bottom
-    states[:, ANGULAR_VELOCITY] = directions(3) * (random.uniform(0.0, 1.0, count) / radius)[:, None]
-    states[:, VELOCITY] = directions(3) - np.cross(states[:, ANGULAR_VELOCITY], lever)
+    states[:, ANGULAR_VELOCITY] = turning
+    states[:, VELOCITY] = directions(3) - np.cross(turning, lever)
     return checked_states(states)

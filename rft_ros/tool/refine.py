@@ -5,10 +5,15 @@ facets that join smoothly: a large flat face beside a narrow fillet stays flat. 
 facets join smoothly, but the surface has no normal there.
 """
 
+from typing import TYPE_CHECKING, NamedTuple
+
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft import Plates
+
+if TYPE_CHECKING:
+    import trimesh
 
 __all__ = ["FLAT_HALF_ANGLE", "refined_plates", "welded"]
 
@@ -17,12 +22,15 @@ FLAT_HALF_ANGLE = np.deg2rad(1.0)
 
 _CREASE = np.deg2rad(50.0)  # facets at a larger angle meet at an edge of the tool, not within a curved surface
 _SPAN = 0.85  # half angle of a curved facet over the mean angle between its normal and those at its corners
-_TIP, _POINTED = 0.7, np.sin(np.deg2rad(10.0))
-"""Limits that distinguish a tip from a curved surface, by the tilt of the normal at a point against the facets there.
+_TIP = 0.7
+"""A point is a tip if more of its squared tilt than this is left over, and if the tilt exceeds `_POINTED`.
 
-On a curved surface the normals at a facet's other corners tilt the opposite way and balance it. A point is a tip if
-more than `_TIP` of the squared tilt is left over, and if the sine of the tilt exceeds `_POINTED`.
+The tilt is that of the normal at the point against a facet there. On a curved surface the normals at a facet's other
+corners tilt the opposite way and balance it.
 """
+
+_POINTED = np.sin(np.deg2rad(10.0))
+"""Least sine of the tilt at a tip."""
 
 _STEEPEST = 0.1  # divisions take a smaller cosine between a facet's normal and those at its corners as this
 
@@ -40,13 +48,13 @@ def refined_plates(vertices: Array, faces: Indices) -> Plates:
     `vertices`: shape [n, 3]; `faces`: indices of vertices, shape [m, 3].
     """
     points, corners = welded(vertices, faces)
-    normals, group, tips = _corner_normals(points, corners)
+    surface = _corner_normals(points, corners)
     facet = _unit(_doubled_areas(points[corners]))
-    angles = np.arccos(np.clip(np.einsum("fck,fk->fc", normals, facet), -1.0, 1.0))
+    angles = np.arccos(np.clip(_dot(surface.normals, facet[:, None]), -1.0, 1.0))
     half_angles = np.clip(_SPAN * angles.mean(axis=1), FLAT_HALF_ANGLE, 0.5 * np.pi)
-    triangles = _with_area_of_surface(points, corners, normals, group, tips)
-    lost = ~(np.linalg.norm(_doubled_areas(triangles), axis=1) > 0.0)  # smaller than the welding distance
-    triangles[lost] = vertices[faces[lost]]
+    triangles = _with_area_of_surface(points, corners, surface)
+    is_lost = ~(np.linalg.norm(_doubled_areas(triangles), axis=1) > 0.0)  # smaller than the welding distance
+    triangles[is_lost] = vertices[faces[is_lost]]
     return Plates.from_triangles(triangles, half_angles)
 
 
@@ -60,7 +68,9 @@ def welded(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
 
 
 def _doubled_areas(triangles: Array) -> Array:
-    return np.asarray(np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0]))
+    """Area vectors of triangles, shape [m, 3], times two."""
+    a, b, c = np.moveaxis(triangles, 1, 0)
+    return np.asarray(np.cross(b - a, c - a))
 
 
 def _unit(vectors: Array) -> Array:
@@ -68,54 +78,82 @@ def _unit(vectors: Array) -> Array:
     return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
 
 
-def _corner_normals(points: Array, faces: Indices) -> tuple[Array, Indices, NDArray[np.bool_]]:
+def _dot(a: Array, b: Array) -> Array:
+    return np.asarray(np.einsum("...k,...k->...", a, b))
+
+
+class _CornerNormals(NamedTuple):
     """The surface's unit normal at each corner of each facet, shape [m, 3, 3], and two arrays of shape [m, 3].
 
-    A normal is the mean, by area and angle, over the facets around the corner that join this one smoothly. At a tip it
-    is the facet's own. The arrays: the number of the normal, which several corners share, and whether it is a tip.
+    `group`: the number of the normal, which several corners share. `is_tip`: there the normal is the facet's own.
     """
+
+    normals: Array
+    group: Indices
+    is_tip: NDArray[np.bool_]
+
+
+def _corner_normals(points: Array, faces: Indices) -> _CornerNormals:
+    """The mean, by area and angle, over the facets around each corner that join smoothly."""
     import trimesh
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
 
     mesh = trimesh.Trimesh(points, faces, process=False)
     doubled = _doubled_areas(points[faces])
     facet = _unit(doubled)
-    left, right = mesh.face_adjacency.T
-    smooth = np.einsum("ij,ij->i", facet[left], facet[right]) > np.cos(_CREASE)
-    pairs, ends = mesh.face_adjacency[smooth], mesh.face_adjacency_edges[smooth]
-
-    # corners of smooth neighbours that lie at the same point share a normal
-    def corner(facets: Indices, point: Indices) -> Indices:
-        return np.asarray(3 * facets + (faces[facets] == point[:, None]).argmax(axis=1))
-
-    i, j = (np.concatenate([corner(side, end) for end in ends.T]) for side in pairs.T)
-    graph = coo_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(faces.size, faces.size))
-    count, group = connected_components(graph, directed=False)
+    group = _smooth_groups(mesh, facet)
     # by area alone, the two triangles of a quad would count more than one triangle beside them
-    total = np.zeros((count, 3))
-    np.add.at(total, group, (mesh.face_angles[:, :, None] * doubled[:, None]).reshape(-1, 3))
-    normals = _unit(total)[group].reshape(-1, 3, 3)
-
-    lean = normals - np.einsum("fck,fk->fc", normals, facet)[:, :, None] * facet[:, None]
-    left_over = np.einsum("fck,fk->fc", lean, lean.sum(axis=1))
-    areas = np.repeat(np.linalg.norm(doubled, axis=1), 3)
-    total_area, squared, one_sided = (
-        np.bincount(group, areas * w) for w in (1.0, (lean**2).sum(axis=2).ravel(), left_over.ravel())
-    )
-    pointed = (one_sided > _TIP * squared) & (squared > _POINTED**2 * total_area)
-    tips = pointed[group].reshape(-1, 3)
-    return np.where(tips[:, :, None], facet[:, None], normals), group.reshape(-1, 3).astype(np.int64), tips
+    weighted = mesh.face_angles[:, :, None] * doubled[:, None]
+    total = np.zeros((group.max() + 1, 3))
+    np.add.at(total, group.ravel(), weighted.reshape(-1, 3))
+    normals = _unit(total)[group]
+    is_tip = _tips(normals, facet, group, np.linalg.norm(doubled, axis=1))
+    return _CornerNormals(np.where(is_tip[:, :, None], facet[:, None], normals), group, is_tip)
 
 
-def _with_area_of_surface(
-    points: Array, faces: Indices, normals: Array, group: Indices, tips: NDArray[np.bool_]
-) -> Array:
+def _smooth_groups(mesh: "trimesh.Trimesh", facet: Array) -> Indices:
+    """For each corner of each facet the number of its normal: corners of smooth neighbours at one point share it."""
+    from scipy.sparse import coo_array
+    from scipy.sparse.csgraph import connected_components
+
+    faces = mesh.faces
+    left, right = mesh.face_adjacency.T
+    is_smooth = _dot(facet[left], facet[right]) > np.cos(_CREASE)
+    pairs = mesh.face_adjacency[is_smooth]
+    ends = mesh.face_adjacency_edges[is_smooth]
+
+    def corners_of(facets: Indices) -> Indices:
+        """The corners of facets at both ends of the edge that they share."""
+        first, second = (3 * facets + (faces[facets] == end[:, None]).argmax(axis=1) for end in ends.T)
+        return np.concatenate([first, second])
+
+    i, j = (corners_of(side) for side in pairs.T)
+    graph = coo_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(faces.size, faces.size))
+    _, group = connected_components(graph, directed=False)
+    return np.asarray(group, dtype=np.int64).reshape(-1, 3)
+
+
+def _tips(normals: Array, facet: Array, group: Indices, areas: Array) -> NDArray[np.bool_]:
+    """Whether each corner is a tip, shape [m, 3]. `facet`: unit normals; `areas` of the facets, in any unit."""
+    lean = normals - _dot(normals, facet[:, None])[:, :, None] * facet[:, None]
+    left_over = _dot(lean, lean.sum(axis=1)[:, None])
+
+    def total(of_corners: Array) -> Array:
+        return np.asarray(np.bincount(group.ravel(), (areas[:, None] * of_corners).ravel()), dtype=np.float64)
+
+    squared = total(_dot(lean, lean))
+    is_one_sided = total(left_over) > _TIP * squared
+    is_pointed = squared > _POINTED**2 * total(np.ones(group.shape))
+    return np.asarray((is_one_sided & is_pointed)[group])
+
+
+def _with_area_of_surface(points: Array, faces: Indices, surface: _CornerNormals) -> Array:
     """Triangles with the surface's area, shape [m, 3, 3]: all corners but tips move along their normals."""
     moved = points[faces]
-    target, sagitta = _surface_areas(moved, normals)
+    target, sagitta = _surface_areas(moved, surface.normals)
+    group = surface.group
     numbers, first = np.unique(group, return_index=True)
-    place, normal = faces.ravel()[first], normals.reshape(-1, 3)[first]
+    place = faces.ravel()[first]
+    normal = surface.normals.reshape(-1, 3)[first]
     limit = np.zeros(len(numbers))
     np.maximum.at(limit, group, sagitta[:, None])
     for _ in range(3):
@@ -123,14 +161,16 @@ def _with_area_of_surface(
         lacking = target - 0.5 * np.linalg.norm(doubled, axis=1)
         # gradient of the area by a corner: half of (opposite edge) x (unit normal)
         opposite = np.roll(moved, -2, axis=1) - np.roll(moved, -1, axis=1)
-        growth = np.einsum("fck,fck->fc", 0.5 * np.cross(_unit(doubled)[:, None], opposite), normals)
-        need, rate = np.bincount(group.ravel(), np.repeat(lacking / 3.0, 3)), np.bincount(group.ravel(), growth.ravel())
+        growth = _dot(0.5 * np.cross(_unit(doubled)[:, None], opposite), surface.normals)
+        need = np.bincount(group.ravel(), np.repeat(lacking / 3.0, 3))
+        rate = np.bincount(group.ravel(), growth.ravel())
         # between two creases a normal lies in the facets beside it: its rate is rounding, and the corner stays
         grows = np.abs(rate) > _ROUNDING * np.abs(rate).max()
-        shift = np.clip(np.divide(need, rate, out=np.zeros(len(need)), where=grows), -limit, limit)
+        wanted = np.divide(need, rate, out=np.zeros(len(need)), where=grows)
+        shift = np.clip(wanted, -limit, limit)
         by_point = np.zeros(points.shape)
         np.add.at(by_point, place, shift[:, None] * normal)
-        by_point[faces[tips]] = 0.0
+        by_point[faces[surface.is_tip]] = 0.0
         moved = moved + by_point[faces]
     return moved
 
@@ -142,14 +182,15 @@ def _surface_areas(triangles: Array, normals: Array) -> tuple[Array, Array]:
     outwards, so that the patch is larger than the triangle below it.
     """
     doubled = _doubled_areas(triangles)
-    facet = _unit(doubled)
-    upright = np.maximum(np.einsum("fck,fk->fc", normals, facet), _STEEPEST)
-    slopes = normals / upright[:, :, None] - facet[:, None]
-    squared_slope = ((slopes**2).sum(axis=(1, 2)) + (slopes.sum(axis=1) ** 2).sum(axis=1)) / 12.0
+    facet = _unit(doubled)[:, None]
+    upright = np.maximum(_dot(normals, facet), _STEEPEST)
+    slopes = normals / upright[:, :, None] - facet
+    mean_slope = slopes.sum(axis=1)
+    squared_slope = (_dot(slopes, slopes).sum(axis=1) + _dot(mean_slope, mean_slope)) / 12.0
     after = np.roll(normals, -1, axis=1)
     edges = np.roll(triangles, -1, axis=1) - triangles
-    heights = (edges * (after - normals)).sum(axis=2) / 8.0
-    outwards = np.cross(edges, facet[:, None])  # as long as the edge
-    beyond = (2.0 / 3.0 * heights * (_unit(normals + after) * outwards).sum(axis=2)).sum(axis=1)
-    below = 0.5 * np.linalg.norm(doubled, axis=1) + beyond
+    heights = _dot(edges, after - normals) / 8.0
+    outwards = np.cross(edges, facet)  # as long as the edge
+    beyond = 2.0 / 3.0 * heights * _dot(_unit(normals + after), outwards)
+    below = 0.5 * np.linalg.norm(doubled, axis=1) + beyond.sum(axis=1)
     return below * np.sqrt(1.0 + squared_slope), np.abs(heights).max(axis=1)

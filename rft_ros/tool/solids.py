@@ -16,7 +16,7 @@ from rft_ros.rft import rotation_matrix
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["CELLS", "are_inside", "box", "capsule", "convex_hull", "cylinder", "ellipsoid"]
+__all__ = ["CELLS", "are_inside", "box", "capsule", "convex_hull", "crossings", "cylinder", "ellipsoid"]
 
 Array = NDArray[np.float64]
 
@@ -58,7 +58,8 @@ def capsule(radius: float, half_length: float) -> Array:
 
 def _line(half: float, longest: float) -> Array:
     """Places from -half to half in an even number of cells; `longest` is half of the side that has `CELLS`."""
-    return np.linspace(-half, half, 2 * math.ceil(0.5 * CELLS * half / longest - 1e-9) + 1)
+    pairs = math.ceil(0.5 * CELLS * half / longest - 1e-9)
+    return np.linspace(-half, half, 2 * pairs + 1)
 
 
 def _box(lines: Sequence[Array]) -> Array:
@@ -69,23 +70,32 @@ def _box(lines: Sequence[Array]) -> Array:
     faces = []
     for k in range(3):
         u, v = np.meshgrid(lines[k - 2], lines[k - 1], indexing="ij")
-        is_odd = np.add.outer(np.arange(len(u) - 1), np.arange(len(v.T) - 1))[..., None] % 2 == 1
         for end in (0, -1):
             grid = np.empty((*u.shape, 3))
             grid[..., k] = lines[k][end]
             grid[..., k - 2] = u
             grid[..., k - 1] = v
-            around = [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]]
-            a, b, c, d = (np.where(is_odd, around[(i + 1) % 4], around[i]) for i in range(4))
-            halves = np.concatenate([np.stack([a, b, c], axis=-2), np.stack([a, c, d], axis=-2)]).reshape(-1, 3, 3)
-            faces.append(halves if end else halves[:, ::-1])
+            outward = _halves(grid)
+            faces.append(outward if end else outward[:, ::-1])
     return np.concatenate(faces)
+
+
+def _halves(grid: Array) -> Array:
+    """Two triangles for each cell of a grid of points, shape [u, v, 3]."""
+    u, v = np.indices(grid.shape[:2])[:, :-1, :-1]
+    is_odd = ((u + v) % 2 == 1)[..., None]
+    around = [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]]
+    a, b, c, d = (np.where(is_odd, around[(i + 1) % 4], around[i]) for i in range(4))
+    first = np.stack([a, b, c], axis=-2)
+    second = np.stack([a, c, d], axis=-2)
+    return np.concatenate([first, second]).reshape(-1, 3, 3)
 
 
 def _rounded(points: Array) -> Array:
     """Points on nested cubes, or squares, moved onto the spheres, or circles, within these."""
+    wanted = np.abs(points).max(axis=-1, keepdims=True)
     size = np.linalg.norm(points, axis=-1, keepdims=True)
-    return np.asarray(points * np.abs(points).max(axis=-1, keepdims=True) / size.clip(1e-300))
+    return np.asarray(points * wanted / size.clip(1e-300))
 
 
 def convex_hull(points: Array) -> "trimesh.Trimesh":
@@ -118,10 +128,22 @@ def are_inside(points: Array, triangles: Array) -> NDArray[np.bool_]:
 def _winding_number(point: Array, triangles: Array, low: Array, high: Array) -> int:
     """`low`, `high`: bounds of the triangles, shape [3, n]. The ray goes along +z."""
     x, y, z = point
-    is_near = (low[0] <= x) & (x <= high[0]) & (low[1] <= y) & (y <= high[1]) & (high[2] > z)
-    a, b, c = (triangles[is_near] - point).transpose(1, 0, 2)
-    u, v, w = (p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0] for p, q in ((b, c), (c, a), (a, b)))
-    leaves = (u > 0) & (v > 0) & (w > 0)
-    enters = (u < 0) & (v < 0) & (w < 0)
-    height = u * a[:, 2] + v * b[:, 2] + w * c[:, 2]  # of the crossing, times u + v + w
-    return int((leaves & (height > 0)).sum()) - int((enters & (height < 0)).sum())
+    is_beside = (low[0] <= x) & (x <= high[0]) & (low[1] <= y) & (y <= high[1])
+    heights, turns = crossings(triangles[is_beside & (high[2] > z)] - point)
+    return int(turns[heights > 0.0].sum())
+
+
+def crossings(triangles: Array) -> tuple[Array, Array]:
+    """Where the z axis crosses triangles: its heights, and 1 where it leaves their surface or -1 where it enters."""
+    a, b, c = triangles.transpose(1, 0, 2)
+    weights = np.stack([_doubled_area(b, c), _doubled_area(c, a), _doubled_area(a, b)])
+    turns = np.sign(weights).sum(axis=0) / 3.0
+    is_met = np.abs(turns) == 1.0
+    met = weights[:, is_met]
+    heights = (met * triangles[is_met, :, 2].T).sum(axis=0) / met.sum(axis=0)
+    return heights, turns[is_met]
+
+
+def _doubled_area(p: Array, q: Array) -> Array:
+    """Twice the area of triangles of the origin and two points, seen from above."""
+    return np.asarray(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])

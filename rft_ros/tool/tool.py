@@ -71,7 +71,7 @@ class Tool:
     @property
     def middle(self) -> NDArray[np.float64]:
         """Middle of the tool's extents, in the tool frame [m], shape [3]."""
-        return np.asarray(0.5 * (self.corners.min(axis=0) + self.corners.max(axis=0)))
+        return np.asarray(self.bounds.mean(axis=0))
 
     def lowest_point(self, rotation: NDArray[np.float64], slope: tuple[float, float] = LEVEL) -> float:
         """Height of the tool's lowest point above the tool frame's origin [m], along world z; negative if below.
@@ -87,7 +87,8 @@ class Tool:
 
         `states`: shape [n, 13], columns `rft_ros.rft.STATE`.
         """
-        heights, sinking = np.empty(len(states)), np.empty(len(states))
+        heights = np.empty(len(states))
+        sinking = np.empty(len(states))
         at_once = max(1, _MOST_HEIGHTS // len(self.corners))
         for start in range(0, len(states), at_once):
             part = slice(start, start + at_once)
@@ -186,7 +187,8 @@ def tool_of_mesh(
     corners = np.unique(vertices[np.unique(faces)], axis=0)
     with suppress(QhullError):  # they span no volume
         corners = corners[ConvexHull(corners).vertices]
-    plates, reduction = facets, ""
+    plates = facets
+    reduction = ""
     if tolerance > 0.0:
         plates, reduction = reduced_once(facets, corners, tolerance)
     return Tool(
@@ -224,7 +226,8 @@ def describe_tool(tool: Tool) -> list[str]:
     lines.append(f"mesh unit: {tool.frame.scale:g} m (mesh.scale, --scale)")
     lines.append(f"area: {_area(tool)}")
     if not {"not_closed", "inconsistent_winding"} & tool.issues.keys():
-        volume = float(((tool.facets.centroids * tool.facets.normals).sum(axis=0) * tool.facets.areas).sum()) / 3.0
+        heights = (tool.facets.centroids * tool.facets.normals).sum(axis=0)
+        volume = float(heights @ tool.facets.areas) / 3.0
         lines.append(f"volume: {_figure(volume * 1e9)} mm³")
     lines += [f"warning: {issue}" for kind, issue in tool.issues.items() if kind != "concave"]
     if "concave" in tool.issues:

@@ -64,9 +64,9 @@ def _closed_parts(faces: NDArray[np.int64]) -> list[slice]:
     ends = [0]
     for k, (a, b, c) in enumerate(faces.tolist(), start=1):
         for start, end in ((a, b), (b, c), (c, a)):
-            edge, opposite = (start, end), (end, start)
+            opposite = (end, start)
             if opposite not in unmatched:
-                unmatched[edge] += 1
+                unmatched[start, end] += 1
             elif unmatched[opposite] == 1:
                 del unmatched[opposite]
             else:
