@@ -17,8 +17,8 @@ from scipy.signal import lfilter
 from rft_ros.errors import InputError
 from rft_ros.parameters import checked
 
-__all__ = ["Estimates", "Fit", "FitResults", "FittedValue", "Measurement", "MotionFit", "NotIdentifiable"]
-__all__ += ["Parameter", "fit_curve", "fit_each", "fit_linear", "fit_measurements", "listed"]
+__all__ = ["Fit", "FitResults", "FittedValue", "Measurement", "MotionFit", "NotIdentifiable"]
+__all__ += ["Parameter", "fit_curve", "fit_each", "fit_linear", "listed"]
 
 Array = NDArray[np.float64]
 
@@ -171,36 +171,58 @@ def fit_curve(
     Analysis 10, 1973).
     """
     # in units of the steps: in those of the parameters a weak one would be dropped, and its error be 0
-    step, low, high = np.array(parameters).T
-    low, high = low / step, high / step
+    step = np.array([parameter.step for parameter in parameters])
+    low = np.array([parameter.low for parameter in parameters]) / step
+    high = np.array([parameter.high for parameter in parameters]) / step
     linear_at = cache(lambda *scaled: _linear(columns(np.array(scaled) * step), observed))
-    start = min((start / step for start in starts), key=lambda start: float(np.sum(linear_at(*start)[1] ** 2)))
-    one, free = np.ones(len(step)), len(step) + len(linear_at(*start)[0])
 
     def misfit(at: Array) -> Array:
-        return np.asarray(-linear_at(*at)[1].ravel())
+        _, residuals = linear_at(*at)
+        return np.asarray(-residuals.ravel())
 
     def slopes(at: Array, ahead: Array, back: Array) -> Array:
-        after, before = np.clip(at + ahead, low, high), np.clip(at - back, low, high)
-        moved = [[np.where(own, end, at) for end in (after, before)] for own in np.eye(len(at), dtype=np.bool_)]
-        return np.stack([misfit(above) - misfit(below) for above, below in moved], axis=1) / (after - before)
+        """Derivatives of the misfit between two places along each parameter, within the limits."""
+        columns_of_slopes = []
+        for k in range(len(at)):
+            after = at.copy()
+            before = at.copy()
+            after[k] = min(at[k] + ahead[k], high[k])
+            before[k] = max(at[k] - back[k], low[k])
+            columns_of_slopes.append((misfit(after) - misfit(before)) / (after[k] - before[k]))
+        return np.stack(columns_of_slopes, axis=1)
 
-    def slopes_of(at: Array) -> Array:
-        return slopes(at, np.where(at + one > high, -one, one), 0.0 * one)
+    one = np.ones(len(step))
+    none = np.zeros(len(step))
 
-    limits: dict[str, Any] = {"ftol": _CONVERGED, "xtol": _CONVERGED, "max_nfev": _MOST_STEPS}
-    at = least_squares(misfit, np.clip(start, low, high), slopes_of, (low, high), "dogbox", **limits).x
-    linear, residuals = linear_at(*at)
+    def one_sided(at: Array) -> Array:
+        has_room = at + one <= high
+        return slopes(at, np.where(has_room, one, none), np.where(has_room, none, one))
+
+    best = min((start / step for start in starts), key=lambda start: float(np.sum(misfit(start) ** 2)))
+    found = least_squares(
+        misfit,
+        np.clip(best, low, high),
+        jac=one_sided,
+        bounds=(low, high),
+        method="dogbox",
+        ftol=_CONVERGED,
+        xtol=_CONVERGED,
+        max_nfev=_MOST_STEPS,
+    )
+    linear, residuals = linear_at(*found.x)
+    coefficients = np.append(found.x * step, linear)
 
     def fit_with(width: Array) -> Fit:
         """The fit, with slopes over this width to either side."""
-        influence = (np.linalg.pinv(slopes(at, width, width))[0] * step[0]).reshape(observed.shape)
-        return Fit(np.append(at * step, linear), _error(influence, residuals, free), residuals, influence)
+        influence = (np.linalg.pinv(slopes(found.x, width, width))[0] * step[0]).reshape(observed.shape)
+        return Fit(coefficients, _error(influence, residuals, len(coefficients)), residuals, influence)
 
-    found = fit_with(one)
     # With memory the curve is not smooth. The standard error needs the slope over a step as wide as itself.
-    wide = np.clip(found.error / step[0], one, np.maximum(one, _WIDEST * (high - low)))
-    return max(found, fit_with(wide), key=lambda fit: fit.error) if (wide > one).any() else found
+    narrow = fit_with(one)
+    width = np.clip(narrow.error / step[0], one, np.maximum(one, _WIDEST * (high - low)))
+    if (width == one).all():
+        return narrow
+    return max(narrow, fit_with(width), key=lambda fit: fit.error)
 
 
 def _error(influence: Array, residuals: Array, free: int) -> float:
@@ -211,53 +233,36 @@ def _error(influence: Array, residuals: Array, free: int) -> float:
     are a third too small. The other takes the residuals as a stationary process of first order, for misfits of real
     grains that stay alike over hundreds of samples. `free`: the number of coefficients.
     """
-    n, scores = len(residuals), influence * residuals
     noise = residuals - residuals.mean(axis=0)
-    rho = (noise[1:] * noise[:-1]).sum(axis=0) / np.maximum((noise**2).sum(axis=0), 1e-300)
-    whitening = np.clip(rho, -_MOST_ALIKE, _MOST_ALIKE)
-    scores = (scores[1:] - whitening * scores[:-1]) / (1.0 - whitening)
+    alike = (noise[1:] * noise[:-1]).sum(axis=0) / np.maximum((noise**2).sum(axis=0), 1e-300)
+    return float(
+        np.sqrt(max(_by_moment(influence, residuals, alike, free), _stationary(influence, residuals, alike, free)))
+    )
+
+
+def _by_moment(influence: Array, residuals: Array, alike: Array, free: int) -> float:
+    """The variance by Newey and West. `alike`: the residuals' lag-one correlation, shape [axes]."""
+    n = len(residuals)
     lags = int(4.0 * (n / 100.0) ** (2.0 / 9.0))
-    total = np.sum(scores**2)
+    scores = influence * residuals
+    whitening = np.clip(alike, -_MOST_ALIKE, _MOST_ALIKE)
+    white = (scores[1:] - whitening * scores[:-1]) / (1.0 - whitening)
+    total = np.sum(white**2)
     for lag in range(1, lags + 1):
-        total += 2.0 * (1.0 - lag / (lags + 1.0)) * np.sum(scores[lag:] * scores[:-lag])
-    by_moment = total * n / max(n - free - lags, 1)  # coefficients and the kernel's width reduce the degrees of freedom
-    stationary = 0.0
-    for alike, own, power in zip(np.clip(rho, -0.5, _SMOOTH), influence.T, (residuals**2).sum(axis=0), strict=True):
-        after, before = (lfilter([1.0], [1.0, -alike], way) for way in (own, own[::-1]))
-        stationary += power / max(n - free, 1) * float(own @ (after + before[::-1] - own))
-    return float(np.sqrt(max(by_moment, stationary)))
+        total += 2.0 * (1.0 - lag / (lags + 1.0)) * np.sum(white[lag:] * white[:-lag])
+    # coefficients and the kernel's width reduce the degrees of freedom
+    return float(total * n / max(n - free - lags, 1))
 
 
-class Estimates(NamedTuple):
-    """Coefficients, shape [k], their covariance, and the residuals of m measurements, shape [m, axes].
-
-    `inverse`, shape [k, m * axes], times a change of the measurements is the change of the coefficients.
-    """
-
-    coefficients: Array
-    covariance: Array
-    residuals: Array
-    inverse: Array
-
-    @property
-    def errors(self) -> Array:
-        """Standard errors of the coefficients, shape [k], in their units."""
-        return np.sqrt(np.maximum(np.diag(self.covariance), 0.0))
-
-
-def fit_measurements(design: Array, observed: Array, errors: Array) -> Estimates:
-    """Least squares of independent measurements and their errors, shape [m, axes], on a design, shape [m, axes, k].
-
-    The variance of one is the greater of its axis' scatter about the fit and its own error squared.
-    """
-    matrix = design.reshape(observed.size, -1)
-    inverse = np.asarray(np.linalg.pinv(matrix), dtype=np.float64)
-    found = inverse @ observed.ravel()
-    residuals = observed - (matrix @ found).reshape(observed.shape)
-    freedom = np.sum(1.0 - np.einsum("nk,kn->n", matrix, inverse).reshape(observed.shape), axis=0)
-    scatter = np.sum(residuals**2, axis=0) / np.maximum(freedom, 1.0)
-    variance = np.maximum(scatter, errors**2).ravel()
-    return Estimates(found, (inverse * variance) @ inverse.T, residuals, inverse)
+def _stationary(influence: Array, residuals: Array, alike: Array, free: int) -> float:
+    """The variance where the residuals are a stationary process of first order."""
+    variances = (residuals**2).sum(axis=0) / max(len(residuals) - free, 1)
+    total = 0.0
+    for rho, own, variance in zip(np.clip(alike, -0.5, _SMOOTH), influence.T, variances, strict=True):
+        after = lfilter([1.0], [1.0, -rho], own)
+        before = lfilter([1.0], [1.0, -rho], own[::-1])[::-1]
+        total += variance * float(own @ (after + before - own))
+    return total
 
 
 def fit_each(fit: Callable[..., _Result], parts: Iterable[tuple[Any, ...]], *, none: str) -> list[_Result]:
@@ -265,7 +270,8 @@ def fit_each(fit: Callable[..., _Result], parts: Iterable[tuple[Any, ...]], *, n
 
     If there is none, raises NotIdentifiable with the first one's reason, or with `none` if there are no parts.
     """
-    fits, reasons = [], []
+    fits = []
+    reasons = []
     for part in parts:
         try:
             fits.append(fit(*part))

@@ -67,22 +67,28 @@ class Recorded:
             states = self.track.smooth[first : last + 1]
             return wrenches(plates, self.law, states, surface_height=values.surface, threads=1)[:, FORCE]
         law = replace(self.law, mobilization_length=values.length)
-        states, rows = self.motion.states, self.motion.rows[first : last + 1]
+        rows = self.motion.rows[first : last + 1]
+        states = self.motion.states[rows[0] : rows[-1] + 1]
         memory = Memory(plates, slack=_LOST_MOTION)
-        found = wrenches_in_time(plates, law, states[rows[0] : rows[-1] + 1], memory, surface_height=values.surface)
+        found = wrenches_in_time(plates, law, states, memory, surface_height=values.surface)
         return np.asarray(found[rows - rows[0], FORCE])
 
     def by_delay(self, delay: float) -> Array:
         """What a delay of the load cell [s] changes in the forces: half the difference of either way [N], [n, 3]."""
-        early, late = (moved_back(self.track.time, self.track.forces, by) for by in (delay, -delay))
+        early = moved_back(self.track.time, self.track.forces, delay)
+        late = moved_back(self.track.time, self.track.forces, -delay)
         return 0.5 * (early - late)
 
     @cached_property
     def shaken(self) -> list["Recorded"]:
         """The recording with noise added in `SHAKEN` ways, so that its deviation doubles; none if it has no noise."""
-        time, states = self.track.time, self.track.states
-        shaken = [shaken_states(time, states, times=3.0**0.5, rng=np.random.default_rng(k)) for k in range(SHAKEN)]
-        return [replace(self, motion=_motion(self.track, states)) for states in shaken if states is not None]
+        found = []
+        for seed in range(SHAKEN):
+            rng = np.random.default_rng(seed)
+            states = shaken_states(self.track.time, self.track.states, times=3.0**0.5, rng=rng)
+            if states is not None:
+                found.append(replace(self, motion=_motion(self.track, states)))
+        return found
 
 
 def _motion(track: Track, states: Array) -> FineMotion:
@@ -94,10 +100,12 @@ def _motion(track: Track, states: Array) -> FineMotion:
 
 def _friction(track: Track, in_air: NDArray[np.bool_]) -> Array:
     """What reverses with the motion in the air, beside the bias and the weight, at every moment [N], shape [n, 3]."""
-    speed, _ = track.speeds(track.smooth)
+    velocity = track.smooth[:, VELOCITY]
+    speed = np.linalg.norm(velocity, axis=1)
     moving = speed >= track.rest_speed
-    way = np.where(moving, 1.0 / np.maximum(speed, 1e-12), 0.0)[:, None] * track.smooth[:, VELOCITY]
-    if not (in_air & moving).any():
+    way = np.zeros_like(velocity)
+    way[moving] = velocity[moving] / speed[moving, None]
+    if not way[in_air].any():
         return np.zeros_like(way)
     weight = np.broadcast_to([[0.0], [0.0], [1.0]], (len(way), 3, 1))
     columns = np.concatenate([track.sensor_rotations, weight, way[:, :, None]], axis=2)

@@ -26,11 +26,13 @@ _LONGEST = 0.25  # s, the longest line
 _GROWTH = 1.6  # factor of the number of poses from one line to the next longer one
 _AGREE = 3.0  # standard deviations within which two estimates of a pose agree
 _QUIET = 1e-8  # noise [m], [rad/2]; smaller noise is rounding and is not smoothed
-_CALM, _CHI2_OF_CALM = 0.8, 4.642
-"""Share of the third differences that contain no corner, and that quantile of chi-squared with 3 degrees of freedom."""
+_CALM = 0.8  # share of the third differences that contain no corner
+_CHI2_OF_CALM = 4.642  # that quantile of chi-squared with 3 degrees of freedom
+_THIRD = 20.0  # variance of a third difference over that of a number
 _BENDS = 0.2  # least change of the velocity at a corner, relative to the speeds before and after it
 _BETWEEN = 0.02  # a corner that is nearer to a pose than this share of the time between two poses is that pose
-_STEP, _MOST_STEPS = 2e-5, 8  # m: longest step, unless that takes more steps than this from pose to pose
+_STEP = 2e-5  # m: longest step of a fine motion,
+_MOST_STEPS = 8  # unless that takes more steps than this from pose to pose
 _ROUNDED = 9  # decimals of velocities: rounding must not decide whether a wall along the motion leads
 
 
@@ -63,14 +65,16 @@ def _parts(time: Array, states: Array) -> Iterator[tuple[NDArray[np.int64], Arra
     for rows in np.split(np.arange(len(time)), np.flatnonzero(np.diff(time) > GAP) + 1):
         if len(rows) < 4:
             continue
-        places, noise = states[rows, POSE].copy(), np.empty(QUATERNION.stop)
-        turned = np.sum(places[1:, QUATERNION] * places[:-1, QUATERNION], axis=1) < 0.0
-        places[1:, QUATERNION] *= np.cumprod(np.where(turned, -1.0, 1.0))[:, None]
-        third = np.diff(places, n=3, axis=0)
+        poses = states[rows, POSE]
+        alike = np.sum(poses[1:, QUATERNION] * poses[:-1, QUATERNION], axis=1) >= 0.0
+        poses[1:, QUATERNION] *= np.cumprod(np.where(alike, 1.0, -1.0))[:, None]
+        third = np.diff(poses, n=3, axis=0)
+        noise = np.empty(QUATERNION.stop)
         for part in (POSITION, QUATERNION):
-            squares = np.sort(np.sum(third[:, part] ** 2, axis=1))
-            noise[part] = np.sqrt(squares[int(_CALM * (len(squares) - 1))] / _CHI2_OF_CALM / 20.0)
-        yield rows, places, noise
+            squares = np.sum(third[:, part] ** 2, axis=1)
+            calm = np.quantile(squares, _CALM, method="lower")
+            noise[part] = np.sqrt(calm / _CHI2_OF_CALM / _THIRD)
+        yield rows, poses, noise
 
 
 def _line(time: Array, places: Array, before: int, after: int) -> _Line:
@@ -78,22 +82,26 @@ def _line(time: Array, places: Array, before: int, after: int) -> _Line:
 
     The deviation is inf where the recording does not have as many.
     """
-    size, n = before + after + 1, len(time)
+    n = len(time)
+    size = before + after + 1
     number = np.arange(size) - 0.5 * (size - 1)
-    mean, slope = np.full(size, 1.0 / size), number / (number @ number)
-    begin = size // 2  # index of the filter's result for the first `size` poses
-    inner = slice(before, n - after)
+    squares = number @ number
 
     def over(weights: Array, columns: Array) -> Array:
+        """The filter's results for the poses that have as many neighbours."""
+        begin = size // 2
         return np.asarray(correlate1d(columns, weights, axis=0)[begin : begin + n - size + 1])
 
+    mean = np.full(size, 1.0 / size)
+    slope = number / squares
+    inner = slice(before, n - after)
     rate = over(slope, places) / over(slope, time)[:, None]
     late = over(mean, time) - time[inner]
-    found = _Line(places.copy(), np.zeros_like(places), np.full(n, np.inf))
+    found = _Line(value=places.copy(), slope=np.zeros_like(places), deviation=np.full(n, np.inf))
     found.value[inner] = over(mean, places) - rate * late[:, None]
     found.slope[inner] = rate
     lever = 0.5 * (after - before)
-    found.deviation[inner] = np.sqrt(1.0 / size + lever * lever / (number @ number))
+    found.deviation[inner] = np.sqrt(1.0 / size + lever * lever / squares)
     return found
 
 
@@ -104,16 +112,20 @@ def _longest_lines(time: Array, places: Array, noise: Array) -> _Line:
     most = min(round(_LONGEST / step), n - 1)
     # fallback: the pose itself, with the slope to the pose before
     best = _line(time, places, 1, 0)
-    best.slope[0], best.deviation[0] = best.slope[1], 1.0
+    best.slope[0] = best.slope[1]
     best.value[0] = places[0]
+    best.deviation[0] = 1.0
     for before, after in ((1, 0), (0, 1), (1, 1)):
-        low, high = places - _AGREE * noise, places + _AGREE * noise
-        agrees, count = np.ones(n, dtype=np.bool_), 1
+        low = places - _AGREE * noise
+        high = places + _AGREE * noise
+        agrees = np.ones(n, dtype=np.bool_)
+        count = 1
         while count * (before + after) <= most:
             line = _line(time, places, before * count, after * count)
             agrees &= np.isfinite(line.deviation)
             spread = _AGREE * np.where(agrees, line.deviation, 0.0)[:, None] * noise
-            low, high = np.maximum(low, line.value - spread), np.minimum(high, line.value + spread)
+            low = np.maximum(low, line.value - spread)
+            high = np.minimum(high, line.value + spread)
             agrees &= (low <= high).all(axis=1)
             better = agrees & (line.deviation < best.deviation - 1e-9)
             for kept, new in zip(best, line, strict=True):
@@ -127,13 +139,13 @@ def shaken_states(time: Array, states: Array, *, times: float, rng: np.random.Ge
 
     None if the poses' own noise is rounding.
     """
-    result, shaken = states.copy(), False
+    shaken = states.copy()
     for rows, _, noise in _parts(time, states):
-        noise[noise <= _QUIET] = 0.0
-        shaken |= bool(noise.any())
-        result[rows, POSE] += times * noise * rng.normal(size=(len(rows), 7))
-    result[:, QUATERNION] /= np.linalg.norm(result[:, QUATERNION], axis=1)[:, None]
-    return result if shaken else None
+        own = np.where(noise > _QUIET, noise, 0.0)
+        shaken[rows, POSE] += times * own * rng.normal(size=(len(rows), 7))
+    if (shaken == states).all():
+        return None
+    return _of_unit_length(shaken)
 
 
 def smoothed_states(time: Array, states: Array) -> Array:
@@ -141,22 +153,27 @@ def smoothed_states(time: Array, states: Array) -> Array:
 
     `time` [s], shape [n]. Parts between gaps are smoothed on their own. Poses whose noise is rounding stay as they are.
     """
-    result = states.copy()
-    for rows, places, noise in _parts(time, states):
-        middle = places.mean(axis=0)
-        line = _longest_lines(time[rows], places - middle, np.maximum(noise, _QUIET))
-        value = np.where(noise > _QUIET, line.value + middle, states[rows, POSE])
-        value[:, QUATERNION] /= np.linalg.norm(value[:, QUATERNION], axis=1)[:, None]
-        spin = _spin(places[:, QUATERNION], line.slope[:, QUATERNION])
-        result[rows, POSE] = value
-        result[rows, TWIST] = np.round(np.hstack([line.slope[:, POSITION], spin]), _ROUNDED)
-    return result
+    smoothed = states.copy()
+    for rows, poses, noise in _parts(time, states):
+        middle = poses.mean(axis=0)
+        line = _longest_lines(time[rows], poses - middle, np.maximum(noise, _QUIET))
+        spin = _spin(poses[:, QUATERNION], line.slope[:, QUATERNION])
+        smoothed[rows, POSE] = np.where(noise > _QUIET, line.value + middle, states[rows, POSE])
+        smoothed[rows, TWIST] = np.round(np.hstack([line.slope[:, POSITION], spin]), _ROUNDED)
+    return _of_unit_length(smoothed)
+
+
+def _of_unit_length(states: Array) -> Array:
+    states[:, QUATERNION] /= np.linalg.norm(states[:, QUATERNION], axis=1)[:, None]
+    return states
 
 
 def _spin(quaternions: Array, rates: Array) -> Array:
     """Angular velocity in world axes [rad/s], shape [n, 3], from quaternions and their rates [1/s], shape [n, 4]."""
-    (vector, scalar), (vector_rate, scalar_rate) = (np.split(q, [3], axis=1) for q in (quaternions, rates))
-    return np.asarray(2.0 * (scalar * vector_rate - scalar_rate * vector - np.cross(vector_rate, vector)))
+    vector = quaternions[:, :3]
+    vector_rate = rates[:, :3]
+    along = quaternions[:, 3:] * vector_rate - rates[:, 3:] * vector
+    return np.asarray(2.0 * (along - np.cross(vector_rate, vector)))
 
 
 def fine_motion(time: Array, states: Array) -> FineMotion:
@@ -166,38 +183,46 @@ def fine_motion(time: Array, states: Array) -> FineMotion:
     one pose and undid before the other: up to 0.1 mm at 125 Hz, where grains lose their force within 0.3 mm. A corner
     lies where the lines through the poses before and after it meet. Steps that are long beside those 0.3 mm bias λ.
     """
+    at, share = _corners(time, states)
+    corners = _between(states, at, share)
+    span = (time[at + 1] - time[at]) * share
+    corners[:, POSITION] = states[at, POSITION] + states[at, VELOCITY] * span[:, None]
+    corners[:, TWIST] = states[at, TWIST]
+    moments = np.insert(time, at + 1, time[at] + span)
+    path = np.insert(states, at + 1, corners, axis=0)
+    rows = np.arange(len(time)) + np.searchsorted(at, np.arange(len(time)))
+
+    way = np.linalg.norm(np.diff(path[:, POSITION], axis=0), axis=1)
+    wanted = np.clip(np.ceil(way / _STEP), 1, _MOST_STEPS).astype(np.int64)
+    steps = np.where(np.diff(moments) <= GAP, wanted, 1)
+    ends = np.append(0, np.cumsum(steps))  # the row of each state of the path among the steps
+    begin = np.repeat(np.arange(len(steps)), steps)
+    part = (np.arange(ends[-1]) - ends[begin]) / steps[begin]
+    fine = np.vstack([_between(path, begin, part), path[-1:]])
+    inner = np.flatnonzero(part > 0.0)
+    fine[inner, TWIST] = path[begin[inner] + 1, TWIST]
+    return FineMotion(fine, ends[rows])
+
+
+def _corners(time: Array, states: Array) -> tuple[NDArray[np.int64], Array]:
+    """The rows after which the path has a corner, and the share of the time to the next row that has passed there."""
     span = np.diff(time)
-    before, after = states[:-1, VELOCITY], states[1:, VELOCITY]
+    before = states[:-1, VELOCITY]
+    after = states[1:, VELOCITY]
     bend = before - after
     size = np.linalg.norm(bend, axis=1)
     speeds = np.linalg.norm(before, axis=1) + np.linalg.norm(after, axis=1)
     missed = np.diff(states[:, POSITION], axis=0) - after * span[:, None]
     share = np.sum(missed * bend, axis=1) / np.maximum(size**2 * span, 1e-300)
-    between = (size > _BENDS * speeds) & (span <= GAP) & (share > _BETWEEN) & (share < 1.0 - _BETWEEN)
-    at = np.flatnonzero(between)
-    corners = _between(states, at, share[at])
-    corners[:, POSITION] = states[at, POSITION] + before[at] * (share[at] * span[at])[:, None]
-    corners[:, TWIST] = states[at, TWIST]
-    rows = np.arange(len(time)) + np.append(0, np.cumsum(between))
-    time = np.insert(time, at + 1, time[at] + share[at] * span[at])
-    states = np.insert(states, at + 1, corners, axis=0)
-
-    way = np.linalg.norm(np.diff(states[:, POSITION], axis=0), axis=1)
-    steps = np.where(np.diff(time) <= GAP, np.clip(np.ceil(way / _STEP), 1, _MOST_STEPS), 1).astype(np.int64)
-    ends = np.append(0, np.cumsum(steps))  # the row of each of these states among the steps
-    row = np.arange(ends[-1])
-    begin = np.repeat(np.arange(len(steps)), steps)
-    part = (row - ends[begin]) / steps[begin]
-    fine = np.vstack([_between(states, begin, part), states[-1:]])
-    fine[row[part > 0.0], TWIST] = states[begin[part > 0.0] + 1, TWIST]
-    return FineMotion(fine, ends[rows])
+    inside = (share > _BETWEEN) & (share < 1.0 - _BETWEEN)
+    at = np.flatnonzero(inside & (size > _BENDS * speeds) & (span <= GAP))
+    return at, share[at]
 
 
 def _between(states: Array, rows: NDArray[np.int64], share: Array) -> Array:
     """States at that share of the way from each of the rows to the next one; attitudes in proportion."""
-    part, after = share[:, None], states[rows + 1]
-    opposite = np.sum(states[rows, QUATERNION] * after[:, QUATERNION], axis=1) < 0.0
+    before = states[rows]
+    after = states[rows + 1]
+    opposite = np.sum(before[:, QUATERNION] * after[:, QUATERNION], axis=1) < 0.0
     after[opposite, QUATERNION] *= -1.0
-    found = np.asarray((1.0 - part) * states[rows] + part * after)
-    found[:, QUATERNION] /= np.linalg.norm(found[:, QUATERNION], axis=1)[:, None]
-    return found
+    return _of_unit_length(before + share[:, None] * (after - before))

@@ -11,14 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import (
-    Estimates,
-    FitResults,
-    FittedValue,
-    NotIdentifiable,
-    fit_linear,
-    fit_measurements,
-)
+from rft_ros.calibration.fitting import FitResults, FittedValue, NotIdentifiable, fit_linear
 from rft_ros.calibration.track import Track, still_intervals
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
@@ -33,10 +26,13 @@ _LEAST = 1e-6  # kg; a smaller mass is rounding
 _SURE = 3.0  # a mass is accepted if it exceeds 0 by this many standard errors
 _EXPLAINED = 0.5  # least share of the readings' variance that the mass explains
 _NOTHING = 0.01  # kg; a mass near 0 with a smaller error is no mass: the driver subtracts the weight
-_USUAL_MASS, _LEVER = 1.0, 0.1  # kg, m: standard deviations of a tool's mass and centre if the poses do not tell
+_USUAL_MASS = 1.0  # kg: standard deviation of a tool's mass if the poses do not tell
+_LEVER = 0.1  # m: the same of its centre
 _SPREAD = 0.15  # least RMS spread of gravity's unit vector in a second direction that identifies the centre of mass
 
-_BIAS, _MASS, _MOMENT = slice(0, 6), 6, slice(7, 10)
+_BIAS = slice(0, 6)
+_MASS = 6
+_MOMENT = slice(7, 10)
 """Columns of the design: the bias, the mass, and the mass times its centre."""
 
 
@@ -59,11 +55,52 @@ class _Poses(NamedTuple):
         columns[:, TORQUE, _MOMENT] = sign * np.cross(np.eye(3), self.gravity[:, None]).transpose(0, 2, 1)
         return columns
 
-    def explained(self, fit: Estimates, part: slice) -> float:
-        """R²: the share of the variance of one part of the readings, `FORCE` or `TORQUE`, that a fit explains."""
-        observed = self.readings[:, part]
+    @property
+    def turned(self) -> float:
+        """The greatest angle by which gravity turns in the sensor frame [deg]."""
+        directions = self.gravity / GRAVITY
+        return float(np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1.0, 1.0))))
+
+    @property
+    def spread(self) -> float:
+        """RMS spread of gravity's unit vector in the second of its directions."""
+        directions = self.gravity / GRAVITY
+        sizes = np.linalg.svd(directions - directions.mean(axis=0), compute_uv=False)
+        return float(sizes[1] / np.sqrt(len(directions))) if len(sizes) > 1 else 0.0
+
+
+class _Fit(NamedTuple):
+    """Least squares of the readings at the poses.
+
+    `values` of the free numbers, shape [k], and their standard `errors`; `residuals`, shape [m, 6]; `inverse`, shape
+    [k, m * 6], times a change of the readings is the change of the values.
+    """
+
+    values: Array
+    errors: Array
+    residuals: Array
+    inverse: Array
+
+    def explained(self, poses: _Poses, part: slice) -> float:
+        """R²: the share of the variance of one part of the readings, `FORCE` or `TORQUE`, that the fit explains."""
+        observed = poses.readings[:, part]
         spread = float(((observed - observed.mean(axis=0)) ** 2).sum())
-        return 1.0 - float((fit.residuals[:, part] ** 2).sum()) / spread if spread > 0.0 else 1.0
+        return 1.0 - float((self.residuals[:, part] ** 2).sum()) / max(spread, 1e-300)
+
+
+def _fitted(design: Array, readings: Array, errors: Array) -> _Fit:
+    """Fit readings with these errors, shape [m, 6], by a design of shape [m, 6, k].
+
+    The variance of a reading is the greater of its axis' scatter about the fit and its own error squared.
+    """
+    matrix = design.reshape(readings.size, -1)
+    inverse = np.asarray(np.linalg.pinv(matrix), dtype=np.float64)
+    values = inverse @ readings.ravel()
+    residuals = readings - (matrix @ values).reshape(readings.shape)
+    freedom = np.sum(1.0 - np.einsum("nk,kn->n", matrix, inverse).reshape(readings.shape), axis=0)
+    scatter = np.sum(residuals**2, axis=0) / np.maximum(freedom, 1.0)
+    variance = np.maximum(scatter, errors**2).ravel()
+    return _Fit(values, np.sqrt(inverse**2 @ variance), residuals, inverse)
 
 
 def fit_tool_weight(result: FitResults, tracks: Sequence[Track], *, air: float) -> tuple[LoadCell, float]:
@@ -74,71 +111,92 @@ def fit_tool_weight(result: FitResults, tracks: Sequence[Track], *, air: float) 
     Raises NotIdentifiable if the tool never rests in the air, if the fitted mass is negative, or if a parameter does
     not take a fitted value; then nothing is fitted.
     """
-    poses, cell = _poses_at_rest(tracks, air), tracks[0].cell
-    count, directions = len(poses.gravity), poses.gravity / GRAVITY
-    widest = float(np.degrees(np.arccos(np.clip((directions @ directions.T).min(), -1.0, 1.0))))
-    _, second, *_ = np.append(np.linalg.svd(directions - directions.mean(axis=0), compute_uv=False), 0.0)
-    spread = float(second / np.sqrt(count))
-    source = f"{count} poses in the air, gravity turned by up to {widest:.1f}°"
-    design, reasons = poses.design(cell.sign), dict[str, str]()
-    fit = fit_measurements(design, poses.readings, poses.errors)
-    mass, mass_error = float(fit.coefficients[_MASS]), float(fit.errors[_MASS])
-    in_words, r2 = f"the fitted mass is {mass:.4f} ± {mass_error:.4f} kg", poses.explained(fit, FORCE)
+    poses = _poses_at_rest(tracks, air)
+    given = tracks[0].cell
+    design = poses.design(given.sign)
+    whole = _fitted(design, poses.readings, poses.errors)
+    mass = float(whole.values[_MASS])
+    mass_error = float(whole.errors[_MASS])
+    reasons = _reasons(poses, whole, given)
+    is_mass_known = "sensor.mass" not in reasons
+    is_center_known = "sensor.center_of_mass" not in reasons
+    cell = replace(given, mass=max(mass, 0.0)) if is_mass_known else given
 
-    unknown = ""
-    if widest < _WIDEST:
-        unknown = f"gravity turns by {widest:.1f}° in the sensor frame over {count} poses; it needs {_WIDEST:g}°"
-    elif mass < -max(_SURE * mass_error, _LEAST):
-        raise NotIdentifiable(f"{in_words}: sensor.sign or sensor.quaternion is wrong")
-    elif mass_error > _NOTHING and (mass <= _SURE * mass_error or r2 < _EXPLAINED):
-        needs = f"it needs {_SURE:g} times its error and R² {_EXPLAINED:g}"
-        unknown = f"{in_words} (R² {r2:.3f}); {needs}: check sensor.quaternion, and that nothing pulls at the tool"
-    if unknown:
-        reasons["sensor.mass"] = f"{unknown} (kept: {cell.mass:g} kg)"
-        reasons["sensor.center_of_mass"] = "mass unknown"
-    else:
-        cell = replace(cell, mass=max(mass, 0.0))
-        if spread < _SPREAD or mass <= max(_SURE * mass_error, _LEAST):
-            needs = f"it needs a mass over {_SURE:g} times its error and a spread of {_SPREAD:g}"
-            directions_spread = f"{count} directions of gravity spread by {spread:.3f} in a second direction"
-            reasons["sensor.center_of_mass"] = f"{in_words}, and {directions_spread}; {needs}"
-
-    given, given_errors, free = np.zeros(10), np.zeros(10), np.ones(10, dtype=np.bool_)
+    taken = np.zeros(10)
+    taken_errors = np.zeros(10)
+    free = np.ones(10, dtype=np.bool_)
     notes = ""
-    if "sensor.center_of_mass" in reasons:
-        free[_MOMENT], given[_MOMENT] = False, cell.mass * np.array(cell.center_of_mass)
-        given_errors[_MOMENT] = _LEVER * (cell.mass if cell.mass > 0.0 or not unknown else _USUAL_MASS)
-        if given_errors[_MOMENT].any():
+    if not is_center_known:
+        free[_MOMENT] = False
+        taken[_MOMENT] = cell.mass * np.array(cell.center_of_mass)
+        taken_errors[_MOMENT] = _LEVER * (cell.mass if cell.mass > 0.0 or is_mass_known else _USUAL_MASS)
+        if taken_errors[_MOMENT].any():
             notes = "; the bias torques include those of the weight at these attitudes"
-    if unknown:
-        free[_MASS], given[_MASS] = False, cell.mass
+    if not is_mass_known:
+        free[_MASS] = False
+        taken[_MASS] = cell.mass
         if cell.mass == 0.0:
-            given_errors[_MASS] = _USUAL_MASS
+            taken_errors[_MASS] = _USUAL_MASS
             notes += ", and the bias forces include the weight"
-    fit = fit_measurements(design[:, :, free], poses.readings - design @ given, poses.errors)
-    of_given = np.linalg.norm(fit.inverse @ (design * given_errors).reshape(-1, 10), axis=1)
-    errors, bias = np.hypot(fit.errors, of_given)[_BIAS], fit.coefficients[_BIAS]
+    fit = _fitted(design[:, :, free], poses.readings - design @ taken, poses.errors)
+    by_taken = np.linalg.norm(fit.inverse @ (design * taken_errors).reshape(-1, 10), axis=1)
+
+    source = f"{len(poses.gravity)} poses in the air, gravity turned by up to {poses.turned:.1f}°"
     scatter = float(np.sqrt(np.mean(fit.residuals[:, FORCE] ** 2)))
+    fx, fy, fz, tx, ty, tz = fit.values[_BIAS].tolist()
+    bias = (fx, fy, fz, tx, ty, tz)
+    bias_errors = np.hypot(fit.errors, by_taken)[_BIAS]
     goodness = f"RMS {scatter:.3f} N between poses{notes}"
-    fitted = [FittedValue("sensor.bias", tuple(bias.tolist()), tuple(errors.tolist()), "N, N m", goodness, source)]
-    if not unknown:
-        fitted.append(FittedValue("sensor.mass", (cell.mass,), (mass_error,), "kg", f"R² {r2:.5f}", source))
-    if "sensor.center_of_mass" not in reasons:
-        center = fit.coefficients[_MOMENT] / mass
-        errors = np.hypot(fit.errors[_MOMENT], center * mass_error) / mass
-        x, y, z = center.tolist()
-        cell, goodness = replace(cell, center_of_mass=(x, y, z)), f"R² {poses.explained(fit, TORQUE):.5f}"
-        fitted.append(FittedValue("sensor.center_of_mass", (x, y, z), tuple(errors.tolist()), "m", goodness, source))
-    fx, fy, fz, tx, ty, tz = bias.tolist()
-    zero_error = float(np.hypot(fit.errors[FORCE].max(), 0.0 if unknown else GRAVITY * mass_error))
-    result.fitted += fitted
+    found = [FittedValue("sensor.bias", bias, tuple(bias_errors.tolist()), "N, N m", goodness, source)]
+    if is_mass_known:
+        goodness = f"R² {whole.explained(poses, FORCE):.5f}"
+        found.append(FittedValue("sensor.mass", (cell.mass,), (mass_error,), "kg", goodness, source))
+    if is_center_known:
+        x, y, z = (fit.values[_MOMENT] / mass).tolist()
+        cell = replace(cell, center_of_mass=(x, y, z))
+        errors = np.hypot(fit.errors[_MOMENT], np.array((x, y, z)) * mass_error) / mass
+        goodness = f"R² {fit.explained(poses, TORQUE):.5f}"
+        found.append(FittedValue("sensor.center_of_mass", (x, y, z), tuple(errors.tolist()), "m", goodness, source))
+    result.fitted += found
     result.not_identifiable |= reasons
-    return replace(cell, bias=(fx, fy, fz, tx, ty, tz)), zero_error
+    by_weight = GRAVITY * mass_error if is_mass_known else 0.0
+    return replace(cell, bias=bias), float(np.hypot(fit.errors[FORCE].max(), by_weight))
+
+
+def _reasons(poses: _Poses, fit: _Fit, cell: LoadCell) -> dict[str, str]:
+    """Why the poses do not determine the mass or its centre, by the name of the parameter.
+
+    Raises NotIdentifiable for a mass that is negative.
+    """
+    count = len(poses.gravity)
+    mass = float(fit.values[_MASS])
+    error = float(fit.errors[_MASS])
+    share = fit.explained(poses, FORCE)
+    fitted_mass = f"the fitted mass is {mass:.4f} ± {error:.4f} kg"
+    unknown = ""
+    if poses.turned < _WIDEST:
+        unknown = f"gravity turns by {poses.turned:.1f}° in the sensor frame over {count} poses; it needs {_WIDEST:g}°"
+    elif mass < -max(_SURE * error, _LEAST):
+        raise NotIdentifiable(f"{fitted_mass}: sensor.sign or sensor.quaternion is wrong")
+    elif error > _NOTHING and (mass <= _SURE * error or share < _EXPLAINED):
+        needs = f"it needs {_SURE:g} times its error and R² {_EXPLAINED:g}"
+        unknown = (
+            f"{fitted_mass} (R² {share:.3f}); {needs}: check sensor.quaternion, and that nothing pulls at the tool"
+        )
+    if unknown:
+        return {"sensor.mass": f"{unknown} (kept: {cell.mass:g} kg)", "sensor.center_of_mass": "mass unknown"}
+    if poses.spread >= _SPREAD and mass > max(_SURE * error, _LEAST):
+        return {}
+    directions = f"{count} directions of gravity spread by {poses.spread:.3f} in a second direction"
+    needs = f"it needs a mass over {_SURE:g} times its error and a spread of {_SPREAD:g}"
+    return {"sensor.center_of_mass": f"{fitted_mass}, and {directions}; {needs}"}
 
 
 def _poses_at_rest(tracks: Sequence[Track], air: float) -> _Poses:
     """The poses at rest above z = `air` [m]. Raises NotIdentifiable if there are none."""
-    gravity, readings, errors = [], [], []
+    gravity = []
+    readings = []
+    errors = []
     for track in tracks:
         steps = [_resolution(column) for column in track.readings.T]
         for rows in still_intervals(track):

@@ -43,8 +43,8 @@ _STEEP = np.tan(np.deg2rad(15.0))
 _TURNING = 0.2  # greatest speed from rotation in a straight motion, relative to that from translation
 _CHORD = 0.001  # path over which the directions before and after a turn are taken [m]
 _TURNED = 0.5  # cosine of the least angle of a turn, 60°
-_BEFORE, _AFTER = 0.003, 0.010
-"""Path used before and after a turn [m]: long enough for the force to settle, short enough to miss the next turn."""
+_BEFORE = 0.003  # path used before a turn [m]
+_AFTER = 0.010  # path used after a turn [m]: long enough for the force to settle, short enough to miss the next turn
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -88,7 +88,8 @@ class Track:
 
     def speeds(self, states: Array) -> tuple[Array, Array]:
         """Speed of the tool frame's origin, and the greatest speed of a plate by rotation [m/s], each shape [n]."""
-        speed, spin = (np.linalg.norm(states[:, part], axis=1) for part in (VELOCITY, ANGULAR_VELOCITY))
+        speed = np.linalg.norm(states[:, VELOCITY], axis=1)
+        spin = np.linalg.norm(states[:, ANGULAR_VELOCITY], axis=1)
         return speed, spin * self.tool.plates.reach
 
     @cached_property
@@ -141,26 +142,29 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     Raises InputError for a bag with fewer than two poses that have both.
     """
     # the error of a reduced tool would bias every fit; the fits know level ground only
-    values = {**values, "tolerance": 0.0, "ground.cell": 0.0, "ground.file": ""}
-    recording, model = Recording(bag, values, options), model_of(values)
+    values_of_fits = {**values, "tolerance": 0.0, "ground.cell": 0.0, "ground.file": ""}
+    recording = Recording(bag, values_of_fits, options)
+    model = model_of(values_of_fits)
     settings = settings_of(recording.values)
-    cell, in_world = settings.load_cell, settings.sensor_source == "world"
-    settings = replace(
+    cell = settings.load_cell
+    settings_raw = replace(
         settings,
         # without bias and weight the estimator's compensated wrench is the raw reading, in the axes of the cell
         load_cell=LoadCell(position=cell.position, quaternion=cell.quaternion, delay=cell.delay),
-        sensor_source="world" if in_world else "parameters",
+        sensor_source="world" if settings.sensor_source == "world" else "parameters",
         surface_height=_BOTTOMLESS,
         max_rate=0.0,
     )
-    estimator = Estimator(settings, model)
+    estimator = Estimator(settings_raw, model)
     answers = play(recording, estimator)
     states = [estimator.state.copy() for _, answer in answers if isinstance(answer, Estimate)]
-    compared = zip(states, estimator.measurements(), strict=True)
-    usable = [(state, m) for state, m in compared if m.compensated is not None]
-    # a bag recorded in a loop steps back in time and repeats stamps
-    stamps, first = np.unique(np.array([m.stamp for _, m in usable], dtype=np.int64), return_index=True)
-    chosen = [usable[k] for k in first]
+    usable = {
+        # by stamp: a bag recorded in a loop steps back in time and repeats stamps
+        measured.stamp: (state, measured.compensated)
+        for state, measured in reversed([*zip(states, estimator.measurements(), strict=True)])
+        if measured.compensated is not None
+    }
+    stamps = np.array(sorted(usable), dtype=np.int64)
     if len(stamps) < 2:
         found = (
             f"{len(stamps)} poses with a velocity and a load-cell sample (topics {', '.join(recording.topics.values())}"
@@ -170,8 +174,8 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
         name=bag_name(bag),
         begin=int(stamps[0]),
         time=(stamps - stamps[0]) * 1e-9,
-        states=np.array([state for state, _ in chosen]),
-        readings=np.array([m.compensated for _, m in chosen]),
+        states=np.array([usable[stamp][0] for stamp in stamps.tolist()]),
+        readings=np.array([usable[stamp][1] for stamp in stamps.tolist()]),
         cell=cell,
         tool=model.tool,
         rest_speed=settings.rest_speed,
@@ -218,42 +222,47 @@ def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
     """Rows of straight motion down in each movement to a point below a height [m], in the orientation of that point."""
     from scipy.signal import find_peaks  # takes 0.5 s, which rft doctor, demo and warm-up need not wait
 
-    heights, rotations, velocity = track.heights, track.rotations, track.smooth[:, VELOCITY]
-    sinking, (_, turning) = -velocity[:, 2], track.speeds(track.smooth)
-    straight = (np.linalg.norm(velocity[:, :2], axis=1) < _STEEP * sinking) & (turning < _TURNING * sinking)
-    straight &= sinking >= track.rest_speed
+    heights = track.heights
+    rotations = track.rotations
+    sinking = -track.smooth[:, STATE.index("vz")]
+    aside = np.linalg.norm(track.smooth[:, VELOCITY][:, :2], axis=1)
+    _, turning = track.speeds(track.smooth)
+    straight = (aside < _STEEP * sinking) & (turning < _TURNING * sinking) & (sinking >= track.rest_speed)
     # padded, so that the ends may be bottoms, too; movements up of over 2 mm separate the bottoms
     bottoms, _ = find_peaks(np.pad(-heights, 1, constant_values=-np.inf), prominence=_UP)
-    found, begin = [], 0
+    found = []
+    begin = 0
     for end in bottoms.tolist():  # a row after the bottom; the tool may rest there
         top = begin + int(np.argmax(heights[begin:end]))
         begin = top + int(np.argmin(heights[top:end]))
         rows = np.arange(top, begin + 1)
         alike = np.einsum("nij,ij->n", rotations[rows], rotations[begin]) > 1.0 + 2.0 * np.cos(_TILT)
-        rows = rows[alike & straight[rows]]
-        if len(rows) >= FEWEST and heights[rows].min() < below:
-            found.append(rows)
+        stroke = rows[alike & straight[rows]]
+        if len(stroke) >= FEWEST and heights[stroke].min() < below:
+            found.append(stroke)
     return found
 
 
 def turns_in_grains(track: Track, surface: float) -> list[Turn]:
     """Each turn or start followed by at least 2 mm of path in the grains, with at least 20 rows."""
-    center = 0.5 * (track.tool.corners.min(axis=0) + track.tool.corners.max(axis=0))
-    places, moving = track.states[:, POSITION] + track.rotations @ center, track.moving
+    places = track.states[:, POSITION] + track.rotations @ track.tool.middle
     found = []
     for segment in _segments(track.heights < surface, track.time):
-        rows = segment[moving[segment]]
+        rows = segment[track.moving[segment]]
         if len(rows) < FEWEST:
             continue
         path = np.append(0.0, np.linalg.norm(np.diff(places[rows], axis=0), axis=1).cumsum())
         turns = _sharp_turns(path, places[rows])
-        if segment[0] == 0 and not moving[0]:
+        if segment[0] == 0 and not track.moving[0]:
             turns.insert(0, 0)
         for turn, before, after in zip(turns, [0, *turns], [*turns[1:], -1], strict=False):
+            begin = max(path[before], path[turn] - _BEFORE)
             end = min(path[after], path[turn] + _AFTER)
-            near = (path >= max(path[before], path[turn] - _BEFORE)) & (path <= end)
-            if end - path[turn] >= 2.0 * _CHORD and near.sum() >= FEWEST:
-                found.append(Turn(max(int(segment[0]) - 1, 0), int(rows[turn]), rows[near], float(end - path[turn])))
+            near = rows[(path >= begin) & (path <= end)]
+            after_it = float(end - path[turn])
+            if after_it >= 2.0 * _CHORD and len(near) >= FEWEST:
+                first = max(int(segment[0]) - 1, 0)
+                found.append(Turn(first=first, at=int(rows[turn]), rows=near, after=after_it))
     return found
 
 
@@ -264,7 +273,8 @@ def _sharp_turns(path: Array, places: Array) -> list[int]:
         return np.column_stack([np.interp(s, path, column) for column in places.T])
 
     inner = np.flatnonzero((path >= _CHORD) & (path <= path[-1] - _CHORD))
-    behind, ahead = places[inner] - at(path[inner] - _CHORD), at(path[inner] + _CHORD) - places[inner]
+    behind = places[inner] - at(path[inner] - _CHORD)
+    ahead = at(path[inner] + _CHORD) - places[inner]
     lengths = np.linalg.norm(behind, axis=1) * np.linalg.norm(ahead, axis=1)
     cosine = np.einsum("ni,ni->n", behind, ahead) / np.maximum(lengths, 1e-12)
     turned = np.flatnonzero(cosine < _TURNED)
