@@ -36,7 +36,8 @@ setup(
     data_files=[
         ("share/ament_index/resource_index/packages", [f"resource/{NAME}"]),
         (f"share/{NAME}", ["package.xml"]),
-        (f"share/{NAME}/config", glob("config/*.yaml") + glob("config/*.xml")),
+        (f"share/{NAME}/config", glob("config/*.*")),
+        (f"share/{NAME}/config/robots", glob("config/robots/*.yaml")),
         (f"share/{NAME}/rviz", glob("rviz/*.rviz")),
         (f"share/{NAME}/launch", glob("launch/*.py")),
         (f"share/{NAME}/meshes", glob("meshes/*.stl")),

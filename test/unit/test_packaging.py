@@ -33,7 +33,7 @@ EXTRAS = {"distributed", "matplotlib", "mujoco"}
 
 
 def test_the_wheel_holds_every_module_and_every_shared_file(wheel):
-    folders = "config/*.*", "launch/*.*", "rviz/*.*", "meshes/*.stl", "package.xml"
+    folders = "config/*.*", "config/robots/*.yaml", "launch/*.*", "rviz/*.*", "meshes/*.stl", "package.xml"
     shared = {f"share/rft_ros/{file.relative_to(ROOT)}" for pattern in folders for file in ROOT.glob(pattern)}
     shared |= {"share/ament_index/resource_index/packages/rft_ros", "lib/rft_ros/rft", "lib/rft_ros/rft_node"}
     modules = {str(f.relative_to(ROOT)) for f in (ROOT / "rft_ros").rglob("*.py")} | {"rft_ros/py.typed"}
