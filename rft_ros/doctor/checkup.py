@@ -64,7 +64,8 @@ _ADVICE: dict[Role, str] = {
     "pose": "start the driver, remap ~/pose, or set pose_source: tf",
     "tf": "start the robot's state publisher, or set pose_source: topic",
     "twist": "set twist_source: pose_difference, or remap ~/twist",
-    "wrench": "start the load cell's driver, or remap ~/wrench_measured",
+    "wrench": "start the load cell's driver, or remap ~/wrench_measured; force_torque_sensor_broadcaster publishes"
+    " ~/wrench, and ~/wrench_filtered only with filters",
     "surface": "the ground remains the map at the start",
 }
 

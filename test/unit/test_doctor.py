@@ -49,7 +49,7 @@ FAULTS = {
         {"surface_height": SURFACE - 0.1},
     ),
     "surface not set": ("surface_height: the measured force begins 113 mm above", {"surface_height": None}),
-    "no publisher": ("wrench: nothing on /none; start the load cell's driver", {}, "~/wrench_measured:=/none"),
+    "no publisher": ("wrench: nothing on /none; ... and ~/wrench_filtered only with", {}, "~/wrench_measured:=/none"),
     "kgf": ("strength: measured over predicted force 0.112; check mesh.scale and", {"medium.zeta": 0.4 * 9.81}),
     "not tared": ("load cell: it reads 2 N in the air;", {"sensor.bias": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}),
     "untouched": (  # as if the cell hung in the air: no force but noise, and no grains in reach
