@@ -179,10 +179,11 @@ class QualityMonitor:
 
     def __init__(self, tool: Tool) -> None:
         issues = tool.issues.keys()
-        self._tool = tool
+        self._reach = tool.plates.reach
         self._wake = _Wake(tool)
         self._deepest = _deepest(tool)
-        self._fastest = _FROUDE * math.sqrt(GRAVITY * tool.width)
+        self._width = tool.width
+        self._fastest = _FROUDE * math.sqrt(GRAVITY * self._width)
         self._is_plausible = _is_plausible(tool)
         self._of_mesh = _joined(concave="concave" in issues, mesh=bool(issues - _HARMLESS))
         self._slow = 0
@@ -224,11 +225,11 @@ class QualityMonitor:
             self._slow = self._of_mesh | _joined(
                 wake=self._wake.is_crossed,
                 deep=calibrated is not None and depth() > _DEEPER * calibrated,
-                few_grains=grain is not None and self._tool.width < _FEWEST_GRAINS * grain,
+                few_grains=grain is not None and self._width < _FEWEST_GRAINS * grain,
             )
         self._countdown -= 1
         # the lowest point is at most `reach` below the origin; its exact depth takes longer to compute
-        may_be_deep = origin_depth + self._tool.plates.reach > self._deepest
+        may_be_deep = origin_depth + self._reach > self._deepest
         is_deep = may_be_deep and depth() > self._deepest
         return self._slow | _joined(
             surprise=surprises,

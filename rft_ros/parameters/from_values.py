@@ -37,7 +37,8 @@ def tool_of(values: Values) -> Tool:
 
 def ground_of(values: Values) -> HeightMap | None:
     """Load the ground at the start from checked values; None: a level plane."""
-    cell, file = values["ground.cell"], values["ground.file"]
+    cell = values["ground.cell"]
+    file = values["ground.file"]
     if file and not cell:
         raise InputError(f"ground.file '{file}' needs ground.cell, the side of a cell [m]; it is 0")
     if not cell:
@@ -107,9 +108,11 @@ def model_of(
     generation: int = 0,
 ) -> Model:
     """The model from checked values. Parts that are not given are loaded. Raises InputError for unusable files."""
-    medium, alpha_y = medium or medium_of(values), values["alpha_y.model"]
-    if alpha_y == "table":
-        table = table or read_alpha_y_table(values["alpha_y.table"])
+    alpha_y = values["alpha_y.model"]
+    if alpha_y == "table" and table is None:
+        table = read_alpha_y_table(values["alpha_y.table"])
+    if medium is None:
+        medium = medium_of(values)
     of_law = {name: values[f"medium.{name}"] for name in LAW_NUMBERS}
     return Model(
         tool=tool or tool_of(values),

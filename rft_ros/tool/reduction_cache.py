@@ -32,19 +32,21 @@ def cache_folder() -> Path:
 
 def reduced_once(plates: Plates, corners: NDArray[np.float64], tolerance: float) -> tuple[Plates, str]:
     """The result of `reduced_for_any_motion`, read from the cache if it is there; every bit is the same."""
-    arrays = plates.rows, np.ascontiguousarray(corners), np.array([tolerance])
-    key = _digest(_sources(), *(part for array in arrays for part in (str(array.shape).encode(), array.tobytes())))
+    numbers = f"{plates.rows.shape} {corners.shape} {tolerance!r}".encode()
+    key = _digest(_sources(), numbers, plates.rows.tobytes(), corners.tobytes())
     file = cache_folder() / f"{key.hex()[:32]}.npz"
     with suppress(InputError, ValueError):  # no such file, or a damaged one
         rows, sentence = read_arrays(file, "reduced tool", ("rows", "sentence"))
         with suppress(OSError):
             os.utime(file)  # it is the most recently used one now
-        return (Plates.of_rows(rows) if rows.size else plates), str(sentence)
+        kept = Plates.of_rows(rows) if rows.size else plates
+        return kept, str(sentence)
     few, reduction = reduce.reduced_for_any_motion(plates, corners, tolerance)
     with suppress(OSError):
+        rows = few.rows if few is not plates else np.empty(0)
         with replacing(file) as part, part.open("wb") as stream:
-            np.savez(stream, rows=few.rows if few is not plates else np.empty(0), sentence=np.array(reduction))
-        by_age = sorted(file.parent.glob("*.npz"), key=lambda kept: kept.stat().st_mtime)
+            np.savez(stream, rows=rows, sentence=np.array(reduction))
+        by_age = sorted(file.parent.glob("*.npz"), key=lambda one: one.stat().st_mtime)
         for old in by_age[:-_MOST_FILES]:
             old.unlink(missing_ok=True)
     return few, reduction
@@ -53,7 +55,9 @@ def reduced_once(plates: Plates, corners: NDArray[np.float64], tolerance: float)
 @cache
 def _sources() -> bytes:
     """Checksum of the code that decides how a tool is reduced."""
-    files = [Path(reduce.__file__), *sorted(Path(reduce.__file__).parents[1].joinpath("rft").rglob("*.py"))]
+    reducing = Path(reduce.__file__)
+    physics = reducing.parents[1] / "rft"
+    files = [reducing, *sorted(physics.rglob("*.py"))]
     return _digest(np.__version__.encode(), *(file.read_bytes() for file in files))
 
 
