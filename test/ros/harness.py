@@ -294,13 +294,15 @@ def predicted_by_the_core(
     alpha_y: str = "constant",
     mesh: str = "plate",
     quaternion=(0.0, 0.0, 0.0, 1.0),
+    hull: bool = False,
     z: float = -0.01,
     linear=(0.0, 0.0, -0.01),
 ) -> np.ndarray:
     """What the node must answer to `Harness.send`'s defaults; the sensor's axes are the world's."""
     made = paper_law(alpha_y, zeta=zeta, name=law, density=density)
     state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
-    of_tool = parts_of({**defaults(), "mesh.file": mesh, "mesh.quaternion": quaternion})["tool"]
+    given = {"mesh.file": mesh, "mesh.quaternion": quaternion, "mesh.hull": hull}
+    of_tool = parts_of({**defaults(), **given})["tool"]
     return wrenches(_shipped(*of_tool.items()).plates, made, state)[0, :6]
 
 

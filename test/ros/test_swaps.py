@@ -74,8 +74,12 @@ def test_zeta_set_together_with_the_mesh_in_force_holds_although_another_mesh_wa
     assert rft.set(medium__zeta=1.0)[0]
 
 
-def test_a_mesh_that_is_turned_while_the_node_runs_is_the_turned_tool(start_node):
+def test_a_mesh_that_is_turned_or_filled_while_the_node_runs_is_the_turned_or_the_filled_tool(start_node):
     rft = start_node("-p", "mesh.file:=root_tip").wait_ready()
+    assert rft.set(mesh__hull=True, mesh__file="scoop") == (True, "")
+    filled = predicted_by_the_core(mesh="scoop", hull=True, z=-0.01)
+    rft.until(lambda: np.allclose(numbers(rft.ask(rft.moment(), z=-0.01)), filled, rtol=1e-12, atol=1e-15))
+    assert rft.set(mesh__hull=False, mesh__file="root_tip") == (True, "")
     assert rft.set(mesh__quaternion=[1.0, 0.0, 0.0, 0.0]) == (True, "")
     turned = predicted_by_the_core(mesh="root_tip", quaternion=(1.0, 0.0, 0.0, 0.0), z=-0.01)
     rft.until(lambda: np.allclose(numbers(rft.ask(rft.moment(), z=-0.01)), turned, rtol=1e-12, atol=1e-15))
