@@ -104,8 +104,8 @@ def _even_and_odd(c, x1, x2, square):
 
 
 @inlined
-def agarwal2023_traction(stiffness, surface_friction, normal, velocity):
-    """Traction per depth [N/m³], Eq. (12), world axes; `velocity`: unit vector, or 0."""
+def agarwal2023_traction(law, normal, velocity):
+    """Traction per depth [N/m³], Eq. (12), world axes. `law`: its numbers. `velocity`: unit vector, or 0."""
     nx, ny, nz = normal
     vx, vy, vz = velocity
     # The published normal m = ±n never points up, so it changes sign at an upright plate, and the force by 10 to 20 %.
@@ -123,8 +123,8 @@ def agarwal2023_traction(stiffness, surface_friction, normal, velocity):
     back = f1 - across
     ax, ay, az = back * nx + f2 * vx, back * ny + f2 * vy, back * nz + f2 * vz - f3
     pressure = max(-across, 0.0)  # grains do not pull
-    share = min(surface_friction * pressure / sqrt(max(ax * ax + ay * ay + az * az, _TINY)), 1.0)
-    stiffness = stiffness if vx * vx + vy * vy + vz * vz > 0.0 else 0.0
+    share = min(law.surface_friction * pressure / sqrt(max(ax * ax + ay * ay + az * az, _TINY)), 1.0)
+    stiffness = law.stiffness if vx * vx + vy * vy + vz * vz > 0.0 else 0.0
     return (
         stiffness * (share * ax - pressure * nx),
         stiffness * (share * ay - pressure * ny),

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.arguments import numbers
-from rft_ros.rft.grains import IN_LAW, NO_TABLE, TREERS2021, PackedLaw, packed
+from rft_ros.rft.grains import NO_TABLE, TREERS2021, PackedLaw, packed
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import inlined
@@ -192,11 +192,11 @@ def alpha_y_name(model: AlphaY) -> str:
 
 
 def packed_alpha_y(model: AlphaY, numbers: Mapping[str, float]) -> PackedLaw:
-    """The law `treers2021` with a model. `numbers`: all others by name, in the order of `InLaw`."""
+    """The law `treers2021` with a model. `numbers`: all others by their names in `rft_ros.rft.grains.LAW`."""
     place = ALPHA_Y_MODELS.index(alpha_y_name(model))
-    fields = {f"alpha_y.{name}": value for name, value in model._asdict().items()}
-    table = fields.pop("alpha_y.values", NO_TABLE)
-    return packed(TREERS2021, {**numbers, **fields}, alpha_y=place, table=table)
+    fields = model._asdict()
+    table = fields.pop("values", NO_TABLE)
+    return packed(TREERS2021, {**numbers, "alpha_y_model": place}, alpha_y=fields, table=table)
 
 
 @inlined
@@ -250,9 +250,9 @@ def _model_or(place: int, model: Any, function: Any, otherwise: Any) -> Any:
 
     @inlined
     def add(law, chunk, n, refined):
-        if law.alpha_y == place:
-            given, first = law.numbers, IN_LAW.alpha_y
-            numbers = (given[first], given[first + 1], given[first + 2], given[first + 3])[:count]
+        if law.numbers[0].alpha_y_model == place:
+            given = law.numbers[0].alpha_y
+            numbers = (given[0], given[1], given[2], given[3])[:count]
             fields = model(*numbers, law.table) if has_values else model(*numbers)
             if refined:  # two loops: LLVM would else test the rule in each turn of one
                 add_to(chunk, n, fields, True)

@@ -2,7 +2,6 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from math import isfinite
 from typing import NamedTuple
 
 import numpy as np
@@ -11,9 +10,8 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.kernel.compilation import inlined
 
-__all__ = ["AGARWAL2023", "CONFINEMENT", "INERTIA", "IN_LAW", "LENGTH_OF_LAW", "NO_ALPHA_Y", "NO_TABLE", "TREERS2021"]
-__all__ += ["WITHOUT_INERTIA", "WITH_INERTIA", "GranularLaw", "InLaw", "PackedLaw", "SpeedLimits", "inertia_force"]
-__all__ += ["packed"]
+__all__ = ["AGARWAL2023", "CONFINEMENT", "INERTIA", "LAW", "NO_TABLE", "TREERS2021", "WITHOUT_INERTIA"]
+__all__ += ["WITH_INERTIA", "GranularLaw", "PackedLaw", "SpeedLimits", "inertia_force", "packed"]
 
 INERTIA = 1.4
 """κ of an upright plate, chosen on simulated runs at 0.5 and 1 m/s; published for plates that are dragged: 1.1."""
@@ -36,66 +34,67 @@ def inertia_force(inertia, normal, velocity, area, per_scale2):
     return -push * nx, -push * ny, -push * nz
 
 
-class InLaw(NamedTuple):
-    """Where the numbers of a law are in its `packed` form, which the compiled loop takes.
+TREERS2021 = 0
+AGARWAL2023 = 1
+"""The laws, for `LAW`."""
 
-    First `GranularLaw.shared`, in this order: `inertia` κ ρ [kg/m³], `stiffness` ζ or ξ [N/m³], and
-    `mobilization_length` [m]. From `own` on the law's own numbers, at most nine, and from `alpha_y` on those of its
-    model of α_y, at most four.
-    """
-
-    inertia: int
-    stiffness: int
-    mobilization_length: int
-    own: int
-    alpha_y: int
-
-
-IN_LAW = InLaw(inertia=0, stiffness=1, mobilization_length=2, own=3, alpha_y=12)
-LENGTH_OF_LAW = IN_LAW.alpha_y + 4
-"""How many numbers the `packed` form has."""
-
-
-TREERS2021, AGARWAL2023 = 0, 1
-"""The laws, for `PackedLaw.law`."""
-
-NO_ALPHA_Y = -1
-"""`PackedLaw.alpha_y` of a law that has no model of α_y."""
+LAW = np.dtype(
+    (
+        np.record,
+        [  # np.record: fields are attributes, also in Python
+            ("law", np.int64),  # such as TREERS2021
+            ("inertia", float),  # κ ρ [kg/m³]
+            ("stiffness", float),  # ζ or ξ [N/m³]
+            ("mobilization_length", float),  # λ [m]
+            # Eq. (4) with sin(±2β + γ) and cos(±2β + γ) expanded, so that no angle is computed [N/cm³]
+            ("A00", float),
+            ("A10", float),
+            ("B11_plus_Bm11", float),
+            ("B11_minus_Bm11", float),
+            ("B01", float),
+            ("C01", float),
+            ("C11_plus_Cm11", float),
+            ("Cm11_minus_C11", float),
+            ("D10", float),
+            ("alpha_y_model", np.int64),  # its place in `ALPHA_Y_MODELS`
+            ("alpha_y", float, 4),  # the numbers of that model
+            ("surface_friction", float),  # of Eq. (12), no unit
+        ],
+    )
+)
+"""The numbers of a law for the compiled loop. Those that a law does not have are 0."""
 
 NO_TABLE = np.zeros((2, 2))
-"""`PackedLaw.table` where a model has none."""
+"""`PackedLaw.table` where a model of α_y has none."""
 
 
 class PackedLaw(NamedTuple):
-    """A law for the compiled loop.
+    """A law for the compiled loop: `numbers`, one record of `LAW`, and the `table` of a model of α_y that has one."""
 
-    `law`: which, for example `TREERS2021`. `alpha_y`: the place of its model in `ALPHA_Y_MODELS`, or `NO_ALPHA_Y`.
-    `numbers`: at the places of `InLaw`. `table`: the values of a model that has them.
-    """
-
-    law: int
-    alpha_y: int
-    numbers: NDArray[np.float64]
+    numbers: NDArray[np.void]
     table: NDArray[np.float64]
 
 
 def packed(
-    law: int, fields: Mapping[str, float], *, alpha_y: int = NO_ALPHA_Y, table: ArrayLike = NO_TABLE
+    law: int, fields: Mapping[str, float], *, alpha_y: Mapping[str, float] | None = None, table: ArrayLike = NO_TABLE
 ) -> PackedLaw:
     """A law for the compiled loop, in arrays of the types that it takes, which no caller can change.
 
-    `fields`: its numbers by name, in the order of `InLaw`. Raises ValueError or TypeError for what is not finite, or is
-    no table.
+    `fields`: its numbers by the names in `LAW`. `alpha_y`: those of its model of α_y, at most four. Raises
+    ValueError or TypeError for what is not finite, or is no table.
     """
     values = np.array(numbers("alpha_y.values of the law", table, np.shape(table)[1:]))
-    if set(map(type, fields.values())) != {float} or not all(map(isfinite, fields.values())):
-        fields = {name: number(f"{name} of the law", value) for name, value in fields.items()}  # names a bad one
-    given = np.zeros(LENGTH_OF_LAW)
-    given[: len(fields)] = list(fields.values())
     if values.ndim != 2 or min(values.shape) < 2 or not np.isfinite(values).all():
         raise ValueError(f"a table of shape {values.shape} is not finite, or not [2, 2] or larger: use Table.sampled")
-    given.flags.writeable = values.flags.writeable = False
-    return PackedLaw(law, alpha_y, given, values)
+    record = np.zeros(1, LAW)
+    record["law"] = law
+    for name, value in fields.items():
+        record[name] = number(f"{name} of the law", value)
+    for place, (name, value) in enumerate((alpha_y or {}).items()):
+        record["alpha_y"][0, place] = number(f"alpha_y.{name} of the law", value)
+    record.flags.writeable = False
+    values.flags.writeable = False
+    return PackedLaw(record, values)
 
 
 class SpeedLimits(NamedTuple):
@@ -133,7 +132,7 @@ class GranularLaw:
         number("medium.inertia", self.inertia, least=0.0)
 
     def shared(self, stiffness: float) -> dict[str, float]:
-        """The numbers of the grains that the compiled loop takes, in the order of `InLaw`; `stiffness`: the law's."""
+        """The numbers of the grains that the compiled loop takes, by their names in `LAW`; `stiffness`: the law's."""
         return {
             "inertia": self.inertial_density,
             "stiffness": stiffness,

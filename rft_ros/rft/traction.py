@@ -9,13 +9,13 @@ import math
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field, fields
 from math import radians, sin, sqrt
-from typing import Any, ClassVar, NamedTuple
+from typing import Any, ClassVar
 
 import numpy as np
 
 from rft_ros.rft.agarwal2023 import Agarwal2023, agarwal2023_traction
 from rft_ros.rft.alpha_y import PAPER_LINEAR, AlphaY, add_alpha_y, alpha_y_name, packed_alpha_y
-from rft_ros.rft.grains import AGARWAL2023, IN_LAW, GranularLaw, PackedLaw
+from rft_ros.rft.grains import AGARWAL2023, GranularLaw, PackedLaw
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
@@ -88,24 +88,6 @@ _NUDGE = 1e-5
 """Added to a unit velocity's x by the released code, so that a horizontal plate has an e2 in vertical motion."""
 
 
-class _Coefficients(NamedTuple):
-    """The coefficients of Eq. (4) [N/cm³] with sin(±2β + γ) and cos(±2β + γ) expanded: no angle is computed."""
-
-    A00: float
-    A10: float
-    B11_plus_Bm11: float
-    B11_minus_Bm11: float
-    B01: float
-    C01: float
-    C11_plus_Cm11: float
-    Cm11_minus_C11: float
-    D10: float
-
-
-_PLACES = _Coefficients(*range(IN_LAW.own, IN_LAW.own + len(_Coefficients._fields)))
-"""Where each is in the numbers of the packed law."""
-
-
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Treers2021(GranularLaw):
     """The grains by 3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013: Eqs. (2) to (8).
@@ -126,11 +108,18 @@ class Treers2021(GranularLaw):
         m = self.medium
         if not isinstance(m, Medium):
             raise TypeError(f"medium is {m!r}; choose one of MEDIA or create a Medium")
-        coefficients = _Coefficients(
-            A00=m.A00, A10=m.A10, B11_plus_Bm11=m.B11 + m.Bm11, B11_minus_Bm11=m.B11 - m.Bm11, B01=m.B01,
-            C01=m.C01, C11_plus_Cm11=m.C11 + m.Cm11, Cm11_minus_C11=m.Cm11 - m.C11, D10=m.D10,
-        )  # fmt: skip
-        numbers = {**self.shared(self.stiffness), **coefficients._asdict()}
+        numbers = {
+            **self.shared(self.stiffness),
+            "A00": m.A00,
+            "A10": m.A10,
+            "B11_plus_Bm11": m.B11 + m.Bm11,
+            "B11_minus_Bm11": m.B11 - m.Bm11,
+            "B01": m.B01,
+            "C01": m.C01,
+            "C11_plus_Cm11": m.C11 + m.Cm11,
+            "Cm11_minus_C11": m.Cm11 - m.C11,
+            "D10": m.D10,
+        }
         object.__setattr__(self, "packed", packed_alpha_y(self.alpha_y, numbers))
 
     @property
@@ -258,10 +247,10 @@ def _turn_flat_plates(chunk, n, level):
 
 
 @inlined
-def _stresses(stiffness, c, sin_b, cos_b, e2, velocity):
+def _stresses(c, sin_b, cos_b, e2, velocity):
     """Eq. (8) without α_y: the traction along e2 and E3, the factor of α_y along e1, sin and cos of γ.
 
-    `stiffness`: ζ in N/m³ per N/cm³. `c`: the `_Coefficients`.
+    `c`: the numbers of the law, whose stiffness is ζ in N/m³ per N/cm³.
     """
     ex, ey = e2
     vx, vy, vz = velocity
@@ -272,7 +261,8 @@ def _stresses(stiffness, c, sin_b, cos_b, e2, velocity):
     cos_2b, sin_2b = 1.0 - 2.0 * sin_b * sin_b, 2.0 * sin_b * cos_b
     alpha_z = c.A00 + c.A10 * cos_2b + (c.B11_plus_Bm11 * cos_2b + c.B01) * sin_g + c.B11_minus_Bm11 * sin_2b * cos_g
     alpha_x = (c.C01 + c.C11_plus_Cm11 * cos_2b) * cos_g + (c.Cm11_minus_C11 * sin_g + c.D10) * sin_2b
-    along, across = stiffness * f1, stiffness * f23
+    along = c.stiffness * f1
+    across = c.stiffness * f23
     t2 = -across * alpha_x
     return (t2 * ex, t2 * ey, across * alpha_z), (-along if v1 > 0.0 else along), sin_g, cos_g
 
@@ -280,23 +270,11 @@ def _stresses(stiffness, c, sin_b, cos_b, e2, velocity):
 @inlined
 def _treers2021(law, chunk, n, refined):
     wide_vectors()
-    given = law.numbers
-    stiffness = given[IN_LAW.stiffness]
-    coefficients = _Coefficients(
-        A00=given[_PLACES.A00],
-        A10=given[_PLACES.A10],
-        B11_plus_Bm11=given[_PLACES.B11_plus_Bm11],
-        B11_minus_Bm11=given[_PLACES.B11_minus_Bm11],
-        B01=given[_PLACES.B01],
-        C01=given[_PLACES.C01],
-        C11_plus_Cm11=given[_PLACES.C11_plus_Cm11],
-        Cm11_minus_C11=given[_PLACES.Cm11_minus_C11],
-        D10=given[_PLACES.D10],
-    )
+    numbers = law.numbers[0]
     for i in range(n):
         sin_b, cos_b = chunk[at(row.SIN_B, i)], chunk[at(row.COS_B, i)]
         e2, velocity = (chunk[at(row.E2_X, i)], chunk[at(row.E2_Y, i)]), triple(chunk, row.VELOCITY, i)
-        t, along, sin_g, cos_g = _stresses(stiffness, coefficients, sin_b, cos_b, e2, velocity)
+        t, along, sin_g, cos_g = _stresses(numbers, sin_b, cos_b, e2, velocity)
         put(chunk, row.TRACTION, i, t)
         chunk[at(row.ALONG, i)] = along
         chunk[at(row.SIN_G, i)] = sin_g
@@ -330,11 +308,11 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> No
     `refined`: with the limits of the refined rule: grains neither pull a plate nor push it in its direction of motion.
     """
     wide_vectors()
-    if law.law == AGARWAL2023:
-        stiffness, friction = law.numbers[IN_LAW.stiffness], law.numbers[IN_LAW.own]
+    numbers = law.numbers[0]
+    if numbers.law == AGARWAL2023:
         for i in range(n):
             normal, velocity = triple(chunk, row.NORMAL, i), triple(chunk, row.VELOCITY, i)
-            put(chunk, row.TRACTION, i, agarwal2023_traction(stiffness, friction, normal, velocity))
+            put(chunk, row.TRACTION, i, agarwal2023_traction(numbers, normal, velocity))
         if refined:
             _limited(chunk, n)
         return

@@ -30,17 +30,15 @@ class Beds(NamedTuple):
 
     `bodies`: shape [n]: where the body's part of `rows` begins and ends and that of `bounds` begins, the number of its
     blocks, its reach [m], the height of its surface at x = y = 0 [m], the surface's slopes, and whether its plates are
-    refined. `rows`, `bounds`: of `Plates`, one tool after the other. `law`, `alpha_y`, `numbers`, `table`: the laws'
-    `PackedLaw`; row i of `numbers` is of body i. `length`: the mobilization length [m]. `memory`: `Memory.numbers`, row
+    refined. `rows`, `bounds`: of `Plates`, one tool after the other. `numbers`, `table`: the laws' `PackedLaw`;
+    record i of `numbers` is of body i. `length`: the mobilization length [m]. `memory`: `Memory.numbers`, row
     i of body i.
     """
 
     bodies: NDArray[np.void]
     rows: Array
     bounds: Array
-    law: int
-    alpha_y: int
-    numbers: Array
+    numbers: NDArray[np.void]
     table: Array
     length: float
     memory: Array
@@ -72,13 +70,11 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
         of_shape[key] = body
         rows.append(own_rows.ravel())
         bounds.append(own_bounds.ravel())
-    numbers = np.array([packed.numbers] * len(plates))
+    numbers = np.repeat(packed.numbers, len(plates))
     beds = Beds(
         bodies=np.array([of_shape[id(p)] for p in plates]),
         rows=np.concatenate(rows),
         bounds=np.concatenate(bounds),
-        law=packed.law,
-        alpha_y=packed.alpha_y,
         numbers=numbers.view(),
         table=packed.table,
         length=length,
@@ -89,7 +85,7 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
     return beds
 
 
-def laws_of(beds: Beds) -> Array:
+def laws_of(beds: Beds) -> NDArray[np.void]:
     """The numbers of the bodies' laws, to be changed."""
     assert beds.numbers.base is not None
     return beds.numbers.base
@@ -105,7 +101,7 @@ def evaluate(beds, b, memory, states, out):
     p = beds.bodies[b]
     bounds = beds.bounds[p.bounds : p.bounds + BOUNDS * p.blocks].reshape(BOUNDS, p.blocks)
     form = beds.rows[p.rows : p.rows_end], bounds, p.refined == 1, p.reach
-    law = PackedLaw(beds.law, beds.alpha_y, beds.numbers[b], beds.table)
+    law = PackedLaw(beds.numbers[b : b + 1], beds.table)
     past = True, memory
     sums(form, law, p.height, (p.slope_x, p.slope_y), states, past, out)
 

@@ -252,7 +252,7 @@ class GrainsBatch:
             array[which] = np.zeros((), array.dtype)
         if factors is not None:
             laws = (replace(self._law, zeta=self._law.zeta * factor) for factor in factors.tolist())
-            laws_of(self.beds)[which] = [packed_law(law).numbers for law in laws]
+            laws_of(self.beds)[which] = np.concatenate([packed_law(law).numbers for law in laws])
         if heights is not None:
             self.beds.bodies["height"][which] = heights
 

@@ -22,7 +22,7 @@ from rft_ros.rft.frames import (
     into_frame,
     parts_of_state,
 )
-from rft_ros.rft.grains import IN_LAW, inertia_force
+from rft_ros.rft.grains import inertia_force
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import OPTIONS, compiled, inlined
@@ -331,8 +331,9 @@ def _sums(form, law, height, slope, states, past, out):
     wide_vectors()
     rows, bounds, refined, reach = form
     has_memory, memories = past
-    chunk, inertia = new_chunk(), law.numbers[IN_LAW.inertia]
-    mobilization = Mobilization(law.numbers[IN_LAW.mobilization_length], law.numbers[IN_LAW.stiffness])
+    chunk = new_chunk()
+    inertia = law.numbers[0].inertia
+    mobilization = Mobilization(length=law.numbers[0].mobilization_length, strength=law.numbers[0].stiffness)
     level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == _FORCES
     # unsigned: numba adds code for negative indices otherwise
     blocks, one = np.uint64(bounds.shape[1]), np.uint64(1)
