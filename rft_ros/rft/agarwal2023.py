@@ -16,8 +16,6 @@ from rft_ros.rft.arguments import number
 from rft_ros.rft.grains import AGARWAL2023, GranularLaw, PackedLaw, packed
 from rft_ros.rft.kernel.compilation import inlined
 
-__all__ = ["C1", "C2", "C3", "FLAT_PRESS", "SURFACE_FRICTION", "Agarwal2023", "agarwal2023", "agarwal2023_traction"]
-
 # fmt: off
 C1 = (
     0.00212, -0.02320, -0.20890, -0.43083, -0.00259, 0.48872, -0.00415, 0.07204, -0.02750, -0.08772,

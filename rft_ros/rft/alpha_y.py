@@ -19,8 +19,6 @@ from rft_ros.rft.kernel.chunk import at, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.media import Medium
 
-__all__ = ["ALPHA_Y_MODELS", "PAPER_LINEAR", "AlphaY", "Constant", "Linear", "Table", "alpha_y_model", "alpha_y_name"]
-
 
 class Constant(NamedTuple):
     """The same α_y [N/cm³] at every attitude; the paper uses α_x(γ = 0, β = 0)."""

@@ -5,8 +5,6 @@ from math import inf, isfinite
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["number", "numbers", "whole_number"]
-
 _FLOAT = np.dtype(np.float64)  # of all numbers in the compiled loops, in native byte order
 
 

@@ -9,11 +9,6 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.rft.arguments import numbers
 from rft_ros.rft.kernel.compilation import inlined
 
-__all__ = ["ANGULAR_VELOCITY", "AXES", "BY_HEIGHT", "COLUMNS", "FORCE", "MOMENTS", "POSE", "POSITION", "QUATERNION"]
-__all__ += ["SENSITIVITIES", "STATE", "SUBMERGED_AREA", "TORQUE", "TWIST", "UNIT_TOLERANCE", "VELOCITY", "WIDTH"]
-__all__ += ["WRENCH", "Placement", "Quaternion", "Vector", "Wrench", "attitude", "checked_states", "from_frame"]
-__all__ += ["into_frame", "parts_of_state", "rotation", "rotation_matrix", "unit_quaternion"]
-
 STATE = ("px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")
 """Columns of a state: tool frame in the world [m], quaternion xyzw, velocity of its origin [m/s], angular [rad/s]."""
 

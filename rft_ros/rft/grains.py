@@ -10,9 +10,6 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.kernel.compilation import inlined
 
-__all__ = ["AGARWAL2023", "CONFINEMENT", "INERTIA", "LAW", "NO_TABLE", "TREERS2021", "WITHOUT_INERTIA"]
-__all__ += ["WITH_INERTIA", "GranularLaw", "PackedLaw", "SpeedLimits", "inertia_force", "packed"]
-
 INERTIA = 1.4
 """κ of an upright plate, chosen on simulated runs at 0.5 and 1 m/s; published for plates that are dragged: 1.1."""
 

@@ -6,8 +6,6 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["MEDIA", "OF_ALPHA_X", "OF_ALPHA_Z", "Medium", "medium_named", "stress_terms"]
-
 Array = NDArray[np.float64]
 
 OF_ALPHA_Z = ("A00", "A10", "B11", "B01", "Bm11")

@@ -58,22 +58,6 @@ from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.plates import BLOCK, Plates
 
-__all__ = ["BEGUN", "DEAD_BAND", "DEPTH", "FAR", "GAP", "HEAD", "K_X", "K_XX", "K_XY", "K_XZ", "K_Y", "K_YY", "K"]
-__all__ += ["K_YZ", "K_Z", "K_ZZ", "MOST_BODIES", "OF_BLOCK", "POSITION_BEFORE", "RADIUS", "ROTATION_BEFORE", "SLACK"]
-__all__ += [
-    "STIFF",
-    "TAU",
-    "TWIST_BEFORE",
-    "WORN",
-    "Memory",
-    "Mobilization",
-    "PlateState",
-    "add_memory",
-    "advance",
-    "displacement",
-]
-__all__ += ["follow_gap", "is_elastic", "moved_by"]
-
 SLACK = 10e-6
 """`Memory.slack` [m] for measured poses: five standard deviations of encoders of 2 µm."""
 
@@ -254,13 +238,6 @@ TOUCHES = 50.0
 path and not of the traction, the rule is Lipschitz in τ."""
 
 
-class Mobilization(NamedTuple):
-    """The numbers of a law that its memory takes: mobilization length [m] and strength [N/m³]."""
-
-    length: float
-    strength: float
-
-
 class PlateState(NamedTuple):
     """What one plate keeps: traction per depth τ [N/m³], world axes; y [N/m³]; gap g [m]; worn share u, no unit."""
 
@@ -352,11 +329,11 @@ def advance(past, normal, moved, target, span, strength):
     return PlateState(tau=traction, radius=radius, gap=past.gap - closed + OPEN * beyond, worn=worn), tangent
 
 
-def _add_memory(chunk, count, memory, motion, below, slope, mobilization):
+def _add_memory(chunk, count, memory, motion, below, slope, law):
     """Replace the law's tractions of the blocks in a chunk, `count`, by those with memory, and store their states.
 
     `memory`: a row of `Memory.numbers`. `motion`: of `displacement`, world axes; `below`, `slope`: depth of the tool
-    frame's origin [m], and the surface's; `mobilization`: of the law.
+    frame's origin [m], and the surface's; `law`: its numbers.
     """
     wide_vectors()
     for b in range(count):
@@ -368,7 +345,7 @@ def _add_memory(chunk, count, memory, motion, below, slope, mobilization):
             # the depth half a step before
             depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
             ratio = min(max(depth * depth * (1.0 / (DEPTH * DEPTH)), LEAST), GREATEST)
-            span = max(mobilization.length, 1.0 / FAR) * ratio
+            span = max(law.mobilization_length, 1.0 / FAR) * ratio
             share, (tx, ty, tz) = chunk[at(row.SHARE, i)], triple(chunk, row.TRACTION, i)
             target = share * tx, share * ty, share * tz
             kept = triple(memory, first + TAU, j, BLOCK)
@@ -379,7 +356,7 @@ def _add_memory(chunk, count, memory, motion, below, slope, mobilization):
                 worn=memory[at(first + WORN, j)],
             )
             normal = triple(chunk, row.NORMAL, i)
-            now, tangent = advance(past, normal, moved, target, span, mobilization.strength)
+            now, tangent = advance(past, normal, moved, target, span, law.stiffness)
             load = chunk[at(row.LOAD, i)]
             wet = 1.0 if load > 0.0 else 0.0
             traction = _times(wet, now.tau)

@@ -6,8 +6,6 @@ A model's ζ differs between them: a face that is pressed meets fresh grains, on
 import numpy as np
 from numpy.typing import NDArray
 
-__all__ = ["LEAST_PATH", "MOTIONS", "kinds_of_motion"]
-
 MOTIONS = ("press", "drag", "turn", "withdrawal")
 """The kinds: down by over 45°, neither up nor down, turning such as rolling, and up by over 45°."""
 

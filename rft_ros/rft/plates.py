@@ -10,10 +10,6 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-__all__ = ["AREA", "CENTROID", "FIRST_CORNER", "HALF_ANGLE", "NORMAL", "SECOND_CORNER"]
-__all__ += ["BOUNDS", "BOUND_AREA", "BOUND_MOMENT", "BOUND_NORMAL", "BOUND_PLACE", "BOUND_SINE"]
-__all__ += ["BLOCK", "INTEGRATIONS", "ROUNDING", "ROWS_OF_CENTROID", "ROWS_OF_REFINED", "Integration", "Plates"]
-
 BLOCK = 16
 """Plates in a block. The kernel tests the plates of a block together: are any below the surface, and leading?"""
 

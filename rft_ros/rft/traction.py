@@ -21,10 +21,6 @@ from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.media import Medium
 
-__all__ = ["A1", "A2", "A3", "B1", "B2", "B3", "BLENDED", "FLAT", "FLAT_BLEND", "LAWS", "LAW_NUMBERS", "NEVER_FLAT"]
-__all__ += ["SWITCHED", "Law", "Treers2021", "described", "exact_f1", "exact_f23", "f1_and_f23", "law_named"]
-__all__ += ["orient", "packed_law", "traction_per_depth", "tractions", "treers2021"]
-
 A1, A2, A3 = 0.440850096954369, 3.62263982880971, 1.60910808139526
 B1, B2, B3 = 1.99392673405210, 1.61146827229181, 0.973746396532650
 """Coefficients of Eqs. (5) and (6), with all digits of the released code; no unit."""

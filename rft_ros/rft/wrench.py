@@ -23,8 +23,6 @@ from rft_ros.rft.memory import HEAD, Memory
 from rft_ros.rft.plates import BLOCK, Plates
 from rft_ros.rft.traction import Law, packed_law
 
-__all__ = ["LEVEL", "plate_forces", "prepared", "wrenches", "wrenches_in_time"]
-
 Array = NDArray[np.float64]
 
 LEVEL = 0.0, 0.0

@@ -14,8 +14,6 @@ from numba.extending import intrinsic, overload
 from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.plates import BLOCK
 
-__all__ = ["at", "new_chunk", "put", "triple", "wide_vectors"]
-
 BLOCKS = 8
 """Blocks of plates in a chunk."""
 

@@ -39,8 +39,6 @@ from numba.core.runtime import rtsys
 from numba.core.serialize import dumps
 from numba.extending import register_jitable
 
-__all__ = ["OPTIONS", "STEP", "compiled", "inlined", "machine_code"]
-
 _PACKAGE = Path(__file__).resolve().parents[2]
 _SHARED = "rft", "ground"  # folders whose functions become part of loops elsewhere in the package
 

@@ -26,7 +26,7 @@ from rft_ros.rft.grains import inertia_force
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import OPTIONS, compiled, inlined
-from rft_ros.rft.memory import Mobilization, add_memory, follow_gap, is_elastic
+from rft_ros.rft.memory import add_memory, follow_gap, is_elastic
 from rft_ros.rft.plates import (
     AREA,
     BLOCK,
@@ -45,8 +45,6 @@ from rft_ros.rft.plates import (
     SECOND_CORNER,
 )
 from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, orient, tractions
-
-__all__ = ["sums"]
 
 _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT = range(5)
 """Kinds of blocks: dry (skipped); submerged and trailing (only its area counts); submerged without horizontal plates;
@@ -333,7 +331,6 @@ def _sums(form, law, height, slope, states, past, out):
     has_memory, memories = past
     chunk = new_chunk()
     inertia = law.numbers[0].inertia
-    mobilization = Mobilization(length=law.numbers[0].mobilization_length, strength=law.numbers[0].stiffness)
     level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == _FORCES
     # unsigned: numba adds code for negative indices otherwise
     blocks, one = np.uint64(bounds.shape[1]), np.uint64(1)
@@ -378,7 +375,7 @@ def _sums(form, law, height, slope, states, past, out):
                 flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
                 tractions(law, chunk, n, flatness, refined)
                 if has_memory:
-                    add_memory(chunk, count, memory, motion, below, slope, mobilization)
+                    add_memory(chunk, count, memory, motion, below, slope, law.numbers[0])
                     _add_stiffness(chunk, n, memory)
                 for inertial in range(2 if inertia > 0.0 else 1):
                     if inertial == 1:
