@@ -1,11 +1,11 @@
 """The rows of a replay: kept in a scratch file while it runs, then written to estimates.csv and a bag of wrenches."""
 
 import math
-import struct
 from collections import Counter
 from functools import cache
 from pathlib import Path
 from tempfile import TemporaryFile
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -14,7 +14,7 @@ from rft_ros.bags.writing import BagWriter
 from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
 from rft_ros.estimator.quality import flag_names
 from rft_ros.messages import TYPES, stamped_cdr
-from rft_ros.rft import AXES
+from rft_ros.rft import AXES, STATE
 
 __all__ = ["COLUMNS", "LEARNED_COLUMNS", "PHASES", "ROW", "Rows", "Run", "phases_of", "write_estimates"]
 
@@ -43,12 +43,22 @@ def phases_of(stamps: _Numbers, depth: _Array, sinking: _Array, speed: _Array, r
     }
     seen = np.select([*cases.values()], [*map(PHASES.index, cases)], PHASES.index("ploughing"))
     phases = np.empty(len(stamps), dtype=np.int64)
-    for run in np.split(np.arange(len(stamps)), np.flatnonzero(np.diff(stamps) < 0) + 1):
-        at, was = stamps[run], seen[run]
-        first, after = np.searchsorted(at, at - _AROUND), np.searchsorted(at, at + _AROUND, side="right")
-        sums = [np.append(0, np.cumsum(was == code)) for code in range(len(PHASES))]
-        phases[run] = np.argmax([total[after] - total[first] for total in sums], axis=0)
+    begins = np.flatnonzero(np.diff(stamps) < 0) + 1
+    for run in np.split(np.arange(len(stamps)), begins):
+        phases[run] = _prevailing(stamps[run], seen[run])
     return phases
+
+
+def _prevailing(stamps: _Numbers, seen: _Numbers) -> _Numbers:
+    """The phase that is seen most often around each moment of one run, shape [n]."""
+    first = np.searchsorted(stamps, stamps - _AROUND)
+    after = np.searchsorted(stamps, stamps + _AROUND, side="right")
+    counts = []
+    for code in range(len(PHASES)):
+        total = np.append(0, np.cumsum(seen == code))
+        counts.append(total[after] - total[first])
+    prevailing: _Numbers = np.argmax(counts, axis=0)
+    return prevailing
 
 
 _KINDS = ("predicted", "compensated", "residual", "sigma")
@@ -62,11 +72,17 @@ LEARNED_COLUMNS = (*_BELIEF, *(f"{name}_error" for name in _BELIEF), "surprise")
 """Further columns if the medium is learned, fields of `Belief`: turn [rad], surface [m]; standard errors; surprise."""
 
 ROW = np.dtype([
-    *((name, "<i8") for name in ("stamp", "reason", "phase", "quality_flags")),
-    *((name, "<f8") for name in ("depth", "speed")),
-    *((name, "<f8", 6) for name in ("predicted", "sigma", "compensated")),
+    ("stamp", "<i8"),
+    ("reason", "<i8"),
+    ("phase", "<i8"),
+    ("quality_flags", "<i8"),
+    ("depth", "<f8"),
+    ("speed", "<f8"),
+    ("predicted", "<f8", len(AXES)),
+    ("sigma", "<f8", len(AXES)),
+    ("compensated", "<f8", len(AXES)),
     ("learned", "<f8", len(LEARNED_COLUMNS)),
-    ("state", "<f8", 13),
+    ("state", "<f8", len(STATE)),
 ])  # fmt: skip
 """The row of a pose.
 
@@ -78,13 +94,12 @@ Rows = NDArray[np.void]
 """Rows of a replay, shape [n], of type `ROW`."""
 
 _REASONS = tuple(Reason)
-_ESTIMATE, _NO_PHASE = -1, -1  # in place of the number of a reason or a phase
+_ESTIMATE = -1  # in place of the number of a reason
+_NO_PHASE = -1
 _PLACED = (_ESTIMATE, _REASONS.index(Reason.AT_REST))  # answers at which state and depth are known
-_HEAD, _WRENCH = struct.Struct("<4q29d"), struct.Struct("<6d")
-_NONE = (math.nan,) * 6
-_NOT_LEARNED = (math.nan,) * len(LEARNED_COLUMNS)
+_NONE = (math.nan,) * len(AXES)
+_EMPTY = np.array((0, 0, _NO_PHASE, 0, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan), ROW)
 _BLOCK = 512  # rows in memory at a time
-_NUMBERS = ",%.9g" * (2 + len(_OF_WRENCHES))
 
 
 class Run:
@@ -94,38 +109,43 @@ class Run:
         self.estimator = estimator
         self.issues: Counter[str] = Counter()
         """For each issue of the estimator, the number of answers at which it was present."""
-        self._answers, self._measured = (TemporaryFile(dir=folder) for _ in range(2))  # noqa: SIM115
+        self._answers = TemporaryFile(dir=folder)  # noqa: SIM115
+        self._measured = TemporaryFile(dir=folder)  # noqa: SIM115
 
     def add(self, answer: Estimate | NoEstimate) -> None:
         """Add the estimator's last answer."""
-        e, learned = self.estimator, _NOT_LEARNED
-        if e.learning:
-            belief = e.learning.belief()
-            learned = tuple(getattr(belief, name) for name in LEARNED_COLUMNS)
-        self.issues.update(e.issues())
+        estimator = self.estimator
+        self.issues.update(estimator.issues())
+        row = _EMPTY.copy()
+        row["stamp"] = answer.stamp
         if isinstance(answer, Estimate):
-            reason, flags, speed = _ESTIMATE, answer.quality_flags, answer.speed_bound
-            predicted, sigma = answer.predicted, answer.sigma
+            row["reason"] = _ESTIMATE
+            row["quality_flags"] = answer.quality_flags
+            row["speed"] = answer.speed_bound
+            row["predicted"] = answer.predicted
+            row["sigma"] = answer.sigma
         else:
-            reason, flags, speed = _REASONS.index(answer.reason), 0, math.nan
-            predicted = sigma = _NONE
-        depth = e.surface.depth if reason in _PLACED else math.nan
-        numbers = (depth, speed, *predicted, *sigma, *_NONE, *learned)  # in the order of `ROW`
-        self._answers.write(_HEAD.pack(answer.stamp, reason, _NO_PHASE, flags, *numbers))
-        self._answers.write(e.state.tobytes())
+            row["reason"] = _REASONS.index(answer.reason)
+        if row["reason"] in _PLACED:
+            row["depth"] = estimator.surface.depth
+        if estimator.learning:
+            belief = estimator.learning.belief()
+            row["learned"] = [getattr(belief, name) for name in LEARNED_COLUMNS]
+        row["state"] = estimator.state
+        self._answers.write(row.tobytes())
         self._write_measurements()
 
     def _write_measurements(self) -> None:
         for measurement in self.estimator.measurements():
-            self._measured.write(_WRENCH.pack(*(measurement.compensated or _NONE)))
+            self._measured.write(np.array(measurement.compensated or _NONE, "<f8").tobytes())
 
     def rows(self) -> Rows:
         """The rows of all answers in order, shape [n], with measurements and phases, as a memory map of the file."""
-        e = self.estimator
-        e.finish()
+        estimator = self.estimator
+        estimator.finish()
         self._write_measurements()
-        for file in (self._answers, self._measured):
-            file.flush()
+        self._answers.flush()
+        self._measured.flush()
         if not self._answers.tell():
             return np.empty(0, ROW)
         rows = np.memmap(self._answers, ROW, "r+")
@@ -135,11 +155,16 @@ class Run:
         sinking = np.empty(len(known))
         for start in range(0, len(known), _BLOCK):
             block = known[start : start + _BLOCK]
-            height, sinking[start : start + _BLOCK] = e.model.tool.lowest_points(rows["state"][block])
-            if e.ground is None:
-                rows["depth"][block] = e.settings.surface_height - height
-        stamps, depth, speed = (rows[name][known] for name in ("stamp", "depth", "speed"))
-        rows["phase"][known] = phases_of(stamps, depth, sinking, np.nan_to_num(speed), e.settings.rest_speed)
+            height, sinking[start : start + _BLOCK] = estimator.model.tool.lowest_points(rows["state"][block])
+            if estimator.ground is None:
+                rows["depth"][block] = estimator.settings.surface_height - height
+        rows["phase"][known] = phases_of(
+            rows["stamp"][known],
+            depth=rows["depth"][known],
+            sinking=sinking,
+            speed=np.nan_to_num(rows["speed"][known]),
+            rest_speed=estimator.settings.rest_speed,
+        )
         return rows
 
 
@@ -148,30 +173,52 @@ def write_estimates(run: Run, rows: Rows, folder: Path, *, shift: int = 0) -> No
 
     `shift`: how much later the stamps are than the times in the table that was replayed [ns].
     """
-    frame, generation = run.estimator.wrench_frame, run.estimator.model.generation
-    learned, in_frame = LEARNED_COLUMNS if run.estimator.learning else (), stamped_cdr(frame)
-    names = ("stamp", "reason", "phase", "quality_flags", "depth", "speed", "predicted", "compensated", "sigma")
+    learned = LEARNED_COLUMNS if run.estimator.learning else ()
+    generation = run.estimator.model.generation
+    in_frame = stamped_cdr(run.estimator.wrench_frame)
     file = folder / "estimates.csv"
     with BagWriter(folder / "estimates") as bag, file.open("w", encoding="utf-8", newline="\n") as table:
         table.write(",".join(COLUMNS + learned) + "\n")
         for start in range(0, len(rows), _BLOCK):
-            block = np.array(rows[start : start + _BLOCK])
-            columns = [*(block[name] for name in names), block["compensated"] - block["predicted"], block["learned"]]
-            for row in zip(*(column.tolist() for column in columns), strict=True):
-                stamp, reason, phase, flags, depth, speed, predicted, compensated, sigma, residual, belief = row
-                seconds, nanoseconds = divmod(abs(stamp - shift), 1_000_000_000)
-                time = f"{'-' if stamp < shift else ''}{seconds}.{nanoseconds:09d}"
-                numbers = _NUMBERS % (depth, speed, *predicted, *compensated, *residual, *sigma)
-                answer = f",{generation}" if reason < 0 else f"{_REASONS[reason].value},"
-                end = _end(phase, flags) + "".join(f",{number:.9g}" for number in belief[: len(learned)])
-                table.write(f"{time}{numbers.replace('nan', '')},{answer}{end}\n")
-                wrenches = {} if reason >= 0 else {"predicted": predicted, "sigma": sigma}
-                if not math.isnan(compensated[0]):
-                    wrenches |= {"compensated": compensated, "residual": residual}
-                for kind, wrench in wrenches.items():
-                    bag.write_raw(f"/rft/wrench_{kind}", TYPES["wrench"][0], stamp, in_frame(stamp, wrench))
+            block = rows[start : start + _BLOCK]
+            columns = {name: block[name].tolist() for name in _WRITTEN}
+            columns["residual"] = (block["compensated"] - block["predicted"]).tolist()
+            for values in zip(*columns.values(), strict=True):
+                row = dict(zip(columns, values, strict=True))
+                table.write(_line(row, generation=generation, learned=len(learned), shift=shift))
+                for kind in _KINDS:
+                    if not math.isnan(row[kind][0]):
+                        cdr = in_frame(row["stamp"], row[kind])
+                        bag.write_raw(f"/rft/wrench_{kind}", TYPES["wrench"][0], row["stamp"], cdr)
+
+
+_WRITTEN = [name for name in ROW.names or () if name != "state"]
+
+
+def _line(row: dict[str, Any], *, generation: int, learned: int, shift: int) -> str:
+    """The line of a row in the table. `learned`: how many of its columns there are."""
+    time = row["stamp"] - shift
+    seconds, nanoseconds = divmod(abs(time), 1_000_000_000)
+    numbers = [row["depth"], row["speed"]]
+    for kind in _KINDS:
+        numbers += row[kind]
+    is_estimate = row["reason"] == _ESTIMATE
+    cells = [
+        f"{'-' if time < 0 else ''}{seconds}.{nanoseconds:09d}",
+        *map(_cell, numbers),
+        "" if is_estimate else _REASONS[row["reason"]].value,
+        str(generation) if is_estimate else "",
+        "" if row["phase"] == _NO_PHASE else PHASES[row["phase"]],
+        _flags(row["quality_flags"]),
+        *map(_cell, row["learned"][:learned]),
+    ]
+    return ",".join(cells) + "\n"
+
+
+def _cell(number: float) -> str:
+    return "" if math.isnan(number) else f"{number:.9g}"
 
 
 @cache
-def _end(phase: int, quality_flags: int) -> str:
-    return f",{PHASES[phase] if phase >= 0 else ''},{'+'.join(flag_names(quality_flags))}"
+def _flags(quality_flags: int) -> str:
+    return "+".join(flag_names(quality_flags))

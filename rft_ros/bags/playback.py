@@ -27,7 +27,8 @@ def play(recording: Recording, estimator: Estimator) -> Iterator[tuple[Sample, A
 
     At the end all measurements are final, and messages that cannot be decoded are counted.
     """
-    label, from_transforms = bag_name(recording.bag), estimator.settings.pose_source == "tf"
+    label = bag_name(recording.bag)
+    from_transforms = estimator.settings.pose_source == "tf"
     with recording, bar(label, recording.last - recording.first) as update:
         for number, sample in enumerate(recording):
             answers = estimator.answers(sample)
@@ -46,7 +47,8 @@ def play(recording: Recording, estimator: Estimator) -> Iterator[tuple[Sample, A
 
 def reasons(recording: Recording, estimator: Estimator) -> str:
     """Damage of a recording that was played, and the counted reasons, as the end of an error."""
-    return "; ".join(filter(None, (recording.damage, *estimator.counted()))) or "no sample was refused"
+    damage = [recording.damage] if recording.damage else []
+    return "; ".join([*damage, *estimator.counted()]) or "no sample was refused"
 
 
 class Played(NamedTuple):
@@ -65,16 +67,23 @@ def states_of(bag: Path, values: Values, model: Model, options: ReplayOptions) -
     """The estimates of a recording. Raises InputError if no pose has an estimate."""
     recording = Recording(bag, values, options)
     estimator = Estimator(settings_of(recording.values), model)
-    stamps, states, wrenches = [], [], []
+    stamps = []
+    states_of_estimates = []
+    wrenches = []
     for _, answer in play(recording, estimator):
         if isinstance(answer, Estimate):
             stamps.append(answer.stamp)
-            states.append(estimator.state.copy())
+            states_of_estimates.append(estimator.state.copy())
             wrenches.append(answer.predicted)
-    if not states:
+    if not stamps:
         raise InputError(f"bag '{bag}' has no pose with an estimate ({reasons(recording, estimator)})")
-    forces = world_forces(np.array(wrenches), np.array(states), estimator.load_cell)
-    return Played((np.array(stamps) - stamps[0]) * 1e-9, np.array(states), forces, estimator.ground)
+    states = np.array(states_of_estimates)
+    return Played(
+        times=(np.array(stamps) - stamps[0]) * 1e-9,
+        states=states,
+        forces=world_forces(np.array(wrenches), states, estimator.load_cell),
+        ground=estimator.ground,
+    )
 
 
 def world_forces(wrenches: NDArray[np.float64], states: NDArray[np.float64], cell: LoadCell) -> NDArray[np.float64]:

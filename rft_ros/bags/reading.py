@@ -77,18 +77,14 @@ class Recording:
 
     def __enter__(self) -> "Recording":
         with file_errors(f"bag '{self.bag}'", "read"), ExitStack() as opened:
-            if is_table(self.bag):
-                source, self.shift = source_of_table(self.bag, self._table, self.topics, self.values)
-                sources = [source]
-            else:
-                sources, self._faults = sources_of(self.bag, opened)
-            self._sources = sorted((s for s in sources if s.count), key=lambda source: source.first)
+            sources = self._opened_sources(opened)
+            self._sources = sorted((source for source in sources if source.count), key=lambda source: source.first)
             if not self._sources:
                 why = f" ({'; '.join(self._faults)})" if self._faults else ""
                 raise InputError(f"bag '{self.bag}' has no messages{why}")
             self._check_topics()
             self.fixed = tuple(dict.fromkeys(self._read_fixed()))
-            self.first, self.last = self._part()
+            self._choose_part()
             self.time = self.first
             self._opened = opened.pop_all()
         return self
@@ -96,16 +92,25 @@ class Recording:
     def __exit__(self, *_: object) -> None:
         self._opened.close()
 
-    def _part(self) -> tuple[int, int]:
-        """Receive times of the first and the last message that may be read [ns]."""
-        start, end = self.options.start, self.options.end
-        first, last = self._sources[0].first, max(source.last for source in self._sources)
-        begin = first if start is None else first + round(start * 1e9)
-        until = last if end is None else min(last, first + round(end * 1e9))
-        if begin > until:
-            span = f"from {start or 0:g} s to {'its end' if end is None else f'{end:g} s'}"
-            raise InputError(f"bag '{self.bag}' lasts {(last - first) * 1e-9:.3f} s; it has nothing {span}")
-        return begin, until
+    def _opened_sources(self, opened: ExitStack) -> list[Source]:
+        if is_table(self.bag):
+            source, self.shift = source_of_table(self.bag, self._table, self.topics, self.values)
+            return [source]
+        sources, self._faults = sources_of(self.bag, opened)
+        return sources
+
+    def _choose_part(self) -> None:
+        """Set the receive times of the first and the last message that may be read, `first` and `last` [ns]."""
+        start = self.options.start or 0.0
+        end = self.options.end
+        begins = self._sources[0].first
+        ends = max(source.last for source in self._sources)
+        self.first = begins + round(start * 1e9)
+        self.last = ends if end is None else min(ends, begins + round(end * 1e9))
+        if self.first > self.last:
+            until = "its end" if end is None else f"{end:g} s"
+            lasts = f"lasts {(ends - begins) * 1e-9:.3f} s"
+            raise InputError(f"bag '{self.bag}' {lasts}; it has nothing from {start:g} s to {until}")
 
     def _read_fixed(self) -> Iterator[TransformSample]:
         topic = self.topics.get("tf", "/tf") + "_static"
@@ -129,15 +134,15 @@ class Recording:
         """What is wrong with the bag, and what was used; None for an intact one. Complete after the loop."""
         if not self._faults:
             return None
-        used, seconds = sum(self.counts.values()), (self.time - self.first) * 1e-9
-        return f"{'; '.join(self._faults)}; {used} messages were used, up to {seconds:.3f} s after the start"
+        used = f"{sum(self.counts.values())} messages were used"
+        return f"{'; '.join(self._faults)}; {used}, up to {(self.time - self.first) * 1e-9:.3f} s after the start"
 
     def __iter__(self) -> Iterator[Sample]:
         """The samples in order, after the fixed transforms of the whole bag."""
         if self.fixed:
             yield self.fixed
-        ros1, kinds = self._sources[0].ros1, self._kinds
-        decode = {role: decoder(role, ros1=ros1, kind=kinds.get(role, "")) for role in self.topics}
+        ros1 = self._sources[0].ros1
+        decode = {role: decoder(role, ros1=ros1, kind=self._kinds.get(role, "")) for role in self.topics}
         in_table = is_table(self.bag)  # whose rows are samples already
         for time, rank, _, data in self._in_order():
             role = _RANK[rank]

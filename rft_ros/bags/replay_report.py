@@ -3,7 +3,7 @@
 import math
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,7 +16,7 @@ from rft_ros.estimator.quality import QualityFlag, sentences, trust
 from rft_ros.parameters import PARAMETERS
 from rft_ros.report.animation import animate, animation_figure, what_is_shown
 from rft_ros.report.page import Figure, Table, write_page
-from rft_ros.rft import AXES, FORCE
+from rft_ros.rft import AXES, FORCE, TORQUE
 
 __all__ = ["decimated", "draw", "replay_charts"]
 
@@ -25,26 +25,35 @@ _Place = tuple[int, int]  # row and column of a panel, from 1
 
 _BUCKETS = 500  # about one for each pixel of a panel's width
 _IN_GRAINS = -1e-3  # least depth in charts over depth [m]
-_TIME, _DEPTH = "Time since the first pose [s]", "Depth of the lowest point [mm]"
+_TIME = "Time since the first pose [s]"
+_DEPTH = "Depth of the lowest point [mm]"
+
+
+class _Panel(NamedTuple):
+    """A panel of what is learned. `unit`: factor to the label's unit. `lines`: of `LEARNED_COLUMNS`, with names."""
+
+    label: str
+    unit: float
+    lines: dict[str, str]
+
+
 _LEARNED = (
-    ("Strength", 1.0, {"vertical_strength": "vertical", "horizontal_strength": "horizontal"}),
-    ("Turn [deg]", math.degrees(1.0), {"turn": "turn"}),
-    ("Surface [mm]", 1e3, {"surface": "surface"}),
-    ("Surprise<br>[std. deviations]", 1.0, {"surprise": "surprise"}),
+    _Panel("Strength", 1.0, {"vertical_strength": "vertical", "horizontal_strength": "horizontal"}),
+    _Panel("Turn [deg]", math.degrees(1.0), {"turn": "turn"}),
+    _Panel("Surface [mm]", 1e3, {"surface": "surface"}),
+    _Panel("Surprise<br>[std. deviations]", 1.0, {"surprise": "surprise"}),
 )
-"""Panels of what is learned: label, factor of the unit, and for each of `LEARNED_COLUMNS` in it the line's name."""
-_NAMES = {  # Okabe and Ito's palette, distinguishable with any kind of colour vision
-    "#333333": ("measured", "turn", "surface", "surprise"),
-    "#D55E00": ("predicted", "vertical"),
-    "#0072B2": ("x", "horizontal", "penetration"),
-    "#E69F00": ("y",),
-    "#009E73": ("z", "withdrawal"),
-    "#56B4E9": ("dwell", "caution"),
-    "#CC79A7": ("ploughing",),
-    "#999999": ("approach",),
-    "#000000": ("no",),
+_COLOURS = {  # Okabe and Ito's palette, distinguishable with any kind of colour vision
+    **dict.fromkeys(("measured", "turn", "surface", "surprise"), "#333333"),
+    **dict.fromkeys(("predicted", "vertical"), "#D55E00"),
+    **dict.fromkeys(("x", "horizontal", "penetration"), "#0072B2"),
+    "y": "#E69F00",
+    **dict.fromkeys(("z", "withdrawal"), "#009E73"),
+    **dict.fromkeys(("dwell", "caution"), "#56B4E9"),
+    "ploughing": "#CC79A7",
+    "approach": "#999999",
+    "no": "#000000",
 }
-_COLOURS = {name: colour for colour, names in _NAMES.items() for name in names}
 _BAND = 0.22  # opacity
 
 
@@ -68,10 +77,13 @@ def decimated(rows: Rows) -> Rows:
     These have the greatest depth, the greatest force and the greatest residual force.
     """
     force = rows["compensated"][:, FORCE]
-    sizes = [rows["depth"], *(np.linalg.norm(f, axis=1) for f in (force, force - rows["predicted"][:, FORCE]))]
-    sizes = [np.nan_to_num(size, nan=-math.inf) for size in sizes]
-    buckets = [part for part in np.array_split(np.arange(len(rows)), _BUCKETS) if len(part)]
-    kept = {part[k] for part in buckets for k in (0, *(size[part].argmax() for size in sizes))}
+    residual = force - rows["predicted"][:, FORCE]
+    kept = set()
+    for size in (rows["depth"], np.linalg.norm(force, axis=1), np.linalg.norm(residual, axis=1)):
+        known = np.nan_to_num(size, nan=-math.inf)
+        for bucket in np.array_split(np.arange(len(rows)), _BUCKETS):
+            if len(bucket):
+                kept |= {bucket[0], bucket[known[bucket].argmax()]}
     return np.array(rows[sorted(kept)])
 
 
@@ -83,8 +95,11 @@ def _tables(summary: Summary) -> Iterator[Table]:
     )
     yield Table("Metrics", sentence, ("", *METRIC_HEADS), metric_rows(summary))
     trusted = ", ".join(f"{level} {count:,}" for level, count in summary.trust.items())
-    counted = [(name, QualityFlag[name.upper()], n) for name, n in summary.quality_flags.items() if n]
-    flags = [(name, f"{n:,}", trust(flag).value, sentences(flag)) for name, flag, n in counted]
+    flags = []
+    for name, count in summary.quality_flags.items():
+        if count:
+            flag = QualityFlag[name.upper()]
+            flags.append((name, f"{count:,}", trust(flag).value, sentences(flag)))
     sentence = f"How many estimates have each flag (trust: {trusted})."
     yield Table("Quality flags", sentence, ("flag", "estimates", "trust", "meaning"), flags or [("none", "0", "", "")])
     unused = [(name, f"{count:,}") for name, count in summary.reasons.items()] or [("none", "0")]
@@ -102,7 +117,11 @@ def replay_charts(rows: Rows) -> list[Figure]:
     """The charts of a replay, in the order of the page. `rows`: with a stamp, shape [n]."""
     time = (rows["stamp"] - rows["stamp"].min(initial=2**62)) * 1e-9
     depth = np.where(rows["depth"] > _IN_GRAINS, 1e3 * rows["depth"], math.nan)
-    charts = [_wrench(rows, time, "time", _TIME), _wrench(rows, depth, "depth", _DEPTH), _residual(rows, time)]
+    charts = [
+        _wrench(rows, time, over="time", x_label=_TIME),
+        _wrench(rows, depth, over="depth", x_label=_DEPTH),
+        _residual(rows, time),
+    ]
     if rows["quality_flags"].any():
         charts.append(_flags(rows, time))
     if not np.isnan(rows["learned"]).all():
@@ -132,40 +151,53 @@ def _label(panels: Any, at: _Place, *, x: str = "", y: str = "") -> None:
 def _line(
     panels: Any, at: _Place, name: str, x: _Array, y: _Array, *, colour: str = "", width: float = 1.5, **look: Any
 ) -> None:
-    """Draw a line with gaps at NaN; those of a name share a legend entry. `colour`: of `_NAMES` (default: `name`)."""
-    look |= {"x": x.astype(np.float32), "y": y.astype(np.float32)}  # finer than a screen, half the bytes
-    look |= {"mode": "lines", "line": {"color": _COLOURS[colour or name], "width": width}, "connectgaps": False}
-    shared = {"legendgroup": name, "showlegend": all(trace.name != name for trace in panels.data)}
-    panels.add_scatter(row=at[0], col=at[1], name=name, **shared, **look)
+    """Draw a line with gaps at NaN; those of a name share a legend entry. `colour`: of `_COLOURS` (default: `name`)."""
+    panels.add_scatter(
+        row=at[0],
+        col=at[1],
+        name=name,
+        legendgroup=name,
+        showlegend=all(trace.name != name for trace in panels.data),
+        x=x.astype(np.float32),  # finer than a screen, half the bytes
+        y=y.astype(np.float32),
+        mode="lines",
+        line={"color": _COLOURS[colour or name], "width": width},
+        connectgaps=False,
+        **look,
+    )
 
 
 def _band(panels: Any, at: _Place, name: str, x: _Array, y: _Array, deviation: _Array, *, colour: str) -> None:
     """Draw a band from y - deviation to y + deviation, with gaps at NaN."""
     from plotly.colors import hex_to_rgb
 
-    rows = np.flatnonzero(~np.isnan(x + y + deviation))
-    outline = [np.empty((2, 0))]
-    for part in np.split(rows, np.flatnonzero(np.diff(rows) > 1) + 1):  # closed around each unbroken segment
-        there, back = (x[part], y[part] - deviation[part]), (x[part[::-1]], (y + deviation)[part[::-1]])
-        outline += [np.array(there), np.array(back), np.full((2, 1), np.nan)]
-    fill = f"rgba{(*hex_to_rgb(_COLOURS[colour]), _BAND)}"
-    x, y = np.hstack(outline)
-    _line(panels, at, name, x, y, colour=colour, width=0.0, fill="toself", fillcolor=fill, hoverinfo="skip")
+    known = np.flatnonzero(~np.isnan(x + y + deviation))
+    xs = [np.empty(0)]
+    ys = [np.empty(0)]
+    for part in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):  # closed around each unbroken segment
+        xs += [x[part], x[part[::-1]], np.array([np.nan])]
+        ys += [(y - deviation)[part], (y + deviation)[part[::-1]], np.array([np.nan])]
+    red, green, blue = hex_to_rgb(_COLOURS[colour])
+    fill = f"rgba({red}, {green}, {blue}, {_BAND})"
+    look = {"fill": "toself", "fillcolor": fill, "hoverinfo": "skip"}
+    _line(panels, at, name, np.concatenate(xs), np.concatenate(ys), colour=colour, width=0.0, **look)
 
 
-def _wrench(rows: Rows, x: _Array, over: str, x_label: str) -> Figure:
+def _wrench(rows: Rows, x: _Array, *, over: str, x_label: str) -> Figure:
     panels = _panels(3, 2, height=760)
     for k, axis in enumerate(AXES):
-        at = k % 3 + 1, k // 3 + 1
-        measured, predicted, sigma = (rows[name][:, k] for name in ("compensated", "predicted", "sigma"))
-        _band(panels, at, "± standard deviation", x, predicted, sigma, colour="predicted")
+        is_torque = k >= 3
+        at = (k % 3 + 1, 2 if is_torque else 1)
+        measured = rows["compensated"][:, k]
+        predicted = rows["predicted"][:, k]
+        _band(panels, at, "± standard deviation", x, predicted, rows["sigma"][:, k], colour="predicted")
         for code, phase in enumerate(PHASES):
             chosen = (rows["phase"] == code) & ~np.isnan(measured + x)
             if chosen.any():
                 y = np.where(chosen, measured, math.nan)
                 _line(panels, at, f"measured, {phase}", x, y, colour=phase, width=2.0)
         _line(panels, at, "predicted", x, predicted)
-        _label(panels, at, x=x_label if k % 3 == 2 else "", y=f"{axis} [{'N' if k < 3 else 'N m'}]")
+        _label(panels, at, x=x_label if at[0] == 3 else "", y=f"{axis} [{'N m' if is_torque else 'N'}]")
     sentence = (
         f"Measured, in the colour of the phase, and predicted, with a band of one standard deviation on each side, over"
         f" {over}. A line breaks where there is no estimate."
@@ -176,8 +208,9 @@ def _wrench(rows: Rows, x: _Array, over: str, x_label: str) -> Figure:
 def _residual(rows: Rows, time: _Array) -> Figure:
     panels = _panels(2)
     residual = rows["compensated"] - rows["predicted"]
-    for k, axis in enumerate("xyzxyz"):
-        _line(panels, (k // 3 + 1, 1), axis, time, residual[:, k], width=1.2)
+    for k, axis in enumerate("xyz"):
+        _line(panels, (1, 1), axis, time, residual[:, FORCE][:, k], width=1.2)
+        _line(panels, (2, 1), axis, time, residual[:, TORQUE][:, k], width=1.2)
     _label(panels, (1, 1), y="Force residual [N]")
     _label(panels, (2, 1), x=_TIME, y="Torque residual [N m]")
     return Figure("residual", "Residual", "Measured minus predicted, by sensor axis, over time.", panels)
@@ -189,27 +222,24 @@ def _flags(rows: Rows, time: _Array) -> Figure:
     for place, flag in enumerate(flags):
         raised = (rows["quality_flags"] & int(flag)) != 0
         raised[1:] |= raised[:-1]  # up to the next pose
-        level, y = trust(flag).value.lower(), np.where(raised, float(place), math.nan)
+        level = trust(flag).value.lower()
+        y = np.where(raised, float(place), math.nan)
         _line(panels, (1, 1), f"trust: {level}", time, y, colour=level, width=9.0)
     _label(panels, (1, 1), x=_TIME)
     panels.update_xaxes(range=[time.min(), time.max()])
-    ticks = {"tickvals": list(range(len(flags))), "ticktext": [flag.label for flag in flags]}
-    panels.update_yaxes(**ticks, range=[len(flags) - 0.5, -0.5])
+    labels = [flag.label for flag in flags]
+    panels.update_yaxes(tickvals=list(range(len(flags))), ticktext=labels, range=[len(flags) - 0.5, -0.5])
     return Figure("quality_flags", "Quality flags over time", "When the prediction had which flag.", panels)
 
 
 def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
-    panels, learned = _panels(len(_LEARNED), 2, height=900), dict(zip(LEARNED_COLUMNS, rows["learned"].T, strict=True))
-    for row, (label, unit, columns) in enumerate(_LEARNED, start=1):
-        for column, (x, x_label) in enumerate(((time, _TIME), (depth, _DEPTH)), start=1):
-            at = (row, column)
-            for key, name in columns.items():
-                value = unit * learned[key]
-                if f"{key}_error" in learned:
-                    error = unit * learned[f"{key}_error"]
-                    _band(panels, at, "± standard error", x, value, error, colour=name)
-                _line(panels, at, name, x, value)
-            _label(panels, at, x=x_label if row == len(_LEARNED) else "", y=label)
+    panels = _panels(len(_LEARNED), 2, height=900)
+    for row, panel in enumerate(_LEARNED, start=1):
+        is_last = row == len(_LEARNED)
+        _draw_learned(panels, (row, 1), panel, rows, time)
+        _label(panels, (row, 1), x=_TIME if is_last else "", y=panel.label)
+        _draw_learned(panels, (row, 2), panel, rows, depth)
+        _label(panels, (row, 2), x=_DEPTH if is_last else "", y=panel.label)
     sentence = (
         "Strength of the vertical and of the horizontal force over the model's, turn of the horizontal force about the"
         " vertical, and height of the surface above surface_height, each with its standard error, and how surprising"
@@ -218,16 +248,35 @@ def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
     return Figure("learned", "What is learned of the grains", sentence, panels)
 
 
+def _draw_learned(panels: Any, at: _Place, panel: _Panel, rows: Rows, x: _Array) -> None:
+    """Draw what is learned over `x`, with bands of the standard errors."""
+    for key, name in panel.lines.items():
+        value = panel.unit * rows["learned"][:, LEARNED_COLUMNS.index(key)]
+        if f"{key}_error" in LEARNED_COLUMNS:
+            error = panel.unit * rows["learned"][:, LEARNED_COLUMNS.index(f"{key}_error")]
+            _band(panels, at, "± standard error", x, value, error, colour=name)
+        _line(panels, at, name, x, value)
+
+
 def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
     """The animation of the tool in the grains; none if it never was in the grains."""
-    model, begin = estimator.model, rows["stamp"].min(initial=2**62)
-    rows = rows[~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)]
-    if not len(rows):
+    begin = rows["stamp"].min(initial=2**62)
+    shown = rows[~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)]
+    if not len(shown):
         return
-    title, settings = "Tool and traction", estimator.settings
-    times, states, ground = 1e-9 * (rows["stamp"] - begin), np.array(rows["state"]), estimator.ground
-    forces, height = world_forces(rows["predicted"], states, estimator.load_cell), settings.surface_height
-    drawn = animate(title, model.tool, model.law, times, states, forces, surface_height=height, ground=ground)
-    shown = what_is_shown(model.law, learned=settings.learning_mode == "apply")
+    model = estimator.model
+    states = np.array(shown["state"])
+    title = "Tool and traction"
+    drawn = animate(
+        title,
+        model.tool,
+        model.law,
+        1e-9 * (shown["stamp"] - begin),
+        states,
+        world_forces(shown["predicted"], states, estimator.load_cell),
+        surface_height=estimator.settings.surface_height,
+        ground=estimator.ground,
+    )
+    colours = what_is_shown(model.law, learned=estimator.settings.learning_mode == "apply")
     where = "World axes; the surface is the one at the end. The slider selects a moment in the grains."
-    yield Figure("tool", title, f"{shown} {where}", animation_figure(drawn))
+    yield Figure("tool", title, f"{colours} {where}", animation_figure(drawn))

@@ -27,6 +27,10 @@ from rft_ros.yaml_file import read_yaml
 __all__ = ["METRIC_HEADS", "Group", "PhaseGroup", "Summary", "check", "metric_rows", "read_limits", "statistics"]
 __all__ += ["summary_of"]
 
+_Array = NDArray[np.float64]
+
+_COMPONENTS = (*AXES, "force", "torque")
+_SIZE_OF_FORCE = _COMPONENTS.index("force")
 _BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
 _MOST_BINS = 10
 _TOUCHES = 1e-3  # m: least depth of a first pose in the grains, beyond the noise of a pose at the surface
@@ -100,9 +104,9 @@ class Summary(Group):
             text.append(f"  damage: {self.damage}")
         text += [f"  warning: {sentence}" for sentence in self.warnings]
         for name, group in self.learning.items():
-            ratios = (group.rms_over_peak, group.median_relative_error, group.within_sigma, group.within_two_sigma)
-            rms, median, one, two = map(_percent, ratios)
-            text.append(f"  learning {name}: RMS/peak {rms}, median err. {median}, within 1, 2 sigma {one}, {two}")
+            errors = f"RMS/peak {_percent(group.rms_over_peak)}, median err. {_percent(group.median_relative_error)}"
+            within = f"{_percent(group.within_sigma)}, {_percent(group.within_two_sigma)}"
+            text.append(f"  learning {name}: {errors}, within 1, 2 sigma {within}")
         rows = [("force on the tool", *METRIC_HEADS), *metric_rows(self)]
         return text + [f"  {title:<18}" + "".join(f"{cell:>12}" for cell in cells) for title, *cells in rows]
 
@@ -132,16 +136,20 @@ def summary_of(rows: Rows, *, issues: Counter[str], faults: Sequence[str] = (), 
 
 def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
     """Statistics of all estimates, and of each phase by name; a phase has them also by depth in the grains."""
-    answered, depth = rows["reason"] < 0, rows["depth"]
-    least = _BIG * float(np.fmax.reduce(np.linalg.norm(rows["compensated"][:, FORCE], axis=1), initial=0.0))
+    answered = rows["reason"] < 0
+    depth = rows["depth"]
+    measured = np.linalg.norm(rows["compensated"][:, FORCE], axis=1)
+    least = _BIG * float(np.fmax.reduce(measured, initial=0.0))
     edges = _bin_edges(float(depth[answered].max(initial=0.0)))
-    bins = [f"{low:g}-{high:g}mm" for low, high in itertools.pairwise(1e3 * edges)]
-    in_bin = np.where(depth > 0.0, np.digitize(depth, edges[1:-1]), -1)
+    bin_of = np.where(depth > 0.0, np.digitize(depth, edges[1:-1]), -1)
     groups = {}
     for code, phase in enumerate(PHASES):
         in_phase = rows["phase"] == code
-        parts = {name: rows[in_phase & answered & (in_bin == k)] for k, name in enumerate(bins)}
-        by_depth = {name: _group(part, least) for name, part in parts.items() if len(part)}
+        by_depth = {}
+        for k, (low, high) in enumerate(itertools.pairwise(1e3 * edges)):
+            part = rows[in_phase & answered & (bin_of == k)]
+            if len(part):
+                by_depth[f"{low:g}-{high:g}mm"] = _group(part, least)
         own = vars(_group(rows[in_phase & answered], least))
         groups[phase] = PhaseGroup(**own, poses=int(in_phase.sum()), depth_bins=by_depth)
     return _group(rows[answered], least), groups
@@ -149,30 +157,42 @@ def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
 
 def _group(rows: Rows, least_force: float) -> Group:
     """Statistics of rows with estimates. The relative error is taken of forces over `least_force` [N]."""
-    measured, predicted = rows["compensated"], rows["predicted"]
-    kinds = {"measured": measured, "predicted": predicted, "residual": measured - predicted}
-    full = {
-        k: np.column_stack([w, *(np.linalg.norm(part, axis=1) for part in (w[:, FORCE], w[:, TORQUE]))])
-        for k, w in kinds.items()
-    }
-    names = (*AXES, "force", "torque")
-    wrench = {name: {k: _spread(w[:, column]) for k, w in full.items()} for column, name in enumerate(names)}
-    rms, peak = wrench["force"]["residual"]["rms"], wrench["force"]["measured"]["peak"]
-    force, residual = (full[kind][:, names.index("force")] for kind in ("measured", "residual"))
+    measured = _with_magnitudes(rows["compensated"])
+    predicted = _with_magnitudes(rows["predicted"])
+    residual = _with_magnitudes(rows["compensated"] - rows["predicted"])
+    wrench = {}
+    for column, name in enumerate(_COMPONENTS):
+        wrench[name] = {
+            "measured": _spread(measured[:, column]),
+            "predicted": _spread(predicted[:, column]),
+            "residual": _spread(residual[:, column]),
+        }
+    force = measured[:, _SIZE_OF_FORCE]
     big = force > least_force
-    scores = (np.abs(full["residual"][:, FORCE]) / rows["sigma"][:, FORCE])[np.any(predicted[:, FORCE], axis=1)]
+    relative = residual[big, _SIZE_OF_FORCE] / force[big]
+    in_grains = np.any(predicted[:, FORCE], axis=1)
+    scores = np.abs(residual[in_grains, FORCE]) / rows["sigma"][in_grains, FORCE]
     scores = scores[~np.isnan(scores)]
+    rms = wrench["force"]["residual"]["rms"]
+    peak = wrench["force"]["measured"]["peak"]
     return Group(
         estimates=len(rows),
         wrench=wrench,
         rms_over_peak=rms / peak if rms is not None and peak else None,
-        median_relative_error=float(np.median(residual[big] / force[big])) if big.any() else None,
+        median_relative_error=float(np.median(relative)) if len(relative) else None,
         within_sigma=float(np.mean(scores < 1.0)) if len(scores) else None,
         within_two_sigma=float(np.mean(scores < 2.0)) if len(scores) else None,
     )
 
 
-def _spread(values: NDArray[np.float64]) -> dict[str, float | None]:
+def _with_magnitudes(wrenches: _Array) -> _Array:
+    """The wrenches with the magnitudes of their forces and torques, columns `_COMPONENTS`; shape [n, 8]."""
+    force = np.linalg.norm(wrenches[:, FORCE], axis=1)
+    torque = np.linalg.norm(wrenches[:, TORQUE], axis=1)
+    return np.column_stack([wrenches, force, torque])
+
+
+def _spread(values: _Array) -> dict[str, float | None]:
     known = values[~np.isnan(values)]
     if not len(known):
         return dict.fromkeys(("rms", "peak", "mean"))
@@ -180,13 +200,14 @@ def _spread(values: NDArray[np.float64]) -> dict[str, float | None]:
     return {"rms": rms, "peak": float(np.abs(known).max()), "mean": float(known.mean())}
 
 
-def _bin_edges(deepest: float) -> NDArray[np.float64]:
+def _bin_edges(deepest: float) -> _Array:
     """Edges [m] of at most ten bins from 0 to `deepest`, whose width is 1, 2 or 5 times a power of ten."""
     if not deepest > 0.0:
         return np.zeros(1)
     below = deepest * (1.0 - 1e-9)
-    width = 10.0 ** math.floor(math.log10(below / _MOST_BINS))
-    width *= next(factor for factor in (1, 2, 5, 10) if below < _MOST_BINS * factor * width)
+    power = 10.0 ** math.floor(math.log10(below / _MOST_BINS))
+    factor = next(factor for factor in (1, 2, 5, 10) if below < _MOST_BINS * factor * power)
+    width = factor * power
     return np.arange(math.ceil(below / width) + 1, dtype=np.float64) * width
 
 
@@ -218,10 +239,20 @@ def metric_rows(summary: Summary) -> list[tuple[str, ...]]:
 
 
 def _metrics(group: Group) -> tuple[str, ...]:
-    force = group.wrench["force"]
-    newtons = (force["measured"]["peak"], force["residual"]["rms"], force["residual"]["peak"])
-    ratios = (group.rms_over_peak, group.median_relative_error)
-    return str(group.estimates), *("-" if v is None else f"{v:.3f}" for v in newtons), *map(_percent, ratios)
+    measured = group.wrench["force"]["measured"]
+    residual = group.wrench["force"]["residual"]
+    return (
+        str(group.estimates),
+        _newtons(measured["peak"]),
+        _newtons(residual["rms"]),
+        _newtons(residual["peak"]),
+        _percent(group.rms_over_peak),
+        _percent(group.median_relative_error),
+    )
+
+
+def _newtons(force: float | None) -> str:
+    return "-" if force is None else f"{force:.3f}"
 
 
 def _percent(share: float | None) -> str:
@@ -238,15 +269,18 @@ def read_limits(file: Path) -> dict[str, tuple[float, float]]:
         raise InputError(f"limits file '{file}' has no metrics; write lines such as 'estimates: {{min: 1000}}'")
     limits = {}
     for metric, given in tree.items():
-        bounds = given if isinstance(given, dict) and given.keys() <= {"min", "max"} else {}
-        numbers = [v for v in bounds.values() if isinstance(v, int | float) and not isinstance(v, bool)]
-        low, high = bounds.get("min", -math.inf), bounds.get("max", math.inf)
-        finite = all(abs(v) <= sys.float_info.max for v in numbers)
-        if not bounds or len(numbers) < len(bounds) or not finite or low > high:
+        bounds = given if isinstance(given, dict) and given else {"": given}
+        low = bounds.get("min", -math.inf)
+        high = bounds.get("max", math.inf)
+        if bounds.keys() - {"min", "max"} or not all(map(_is_finite, bounds.values())) or low > high:
             must = "it must be {min: NUMBER, max: NUMBER} or one of them, of finite numbers, min not above max"
             raise InputError(f"limits file '{file}': {metric} is {shown(given)}; {must}")
-        limits[str(metric)] = low, high
+        limits[metric] = (low, high)
     return limits
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
 
 
 def check(limits: dict[str, tuple[float, float]], summary: Summary) -> list[tuple[bool, str]]:
@@ -254,8 +288,12 @@ def check(limits: dict[str, tuple[float, float]], summary: Summary) -> list[tupl
     values = {f"reasons.{reason.value}": 0.0 for reason in Reason} | dict(flat(asdict(summary)))
     checks = []
     for metric, (low, high) in limits.items():
-        value, kept, number = values.get(metric), False, "no value"
+        value = values.get(metric)
+        kept = False
+        number = "no value"
         if isinstance(value, int | float):
-            kept, number = low <= value <= high, f"{value:.5g}"
-        checks.append((kept, f"  {'ok    ' if kept else 'FAILED'} {metric}: {number} (min {low:g}, max {high:g})"))
+            kept = low <= value <= high
+            number = f"{value:.5g}"
+        verdict = "ok    " if kept else "FAILED"
+        checks.append((kept, f"  {verdict} {metric}: {number} (min {low:g}, max {high:g})"))
     return checks

@@ -20,7 +20,8 @@ __all__ = ["COLUMNS", "is_table", "read_recorded_table", "source_of_table", "val
 
 _GROUPS: dict[Role, tuple[str, ...]] = {"pose": tuple(STATE[POSE]), "twist": tuple(STATE[TWIST]), "wrench": AXES}
 _TIME_AND_POSE = columns_named(("t", *_GROUPS["pose"]))
-_TWIST, _WRENCH = columns_named(_GROUPS["twist"]), columns_named(_GROUPS["wrench"])
+_TWIST = columns_named(_GROUPS["twist"])
+_WRENCH = columns_named(_GROUPS["wrench"])
 
 COLUMNS = ("t", *STATE[POSE], *STATE[TWIST], *AXES)
 """Columns of a table: [s], [m], quaternion, [m/s], [rad/s], [N], [N m].
@@ -56,32 +57,34 @@ def source_of_table(file: Path, rows: Rows, topics: Mapping[Role, str], values: 
     In ROS a stamp of 0 means none: stamps that begin at 0 or below are shifted by whole seconds. Raises InputError,
     which names the line.
     """
-    table = rows.numbers
-    times = table[:, 0]
+    times = rows.column("t")
     _check_times(times, rows.lines, f"table '{file}'")
     shift = 0 if times[0] > 0.0 else 1 + math.ceil(-times[0])
     stamps = np.round((times + shift) * 1e9).astype(np.int64).tolist()
-    names = [*rows.factors]
-    begin = {role: names.index(group[0]) for role, group in _GROUPS.items() if group[0] in names}
-    world = values["world_frame"]
-    sensor = values["sensor_frame"]
     sample_of: dict[Role, Callable[[int, Any], Sample]] = {
-        "pose": lambda stamp, numbers: PoseSample(stamp, world, numbers[:3], numbers[3:]),
-        "twist": lambda stamp, numbers: TwistSample(stamp, world, numbers[:3], numbers[3:]),
-        "wrench": lambda stamp, numbers: WrenchSample(stamp, sensor, numbers),
+        "pose": lambda stamp, numbers: PoseSample(stamp, values["world_frame"], numbers[:3], numbers[3:]),
+        "twist": lambda stamp, numbers: TwistSample(stamp, values["world_frame"], numbers[:3], numbers[3:]),
+        "wrench": lambda stamp, numbers: WrenchSample(stamp, values["sensor_frame"], numbers),
     }
+    columns: dict[Role, NDArray[np.float64]] = {}
+    for role, names in _GROUPS.items():
+        if role in topics and names[0] in rows.factors:
+            columns[role] = np.column_stack([rows.column(name) for name in names])
 
     def read(wanted: Collection[str], first: int, last: int) -> Messages:
-        for stamp, row in zip(stamps, table, strict=True):
-            if first <= stamp <= last:
-                numbers = row.tolist()
-                for role, k in begin.items():
-                    if topics.get(role) in wanted:
-                        yield stamp, topics[role], sample_of[role](stamp, tuple(numbers[k : k + len(_GROUPS[role])]))
+        for k, stamp in enumerate(stamps):
+            for role, numbers in columns.items():
+                if first <= stamp <= last and topics[role] in wanted:
+                    yield stamp, topics[role], sample_of[role](stamp, tuple(numbers[k].tolist()))
 
-    types = [(topics[role], TYPES[role][0]) for role in begin if role in topics]
-    count = len(types) * len(stamps)
-    source = Source(name=file.name, types=types, count=count, first=stamps[0], last=stamps[-1], read=read)
+    source = Source(
+        name=file.name,
+        types=[(topics[role], TYPES[role][0]) for role in columns],
+        count=len(columns) * len(stamps),
+        first=stamps[0],
+        last=stamps[-1],
+        read=read,
+    )
     return source, shift * 1_000_000_000
 
 
