@@ -6,7 +6,7 @@ import numpy as np
 import trimesh
 
 from rft_ros.rft import INTEGRATIONS, Plates, wrenches
-from rft_ros.tool.reduce import random_motions
+from rft_ros.tool import random_motions
 from studies.paper import law
 from studies.parameter_sweep import RULE_COLOUR, Array, both_rules
 from studies.result import StudyResult, label_axes, new_figure, result_of_rows

@@ -14,8 +14,7 @@ from numpy.typing import NDArray
 
 from rft_ros.rft import INTEGRATIONS, Integration, Plates, wrenches
 from rft_ros.sweeps.motions import sample, straight
-from rft_ros.tool.refine import refined_plates
-from rft_ros.tool.tool import centroid_plates
+from rft_ros.tool import centroid_plates, refined_plates
 from studies.paper import NOT_STATED, law
 from studies.result import BLACK, BLUE, GREY, ORANGE, StudyResult, label_axes, new_figure, published_against_ours
 

@@ -9,7 +9,7 @@ import trimesh
 from scipy.spatial.transform import Rotation
 
 from rft_ros.rft import Integration, Plates, wrenches
-from rft_ros.tool.refine import FLAT_HALF_ANGLE
+from rft_ros.tool import FLAT_HALF_ANGLE
 from studies.paper import law
 from studies.parameter_sweep import (
     ANGLE_STEP,

@@ -22,9 +22,7 @@ from rft_ros.rft import (
     checked_states,
     wrenches,
 )
-from rft_ros.tool import load_tool
-from rft_ros.tool.refine import refined_plates
-from rft_ros.tool.tool import centroid_plates
+from rft_ros.tool import centroid_plates, load_tool, refined_plates
 from studies.paper import ALPHA_Y, law
 from studies.result import BLUE, VERMILION
 

@@ -10,11 +10,15 @@ from rft_ros.parameters import MESH, Values, defaults, named_files, tool_of
 from rft_ros.progress import busy
 from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import run
-from rft_ros.tool import Tool, describe_tool
-from rft_ros.tool.hollow import describe_hollow
-from rft_ros.tool.mesh_file import SUFFIX, save_reduced
-from rft_ros.tool.reduce import reduced_for_any_motion
-from rft_ros.tool.union import write_union
+from rft_ros.tool import (
+    REDUCED_SUFFIX,
+    Tool,
+    describe_hollow,
+    describe_tool,
+    reduced_for_any_motion,
+    save_reduced,
+    write_union,
+)
 
 
 def check_mesh_options(command: argparse.ArgumentParser) -> None:
@@ -57,8 +61,8 @@ def reduce(arguments: argparse.Namespace) -> int:
     tolerance, output = arguments.share, arguments.output
     if not 0.0 < tolerance <= 1.0:
         raise InputError(f"--tolerance is {tolerance:g}; it must be over 0, and at most 1")
-    if output.suffix.lower() != SUFFIX:
-        raise InputError(f"output '{output}' must end in {SUFFIX}, the suffix of reduced tools")
+    if output.suffix.lower() != REDUCED_SUFFIX:
+        raise InputError(f"output '{output}' must end in {REDUCED_SUFFIX}, the suffix of reduced tools")
     values = options.values_of(arguments)
     options.refuse_inputs(arguments, output, also=named_files(values))
     tool = tool_of(values)

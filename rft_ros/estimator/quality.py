@@ -15,8 +15,7 @@ from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
 from rft_ros.rft import POSITION, QUATERNION, SpeedLimits, rotation_matrix
 from rft_ros.rft.grains import WITH_INERTIA, WITHOUT_INERTIA
-from rft_ros.tool import Tool
-from rft_ros.tool.check import LARGEST, SMALLEST
+from rft_ros.tool import LARGEST, SMALLEST, Tool
 
 __all__ = ["QualityFlag", "QualityMonitor", "Trust", "begins_in_grains", "flag_names", "sentence_on"]
 __all__ += ["sentences", "trust"]

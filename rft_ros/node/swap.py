@@ -17,7 +17,7 @@ from rft_ros.files import checked_file
 from rft_ros.messages import decoder
 from rft_ros.node.tool_worker import ToolWorker, named
 from rft_ros.parameters import FILES, Values, model_of, parts_of, settings_of, unused
-from rft_ros.tool.locate import checked_mesh
+from rft_ros.tool import checked_mesh
 
 __all__ = ["Failed", "Prepared", "Swap"]
 

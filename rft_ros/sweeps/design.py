@@ -15,8 +15,7 @@ from rft_ros.installation import release
 from rft_ros.parameters import is_medium_file
 from rft_ros.parameters.from_values import OF_MEDIUM, OF_TOOL, parameters_of
 from rft_ros.sweeps.motions import FAMILIES, Trajectory
-from rft_ros.tool import locate_mesh
-from rft_ros.tool.urdf import files_of_mesh
+from rft_ros.tool import files_of_mesh, locate_mesh
 from rft_ros.yaml_file import read_yaml
 
 __all__ = ["Content", "Design", "Variant", "checksum_of", "motion_of", "read_design"]

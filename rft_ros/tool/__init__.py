@@ -1,6 +1,17 @@
 """Makes a tool of plates from a mesh file: finds, reads and checks the file, refines and reduces the plates."""
 
-from rft_ros.tool.locate import is_mesh_path, locate_mesh
-from rft_ros.tool.tool import Tool, describe_tool, load_tool, tool_of_mesh
+from rft_ros.tool import solids
+from rft_ros.tool.check import LARGEST, SMALLEST
+from rft_ros.tool.hollow import describe_hollow
+from rft_ros.tool.locate import checked_mesh, is_mesh_path, locate_mesh
+from rft_ros.tool.mesh_file import REDUCED_SUFFIX, save_reduced
+from rft_ros.tool.reduce import random_motions, reduced_for_any_motion
+from rft_ros.tool.refine import FLAT_HALF_ANGLE, refined_plates
+from rft_ros.tool.tool import Tool, centroid_plates, describe_tool, load_tool, tool_of_mesh
+from rft_ros.tool.union import write_union
+from rft_ros.tool.urdf import files_of_mesh
 
-__all__ = ["Tool", "describe_tool", "is_mesh_path", "load_tool", "locate_mesh", "tool_of_mesh"]
+__all__ = ["FLAT_HALF_ANGLE", "LARGEST", "REDUCED_SUFFIX", "SMALLEST", "Tool", "centroid_plates", "checked_mesh"]
+__all__ += ["describe_hollow", "describe_tool", "files_of_mesh", "is_mesh_path", "load_tool", "locate_mesh"]
+__all__ += ["random_motions", "reduced_for_any_motion", "refined_plates", "save_reduced", "solids", "tool_of_mesh"]
+__all__ += ["write_union"]

@@ -11,8 +11,6 @@ from rft_ros.tool.solids import are_inside
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["LARGEST", "SMALLEST", "MeshIssue", "check_mesh", "degenerate_facets"]
-
 SMALLEST = 1e-3
 """Least plausible extent of a tool [m]: as small as a grain."""
 

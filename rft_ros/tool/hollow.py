@@ -11,8 +11,6 @@ from rft_ros.rft import MEDIA, POSITION, QUATERNION, STATE, VELOCITY, alpha_y_mo
 from rft_ros.tool.solids import are_inside, convex_hull, crossings
 from rft_ros.tool.tool import Tool, tool_of_mesh
 
-__all__ = ["describe_hollow"]
-
 Array = NDArray[np.float64]
 
 _PRESS = (0.0, 0.0, -1.0)

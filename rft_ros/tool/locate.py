@@ -9,8 +9,6 @@ from rft_ros.errors import InputError, file_errors
 from rft_ros.files import checked_file, expanded
 from rft_ros.installation import share_directory
 
-__all__ = ["advice", "checked_mesh", "is_mesh_path", "link_in", "locate_mesh"]
-
 _SCHEMES = "package://", "file://"
 _ROBOT = re.compile(r"(?P<file>.*?\.(?:urdf|xacro))#(?P<link>.*)", re.DOTALL)
 

@@ -31,11 +31,9 @@ from rft_ros.tool.urdf import ROBOT_SUFFIXES, shapes_of_link
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["IN_TOOL_FRAME", "SUFFIX", "MeshFrame", "read_mesh", "read_reduced", "save_reduced"]
-
 Array = NDArray[np.float64]
 
-SUFFIX = ".npz"
+REDUCED_SUFFIX = ".npz"
 """Suffix of a reduced tool's file."""
 
 _MILLIMETRE = 0.001  # the unit [m] of a mesh file that declares none
@@ -174,7 +172,7 @@ def _load(path: Path) -> "trimesh.Trimesh":
     suffix = path.suffix.lower()
     data = read_file(path, "mesh file", advice=advice())
     if suffix not in _SUFFIXES:
-        supported = ", ".join([*_SUFFIXES, ".urdf#LINK", SUFFIX])
+        supported = ", ".join([*_SUFFIXES, ".urdf#LINK", REDUCED_SUFFIX])
         raise InputError(f"{name} has no supported suffix; these are {supported}")
     parts = _parts_of_glb(data) if suffix == ".glb" else 0
     if parts > _MOST_PARTS:

@@ -29,8 +29,6 @@ from rft_ros.rft import (
 )
 from rft_ros.rft.plates import AREA, CENTROID, FIRST_CORNER, HALF_ANGLE, NORMAL, SECOND_CORNER
 
-__all__ = ["merged_plates", "random_motions", "reduced_for_any_motion"]
-
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
 

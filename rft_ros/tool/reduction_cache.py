@@ -19,8 +19,6 @@ from rft_ros.files import read_arrays, replacing
 from rft_ros.rft import Plates
 from rft_ros.tool import reduce
 
-__all__ = ["cache_folder", "reduced_once"]
-
 _MOST_FILES = 128  # of at most half a megabyte each; the least recently used are removed first
 
 

@@ -15,8 +15,6 @@ from rft_ros.rft import Plates
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["FLAT_HALF_ANGLE", "refined_plates", "welded"]
-
 FLAT_HALF_ANGLE = np.deg2rad(1.0)
 """Half angle [rad] over which a flat facet begins to lead: the smallest of any facet."""
 

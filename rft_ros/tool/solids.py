@@ -16,8 +16,6 @@ from rft_ros.rft import rotation_matrix
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["CELLS", "are_inside", "box", "capsule", "convex_hull", "crossings", "cylinder", "ellipsoid"]
-
 Array = NDArray[np.float64]
 
 CELLS = 8

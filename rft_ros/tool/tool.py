@@ -15,15 +15,13 @@ from rft_ros.rft import INTEGRATIONS, LEVEL, QUATERNION, STATE, Integration, Pla
 from rft_ros.rft.arguments import number
 from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
 from rft_ros.tool.locate import link_in, locate_mesh
-from rft_ros.tool.mesh_file import IN_TOOL_FRAME, SUFFIX, MeshFrame, read_mesh, read_reduced
+from rft_ros.tool.mesh_file import IN_TOOL_FRAME, REDUCED_SUFFIX, MeshFrame, read_mesh, read_reduced
 from rft_ros.tool.reduction_cache import reduced_once
 from rft_ros.tool.refine import refined_plates
 from rft_ros.tool.solids import convex_hull
 
 if TYPE_CHECKING:
     import trimesh
-
-__all__ = ["Tool", "centroid_plates", "describe_tool", "load_tool", "tool_of_mesh"]
 
 _MOST_HEIGHTS = 1_000_000  # of corners that are computed at once: 8 MB
 _SAME_AREA = 1e-4  # relative difference of areas that is rounding
@@ -126,7 +124,7 @@ def load_tool(
         raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
     path = locate_mesh(file)
     frame = MeshFrame.checked(scale, origin, quaternion)
-    if path.suffix.lower() == SUFFIX:
+    if path.suffix.lower() == REDUCED_SUFFIX:
         if hull:
             raise InputError(f"mesh file '{path}' is a reduced tool; for its hull, reduce the mesh with --hull")
         return _load_reduced(path, frame, integration)

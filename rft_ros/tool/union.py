@@ -16,8 +16,6 @@ from rft_ros.tool.tool import Tool
 if TYPE_CHECKING:
     import trimesh
 
-__all__ = ["union_of", "write_union"]
-
 
 def union_of(tool: Tool) -> "trimesh.Trimesh":
     """The union of the bodies of a tool's mesh, in its file's units and axes. Raises InputError."""

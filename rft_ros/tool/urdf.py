@@ -17,8 +17,6 @@ from rft_ros.files import read_text, resolved
 from rft_ros.tool import solids
 from rft_ros.tool.locate import advice, link_in, locate_mesh
 
-__all__ = ["ROBOT_SUFFIXES", "LinkShape", "files_of_mesh", "shapes_of_link"]
-
 Array = NDArray[np.float64]
 
 ROBOT_SUFFIXES = ".urdf", ".xacro"

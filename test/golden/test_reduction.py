@@ -5,8 +5,7 @@ import pytest
 
 from rft_ros.rft import MEDIA, agarwal2023, alpha_y_model, treers2021, wrenches
 from rft_ros.sweeps.motions import circumnutation, oscillating_insertion
-from rft_ros.tool import load_tool
-from rft_ros.tool.reduce import random_motions, reduced_for_any_motion
+from rft_ros.tool import load_tool, random_motions, reduced_for_any_motion
 
 GENERIC = MEDIA["generic"]
 CONSTANT, LINEAR = (treers2021(GENERIC, alpha_y_model(name, GENERIC), zeta=0.33) for name in ("constant", "linear"))

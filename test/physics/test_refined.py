@@ -10,7 +10,7 @@ from scenes import GENERIC
 from scipy.spatial.transform import Rotation
 
 from rft_ros.rft import QUATERNION, VELOCITY, Plates, checked_states, wrenches
-from rft_ros.tool.refine import FLAT_HALF_ANGLE, refined_plates
+from rft_ros.tool import FLAT_HALF_ANGLE, refined_plates
 
 RADIUS = 0.0254
 

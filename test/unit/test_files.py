@@ -20,8 +20,7 @@ from rft_ros.ground import read_height_map
 from rft_ros.parameters import checked, read_alpha_y_table, read_parameter_file
 from rft_ros.states_file import read_states
 from rft_ros.sweeps.design import read_design
-from rft_ros.tool import load_tool
-from rft_ros.tool.locate import checked_mesh
+from rft_ros.tool import checked_mesh, load_tool
 
 READERS = {
     "mesh.stl": lambda file: load_tool(file),

@@ -5,8 +5,7 @@ import pytest
 import trimesh
 from refusals import assert_says, refusal
 
-from rft_ros.tool import load_tool, tool_of_mesh
-from rft_ros.tool.hollow import describe_hollow
+from rft_ros.tool import describe_hollow, load_tool, tool_of_mesh
 
 PLATE = (0.03, 0.03, 0.003)
 

@@ -14,8 +14,8 @@ from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, Memory, Plates, alpha_y_model, checked_states, treers2021, wrenches, wrenches_in_time
 from rft_ros.sweeps.motions import circumnutation, oscillating_insertion, sample
-from rft_ros.tool import load_tool
-from rft_ros.tool.reduce import merged_plates, random_motions
+from rft_ros.tool import load_tool, random_motions
+from rft_ros.tool.reduce import merged_plates
 from studies.sampling import sample_every
 
 LAW = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))

@@ -12,8 +12,7 @@ from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.parameters import defaults, tool_of
 from rft_ros.rft import MEDIA, QUATERNION, alpha_y_model, checked_states, law_named, wrenches
-from rft_ros.tool import load_tool
-from rft_ros.tool.reduce import random_motions
+from rft_ros.tool import load_tool, random_motions
 
 HEADER = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
 HALF_TURN = (1.0, 0.0, 0.0, 0.0)  # about x

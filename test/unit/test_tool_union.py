@@ -10,8 +10,8 @@ from hypothesis import strategies as st
 from refusals import assert_says, refusal
 from test_tool_check import boxes, turned
 
-from rft_ros.tool import load_tool, tool_of_mesh
-from rft_ros.tool.union import union_of, write_union
+from rft_ros.tool import load_tool, tool_of_mesh, write_union
+from rft_ros.tool.union import union_of
 
 pytest.importorskip("manifold3d")
 EXTENTS = np.array((0.04, 0.02, 0.06))
