@@ -26,19 +26,19 @@ _RESOLUTION = 1e-3  # s: delays of synthetic recordings are found up to 1.6 ms t
 def _part_of(recording: Recorded, turn: Turn) -> Part:
     """The turn with the moments around it. Raises NotIdentifiable if there are too few."""
     time = recording.track.time
-    begin, end = time[turn.rows[[0, -1]]]
-    wide = np.flatnonzero((time >= begin - LATEST) & (time <= end + LATEST))
-    wide = wide[wide >= turn.first]
-    inner = wide[(wide >= turn.rows[0]) & (wide <= turn.rows[-1])]
+    moving = time[turn.rows]
+    rows_about = np.flatnonzero((time >= moving[0] - LATEST) & (time <= moving[-1] + LATEST))
+    about = rows_about[rows_about >= turn.first]
+    within = about[(about >= turn.rows[0]) & (about <= turn.rows[-1])]
     # at rest the force may relax: only its first and last moments count
-    after = np.clip(np.searchsorted(turn.rows, inner), 1, len(turn.rows) - 1)
-    since = np.abs(time[inner] - time[turn.rows[after - 1]])
-    until = np.abs(time[turn.rows[after]] - time[inner])
-    rows = inner[np.minimum(since, until) <= LATEST]
-    if len(rows) < FEWEST or np.diff(time[wide]).max() > GAP:
+    after = np.clip(np.searchsorted(moving, time[within]), 1, len(moving) - 1)
+    since = np.abs(time[within] - moving[after - 1])
+    until = np.abs(moving[after] - time[within])
+    rows = within[np.minimum(since, until) <= LATEST]
+    if len(rows) < FEWEST or np.diff(time[about]).max() > GAP:
         where = turn.where(recording.track)
         raise NotIdentifiable(f"{where}: {len(rows)} samples around a turn; the delay needs {FEWEST} without a gap")
-    ahead = int(wide[-1] - rows[-1])
+    ahead = int(about[-1] - rows[-1])
     return Part(recording=recording, first=turn.first, rows=rows, axes=FORCE, zeros=True, ahead=ahead)
 
 
@@ -48,8 +48,8 @@ def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Me
     starts = [(float(delay), float(log_length)) for log_length in LOG_LENGTHS for delay in _DELAYS]
     found = fitted(part, BedValues(surface, log_length=0.0), ("delay", "log_length"), starts)
     between_poses = float(np.median(np.diff(recording.track.time[part.rows]))) / 12.0**0.5  # where the turn lies
-    friction = found.by_force(recording.friction)
-    error = float(np.linalg.norm([found.error, _RESOLUTION, between_poses, friction]))
+    by_friction = found.by_force(recording.friction)
+    error = float(np.linalg.norm([found.error, _RESOLUTION, between_poses, by_friction]))
     misfit = found.fit.rms / max(float(np.ptp(part.observed, axis=0).max()), 1e-300)
     sure = error < _UNSURE and abs(found.value) < LATEST - error
     if not (sure and misfit < MOST_UNLIKE and found.scale > 0.0):
@@ -71,16 +71,22 @@ def fit_delay(recordings: Iterable[Recorded], surface: float, *, given: float) -
     """
     turns = ((one, turn, surface) for one in recordings for turn in turns_in_grains(one.track, surface))
     none = "the tool never turns in the grains, and no recording begins at rest there"
-    found, misfits = zip(*fit_each(_turn_for_delay, turns, none=none), strict=True)
+    of_turns = fit_each(_turn_for_delay, turns, none=none)
+    found = [measurement for measurement, _ in of_turns]
+    misfit = max(misfit for _, misfit in of_turns)
     values = np.array([m.value for m in found])
     weights = np.array([m.error for m in found]) ** -2.0
     mean = float(weights @ values / weights.sum())
     scatter = float(weights @ (values - mean) ** 2) / max(len(values) - 1, 1)
     error = float(np.sqrt(max(1.0, scatter) / weights.sum()))
-    if abs(mean) < _SEEN * error:
-        change, change_error = 0.0, float(np.hypot(error, mean))
-    else:
-        change, change_error = mean, error
+    is_seen = abs(mean) >= _SEEN * error
     source = listed(m._replace(value=given + m.value) for m in found)
-    goodness = f"RMS up to {100.0 * max(misfits):.1f} % of the force's range around turns"
-    return FittedValue("sensor.delay", (given + change,), (change_error,), "s", goodness, source)
+    goodness = f"RMS up to {100.0 * misfit:.1f} % of the force's range around turns"
+    return FittedValue(
+        "sensor.delay",
+        (given + mean if is_seen else given,),
+        (error if is_seen else float(np.hypot(error, mean)),),
+        "s",
+        goodness,
+        source,
+    )
