@@ -2,10 +2,12 @@
 
 import numpy as np
 import pytest
+from one_plate import START, estimator, plate_model
 from scipy.spatial.transform import Rotation
-from synthetic_track import Path, grain_wrenches, known, law, recorded
+from synthetic_track import TOOL, Path, grain_wrenches, known, law, recorded
 
 from rft_ros.calibration.calibrate import PARTS, calibrate
+from rft_ros.estimator import PoseSample
 from rft_ros.rft.motion_kinds import MOTIONS, kinds_of_motion
 
 TURNED = Rotation.from_euler("z", 90.0, degrees=True)
@@ -69,3 +71,31 @@ def test_only_kinds_with_a_path_of_some_millimetres_count():
     path = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.06), 0.01).move((0.003, 0.0, 0.0), 0.01).wait(1.0)
     found, _ = of_motions(path)
     assert set(found) == {"press", "rest"}
+
+
+def issues_of(path, *, noise=0.0):
+    """What an estimator that was calibrated on presses says of its motion along a path, at 100 Hz."""
+    e = estimator(
+        model=plate_model(tool=TOOL, mobilization_length=0.003),
+        twist_source="pose_difference",
+        calibrated_motions="press, withdrawal",
+    )
+    time, states = path.states()
+    places = states[:, :3] + np.random.default_rng(3).normal(0.0, noise, (len(time), 3))
+    for t, place, state in zip(time, places.tolist(), states, strict=True):
+        e.push_pose(PoseSample(START + round(1e9 * t), "world", tuple(place), tuple(state[3:7].tolist())))
+    return [sentence for sentence in e.issues() if "calibrated_motions" in sentence]
+
+
+@pytest.mark.parametrize("noise", [0.0, 1e-5])
+def test_a_motion_of_a_kind_that_was_not_calibrated_is_said_after_some_millimetres(noise):
+    pressed = Path((0.0, 0.0, 0.01)).wait(0.5).move((0.0, 0.0, -0.04), 0.01).wait(20.0)
+    assert issues_of(pressed, noise=noise) == []
+    in_the_air = Path((0.0, 0.0, 0.02)).wait(0.5).move((0.05, 0.0, 0.0), 0.02)
+    assert issues_of(in_the_air, noise=noise) == []
+    (sentence,) = issues_of(pressed.move((0.02, 0.0, 0.0), 0.01).wait(1.0).move((0.0, 0.0, 0.04), 0.01), noise=noise)
+    assert "drag" in sentence
+    assert "press, withdrawal" in sentence
+    turned = Path((0.0, 0.0, -0.02)).wait(0.5).turn_to(TURNED, seconds=5.0).wait(0.5)
+    (sentence,) = issues_of(turned, noise=noise)
+    assert "turn" in sentence
