@@ -89,3 +89,11 @@ def test_a_parameter_file_in_the_home_folder_is_used_and_ctrl_c_ends_launch_and_
     assert "ready: tool sphere" in "".join(said)
     assert "process has finished cleanly" in "".join(said)
     assert "escalating" not in "".join(said)
+
+
+def test_the_launch_file_passes_launch_testing(environment):
+    """`launch_test` in a process of its own: its plugin for pytest breaks under pytest 9."""
+    pytest.importorskip("launch_testing", reason="launch_testing is not installed; ros-jazzy-launch-testing has it")
+    command = [sys.executable, "-m", "launch_testing.launch_test", str(FILE.parents[1] / "test/ros/launch_file.py")]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=2 * WAIT)
+    assert done.returncode == 0, done.stdout + done.stderr
