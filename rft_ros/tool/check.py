@@ -38,7 +38,8 @@ MeshIssue = Literal[_Surface, "overlap", "concave", "size", "far"]
 def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
     """True for facets without area, which have no normal; shape [m]."""
     triangles = np.asarray(mesh.triangles)
-    longest = np.linalg.norm(np.roll(triangles, -1, axis=1) - triangles, axis=2).max(axis=1)
+    edges = np.roll(triangles, -1, axis=1) - triangles
+    longest = np.linalg.norm(edges, axis=2).max(axis=1)
     doubled = np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1)
     return np.asarray(doubled <= _COLLINEAR * longest**2)
 
@@ -94,13 +95,15 @@ def _joined(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
 
     vertices, faces = welded(np.asarray(mesh.vertices), np.asarray(mesh.faces))
     a, b, c = faces.T
-    return trimesh.Trimesh(vertices, faces[(a != b) & (b != c) & (c != a)], process=False)
+    is_whole = (a != b) & (b != c) & (c != a)
+    return trimesh.Trimesh(vertices, faces[is_whole], process=False)
 
 
 def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
     """Signed volume [m³] of a closed surface, even if its facets share no vertices; 0 if it is open."""
     doubled = np.asarray(mesh.triangles_cross)
-    if np.linalg.norm(doubled.sum(axis=0)) >= _CLOSED * np.linalg.norm(doubled, axis=1).sum():
+    left_over = np.linalg.norm(doubled.sum(axis=0))
+    if left_over >= _CLOSED * np.linalg.norm(doubled, axis=1).sum():
         return 0.0
     centres = np.asarray(mesh.triangles_center)
     return float(((centres - centres.mean(axis=0)) * doubled).sum()) / 6.0

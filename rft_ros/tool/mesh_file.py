@@ -160,8 +160,8 @@ def _load_link(urdf: Path, link: str) -> "trimesh.Trimesh":
 def _parts_of_glb(data: bytes) -> int:
     """Number of nodes in the scene of a GLB file; many nodes may repeat one mesh. 0 for a damaged file."""
     try:
-        nodes = json.loads(data[20 : 20 + int.from_bytes(data[12:16], "little")])["nodes"]
-        return len(nodes)
+        end = 20 + int.from_bytes(data[12:16], "little")
+        return len(json.loads(data[20:end])["nodes"])
     except (ValueError, LookupError, TypeError, RecursionError):
         return 0
 
@@ -213,7 +213,8 @@ def _parsed(data: bytes, suffix: str) -> "trimesh.Trimesh":
             skip_materials=True,
             maintain_order=True,
         )
-    if mesh.vertices.shape[1] != 3 or mesh.faces.min() < 0 or mesh.faces.max() >= len(mesh.vertices):
+    are_vertices = mesh.faces.min() >= 0 and mesh.faces.max() < len(mesh.vertices)
+    if mesh.vertices.shape[1] != 3 or not are_vertices:
         raise ValueError
     return mesh
 
@@ -221,7 +222,8 @@ def _parsed(data: bytes, suffix: str) -> "trimesh.Trimesh":
 def _folds(mesh: "trimesh.Trimesh") -> int:
     """Number of edges at which a facet lies on its neighbour, without slivers and the two sides of a sheet."""
     a, b = mesh.face_adjacency.T
-    is_sheet = (np.sort(mesh.faces[a], axis=1) == np.sort(mesh.faces[b], axis=1)).all(axis=1)
+    corners = np.sort(mesh.faces, axis=1)
+    is_sheet = (corners[a] == corners[b]).all(axis=1)
     smaller = np.minimum(mesh.area_faces[a], mesh.area_faces[b])
     is_sliver = smaller < _SLIVER * mesh.area_faces.max()
     is_folded = mesh.face_adjacency_angles > _FOLDED
@@ -238,7 +240,8 @@ def _in_tool_frame(corners: Array, faces: NDArray[np.int64], path: Path, frame: 
         raise InputError(f"mesh.origin is {shift.tolist()}; it must be {near}")
     with np.errstate(over="ignore", invalid="ignore"):
         vertices = frame.to_tool(np.asarray(corners, dtype=np.float64))
-    bad = int((~(np.abs(vertices) < _TOO_BIG)).any(axis=1).sum())  # NaN, too
+    is_good = np.abs(vertices) < _TOO_BIG  # not for NaN
+    bad = len(vertices) - is_good.all(axis=1).sum()
     if bad:
         raise InputError(f"mesh file '{path}' has {bad:,} of {len(vertices):,} vertices that are NaN or infinite")
     mesh = trimesh.Trimesh(vertices, faces, process=False)

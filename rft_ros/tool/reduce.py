@@ -103,7 +103,9 @@ def merged_plates(plates: Plates, count: int) -> Plates:
     radius = float(np.linalg.norm(place, axis=0).max())
     features = np.vstack([place / (radius or 1.0), plates.normals]).T
     most = min(len(features), _DRAWN)
-    drawn = features[np.random.default_rng(0).choice(len(features), most, replace=False, p=plates.areas / total)]
+    random = np.random.default_rng(0)
+    chosen = random.choice(len(features), most, replace=False, p=plates.areas / total)
+    drawn = features[chosen]
     centres = drawn[:count].copy()
     for _ in range(_ROUNDS):  # not scipy's kmeans2: it warns of empty groups, which equal centres lead to
         nearest_centre, _ = vq(drawn, centres)
@@ -132,9 +134,11 @@ def _united(rows: Array, groups: Labels) -> Array:
     parts = [centroids, normals, np.bincount(groups, areas)]
     if len(rows) > HALF_ANGLE:
         # the half angle of the fade whose variance is that of the group's normals
-        tilt = np.arccos(np.clip((rows[NORMAL] * normals[:, groups]).sum(axis=0), -1.0, 1.0))
+        cosine = (rows[NORMAL] * normals[:, groups]).sum(axis=0)
+        tilt = np.arccos(np.clip(cosine, -1.0, 1.0))
         half = np.arcsin(np.minimum(0.5 / rows[HALF_ANGLE], 1.0))
-        variance = _means(groups, areas, (1.5 * tilt**2 + half**2)[:, None])[:, 0]
+        spread = 1.5 * tilt**2 + half**2
+        variance = _means(groups, areas, spread[:, None])[:, 0]
         angle = np.minimum(np.sqrt(variance), 0.5 * np.pi)
         parts += [_triangles(rows, groups, centroids, normals), 0.5 / np.sin(angle)]
     united = np.vstack(parts)
@@ -194,7 +198,8 @@ def random_motions(corners: Array, count: int, *, seed: int) -> Array:
     rotations = Rotation.from_quat(attitude)
     # one state at a time: the heights of all corners in all states could fill the memory
     heights = (up @ (corners - center).T for up in rotations.as_matrix()[:, 2])
-    bottom, top = np.array([(z.min(), z.max()) for z in heights]).T
+    ends = [(z.min(), z.max()) for z in heights]
+    bottom, top = np.array(ends).T
     depth = (top - bottom) * random.uniform(_SHALLOWEST, _DEEPEST, count)
     lever = rotations.apply(center)
     turning = directions(3) * (random.uniform(0.0, 1.0, count) / radius)[:, None]

@@ -47,11 +47,11 @@ def refined_plates(vertices: Array, faces: Indices) -> Plates:
     """
     points, corners = welded(vertices, faces)
     surface = _corner_normals(points, corners)
-    facet = _unit(_doubled_areas(points[corners]))
+    facet = _unit(doubled_areas(points[corners]))
     angles = np.arccos(np.clip(_dot(surface.normals, facet[:, None]), -1.0, 1.0))
     half_angles = np.clip(_SPAN * angles.mean(axis=1), FLAT_HALF_ANGLE, 0.5 * np.pi)
     triangles = _with_area_of_surface(points, corners, surface)
-    is_lost = ~(np.linalg.norm(_doubled_areas(triangles), axis=1) > 0.0)  # smaller than the welding distance
+    is_lost = ~(np.linalg.norm(doubled_areas(triangles), axis=1) > 0.0)  # smaller than the welding distance
     triangles[is_lost] = vertices[faces[is_lost]]
     return Plates.from_triangles(triangles, half_angles)
 
@@ -65,7 +65,7 @@ def welded(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     return vertices[first], point.reshape(-1)[faces]
 
 
-def _doubled_areas(triangles: Array) -> Array:
+def doubled_areas(triangles: Array) -> Array:
     """Area vectors of triangles, shape [m, 3], times two."""
     a, b, c = np.moveaxis(triangles, 1, 0)
     return np.asarray(np.cross(b - a, c - a))
@@ -96,7 +96,7 @@ def _corner_normals(points: Array, faces: Indices) -> _CornerNormals:
     import trimesh
 
     mesh = trimesh.Trimesh(points, faces, process=False)
-    doubled = _doubled_areas(points[faces])
+    doubled = doubled_areas(points[faces])
     facet = _unit(doubled)
     group = _smooth_groups(mesh, facet)
     # by area alone, the two triangles of a quad would count more than one triangle beside them
@@ -110,8 +110,7 @@ def _corner_normals(points: Array, faces: Indices) -> _CornerNormals:
 
 def _smooth_groups(mesh: "trimesh.Trimesh", facet: Array) -> Indices:
     """For each corner of each facet the number of its normal: corners of smooth neighbours at one point share it."""
-    from scipy.sparse import coo_array
-    from scipy.sparse.csgraph import connected_components
+    from trimesh.graph import connected_component_labels
 
     faces = mesh.faces
     left, right = mesh.face_adjacency.T
@@ -121,12 +120,11 @@ def _smooth_groups(mesh: "trimesh.Trimesh", facet: Array) -> Indices:
 
     def corners_of(facets: Indices) -> Indices:
         """The corners of facets at both ends of the edge that they share."""
-        first, second = (3 * facets + (faces[facets] == end[:, None]).argmax(axis=1) for end in ends.T)
-        return np.concatenate([first, second])
+        places = [(faces[facets] == end[:, None]).argmax(axis=1) for end in ends.T]
+        return np.concatenate([3 * facets + place for place in places])
 
-    i, j = (corners_of(side) for side in pairs.T)
-    graph = coo_array((np.ones(len(i), dtype=np.int8), (i, j)), shape=(faces.size, faces.size))
-    _, group = connected_components(graph, directed=False)
+    same = np.stack([corners_of(side) for side in pairs.T], axis=1)
+    group = connected_component_labels(same, node_count=faces.size)
     return np.asarray(group, dtype=np.int64).reshape(-1, 3)
 
 
@@ -155,7 +153,7 @@ def _with_area_of_surface(points: Array, faces: Indices, surface: _CornerNormals
     limit = np.zeros(len(numbers))
     np.maximum.at(limit, group, sagitta[:, None])
     for _ in range(3):
-        doubled = _doubled_areas(moved)
+        doubled = doubled_areas(moved)
         lacking = target - 0.5 * np.linalg.norm(doubled, axis=1)
         # gradient of the area by a corner: half of (opposite edge) x (unit normal)
         opposite = np.roll(moved, -2, axis=1) - np.roll(moved, -1, axis=1)
@@ -179,7 +177,7 @@ def _surface_areas(triangles: Array, normals: Array) -> tuple[Array, Array]:
     To second order in the angles: the slopes at the corners vary linearly in between, and the arcs over the edges lean
     outwards, so that the patch is larger than the triangle below it.
     """
-    doubled = _doubled_areas(triangles)
+    doubled = doubled_areas(triangles)
     facet = _unit(doubled)[:, None]
     upright = np.maximum(_dot(normals, facet), _STEEPEST)
     slopes = normals / upright[:, :, None] - facet

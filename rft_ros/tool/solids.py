@@ -48,8 +48,9 @@ def capsule(radius: float, half_length: float) -> Array:
     """A cylinder of this half length about the origin, whose axis is z, with a half sphere at each end."""
     side = _line(radius, radius)
     lower = side[side < 0.0] - half_length
+    middle = _line(half_length, radius + half_length)
     upper = side[side > 0.0] + half_length
-    triangles = _box([side, side, np.concatenate([lower, _line(half_length, radius + half_length), upper])])
+    triangles = _box([side, side, np.concatenate([lower, middle, upper])])
     on_axis = triangles.clip(-half_length, half_length) * (0.0, 0.0, 1.0)
     return np.asarray(on_axis + _rounded(triangles - on_axis))
 
@@ -103,12 +104,13 @@ def convex_hull(points: Array) -> "trimesh.Trimesh":
 
     hull = ConvexHull(points)
     faces = hull.simplices.copy()
-    a, b, c = points[faces.T]
-    is_inward = np.einsum("ik,ik->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
-    faces[is_inward] = faces[is_inward, ::-1]
     mesh = trimesh.Trimesh(points, faces, process=False)
-    mesh.remove_unreferenced_vertices()
-    return mesh
+    outward = hull.equations[:, :3]
+    is_inward = (mesh.triangles_cross * outward).sum(axis=1) < 0.0
+    faces[is_inward] = faces[is_inward, ::-1]
+    oriented = trimesh.Trimesh(points, faces, process=False)
+    oriented.remove_unreferenced_vertices()
+    return oriented
 
 
 def are_inside(points: Array, triangles: Array) -> NDArray[np.bool_]:
@@ -126,8 +128,10 @@ def are_inside(points: Array, triangles: Array) -> NDArray[np.bool_]:
 def _winding_number(point: Array, triangles: Array, low: Array, high: Array) -> int:
     """`low`, `high`: bounds of the triangles, shape [3, n]. The ray goes along +z."""
     x, y, z = point
-    is_beside = (low[0] <= x) & (x <= high[0]) & (low[1] <= y) & (y <= high[1])
-    heights, turns = crossings(triangles[is_beside & (high[2] > z)] - point)
+    is_near = (low[0] <= x) & (x <= high[0])
+    is_near &= (low[1] <= y) & (y <= high[1])
+    is_near &= high[2] > z
+    heights, turns = crossings(triangles[is_near] - point)
     return int(turns[heights > 0.0].sum())
 
 

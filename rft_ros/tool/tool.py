@@ -17,7 +17,7 @@ from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
 from rft_ros.tool.locate import link_in, locate_mesh
 from rft_ros.tool.mesh_file import IN_TOOL_FRAME, REDUCED_SUFFIX, MeshFrame, read_mesh, read_reduced
 from rft_ros.tool.reduction_cache import reduced_once
-from rft_ros.tool.refine import refined_plates
+from rft_ros.tool.refine import doubled_areas, refined_plates
 from rft_ros.tool.solids import convex_hull
 
 if TYPE_CHECKING:
@@ -53,8 +53,7 @@ class Tool:
     @property
     def bounds(self) -> NDArray[np.float64]:
         """The least and the greatest coordinates [m], shape [2, 3]."""
-        columns = self.corners.T  # one by one: numpy takes 6 ms for 170,000 rows of three
-        return np.array([[column.min() for column in columns], [column.max() for column in columns]])
+        return np.array([self.corners.min(axis=0), self.corners.max(axis=0)])
 
     @property
     def size(self) -> float:
@@ -205,9 +204,10 @@ def tool_of_mesh(
 
 def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Plates:
     """Plates for the published rule, one per face. `vertices` [m]: shape [n, 3]. `faces`: indices of them, [m, 3]."""
-    a, b, c = vertices[faces.T]
-    area_vectors = np.cross(b - a, c - a) / 2.0
-    return Plates.from_arrays((a + b + c) / 3.0, area_vectors, np.linalg.norm(area_vectors, axis=1))
+    triangles = vertices[faces]
+    area_vectors = doubled_areas(triangles) / 2.0
+    areas = np.linalg.norm(area_vectors, axis=1)
+    return Plates.from_arrays(triangles.sum(axis=1) / 3.0, area_vectors, areas)
 
 
 def describe_tool(tool: Tool) -> list[str]:

@@ -51,9 +51,8 @@ def files_of_mesh(file: str) -> list[Path]:
     """The files that `mesh.file` makes a tool from: one, or a URDF and the meshes of its link. Raises InputError."""
     path = locate_mesh(file)
     link = link_in(file)
-    if not link:
-        return [path]
-    return [path, *(shape.source for shape in shapes_of_link(path, link) if isinstance(shape.source, Path))]
+    sources = [shape.source for shape in shapes_of_link(path, link)] if link else []
+    return [path, *(source for source in sources if isinstance(source, Path))]
 
 
 def shapes_of_link(urdf: Path, link: str) -> list[LinkShape]:
@@ -96,12 +95,16 @@ def _text(urdf: Path, named: str) -> str:
 
 def _elements(link: ElementTree.Element) -> list[ElementTree.Element]:
     """The collision elements of a link with a known geometry, or its visual ones if it has none."""
-    known = ("mesh", *_SOLIDS)
     for kind in _KINDS:
-        found = [e for e in link.findall(kind) if any(e.find(f"geometry/{name}") is not None for name in known)]
+        found = [element for element in link.findall(kind) if _has_shape(element)]
         if found:
             return found
     return []
+
+
+def _has_shape(element: ElementTree.Element) -> bool:
+    known = ("mesh", *_SOLIDS)
+    return any(element.find(f"geometry/{name}") is not None for name in known)
 
 
 def _missing(link: str, *, is_there: bool) -> str:
