@@ -17,9 +17,9 @@ def start_child(
     function: Callable[..., None], *arguments: str | float, pass_fds: Sequence[int] = ()
 ) -> "subprocess.Popen[bytes]":
     """Call a module's function in a new Python process, which ends when this one does and gets no Ctrl-C."""
-    module, name = function.__module__, function.__name__
+    name = function.__name__
     code = f"import sys; sys.path[:] = {sys.path!r}; from rft_ros.child_process import watch_parent; watch_parent(); "
-    code += f"from {module} import {name}; {name}(*{arguments!r})"
+    code += f"from {function.__module__} import {name}; {name}(*{arguments!r})"
     return subprocess.Popen(
         [sys.executable, "-c", code], stdin=subprocess.PIPE, pass_fds=pass_fds, start_new_session=True
     )

@@ -53,8 +53,10 @@ def parser(rft: str = "rft", *, only: str | None = None) -> argparse.ArgumentPar
     for name, (module, text) in _COMMANDS.items():
         command = commands.add_parser(name, help=text, description=text, formatter_class=_Help)
         if only in (None, name):
-            functions, function = vars(import_module(f"rft_ros.commands.{module}")), name.replace("-", "_")
-            functions.get(f"{function}_options", lambda _: None)(command)
+            functions = vars(import_module(f"rft_ros.commands.{module}"))
+            function = name.replace("-", "_")
+            if f"{function}_options" in functions:
+                functions[f"{function}_options"](command)
             run = functions[function]
             command.set_defaults(run=run)
             examples = (f"  {rft}{line.removeprefix('rft')}" for line in (getdoc(run) or "").splitlines())

@@ -24,15 +24,17 @@ def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
 
     Without the columns vx .. wz the velocities are found from the poses. Raises InputError that names the line.
     """
-    what, twist = "states file", columns_named(STATE[TWIST])
-    rows = read_table(file, what, columns_named(("t", *STATE[POSE])), twist)
-    times, given = rows.numbers[:, 0], rows.numbers[:, 1:]
+    what = "states file"
+    rows = read_table(file, what, columns_named(("t", *STATE[POSE])), columns_named(STATE[TWIST]))
+    times = rows.column("t")
+    given = np.zeros((len(times), len(STATE)))
+    given[:, : len(rows.factors) - 1] = rows.numbers[:, 1:]
     try:
-        if not np.isfinite(times).all():
-            k = int(np.argmin(np.isfinite(times)))
-            raise ValueError(f"row {k}: t is {times[k]}; it must be a finite number")
-        states = checked_states(np.pad(given, ((0, 0), (0, len(STATE) - given.shape[1]))))
-        if given.shape[1] < len(STATE):
+        unknown = np.flatnonzero(~np.isfinite(times))
+        if len(unknown):
+            raise ValueError(f"row {unknown[0]}: t is {times[unknown[0]]}; it must be a finite number")
+        states = checked_states(given)
+        if STATE[-1] not in rows.factors:
             states[:, TWIST] = _velocities(times, states[:, POSE])
         return times, states
     except ValueError as error:
@@ -77,12 +79,14 @@ def wrenches_along(
     `times` [s], shape [n]. `surface_height` [m]. `where`: how errors call the source of the states. `threads`: how many
     to use; a model with memory uses one. Raises InputError for times that go back, and for a wrench that is not finite.
     """
-    plates, law, durations = model.tool.plates, model.law, np.diff(times, prepend=times[0])
+    plates = model.tool.plates
+    law = model.law
+    back = np.flatnonzero(np.diff(times) < 0.0)
     if not law.has_memory:
         result = wrenches(plates, law, states, surface_height=surface_height, threads=threads)
-    elif durations.min() < 0.0:
-        k = int(np.argmax(durations < 0.0))
-        raise InputError(f"{where}: t goes back from {times[k - 1]:g} to {times[k]:g}; memory needs it in order")
+    elif len(back):
+        k = back[0]
+        raise InputError(f"{where}: t goes back from {times[k]:g} to {times[k + 1]:g}; memory needs it in order")
     else:
         result = wrenches_in_time(plates, law, states, Memory(plates), surface_height=surface_height)
     finite = np.isfinite(result).all(axis=1)

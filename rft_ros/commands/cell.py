@@ -46,12 +46,14 @@ def doctor(arguments: argparse.Namespace) -> int:
             raise InputError(f"{needs}: source a ROS 2 setup file, or give --bag") from None
         with busy(f"listening for {arguments.seconds:g} s"):
             findings += examine_running(cell, chosen.node, seconds=arguments.seconds)
-    print("\n".join(f"{'OK ' if finding.ok else 'FIX'} {finding.text}" for finding in findings))
+    for finding in findings:
+        print("OK " if finding.ok else "FIX", finding.text)
     return 0 if all(finding.ok for finding in findings) else 1
 
 
 def demo_options(command: argparse.ArgumentParser) -> None:
-    out, seconds = "folder for bag and report (default out/demo)", "how long the arm moves [s] (default 12)"
+    out = "folder for bag and report (default out/demo)"
+    seconds = "how long the arm moves [s] (default 12)"
     command.add_argument("-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help=out)
     command.add_argument("--seconds", type=options.number, default=12.0, metavar="S", help=seconds)
 
@@ -68,10 +70,11 @@ def demo(arguments: argparse.Namespace) -> int:
 
     parameters = share_directory("rft_ros") / "config" / "demo.yaml"
     tare = 2.0  # s at the beginning, in which the arm rests in the air
-    bag, out = arguments.output / "bag", arguments.output / "replay"
+    bag = arguments.output / "bag"
+    out = arguments.output / "replay"
     run(bag, parameters, seconds=arguments.seconds)
-    arguments_of_replay = ["replay", str(bag), "--params", str(parameters), "--tare", f"{tare:g}", "-o", str(out)]
-    print(f"the same offline: {program()} {shlex.join(arguments_of_replay)}")
+    same = shlex.join(["replay", str(bag), "--params", str(parameters), "--tare", f"{tare:g}", "-o", str(out)])
+    print(f"the same offline: {program()} {same}")
     summary = replay(bag, out, read_parameter_file(parameters), ReplayOptions(tare=tare), report=True)
     print("\n".join([*summary.lines(), f"-> {out / 'report.html'}"]))
     return 0

@@ -26,7 +26,9 @@ def fit_medium_options(command: argparse.ArgumentParser) -> None:
 
 def fit_medium(arguments: argparse.Namespace) -> int:
     """rft fit-medium my_map.csv -o my_medium.yaml --figure my_map.png"""
-    file, output, figure = arguments.map, arguments.output, arguments.figure
+    file = arguments.map
+    output = arguments.output
+    figure = arguments.figure
     if output.suffix.lower() not in (".yaml", ".yml"):
         raise InputError(f"output '{output}' must end in .yaml")
     outputs = [output]
@@ -58,6 +60,6 @@ def _described(fit: MediumFit, cells: int) -> list[str]:
         lines.append(f"  {name:4} {value:8.4f} N/cm³ {certainty}")
     lines += fit.remarks
     scaled = f"the generic medium with medium.zeta {fit.zeta:.3g}"
-    own, generic = f"{fit.misfit:.4f} N/cm³ with these coefficients", f"{fit.misfit_scaled:.4f} with {scaled}"
-    lines.append(f"RMS of the residual: {own}, {generic}")
+    own = f"{fit.misfit:.4f} N/cm³ with these coefficients"
+    lines.append(f"RMS of the residual: {own}, {fit.misfit_scaled:.4f} with {scaled}")
     return lines

@@ -65,8 +65,10 @@ def _of_parameter(option: str) -> dict[str, Any]:
     """Arguments of `add_argument` for an option that sets a parameter of the node."""
     name = SHORT_NAMES[option.removeprefix("--").replace("-", "_")]
     (parameter,) = (p for p in PARAMETERS if p.name == name)
-    value, unit = parameter.default, f" [{parameter.unit}]" if parameter.unit else ""
-    meaning = (parameter.description[0].lower() + parameter.description[1:]).rstrip(".").replace("%", "%%")
+    value = parameter.default
+    unit = f" [{parameter.unit}]" if parameter.unit else ""
+    text = parameter.description.rstrip(".").replace("%", "%%")
+    meaning = text[0].lower() + text[1:]
     if isinstance(value, bool):
         return {"action": "store_true", "default": None, "help": meaning}
     if isinstance(value, str):
@@ -92,9 +94,8 @@ def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[
     """Raise InputError if an output would overwrite an input: a path in another argument, or one of `also`."""
     inputs = [*also]
     for name, value in vars(arguments).items():
-        if name != "output":
-            words = value if isinstance(value, list) else [value]
-            inputs += [word for word in words if isinstance(word, Path)]
+        words = value if isinstance(value, list) else [value]
+        inputs += [word for word in words if isinstance(word, Path) and name != "output"]
     refuse_overwriting(outputs, inputs)
 
 

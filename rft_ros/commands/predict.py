@@ -4,10 +4,10 @@ import argparse
 import sys
 from pathlib import Path
 
-from rft_ros.bags.playback import states_of
+from rft_ros.bags.playback import Played, states_of
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
-from rft_ros.parameters import MESH, Values, defaults, model_of, named_files
+from rft_ros.parameters import MESH, Model, Values, defaults, model_of, named_files
 from rft_ros.progress import busy
 from rft_ros.report.animation import animate, animation_figure, what_is_shown
 from rft_ros.report.page import Figure, write_page
@@ -46,7 +46,8 @@ def predict(arguments: argparse.Namespace) -> int:
     values = _values_for_states(arguments)
     options.refuse_inputs(arguments, arguments.output, also=named_files(values))
     times, states = read_states(arguments.states)
-    model, height = model_of(values), values["surface_height"]
+    model = model_of(values)
+    height = values["surface_height"]
     tool = model.tool
     if tool.reduction:
         print(f"{tool.name}: {tool.reduction}")
@@ -88,7 +89,8 @@ def view(arguments: argparse.Namespace) -> int:
     """rft view states.csv --mesh my_tool.stl --zeta 0.33 -o tool.html
     rft view out/demo/bag --params config/demo.yaml -o tool.html
     """
-    source, output = arguments.source, arguments.output
+    source = arguments.source
+    output = arguments.output
     if output.suffix != ".html":
         raise InputError(f"'{output}' must end in .html")
     of_states = source.suffix.lower() == ".csv"
@@ -101,20 +103,35 @@ def view(arguments: argparse.Namespace) -> int:
     if of_states:
         values = _values_for_states(arguments)
     options.refuse_inputs(arguments, output, also=named_files(values))
-    model, height = model_of(values), values["surface_height"]
-    tool, ground = model.tool, None
+    model = model_of(values)
+    height = values["surface_height"]
     if of_states:
-        times, states = read_states(source)
         with busy("computing"):
-            where = f"states file '{source}'"
-            forces = wrenches_along(model, times, states, surface_height=height, where=where)[:, FORCE]
+            played = _played(source, model, surface_height=height)
     else:
-        times, states, forces, ground = states_of(source, values, model, chosen)
-    warnings.warn_of_motion(tool, times, states, forces, surface_height=height)
+        played = states_of(source, values, model, chosen)
+    warnings.warn_of_motion(model.tool, played.times, played.states, played.forces, surface_height=height)
     learned = not of_states and values["learning.mode"] == "apply"
     with busy("drawing"):
-        drawn = animate(tool.name, tool, model.law, times, states, forces, surface_height=height, ground=ground)
+        drawn = animate(
+            model.tool.name,
+            model.tool,
+            model.law,
+            played.times,
+            played.states,
+            played.forces,
+            surface_height=height,
+            ground=played.ground,
+        )
         figure = Figure("tool", "", what_is_shown(model.law, learned=learned), animation_figure(drawn))
         write_page(output, [figure], title=drawn.title)
     print(f"{len(drawn.labels)} moments of {drawn.title} -> {output}")
     return 0
+
+
+def _played(file: Path, model: Model, *, surface_height: float) -> Played:
+    """The motion of a states file, with its forces."""
+    times, states = read_states(file)
+    where = f"states file '{file}'"
+    forces = wrenches_along(model, times, states, surface_height=surface_height, where=where)[:, FORCE]
+    return Played(times=times, states=states, forces=forces, ground=None)

@@ -29,7 +29,8 @@ def replay_options(command: argparse.ArgumentParser) -> None:
 
 def replay(arguments: argparse.Namespace) -> int:
     """rft replay out/demo/bag --params config/demo.yaml --tare 2 -o out/replay"""
-    bags, out = arguments.bag, arguments.output
+    bags = arguments.bag
+    out = arguments.output
     limits = read_limits(arguments.check) if arguments.check else {}
     values, chosen = options.recording(arguments)
     folders = [out / name for name in folder_names(bags)] if len(bags) > 1 else [out]
@@ -75,7 +76,8 @@ def _status(summary: Summary, limits: dict[str, tuple[float, float]]) -> int:
         print("\n".join([f"{summary.bag}: limits", *(line for _, line in checks)]), flush=True)
     status = int(not all(kept for kept, _ in checks))
     if not summary.estimates:
-        status, why = 1, ""
+        status = 1
+        why = ""
         if summary.reasons:
             reason = max(summary.reasons, key=summary.reasons.__getitem__)
             in_words = f"{reason}: {Reason(reason).sentence}"

@@ -58,7 +58,8 @@ def reduce_options(command: argparse.ArgumentParser) -> None:
 
 def reduce(arguments: argparse.Namespace) -> int:
     """rft reduce my_tool.stl --tolerance 0.01 -o my_tool.npz"""
-    tolerance, output = arguments.share, arguments.output
+    tolerance = arguments.share
+    output = arguments.output
     if not 0.0 < tolerance <= 1.0:
         raise InputError(f"--tolerance is {tolerance:g}; it must be over 0, and at most 1")
     if output.suffix.lower() != REDUCED_SUFFIX:
@@ -79,7 +80,8 @@ def reduce(arguments: argparse.Namespace) -> int:
 
 def _same_options(tool: Tool, values: Values) -> str:
     """The options for a file that is written in the coordinates and units of the tool's mesh."""
-    origin, rotation = (" ".join(f"{v:g}" for v in values[name]) for name in ("mesh.origin", "mesh.quaternion"))
+    origin = " ".join(f"{v:g}" for v in values["mesh.origin"])
+    rotation = " ".join(f"{v:g}" for v in values["mesh.quaternion"])
     same = f"--scale {tool.frame.scale:g} --origin {origin} --rotate {rotation}"
     return f"use it with the options of the mesh: {same}"
 
@@ -99,9 +101,10 @@ def sweep(arguments: argparse.Namespace) -> int:
     """rft sweep config/sweep_example.yaml -o out/sweep"""
     if arguments.workers is not None and arguments.workers < 1:
         raise InputError(f"--workers is {arguments.workers}; it must be at least 1")
-    design, out = read_design(arguments.study), arguments.output
-    options.refuse_inputs(arguments, out / "results.csv", also=design.files())
-    computed, failed = run(design, out, scheduler=arguments.scheduler, workers=arguments.workers)
-    rows, table = len(design.variants), out / "results.csv"
+    design = read_design(arguments.study)
+    table = arguments.output / "results.csv"
+    options.refuse_inputs(arguments, table, also=design.files())
+    computed, failed = run(design, arguments.output, scheduler=arguments.scheduler, workers=arguments.workers)
+    rows = len(design.variants)
     print(f"{rows:,} variants, {computed:,} computed, {failed:,} without numbers -> {table}")
     return 1 if failed == rows else 0

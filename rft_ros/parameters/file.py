@@ -53,18 +53,16 @@ def _merged(sections: Iterable[Section]) -> dict[str, Given]:
 def checked_in_file(file: Path, given: Mapping[str, Given]) -> dict[str, Value]:
     """Checked values of the table's parameters in a file, with whole paths."""
     values: dict[str, Value] = {}
-    for name, value in given.items():
-        if name == "use_sim_time" and not isinstance(value, bool):
-            raise InputError(f"parameter file '{file}': use_sim_time is {shown(value)}; it must be true or false")
-        if name == "use_sim_time" or name.startswith("qos_overrides."):
-            continue
-        try:
-            values[name] = checked(name, value)
-        except InputError as error:
-            raise InputError(f"parameter file '{file}': {error}") from None
-        if name in FILES:
-            values[name] = path_beside(file.parent, name, str(value))
-    return values
+    try:
+        for name, value in given.items():
+            if name == "use_sim_time":
+                if not isinstance(value, bool):
+                    raise InputError(f"use_sim_time is {shown(value)}; it must be true or false")
+            elif not name.startswith("qos_overrides."):
+                values[name] = checked(name, value)
+    except InputError as error:
+        raise InputError(f"parameter file '{file}': {error}") from None
+    return _placed(values, file.parent)
 
 
 def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
@@ -88,7 +86,8 @@ FILES = ("mesh.file", "medium.file", "alpha_y.table", "ground.file")
 
 def named_files(values: Values) -> list[Path]:
     """The files that are set in the parameters of `FILES`."""
-    return [(locate_mesh if name == "mesh.file" else Path)(values[name]) for name in FILES if values[name]]
+    files = [Path(values[name]) for name in FILES if name != "mesh.file" and values[name]]
+    return [locate_mesh(values["mesh.file"]), *files] if values["mesh.file"] else files
 
 
 def path_beside(folder: Path, name: str, path: str) -> str:
@@ -100,7 +99,13 @@ def path_beside(folder: Path, name: str, path: str) -> str:
 
 def absolute(values: Values) -> dict[str, Value]:
     """The values with absolute paths in `FILES`."""
-    return {name: path_beside(Path.cwd(), name, v) if name in FILES else v for name, v in values.items()}
+    return _placed(values, Path.cwd())
+
+
+def _placed(values: Values, folder: Path) -> dict[str, Value]:
+    """The values with relative paths in `FILES` joined to a folder."""
+    paths = {name: path_beside(folder, name, values[name]) for name in FILES if name in values}
+    return {**values, **paths}
 
 
 def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:

@@ -6,25 +6,24 @@ The coefficients of a stress map are fitted when it is read.
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
-import yaml
 
 from rft_ros.errors import InputError, shown
 from rft_ros.files import whole
 from rft_ros.parameters.stress_map import MediumFit, StressMap, fit_medium
 from rft_ros.rft import MEDIA, Medium, Table
 from rft_ros.table_file import Column, Rows, read_table
-from rft_ros.yaml_file import read_yaml
+from rft_ros.yaml_file import read_yaml, yaml_text
 
 __all__ = ["GREATEST", "LEAST", "is_medium_file", "read_alpha_y_table", "read_medium", "read_stress_map"]
 __all__ += ["write_medium"]
 
-LEAST, GREATEST = 1e-3, 50.0
+LEAST = 1e-3
+GREATEST = 50.0
 """Plausible range of the greatest stress per depth [N/cm³]; loose poppy seeds have 0.25, the generic medium 1."""
 
-_LARGEST_MAP, _LARGEST_TABLE = 2 * 2**20, 4 * 2**20  # bytes; a grid of 180 x 360 angles takes 2 MB
+_MOST_BYTES = 4 * 2**20  # of a table; a grid of 180 x 360 angles takes 2 MB
 _MOST_CELLS = 5_000  # of a map
 _WIDEST_RADIANS = 3.2  # a table in degrees reaches further
 _FEW_ANGLES = 4  # this many different values of an angle within _WIDEST_RADIANS are in radians
@@ -45,7 +44,8 @@ def _stress(name: str, *, gaps: bool = False) -> Column:
     return Column(name, _NEWTONS_PER_CM3, "a stress per depth in N/cm3 (1 N/cm3 = 1e6 Pa/m)", gaps)
 
 
-_BETA, _GAMMA = _angle("beta"), _angle("gamma")
+_BETA = _angle("beta")
+_GAMMA = _angle("gamma")
 _MAP = (_BETA, _GAMMA, _stress("alpha_x", gaps=True), _stress("alpha_z", gaps=True))
 _ALPHA_Y = _stress("alpha_y")
 
@@ -57,19 +57,20 @@ def read_stress_map(file: Path) -> StressMap:
     or nan is a missing stress. Raises InputError for a file that cannot be used.
     """
     named = f"stress map '{file}'"
-    rows = _read(file, "stress map", _MAP, limit=_LARGEST_MAP)
+    rows = _read(file, "stress map", _MAP)
     count = len(rows.lines)
     if count > _MOST_CELLS:
         raise InputError(f"{named} has {count:,} rows; the limit is {_MOST_CELLS:,}: take the mean of repeated cells")
     _check_angles(rows, named)
     beta, gamma, alpha_x, alpha_z = rows.numbers.T
-    widest = float(np.abs(rows.numbers[:, :2]).max())
+    widest = max(float(np.abs(beta).max()), float(np.abs(gamma).max()))
     if widest <= _WIDEST_RADIANS and rows.factors["beta"] == rows.factors["gamma"] == 1.0:
         advice = "these seem to be radians: name the columns beta_rad and gamma_rad, or give more angles"
         raise InputError(f"{named} has no angle beyond {widest:.3g} degrees; {advice}")
-    if np.isnan(rows.numbers[:, 2:]).all():
+    stresses = np.abs([alpha_x, alpha_z])
+    if np.isnan(stresses).all():
         raise InputError(f"{named} has no stress in any row; give alpha_x and alpha_z at some angles")
-    greatest = float(np.nanmax(np.abs(rows.numbers[:, 2:])))
+    greatest = float(np.nanmax(stresses))
     if not LEAST <= greatest <= GREATEST:
         unit = "1 N/cm³ = 1e6 Pa/m; a pressure in Pa must be divided by the depth"
         raise InputError(f"{named} has stresses per depth of up to {greatest:.3g} N/cm³; no grains have that ({unit})")
@@ -84,7 +85,7 @@ def read_alpha_y_table(file: str) -> Table:
     if not file:
         raise InputError("alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first")
     named = f"alpha_y.table '{file}'"
-    rows = _read(Path(file), "alpha_y.table", (_BETA, _ALPHA_Y), (_GAMMA,), limit=_LARGEST_TABLE)
+    rows = _read(Path(file), "alpha_y.table", (_BETA, _ALPHA_Y), (_GAMMA,))
     stresses = rows.column("alpha_y")
     if stresses.min() < 0.0:
         raise InputError(f"{named} has a negative alpha_y ({stresses.min():g}); give the size of a stress that resists")
@@ -92,39 +93,43 @@ def read_alpha_y_table(file: str) -> Table:
         unit = f"over {GREATEST:g} N/cm³, which no grains have; check the order of the columns, and the unit"
         raise InputError(f"{named} has alpha_y up to {stresses.max():.4g}, {unit} (1 N/cm³ = 1e6 Pa/m)")
     _check_angles(rows, named)
-    beta, i = np.unique(rows.column("beta"), return_inverse=True)
     gammas = rows.column("gamma") if "gamma" in rows.factors else np.zeros(len(stresses))
-    gamma, j = np.unique(gammas, return_inverse=True)
+    beta, row = np.unique(rows.column("beta"), return_inverse=True)
+    gamma, column = np.unique(gammas, return_inverse=True)
     pairs = len(beta) * len(gamma)
-    if len({*zip(i.tolist(), j.tolist(), strict=True)}) != pairs or len(stresses) != pairs:
+    different = len(np.unique(np.column_stack([row, column]), axis=0))
+    if different != pairs or len(stresses) != pairs:
         grid = f"a grid of {len(beta)} beta x {len(gamma)} gamma values needs each pair once ({pairs} rows)"
         raise InputError(f"{named} has {len(stresses)} rows; {grid}")
     values = np.empty((len(beta), len(gamma)))
-    values[i, j] = stresses
+    values[row, column] = stresses
     table = Table.sampled(np.deg2rad(beta), np.deg2rad(gamma), values)
     if not np.isfinite([table.beta_nodes, table.gamma_nodes]).all():
         raise InputError(f"{named} has angles that are too close together; space them further apart")
     return table
 
 
-def _read(file: Path, what: str, *columns: Sequence[Column], limit: int) -> Rows:
+def _read(file: Path, what: str, *columns: Sequence[Column]) -> Rows:
     """As `read_table`. Raises InputError also for numbers that are not finite."""
-    named = f"{what} '{file}'"
-    rows = read_table(file, what, *columns, limit=limit)
+    rows = read_table(file, what, *columns, limit=_MOST_BYTES)
     for column in itertools.chain(*columns):
         if column.name in rows.factors:
             values = rows.column(column.name)
             wrong = np.flatnonzero(np.isinf(values) if column.gaps else ~np.isfinite(values))
             if len(wrong):
-                line, value = rows.lines[wrong[0]], values[wrong[0]]
-                raise InputError(f"{named} line {line}: {column.name} is {value:g}; it must be a finite number")
+                where = f"{what} '{file}' line {rows.lines[wrong[0]]}"
+                raise InputError(f"{where}: {column.name} is {values[wrong[0]]:g}; it must be a finite number")
     return rows
 
 
 def _check_angles(rows: Rows, named: str) -> None:
     """Raise InputError if angles are implausible in the unit that the header names."""
-    for name in [name for name in ("beta", "gamma") if name in rows.factors]:
-        widest, different = float(np.abs(rows.column(name)).max()), len(np.unique(rows.column(name)))
+    for name in ("beta", "gamma"):
+        if name not in rows.factors:
+            continue
+        angles = rows.column(name)
+        widest = float(np.abs(angles).max())
+        different = len(np.unique(angles))
         in_radians = rows.factors[name] != 1.0
         if widest > _WIDEST_DEGREES:
             advice = f"name the column {name}_deg" if in_radians else "it is no angle in degrees"
@@ -189,11 +194,17 @@ def write_medium(file: Path, fit: MediumFit, *, source: str) -> None:
     def rounded(value: float) -> float | None:
         return None if np.isnan(value) else float(f"{value:.4g}")
 
-    tree: dict[str, Any] = {"name": fit.medium.name}
-    tree["coefficients"] = {name: round(value, 6) for name, value in fit.medium.coefficients.items()}
-    tree["errors"] = {name: rounded(value) for name, value in fit.errors.items()}
-    tree["misfit"] = {"measured": rounded(fit.size), "fitted": rounded(fit.misfit)}
-    tree["misfit"] |= {"generic_scaled": rounded(fit.misfit_scaled), "zeta_of_generic": rounded(fit.zeta)}
+    tree = {
+        "name": fit.medium.name,
+        "coefficients": {name: round(value, 6) for name, value in fit.medium.coefficients.items()},
+        "errors": {name: rounded(value) for name, value in fit.errors.items()},
+        "misfit": {
+            "measured": rounded(fit.size),
+            "fitted": rounded(fit.misfit),
+            "generic_scaled": rounded(fit.misfit_scaled),
+            "zeta_of_generic": rounded(fit.zeta),
+        },
+    }
     head = [
         f"A medium for medium.file: Eq. (4) of docs/method.md, fitted by rft fit-medium to {source}.",
         "All in N/cm³. errors: standard errors of the coefficients; null: the map does not determine it.",
@@ -204,4 +215,4 @@ def write_medium(file: Path, fit: MediumFit, *, source: str) -> None:
     ]
     with whole(file, "medium") as part:
         lines = "".join(f"# {' '.join(sentence.split())}\n" for sentence in head)
-        part.write_text(lines + yaml.safe_dump(tree, sort_keys=False, allow_unicode=True), encoding="utf-8")
+        part.write_text(lines + yaml_text(tree), encoding="utf-8")

@@ -5,7 +5,7 @@ import sys
 from collections.abc import Mapping, Sequence
 from dataclasses import KW_ONLY, dataclass, field, fields, replace
 from functools import cache
-from typing import Any, Literal, get_args, get_origin, get_type_hints
+from typing import Any, Literal, NoReturn, get_args, get_origin, get_type_hints
 
 from rft_ros.errors import InputError, shown
 from rft_ros.rft.frames import UNIT_TOLERANCE
@@ -58,54 +58,61 @@ class Parameter:
 
     def checked(self, value: object) -> Value:
         """The value in the parameter's type. Raises InputError that names parameter and value, and what is allowed."""
-        name, default, choices = self.name, self.default, self.choices
-        if isinstance(default, str):
-            if value is False and "off" in choices:  # YAML, and so ROS, reads an unquoted off as false
-                value = "off"
-            if not isinstance(value, str):
-                raise InputError(f"{name} is {shown(value)}; it must be a string")
-            limit = LONGEST_NAME if self.kind == "frame" else _LONGEST
-            if len(value) > limit:
-                raise InputError(f"{name} has {len(value):,} characters; the limit is {limit:,}")
-            if self.kind == "motions" and not {motion.strip() for motion in value.split(",")} <= {"", *MOTIONS}:
-                raise InputError(f"{name} is {shown(value)}; it may name {', '.join(MOTIONS)}, with commas")
-            if choices and value not in choices:
-                raise InputError(f"{name} is {shown(value)}; it must be one of {', '.join(choices)}")
-            return value
-        if isinstance(default, bool):
+        if isinstance(self.default, str):
+            is_off = value is False and "off" in self.choices  # YAML reads an unquoted off as false
+            return self._text("off" if is_off else value)
+        if isinstance(self.default, bool):
             if not isinstance(value, bool):
-                raise InputError(f"{name} is {shown(value)}; it must be true or false")
+                self._refuse(value, "true or false")
             return value
-        if isinstance(default, float):
+        if isinstance(self.default, float):
             number = self._number(value)
             if 0.0 < number < self.least:
-                raise InputError(f"{name} is {number:g}; it must be 0, or at least {self.least:g} m")
+                self._refuse(number, f"0, or at least {self.least:g} m")
             if self.kind == "sign" and abs(number) != 1.0:
-                raise InputError(f"{name} is {number:g}; it must be 1.0 or -1.0")
+                self._refuse(number, "1.0 or -1.0")
             return number
-        if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(default):
-            raise InputError(f"{name} is {shown(value)}; it must be {len(default)} numbers")
+        if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(self.default):
+            self._refuse(value, f"{len(self.default)} numbers")
         numbers = tuple(self._number(v) for v in value)
-        if self.kind == "quaternion":
-            norm = math.hypot(*numbers)
-            if not abs(norm - 1.0) <= UNIT_TOLERANCE:
-                raise InputError(f"{name} has norm {norm:g}; it must be 1")
-            numbers = tuple(v / norm for v in numbers)
-        return numbers
+        return self._unit(numbers) if self.kind == "quaternion" else numbers
+
+    def _refuse(self, value: object, wanted: str) -> NoReturn:
+        raise InputError(f"{self.name} is {shown(value)}; it must be {wanted}")
+
+    def _text(self, value: object) -> str:
+        if not isinstance(value, str):
+            self._refuse(value, "a string")
+        limit = LONGEST_NAME if self.kind == "frame" else _LONGEST
+        if len(value) > limit:
+            raise InputError(f"{self.name} has {len(value):,} characters; the limit is {limit:,}")
+        if self.kind == "motions" and not {motion.strip() for motion in value.split(",")} <= {"", *MOTIONS}:
+            self._refuse(value, f"some of {', '.join(MOTIONS)}, with commas")
+        if self.choices and value not in self.choices:
+            self._refuse(value, f"one of {', '.join(self.choices)}")
+        return value
 
     def _number(self, value: object) -> float:
-        name, (low, high) = self.name, self.bounds
         if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
-            raise InputError(f"{name} is {shown(value)}; it must be a finite number (such as 1.0)")
+            self._refuse(value, "a finite number (such as 1.0)")
+        low, high = self.bounds
         if not low <= value <= high:
-            raise InputError(f"{name} is {value:g}; it must lie between {low:g} and {high:g}")
+            raise InputError(f"{self.name} is {value:g}; it must lie between {low:g} and {high:g}")
         return float(value)
+
+    def _unit(self, numbers: tuple[float, ...]) -> tuple[float, ...]:
+        """The quaternion with a norm of exactly 1."""
+        norm = math.hypot(*numbers)
+        if not abs(norm - 1.0) <= UNIT_TOLERANCE:
+            raise InputError(f"{self.name} has norm {norm:g}; it must be 1")
+        return tuple(v / norm for v in numbers)
 
 
 @cache
 def parameters_of(owner: type) -> dict[str, Parameter]:
     """The parameters that are fields of a dataclass, by the names of the fields."""
-    hints, found = get_type_hints(owner), {}
+    hints = get_type_hints(owner)
+    found = {}
     for f in fields(owner):
         if "parameter" in f.metadata:
             choices = get_args(hints[f.name]) if get_origin(hints[f.name]) is Literal else ()
@@ -115,6 +122,9 @@ def parameters_of(owner: type) -> dict[str, Parameter]:
 
 def values_of(owner: type, values: Values) -> dict[str, Any]:
     """The values of the fields of a dataclass that are parameters."""
-    own, defaults = parameters_of(owner), {f.name: f.default for f in fields(owner)}
-    at_default = {name for name, parameter in own.items() if values[parameter.name] == parameter.default}
-    return {name: defaults[name] if name in at_default else values[p.name] for name, p in own.items()}
+    defaults = {f.name: f.default for f in fields(owner)}
+    found: dict[str, Any] = {}
+    for name, parameter in parameters_of(owner).items():
+        value = values[parameter.name]
+        found[name] = defaults[name] if value == parameter.default else value
+    return found
