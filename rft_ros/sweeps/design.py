@@ -116,14 +116,20 @@ def read_design(file: Path) -> Design:
         total = len(parts[0]) * len(parts[1]) * len(parts[2])
         if total > _MOST:
             raise InputError(f"it has {total:,} variants; the limit is {_MOST:,}")
-        sample, seed = content.get("sample", total), content.get("seed", 0)
-        for name, value, low, high in (("sample", sample, 1, total), ("seed", seed, 0, 2**63)):
-            if type(value) is not int or not low <= value <= high:
-                raise InputError(f"{name} is {shown(value)}; it must be a whole number from {low} to {high:,}")
+        sample = _whole_number(content, "sample", default=total, least=1, most=total)
+        seed = _whole_number(content, "seed", default=0, least=0, most=2**63)
     except InputError as error:
         raise InputError(f"study '{file}': {error}") from None
     variants = list(itertools.starmap(Variant, itertools.product(*parts)))
-    return Design(file, [variants[k] for k in sorted(np.random.default_rng(seed).permutation(total)[:sample])])
+    chosen = np.random.default_rng(seed).permutation(total)[:sample]
+    return Design(file, [variants[k] for k in sorted(chosen)])
+
+
+def _whole_number(content: Mapping[str, Any], name: str, *, default: int, least: int, most: int) -> int:
+    value = content.get(name, default)
+    if type(value) is not int or not least <= value <= most:
+        raise InputError(f"{name} is {shown(value)}; it must be a whole number from {least} to {most:,}")
+    return value
 
 
 def _expanded(name: str, entries: object) -> Iterator[dict[str, Any]]:
@@ -132,21 +138,29 @@ def _expanded(name: str, entries: object) -> Iterator[dict[str, Any]]:
         raise InputError(f"{name} is {shown(entries)}; it must be a list of entries")
     for number, entry in enumerate(entries, start=1):
         try:
+            needed = "names and values"
+            if name == "tools":
+                needed += ", and a mesh"
             if not isinstance(entry, Mapping) or (name == "tools" and "mesh" not in entry):
-                needed = "names and values, and a mesh" if name == "tools" else "names and values"
                 raise InputError(f"it is {shown(entry)}; it must have {needed}")
             for combination in itertools.product(*(_values(key, value) for key, value in entry.items())):
                 point = dict(zip(entry, combination, strict=True))
-                if name != "motions":
-                    _check_names(point, OF_TOOL if name == "tools" else OF_MEDIUM)
-                    parameters_of(point)
-                    if name == "tools":
-                        locate_mesh(point["mesh"])
-                elif list(point) != ["states_file"] or not isinstance(point["states_file"], str):
-                    motion_of(point)
+                _check_point(name, point)
                 yield point
         except InputError as error:
             raise InputError(f"{name} {number}: {error}") from None
+
+
+def _check_point(name: str, point: Mapping[str, Any]) -> None:
+    """Refuse values of a tool, a motion or a medium that cannot be used."""
+    if name == "motions":
+        if list(point) != ["states_file"] or not isinstance(point["states_file"], str):
+            motion_of(point)
+        return
+    _check_names(point, OF_TOOL if name == "tools" else OF_MEDIUM)
+    parameters_of(point)
+    if name == "tools":
+        locate_mesh(point["mesh"])
 
 
 def _values(key: str, value: object) -> list[Any]:

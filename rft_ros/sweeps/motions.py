@@ -39,9 +39,13 @@ class Trajectory:
     def at(self, times: ArrayLike) -> Array:
         """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
         t = np.atleast_1d(np.asarray(times, dtype=np.float64))
-        yaw, tilt = self.yaw + self.turning * t, self.tilt + self.amplitude * np.sin(self.omega * t)
+        yaw = self.yaw + self.turning * t
+        tilt = self.tilt + self.amplitude * np.sin(self.omega * t)
         pitching = self.amplitude * self.omega * np.cos(self.omega * t)
-        sin_y, cos_y, sin_t, cos_t = np.sin(yaw / 2.0), np.cos(yaw / 2.0), np.sin(tilt / 2.0), np.cos(tilt / 2.0)
+        sin_y = np.sin(yaw / 2.0)
+        cos_y = np.cos(yaw / 2.0)
+        sin_t = np.sin(tilt / 2.0)
+        cos_t = np.cos(tilt / 2.0)
         states = np.zeros((len(t), len(STATE)))
         states[:, POSITION] = np.array([0.0, 0.0, self.start_height]) + np.outer(t, self.velocity)
         states[:, QUATERNION] = np.column_stack([-sin_y * sin_t, cos_y * sin_t, sin_y * cos_t, cos_y * cos_t])
@@ -68,7 +72,8 @@ def straight(
     `descent_deg`: angle of the path below the horizontal, 90 straight down, -90 straight up; `heading_deg`: its
     horizontal direction, from +x towards +y. The tool's attitude is Rz(yaw) Ry(tilt).
     """
-    descent, heading = math.radians(descent_deg), math.radians(heading_deg)
+    descent = math.radians(descent_deg)
+    heading = math.radians(heading_deg)
     forward = speed * math.cos(descent)
     return Trajectory(
         duration=travel / speed,
@@ -94,8 +99,14 @@ def plate_drag(
     horizontal direction of motion to the face's e2; 90 moves a vertical plate along itself. `phi_deg`: how far below
     the horizontal the plate moves; 0 in Fig. 3. `depth`: below z = 0 at the start.
     """
-    path = {"travel": travel, "speed": speed, "start_height": -depth, "descent_deg": phi_deg}
-    return straight(**path, tilt_deg=-beta_deg, yaw_deg=psi_deg)
+    return straight(
+        travel=travel,
+        speed=speed,
+        start_height=-depth,
+        descent_deg=phi_deg,
+        tilt_deg=-beta_deg,
+        yaw_deg=psi_deg,
+    )
 
 
 def oscillating_insertion(
@@ -111,9 +122,13 @@ def oscillating_insertion(
     `frequency` [Hz]: 0.625 in the released code (ω = 1.25π rad/s), 1.25 in the paper's text. A `start_height` of 18 mm
     puts the ellipsoid's tip on the surface.
     """
-    omega, amplitude = 2.0 * math.pi * frequency, math.radians(amplitude_deg)
-    down = {"duration": travel / speed, "start_height": start_height}
-    return Trajectory(**down, velocity=(0.0, 0.0, -speed), amplitude=amplitude, omega=omega)
+    return Trajectory(
+        duration=travel / speed,
+        velocity=(0.0, 0.0, -speed),
+        start_height=start_height,
+        amplitude=math.radians(amplitude_deg),
+        omega=2.0 * math.pi * frequency,
+    )
 
 
 def circumnutation(
@@ -132,9 +147,14 @@ def circumnutation(
     """
     if abs(rate_deg_s) < 1e-9:
         raise InputError(f"rate_deg_s is {rate_deg_s:g}; for no turning use the family straight")
-    speed, turning = pitch * abs(rate_deg_s) / 360.0, math.radians(rate_deg_s)
-    down = {"duration": travel / speed, "start_height": start_height}
-    return Trajectory(**down, velocity=(0.0, 0.0, -speed), tilt=math.radians(tilt_deg), turning=turning)
+    speed = pitch * abs(rate_deg_s) / 360.0
+    return Trajectory(
+        duration=travel / speed,
+        velocity=(0.0, 0.0, -speed),
+        start_height=start_height,
+        tilt=math.radians(tilt_deg),
+        turning=math.radians(rate_deg_s),
+    )
 
 
 FAMILIES: dict[str, Callable[..., Trajectory]] = {

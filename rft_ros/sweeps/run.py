@@ -10,7 +10,7 @@ import os
 import platform
 import signal
 import threading
-from collections.abc import Iterable, Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
@@ -45,7 +45,8 @@ RESULTS = (
 """Columns of results: wrench on the tool [N], [N m], world axes, peaks by magnitude, signed; work on the grains [J];
 path of the tool frame's origin [m]; number of plates."""
 
-_CHUNKS, _MOST_ROWS = 32, 100  # enough chunks to share among workers, few enough for a scheduler (1 ms for each)
+_CHUNKS = 32  # enough to share among workers, few enough for a scheduler (1 ms for each)
+_MOST_ROWS = 100  # of a chunk
 _PATIENCE = 10.0  # s to wait for a scheduler
 _SAME = "give an absolute path, and copy the file to all machines"
 _ADVICE = {"mesh": _SAME, "file": _SAME, "release": "install the same release on all machines"}
@@ -92,7 +93,9 @@ def _medium(name: str, file: str, _fingerprint: int) -> Medium:
 def _motion(items: tuple[tuple[str, Any], ...], _fingerprint: int) -> tuple[Array, Array]:
     """Times and states of a motion, from the items of its entry."""
     entry = dict(items)
-    return read_states(Path(entry["states_file"])) if "states_file" in entry else sample(*motion_of(entry))
+    if "states_file" in entry:
+        return read_states(Path(entry["states_file"]))
+    return sample(*motion_of(entry))
 
 
 def rows_of(variants: Sequence[Variant], columns: Sequence[str], contents: tuple[Content, ...] = ()) -> list[list[str]]:
@@ -131,28 +134,38 @@ def run(design: Design, out: Path, *, scheduler: str | None = None, workers: int
     scheduler; without it, `workers` processes here (default: one per core). The table has the same bytes either way.
     Raises InputError.
     """
-    variants, name, fingerprint = design.variants, design.file.stem, design.fingerprint()
-    columns = [*dict.fromkeys(name for variant in variants for name in _cells(variant)), *RESULTS, "reason"]
-    size = min(-(-len(variants) // _CHUNKS), _MOST_ROWS)
-    folder, table = out / f"chunks_{fingerprint:08x}", out / "results.csv"
-    chunks = {folder / f"{k:06d}.csv": variants[k : k + size] for k in range(0, len(variants), size)}
+    names = [name for variant in design.variants for name in _cells(variant)]
+    columns = [*dict.fromkeys(names), *RESULTS, "reason"]
+    folder = out / f"chunks_{design.fingerprint():08x}"
+    size = min(-(-len(design.variants) // _CHUNKS), _MOST_ROWS)
+    chunks = {folder / f"{k:06d}.csv": design.variants[k : k + size] for k in range(0, len(design.variants), size)}
     with file_errors(f"output folder '{out}'", "written"):
         folder.mkdir(parents=True, exist_ok=True)
         missing = {file: chunk for file, chunk in chunks.items() if not _is_complete(file, len(chunk), columns)}
-        computed = sum(map(len, missing.values()))
         if missing:
-            with _workers(scheduler, workers) as pool, bar(name, len(variants)) as update:
-                done, contents = len(variants) - computed, design.contents()
-                futures = {pool.submit(rows_of, chunk, columns, contents): file for file, chunk in missing.items()}
-                for future in as_completed(futures):
-                    _write(futures[future], future.result())
-                    done += len(missing[futures[future]])
-                    update(done, f"{name}: {done:,} of {len(variants):,}")
+            with _workers(scheduler, workers) as pool:
+                _compute(design, missing, columns, pool)
+        table = out / "results.csv"
         _write(table, chain([columns], *map(_read, chunks)))
         rows = _read(table)
         reason = next(rows).index("reason")
         failed = sum(1 for row in rows if row[reason])
-    return computed, failed
+    return sum(map(len, missing.values())), failed
+
+
+def _compute(design: Design, chunks: Mapping[Path, Sequence[Variant]], columns: Sequence[str], pool: Executor) -> None:
+    """Compute chunks, and write each to its file when it is finished."""
+    name = design.file.stem
+    total = len(design.variants)
+    done = total - sum(map(len, chunks.values()))
+    contents = design.contents()
+    with bar(name, total) as update:
+        futures = {pool.submit(rows_of, chunk, columns, contents): file for file, chunk in chunks.items()}
+        for future in as_completed(futures):
+            rows = future.result()
+            _write(futures[future], rows)
+            done += len(rows)
+            update(done, f"{name}: {done:,} of {total:,}")
 
 
 @contextmanager
