@@ -13,7 +13,8 @@ from rft_ros.rft import MEDIA, alpha_y_model, treers2021
 from rft_ros.simulation import GrainsBatch, free_body
 from rft_ros.tool import load_tool
 
-BODIES, STEP = 256, 0.002  # s
+BODIES = 256
+STEP = 0.002  # s
 GRAVITY = np.array([0.0, 0.0, -9.81, 0.0, 0.0, 0.0])
 
 
@@ -25,21 +26,26 @@ def main(arguments: list[str] | None = None) -> int:
     given = parser.parse_args(arguments)
 
     rng = np.random.default_rng(1)
-    medium, tool = MEDIA["generic"], load_tool("sphere", tolerance=0.025)
+    medium = MEDIA["generic"]
+    tool = load_tool("sphere", tolerance=0.025)
     law = treers2021(medium, alpha_y_model("linear", medium), mobilization_length=0.003)
     grains = GrainsBatch(tool, law, bodies=BODIES, threads=given.threads)
-    masses, radius = rng.uniform(0.05, 1.0, BODIES), np.ptp(tool.corners[:, 2]) / 2.0
+    masses = rng.uniform(0.05, 1.0, BODIES)
+    radius = np.ptp(tool.corners[:, 2]) / 2.0
     inverse = np.array([free_body(m, 0.4 * m * radius**2 * np.eye(3), [0, 0, 0, 1]) for m in masses])
-    states, heights = np.zeros((BODIES, 13)), np.zeros(BODIES)
+    states = np.zeros((BODIES, 13))
+    heights = np.zeros(BODIES)
 
     def begin(which: np.ndarray) -> None:
         heights[which] = rng.uniform(-0.01, 0.01, len(which))
         grains.reset(which, strength=rng.uniform(0.2, 1.5, len(which)), surface_height=heights[which])
         states[which] = 0.0
-        states[which, 6], states[which, 2] = 1.0, heights[which] - tool.lowest_point(np.eye(3)) + 0.005
+        states[which, 2] = heights[which] - tool.lowest_point(np.eye(3)) + 0.005
+        states[which, 6] = 1.0  # qw: no rotation
 
     begin(np.arange(BODIES))
-    busy, steps = 0.0, round(given.seconds / STEP)
+    steps = round(given.seconds / STEP)
+    busy = 0.0
     for k in range(steps):
         if k % 250 == 249:
             begin(rng.choice(BODIES, BODIES // 4, replace=False))

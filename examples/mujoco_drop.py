@@ -59,7 +59,8 @@ def main(arguments: list[str] | None = None) -> int:
         rows.append([data.time, *(start - HEIGHT - data.qpos[2::7]), *speed])
 
     t, *columns = np.array(rows).T
-    depths, speeds = columns[: len(names)], columns[len(names) :]
+    depths = columns[: len(names)]
+    speeds = columns[len(names) :]
     late = t > 0.6 * t[-1]
     figure, (upper, lower) = plt.subplots(2, 1, figsize=(8, 7), sharex=True, layout="constrained")
     for k, ((name, mesh, _), depth, speed) in enumerate(zip(names, depths, speeds, strict=True)):

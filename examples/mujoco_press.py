@@ -39,7 +39,10 @@ def main(arguments: list[str] | None = None) -> int:
 
     arm = SixAxisArm(given.mesh, stiffness=given.stiffness)
     grains = MujocoGrains(arm.model, body="tool", zeta=0.33, mobilization_length=0.003)
-    times, places, turns, holds = [0.0], [PLACE + 1e-3 * np.array(WAYPOINTS[0][1])], [0.0], []
+    times = [0.0]
+    places = [PLACE + 1e-3 * np.array(WAYPOINTS[0][1])]
+    turns = [0.0]
+    holds = []
     for what, where, turn in WAYPOINTS[1:]:
         goal = PLACE + 1e-3 * np.array(where)
         path = np.linalg.norm(goal - places[-1]) + 0.03 * abs(np.radians(turn) - turns[-1])
@@ -62,7 +65,8 @@ def main(arguments: list[str] | None = None) -> int:
     t, x, _, z, *wrench = np.array(rows).T
     for what, begin, end in holds:
         force = np.array(wrench[:3])[:, (t > begin) & (t < end)]
-        mean, scatter = np.linalg.norm(force.mean(axis=1)), np.linalg.norm(np.ptp(force, axis=1))
+        mean = np.linalg.norm(force.mean(axis=1))
+        scatter = np.linalg.norm(np.ptp(force, axis=1))
         print(f"hold after {what:7s} {mean:8.3f} N, scatter {scatter:.1e} N")
     figure, (upper, lower) = plt.subplots(2, 1, figsize=(8, 6), sharex=True, layout="constrained")
     for values, label in ((x, "x"), (z, "z")):

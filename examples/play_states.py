@@ -4,7 +4,7 @@ import time
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
+from geometry_msgs.msg import Point, PoseStamped, Quaternion, TwistStamped, Vector3, WrenchStamped
 from rclpy.qos import qos_profile_sensor_data
 
 
@@ -32,12 +32,15 @@ begin = node.get_clock().now()
 for t, *state in states.tolist():
     while (node.get_clock().now() - begin).nanoseconds < 1e9 * (t - states[0, 0]):
         rclpy.spin_once(node, timeout_sec=0.001)
-    pose, twist = PoseStamped(), TwistStamped()
+    pose = PoseStamped()
+    twist = TwistStamped()
     pose.header.frame_id = twist.header.frame_id = "world"  # the node's world_frame
     pose.header.stamp = twist.header.stamp = node.get_clock().now().to_msg()
-    point, turn, linear, angular = pose.pose.position, pose.pose.orientation, twist.twist.linear, twist.twist.angular
-    point.x, point.y, point.z, turn.x, turn.y, turn.z, turn.w = state[:7]
-    linear.x, linear.y, linear.z, angular.x, angular.y, angular.z = state[7:]
+    x, y, z, qx, qy, qz, qw, vx, vy, vz, wx, wy, wz = state
+    pose.pose.position = Point(x=x, y=y, z=z)
+    pose.pose.orientation = Quaternion(x=qx, y=qy, z=qz, w=qw)
+    twist.twist.linear = Vector3(x=vx, y=vy, z=vz)
+    twist.twist.angular = Vector3(x=wx, y=wy, z=wz)
     twists.publish(twist)  # before the pose, which the node answers at once
     poses.publish(pose)
 end = time.monotonic() + 0.5

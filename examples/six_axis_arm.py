@@ -30,12 +30,13 @@ class SixAxisArm:
     """
 
     def __init__(self, mesh: str = "plate", *, stiffness: float = 1.0, timestep: float = 0.001) -> None:
-        mujoco, stiffness = import_mujoco(), number("stiffness", stiffness, positive=True)
+        mujoco = import_mujoco()
+        factor = number("stiffness", stiffness, positive=True)
         text = Path(__file__).with_suffix(".xml").read_text(encoding="utf-8")
         spec = mujoco.MjSpec.from_string(text, assets={"tool.stl": read_file(locate_mesh(mesh), "mesh file")})
         for actuator in spec.actuators:
-            actuator.gainprm[0] *= stiffness
-            actuator.biasprm[1] *= stiffness
+            actuator.gainprm[0] *= factor
+            actuator.biasprm[1] *= factor
         self.model: Any = spec.compile()
         self.model.opt.timestep = number("timestep", timestep, positive=True)
         self.data: Any = mujoco.MjData(self.model)
@@ -48,9 +49,13 @@ class SixAxisArm:
 
         Raises InputError for a pose that the arm does not reach.
         """
-        mujoco, model, data = import_mujoco(), self.model, self._scratch
-        goal, turn = np.asarray(position, dtype=np.float64), np.roll(np.asarray(quaternion, dtype=np.float64), 1)
-        jacobian, error = np.zeros((6, 6)), np.zeros(6)
+        mujoco = import_mujoco()
+        model = self.model
+        data = self._scratch
+        goal = np.asarray(position, dtype=np.float64)
+        turn = np.roll(np.asarray(quaternion, dtype=np.float64), 1)
+        jacobian = np.zeros((6, 6))
+        error = np.zeros(6)
         data.qpos[:] = self._joints
         for _ in range(_ROUNDS):
             mujoco.mj_kinematics(model, data)
