@@ -307,7 +307,8 @@ def _small(beds, joints, trial, change, close, h):
     for k, b in enumerate(joints.bodies):
         part = _part(k)
         reach = beds.bodies[b].reach
-        if _size(change[part], reach) > close * _size(trial.wrench[part], reach):
+        # where no plate touches the grains both are 0, which does not say what comes at the step's end
+        if _size(change[part], reach) >= close * _size(trial.wrench[part], reach):
             for i in range(6):
                 moved[i] = h * h * _dot(joints.jacobian[6 * k + i], trial.change)
             small &= _path(moved, reach) < _STILL * beds.length
