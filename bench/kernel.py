@@ -147,12 +147,13 @@ def rules(cores: set[int]) -> Table:
         for scene, height in (("deep", -0.05), ("half buried", 0.0)):
             state = checked_states(STATE)
             state[0, 2] = height
+            still = np.zeros((1, 12))
             calls: list[Callable[[], object]] = []
             for plates in tools.values():
                 out = np.empty((1, len(COLUMNS) + len(SENSITIVITIES)))
                 for memory in (None, Memory(plates)):
                     step = prepared(plates, memory)
-                    calls.append(partial(step, law.packed, state, 0.0, LEVEL, out))
+                    calls.append(partial(step, law.packed, state, 0.0, LEVEL, still, out))
             turns = in_turns(calls)
             for k, (rule, plates) in enumerate(tools.items()):
                 without, with_memory = turns[2 * k : 2 * k + 2]

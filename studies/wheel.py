@@ -14,7 +14,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rft_ros.rft import Integration, Law, Memory, Plates, wrenches
+from rft_ros.rft import Integration, Law, Memory, Plates, displacements_between, wrenches
 from rft_ros.rft.traction import packed_law
 from rft_ros.rft.wrench import prepared
 from rft_ros.simulation import Grains
@@ -126,11 +126,13 @@ def steady_forces(law: Law, states: SteadyStates, plates: Plates | None = None) 
     durations = _STEP / np.maximum(np.abs(states.rim_speeds), _SPEED)
     turns = states.states[:, 10] * durations
     now = states.states.copy()
+    before = np.zeros_like(now)
     for k in range(STEPS):
         now[:, :2] = states.states[:, :2] + k * durations[:, None] * states.states[:, 7:9]
         now[:, 3] = np.sin(0.5 * k * turns)
         now[:, 6] = np.cos(0.5 * k * turns)
-        step(packed, now, 0.0, (0.0, 0.0), row)
+        step(packed, now, 0.0, (0.0, 0.0), displacements_between(before, now), row)
+        before[:] = now
     return row[:, :3]
 
 

@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from rft_ros.calibration.smoothing import GAP, FineMotion, fine_motion, shaken_states, smoothed_states
 from rft_ros.calibration.track import Track, moved_back
-from rft_ros.rft import FORCE, Law, Memory, wrenches, wrenches_in_time
+from rft_ros.rft import FORCE, Law, Memory, displacements_followed, wrenches, wrenches_in_time
 from rft_ros.rft.frames import TWIST, VELOCITY
 
 __all__ = ["SHAKEN", "BedValues", "Recorded", "recorded"]
@@ -69,8 +69,10 @@ class Recorded:
         law = replace(self.law, mobilization_length=values.length)
         rows = self.motion.rows[first : last + 1]
         states = self.motion.states[rows[0] : rows[-1] + 1]
-        memory = Memory(plates, slack=_LOST_MOTION)
-        found = wrenches_in_time(plates, law, states, memory, surface_height=values.surface)
+        moved = displacements_followed(states, reach=plates.reach, dead_band=_LOST_MOTION)
+        found = wrenches_in_time(
+            plates, law, states, Memory(plates), displacements=moved, surface_height=values.surface
+        )
         return np.asarray(found[rows - rows[0], FORCE])
 
     def by_delay(self, delay: float) -> Array:

@@ -25,7 +25,18 @@ from rft_ros.diagnosis import Evidence, diagnose
 from rft_ros.diagnosis.poses import REPEATED, repeats
 from rft_ros.errors import InputError
 from rft_ros.parameters import Settings
-from rft_ros.rft import FORCE, POSE, POSITION, SLACK, TORQUE, Law, Memory, wrenches, wrenches_in_time
+from rft_ros.rft import (
+    FORCE,
+    POSE,
+    POSITION,
+    SLACK,
+    TORQUE,
+    Law,
+    Memory,
+    displacements_followed,
+    wrenches,
+    wrenches_in_time,
+)
 
 __all__ = ["doubts_of_zeta", "refuse_implausible", "suspicions", "without_repeats"]
 
@@ -92,8 +103,10 @@ def suspicions(sent: Track, track: Track, settings: Settings, law: Law, *, surfa
     """
     plates = track.tool.plates
     if law.mobilization_length > 0.0:
-        memory = Memory(plates, slack=SLACK)
-        predicted = wrenches_in_time(plates, law, track.states, memory, surface_height=surface)
+        moved = displacements_followed(track.states, reach=plates.reach, dead_band=SLACK)
+        predicted = wrenches_in_time(
+            plates, law, track.states, Memory(plates), displacements=moved, surface_height=surface
+        )
     else:
         predicted = wrenches(plates, law, track.states, surface_height=surface)
     place = track.rotations @ np.array(track.cell.position)

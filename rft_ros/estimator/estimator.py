@@ -20,7 +20,7 @@ from rft_ros.estimator.tare import PastPose, mean_in_air
 from rft_ros.estimator.timeline import NEW_RUN, PATIENCE
 from rft_ros.ground import HeightMap, LocalSurface, ToolPlace
 from rft_ros.parameters import LoadCell, Model, Settings
-from rft_ros.rft import QUATERNION, STATE, SUBMERGED_AREA, TWIST, rotation_matrix
+from rft_ros.rft import QUATERNION, STATE, SUBMERGED_AREA, rotation_matrix
 from rft_ros.rft.arguments import number
 from rft_ros.rft.frames import FORCE, WIDTH
 from rft_ros.rft.traction import packed_law
@@ -329,16 +329,8 @@ class Estimator:
         The result (wrench, area, sensitivities) is overwritten at the next pose.
         """
         surface = self.surface
-        has_memory = self.model.law.has_memory
-        state = motion.state
-        if has_memory and not motion.is_along:
-            state = state.copy()
-            state[0, TWIST] = 0.0  # the memory then keeps the direction of the last displacement
-        step = self._law, state, surface.height, surface.slope, self._result
-        if has_memory:
-            self.run.step(*step, slack=motion.dead_band)
-        else:
-            self.run.step(*step)
+        state = motion.with_direction if self.model.law.has_memory else motion.state
+        self.run.step(self._law, state, surface.height, surface.slope, motion.displacement, self._result)
         row: Array = self._result[0]
         numbers = row.tolist()
         area = numbers[SUBMERGED_AREA]

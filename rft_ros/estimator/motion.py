@@ -11,10 +11,10 @@ from rft_ros.estimator.pose_noise import NOISY, PoseNoise
 from rft_ros.estimator.samples import PoseSample, Reason, TwistSample, Vector
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.parameters import Settings
-from rft_ros.rft import QUATERNION, SLACK, STATE
-from rft_ros.rft.frames import Placement, attitude
+from rft_ros.rft import SLACK, STATE, TWIST
+from rft_ros.rft.displacement import DISPLACEMENT, FOLLOWED, follow
+from rft_ros.rft.frames import Placement
 from rft_ros.rft.kernel.compilation import compiled, machine_code
-from rft_ros.rft.memory import DEAD_BAND, HEAD, displacement
 
 __all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion", "Pace"]
 
@@ -23,28 +23,30 @@ UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTOR
 
 _BAND_OVER_NOISE = 5.0  # dead band, in standard deviations of the pose noise at the tool's tip
 _WIDEST_BAND = 2e-3  # m
+_CREEP = 1e-6  # m/s; so slow that inertia of the grains is nothing
 
 
 class Motion(NamedTuple):
     """The motion of the tool at a pose.
 
-    `state`: shape [1, 13], columns `rft_ros.rft.STATE`. `velocity`: of the tool frame's origin, world axes [m/s].
+    `state`: shape [1, 13], columns `rft_ros.rft.STATE`. `displacement`: of the tool since the motion before, beyond the
+    dead band, shape [1, 12] (`rft_ros.rft.displacement`). `with_direction`: the state for a model with memory. Just
+    after a stop a fitted velocity can oppose the displacement, and at rest it can point anywhere: in place of such a
+    velocity it has the last one that did not, as a creep. `velocity`: of the tool frame's origin, world axes [m/s].
     `speed_bound`: an upper bound on the plates' speeds [m/s]. `rests`: it is below `rest_speed`. `path`: an upper bound
-    on the displacement of any plate since the motion before, beyond the dead band [m]. `rise`: displacement of the
-    origin upwards in it [m]. `dead_band` [m]: displacements within it are noise of the poses. `is_along`: there
-    is a displacement, and it goes along the velocity. Just after a stop a fitted velocity can oppose the displacement;
-    at rest it can point anywhere. `is_noisy`: the dead band is wide.
+    on the displacement of any plate [m]. `rise`: displacement of the origin upwards [m]. `is_noisy`: the dead band is
+    wide.
     """
 
     pose: PoseSample
     state: NDArray[np.float64]
+    displacement: NDArray[np.float64]
+    with_direction: NDArray[np.float64]
     velocity: Vector
     speed_bound: float
     rests: bool
     path: float
     rise: float
-    dead_band: float
-    is_along: bool
     is_noisy: bool
 
 
@@ -74,8 +76,10 @@ class Kinematics:
 
     def __init__(self) -> None:
         self._difference = PoseDifference()
-        self._head = np.zeros(HEAD)
-        self._follow: Any = machine_code(_follow, (self._head, np.zeros(len(STATE)), 0.0))
+        self._followed = np.zeros(1, FOLLOWED)
+        self._direction = np.zeros(6)  # of the last twist along the displacement, scaled to a speed of 1 m/s
+        states = np.zeros((1, len(STATE)))
+        self._follow: Any = machine_code(_follow, (self._followed, states, 0.0, 0.0, np.zeros((1, DISPLACEMENT))))
 
     @property
     def noise(self) -> PoseNoise:
@@ -111,35 +115,46 @@ class Kinematics:
         noise = self.noise.at_tip(reach)
         dead_band = min(max(_BAND_OVER_NOISE * noise, SLACK), _WIDEST_BAND)
         state = np.array([(*pose.position, *pose.quaternion, *velocity)], dtype=np.float64)
-        self._head[DEAD_BAND] = dead_band
-        path, rise, along = self._follow(self._head, state[0], reach)
+        displacement = np.empty((1, DISPLACEMENT))
+        path, rise, along = self._follow(self._followed, state, reach, dead_band, displacement)
+        with_direction = state
+        if along > 0.0:
+            self._direction = state[0, TWIST] / bound
+        else:
+            with_direction = state.copy()
+            with_direction[0, TWIST] = _CREEP * self._direction
         return Motion(
             pose=pose,
             state=state,
+            displacement=displacement,
+            with_direction=with_direction,
             velocity=(vx, vy, vz),
             speed_bound=bound,
             rests=bound < rest_speed or bound == 0.0,
             path=path,
             rise=rise,
-            dead_band=dead_band,
-            is_along=along > 0.0,
             is_noisy=noise > NOISY,
         )
 
 
 @compiled
-def _follow(head, state, reach):
-    """Path and rise of a tool that comes to a state, shape [13], and its displacement along the twist [m²/s].
+def _follow(followed, states, reach, dead_band, displacements):
+    """Follow a tool to its next state, shape [1, 13], and write its displacement, shape [1, 12].
 
-    The displacement is that which the memory of plates has. `head`: of a row of `Memory.numbers`, with the dead band.
-    `reach` of the plates [m].
+    Returns path, rise and the displacement along the twist [m²/s]. `followed`: one record of `FOLLOWED`. `reach` of the
+    plates [m].
     """
-    ((x, y, z), turn), _ = displacement(head, state, attitude(state[QUATERNION]), reach)
-    _, xy, xz, yx, _, yz, zx, zy, _ = turn
+    state = states[0]
+    moved = displacements[0]
+    follow(followed[0], state, reach, dead_band, moved)
+    shift = 0.0
+    along = 0.0
+    for c in range(3):
+        shift += moved[c] * moved[c]
+        along += moved[c] * state[7 + c]
     spin = 0.0
-    for t in turn:
-        spin += t * t
-    along = x * state[7] + y * state[8] + z * state[9]
-    turned = 0.5 * ((zy - yz) * state[10] + (xz - zx) * state[11] + (yx - xy) * state[12])
-    path = math.sqrt(x * x + y * y + z * z) + reach * math.sqrt(0.5 * spin)
-    return path, z, along + reach * reach * turned
+    for c in range(3, DISPLACEMENT):
+        spin += moved[c] * moved[c]
+    turned = (moved[10] - moved[8]) * state[10] + (moved[5] - moved[9]) * state[11] + (moved[6] - moved[4]) * state[12]
+    path = math.sqrt(shift) + reach * math.sqrt(0.5 * spin)
+    return path, moved[2], along + 0.5 * reach * reach * turned

@@ -29,6 +29,7 @@ Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed st
 
 from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023, agarwal2023
 from rft_ros.rft.alpha_y import ALPHA_Y_MODELS, AlphaY, Constant, Linear, Table, alpha_y_model
+from rft_ros.rft.displacement import SLACK, displacements_between, displacements_followed
 from rft_ros.rft.frames import (
     ANGULAR_VELOCITY,
     AXES,
@@ -52,7 +53,7 @@ from rft_ros.rft.frames import (
 )
 from rft_ros.rft.grains import INERTIA, SpeedLimits
 from rft_ros.rft.media import MEDIA, Medium, medium_named
-from rft_ros.rft.memory import SLACK, Memory
+from rft_ros.rft.memory import Memory
 from rft_ros.rft.plates import INTEGRATIONS, Integration, Plates
 from rft_ros.rft.traction import (
     LAW_NUMBERS,
@@ -71,5 +72,6 @@ __all__ += ["LAWS", "LAW_NUMBERS", "LEVEL", "MEDIA", "MOMENTS", "POSE", "POSITIO
 __all__ += ["SLACK", "STATE", "SUBMERGED_AREA", "SURFACE_FRICTION", "TORQUE", "TWIST", "VELOCITY", "WRENCH"]
 __all__ += ["Agarwal2023", "AlphaY", "Constant", "Integration", "Law", "Linear", "Medium", "Memory", "Plates"]
 __all__ += ["SpeedLimits", "Table", "Treers2021", "agarwal2023", "alpha_y_model", "checked_states", "described"]
+__all__ += ["displacements_between", "displacements_followed"]
 __all__ += ["law_named", "medium_named", "plate_forces", "rotation_matrix", "traction_per_depth"]
 __all__ += ["treers2021", "unit_quaternion", "wrenches", "wrenches_in_time"]

@@ -15,6 +15,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.agarwal2023 import agarwal2023
 from rft_ros.rft.arguments import number, numbers
+from rft_ros.rft.displacement import DISPLACEMENT, displacements_between
 from rft_ros.rft.frames import COLUMNS, STATE, WIDTH
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel import loops
@@ -31,8 +32,7 @@ LEVEL = 0.0, 0.0
 _WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
 _CORES = os.cpu_count() or 1
 _ROW = (len(STATE),)
-_EMPTY = np.zeros((1, HEAD))
-_NO_MEMORY = False, _EMPTY
+_NO_MEMORY = False, np.zeros((1, HEAD)), np.zeros((1, DISPLACEMENT))
 
 
 def wrenches(
@@ -74,9 +74,9 @@ def wrenches_in_time(
     plates: Plates,
     law: Law,
     states: ArrayLike,
-    durations: ArrayLike | Memory,
-    memory: Memory | None = None,
+    memory: Memory,
     *,
+    displacements: ArrayLike | None = None,
     surface_height: float = 0.0,
     slope: tuple[float, float] = LEVEL,
     sensitivities: bool = False,
@@ -84,49 +84,52 @@ def wrenches_in_time(
     """`wrenches` of plates with memory, Eq. (10), at successive states, shape [n, 13].
 
     `law`: with its `mobilization_length`, λ at the depth `rft_ros.rft.memory.DEPTH` [m], positive. `memory`: of these
-    plates, updated in place; of many bodies, row i is of body i. Displacements count, whatever time they took: the
-    `durations` between states [s] change nothing and may be left out, so that `memory` is the fourth argument.
+    plates, updated in place; of many bodies, row i is of body i. `displacements`: of the tool to each state, shape
+    [n, 12] (`rft_ros.rft.displacement`), whatever time they took; by default those between the poses of the states.
     """
     arguments = _model_arguments(plates, law, surface_height, slope)
-    kept = _numbers_of(durations if memory is None else memory, plates)
+    kept = _numbers_of(memory, plates)
     _require_memory(law)
     states = numbers("states", states, _ROW)
-    if len(kept) not in (1, len(states)):
-        raise ValueError(f"memory is of {len(kept)} bodies; states has {len(states)} rows")
+    bodies = len(kept)
+    if bodies not in (1, len(states)):
+        raise ValueError(f"memory is of {bodies} bodies; states has {len(states)} rows")
+    if displacements is None:
+        before = memory.last if bodies == len(states) else np.vstack([memory.last, states[:-1]])
+        moved = displacements_between(before, states)
+    else:
+        moved = numbers("displacements", displacements, (DISPLACEMENT,), rows=len(states))
     result = _result(states, sensitivities)
-    _loop()(*arguments, states, (True, kept), result)
+    _loop()(*arguments, states, (True, kept, moved), result)
+    if len(states):
+        memory.last[:] = states[-bodies:]
     return result
 
 
 def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None]:
     """`wrenches`, or with a memory `wrenches_in_time`, for steps that must be short: a call checks nothing.
 
-    Call it with the law's `packed_law`, states, surface height [m], slope and the array for the result,
-    shape [n, 7] or [n, 19]. With a memory, the law must have a mobilization length; `slack` is the least dead band of
-    this step [m], see `Memory`. The other arguments have the types and shapes that `wrenches_in_time` names, and all
+    Call it with the law's `packed_law`, states, surface height [m], slope, the displacements to the states and the
+    array for the result, shape [n, 7] or [n, 19]. With a memory, the law must have a mobilization length; without one
+    the displacements do not matter. The arguments have the types and shapes that `wrenches_in_time` names, and all
     arrays are C-contiguous. Raises ValueError or TypeError that names the argument that cannot be used.
     """
-    loop, form = _loop(), _checked(plates).form
-    if memory is None:
+    loop = _loop()
+    form = _checked(plates).form
+    kept = None if memory is None else _numbers_of(memory, plates)
 
-        def step(law: PackedLaw, states: Array, height: float, slope: tuple[float, float], result: Array) -> None:
-            loop(form, law, height, slope, states, _NO_MEMORY, result)
-
-        return step
-    kept, slacks = _numbers_of(memory, plates), memory.slacks
-
-    def step_in_time(
+    def step(
         law: PackedLaw,
         states: Array,
         height: float,
         slope: tuple[float, float],
+        displacements: Array,
         result: Array,
-        slack: float = 0.0,
     ) -> None:
-        slacks[:] = max(slack, memory.slack)
-        loop(form, law, height, slope, states, (True, kept), result)
+        past = _NO_MEMORY if kept is None else (True, kept, displacements)
+        loop(form, law, height, slope, states, past, result)
 
-    return step_in_time
+    return step
 
 
 def plate_forces(

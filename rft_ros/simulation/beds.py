@@ -9,6 +9,7 @@ from numpy.typing import NDArray
 from rft_ros.rft import Law, Memory, Plates
 from rft_ros.rft import memory as kept
 from rft_ros.rft.arguments import number
+from rft_ros.rft.displacement import DISPLACEMENT, between
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel.compilation import compiled, inlined
 from rft_ros.rft.kernel.loops import sums
@@ -92,17 +93,19 @@ def laws_of(beds: Beds) -> NDArray[np.void]:
 
 
 @inlined
-def evaluate(beds, b, memory, states, out):
+def evaluate(beds, b, memory, before, states, out):
     """Write the row of `wrenches_in_time` of body b, shape [1, 19], at its state, shape [1, 13].
 
-    `memory`: its row of `Beds.memory` or a copy, shape [1, m]; it takes the step from the state before. `out` of shape
-    [plates, 3] takes the forces of the plates, in the kernel's order.
+    `memory`: its row of `Beds.memory` or a copy, shape [1, m]; it takes the step from the state `before`, shape [13].
+    `out` of shape [plates, 3] takes the forces of the plates, in the kernel's order.
     """
+    moved = np.empty((1, DISPLACEMENT))
+    between(before, states[0], moved[0])
     p = beds.bodies[b]
     bounds = beds.bounds[p.bounds : p.bounds + BOUNDS * p.blocks].reshape(BOUNDS, p.blocks)
     form = beds.rows[p.rows : p.rows_end], bounds, p.refined == 1, p.reach
     law = PackedLaw(beds.numbers[b : b + 1], beds.table)
-    past = True, memory
+    past = True, memory, moved
     sums(form, law, p.height, (p.slope_x, p.slope_y), states, past, out)
 
 
@@ -110,7 +113,7 @@ def evaluate(beds, b, memory, states, out):
 def forces_on_plates(beds, body, states, forces):
     """Write the force on each plate of a body at its last state, shape [1, 13]: shape [plates, 3], kernel's order."""
     forces[:] = 0.0
-    evaluate(beds, body, beds.memory[body : body + 1].copy(), states, forces)
+    evaluate(beds, body, beds.memory[body : body + 1].copy(), states[0], states, forces)
 
 
 @inlined

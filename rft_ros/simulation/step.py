@@ -205,8 +205,9 @@ def advance(beds, first, bodies, durations, given, states, rows, near):
     for b in range(len(given)):
         wrench = bodies[b].wrench
         bodies[b].energy -= 0.5 * durations[0] * (_dot(wrench, states[b, 7:]) + _dot(wrench, given[b, 7:]))
+        memory = beds.memory[first + b : first + b + 1]
+        evaluate(beds, first + b, memory, states[b], given[b : b + 1], rows[b : b + 1])
         states[b] = given[b]
-        evaluate(beds, first + b, beds.memory[first + b : first + b + 1], states[b : b + 1], rows[b : b + 1])
         near[b] = _may_reach(beds.bodies[first + b], states[b], durations[1])
 
 
@@ -335,7 +336,7 @@ def search(beds, joints, constraints, h, trial):
         state[0] = joints.states[b]
         _move(state[0], after, h)
         memory = beds.memory[b : b + 1].copy()
-        evaluate(beds, b, memory, state, row)
+        evaluate(beds, b, memory, joints.states[b], state, row)
         stiffness_matrix(memory[0], tangents[k])
         trial.wrench[part] = row[0, :6]
         if _size(row[0, :6], 1.0) > 0.0:

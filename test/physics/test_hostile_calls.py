@@ -146,7 +146,8 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
     grains = lambda: replace(use["law"], mobilization_length=use["length"])  # noqa: E731
     in_time = refused(lambda: wrenches_in_time(use["plates"], grains(), *scene, **keywords))
     refused(lambda: plate_forces(use["plates"], use["law"], use["states"], surface_height=use["height"]))
-    refused(lambda: Memory(plates, slack=junk))
+    moved = {"displacements": junk}
+    refused(lambda: wrenches_in_time(plates, replace(law, mobilization_length=0.003), [WHOLE], memory, **moved))
     refused(lambda: Memory(plates, bodies=junk))
     refused(lambda: rft.treers2021(GENERIC, junk))
     refused(lambda: rft.treers2021(GENERIC, Constant(junk)))
@@ -192,9 +193,9 @@ def test_a_memory_of_no_number_of_bodies_is_refused_by_name(given):
 
 
 @pytest.mark.parametrize("slack", [-1.0, math.nan, math.inf, "a", None])
-def test_a_memory_with_no_slack_is_refused_by_name(slack):
-    with pytest.raises(ValueError, match="slack is "):
-        Memory(POINT, slack=slack)
+def test_a_dead_band_that_is_none_is_refused_by_name(slack):
+    with pytest.raises(ValueError, match="dead_band is "):
+        rft.displacements_followed(np.zeros((1, 13)), reach=0.1, dead_band=slack)
 
 
 def test_a_quaternion_beyond_all_numbers_is_refused_without_a_warning():

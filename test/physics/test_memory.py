@@ -10,11 +10,13 @@ from hypothesis import strategies as st
 from scenes import GENERIC, unworn
 
 from rft_ros.rft import (
+    SLACK,
     Memory,
     Plates,
     agarwal2023,
     alpha_y_model,
     checked_states,
+    displacements_followed,
     plate_forces,
     treers2021,
     wrenches,
@@ -184,14 +186,16 @@ def test_a_closed_path_at_constant_depth_never_yields_work(seed, integration, al
 def test_noise_of_poses_within_the_slack_changes_the_force_by_less_than_1_percent(integration):
     """2 µm, 10 µrad, 40 s at 250 Hz; the twist is what differences of such poses give."""
     plates, rng, n = PLATES[integration], np.random.default_rng(3), 10_000
-    memory = Memory(plates, slack=1e-5)
     states = along(np.linspace(0.0, 0.02, 50), (0.004, 0.0, -0.01))
-    last = remembered(states, plates=plates, memory=memory)[-1, :3]
     noisy = np.repeat(states[-1:], n, axis=0)
     noisy[:, :3] += rng.normal(scale=2e-6, size=(n, 3))
     noisy[:, 3:7] += rng.normal(scale=5e-6, size=(n, 4))
     noisy[:, 7:10] = np.diff(noisy[:, :3], axis=0, prepend=noisy[:1, :3]) / 0.004
-    mean = remembered(checked_states(noisy), plates=plates, memory=memory)[:, :3].mean(axis=0)
+    noisy = checked_states(np.vstack([states, noisy]))
+    moved = displacements_followed(noisy, reach=plates.reach, dead_band=SLACK)
+    law = replace(LAW, mobilization_length=LENGTH)
+    forces = wrenches_in_time(plates, law, noisy, Memory(plates), displacements=moved)[:, :3]
+    last, mean = forces[len(states) - 1], forces[len(states) :].mean(axis=0)
     assert np.linalg.norm(mean - last) < 0.01 * np.linalg.norm(last)
 
 
@@ -265,12 +269,3 @@ def test_a_plate_gives_back_no_more_than_its_traction_stores_whatever_way_it_mov
         work = np.cumsum((0.5 * (force[1:] + force[:-1]) * moves).sum(axis=1))
         stored = 0.5 * np.linalg.norm(force[800]) ** 2 * LENGTH / (STIFF * law.stiffness * 0.03 * plate.area)
         assert work[800:].max() - work[799] <= 1.05 * stored + 1e-9 * np.abs(work).max()
-
-
-def test_durations_may_be_given_and_change_nothing():
-    plates = load_tool("plate").plates
-    states = np.zeros((6, 13))
-    states[:, 2], states[:, 6], states[:, 9] = -0.002 * np.arange(6), 1.0, -0.01
-    law = treers2021(GENERIC, alpha_y_model("constant", GENERIC), mobilization_length=0.003)
-    with_durations = wrenches_in_time(plates, law, states, np.zeros(6), Memory(plates))
-    assert np.array_equal(with_durations, wrenches_in_time(plates, law, states, Memory(plates)))

@@ -12,7 +12,17 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scenes import AGARWAL, CONSTANT, GENERIC, INERTIAL, LINEAR, facing, seeds, unit
 
-from rft_ros.rft import Memory, Plates, Table, checked_states, rotation_matrix, treers2021, wrenches, wrenches_in_time
+from rft_ros.rft import (
+    Memory,
+    Plates,
+    Table,
+    checked_states,
+    displacements_followed,
+    rotation_matrix,
+    treers2021,
+    wrenches,
+    wrenches_in_time,
+)
 from rft_ros.rft.memory import STIFF, PlateState, advance
 
 LENGTH = 0.003
@@ -30,10 +40,12 @@ STEPS = 25
 
 def forces_along(plates, law, paths, slack=0.0):
     """Forces with memory [N], shape [paths, steps, 3], of states of shape [paths, steps, 13]."""
-    memory, forces = Memory(plates, bodies=len(paths), slack=slack), np.empty((*paths.shape[:2], 3))
+    memory, forces = Memory(plates, bodies=len(paths)), np.empty((*paths.shape[:2], 3))
+    states = np.array([checked_states(path) for path in paths])
+    moved = np.array([displacements_followed(path, reach=plates.reach, dead_band=slack) for path in states])
     law = replace(law, mobilization_length=LENGTH)
     for j in range(paths.shape[1]):
-        forces[:, j] = wrenches_in_time(plates, law, checked_states(paths[:, j]), memory)[:, :3]
+        forces[:, j] = wrenches_in_time(plates, law, states[:, j], memory, displacements=moved[:, j])[:, :3]
     return forces
 
 

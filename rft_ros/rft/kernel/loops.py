@@ -10,17 +10,18 @@ from math import cos, radians, sqrt
 import numpy as np
 
 from rft_ros.rft import memory as kept
+from rft_ros.rft.displacement import into_tool_axes, twist_along
 from rft_ros.rft.frames import (
     BY_HEIGHT,
     FORCE,
     MOMENTS,
+    QUATERNION,
     SUBMERGED_AREA,
     TORQUE,
     WIDTH,
     attitude,
     from_frame,
     into_frame,
-    parts_of_state,
 )
 from rft_ros.rft.grains import inertia_force
 from rft_ros.rft.kernel import chunk as row
@@ -66,20 +67,16 @@ _LEVEL = cos(radians(FLAT_BLEND))
 
 
 @inlined
-def _motion(state, reach):
-    """Rotation matrix (9 numbers, by rows), twist (6 numbers, scaled to order one), that scale, and 1 / scale².
+def _scaled(twist, reach):
+    """A twist, scaled to order one, and that scale; 0 for no motion.
 
-    The law is rate-independent, so the scale changes no force; it prevents over- and underflow of squared speeds. The
-    last number [m²/s²] restores the speed for the grains' inertia. It is bounded, since 0 times infinity is NaN.
+    The law is rate-independent, so the scale changes no force; it prevents over- and underflow of squared speeds.
     """
-    _, quaternion, velocity, angular = parts_of_state(state)
-    vx, vy, vz, wx, wy, wz = velocity[0], velocity[1], velocity[2], angular[0], angular[1], angular[2]
+    vx, vy, vz, wx, wy, wz = twist
     # The 1e-9 m bounds the scaled angular velocity of plates at the origin, which would be inf * 0.
     fastest = max(abs(vx), abs(vy), abs(vz), max(reach, 1e-9) * max(abs(wx), abs(wy), abs(wz)))
     s = 1.0 / fastest if fastest > 1e-290 else 0.0
-    per_scale2 = min(fastest * fastest, 1e30) if s > 0.0 else 0.0
-    twist = vx * s, vy * s, vz * s, wx * s, wy * s, wz * s
-    return attitude(quaternion), twist, s, per_scale2
+    return (vx * s, vy * s, vz * s, wx * s, wy * s, wz * s), s
 
 
 @inlined
@@ -322,31 +319,36 @@ def _add_forces(chunk, i0, b, out):
 def _sums(form, law, height, slope, states, past, out):
     """The sums for each state, `out` of shape [n, 7] or [n, 19], or the forces of plates at one state, shape [m, 3].
 
-    `form`: of `Plates`. `law`: its `packed`. `past`: whether the plates have memory, and `Memory.numbers`.
+    `form`: of `Plates`. `law`: its `packed`. `past`: whether the plates have memory, `Memory.numbers`, and for each
+    state the displacement of the tool to it.
     Forces are added to those in `out`, in the kernel's order. One function: LLVM keeps what is the same for all blocks
     in registers, and a state takes 8 % longer if it is divided.
     """
     wide_vectors()
     rows, bounds, refined, reach = form
-    has_memory, memories = past
+    has_memory, memories, displacements = past
     chunk = new_chunk()
     inertia = law.numbers[0].inertia
     level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == _FORCES
     # unsigned: numba adds code for negative indices otherwise
     blocks, one = np.uint64(bounds.shape[1]), np.uint64(1)
     for k in range(states.shape[0]):
-        axes, twist, scale, per_scale2 = _motion(states[k], reach)
-        below, rise = _surface(height, slope, states[k], axes)
+        state = states[k]
+        axes = attitude(state[QUATERNION])
+        twist, scale = _scaled((state[7], state[8], state[9], state[10], state[11], state[12]), reach)
+        speed = 1.0 / scale if scale > 0.0 else 0.0
+        per_scale2 = min(speed * speed, 1e30)  # restores the speed for inertia; bounded, since 0 times infinity is NaN
+        below, rise = _surface(height, slope, state, axes)
         memory = memories[k if len(memories) > 1 else 0]
         motion = motion_in_tool = (0.0, 0.0, 0.0), axes
         if has_memory:
-            for c in range(kept.TWIST_BEFORE):
+            for c in range(kept.HEAD):
                 memory[c] = 0.0
-            if scale > 0.0:
-                for c, value in enumerate(twist):
-                    memory[kept.TWIST_BEFORE + c] = value
-            twist = triple(memory, kept.TWIST_BEFORE, 0, 1) + triple(memory, kept.TWIST_BEFORE, 3, 1)
-            motion, motion_in_tool = kept.displacement(memory, states[k], axes, reach)
+            d = displacements[k]
+            motion = (d[0], d[1], d[2]), (d[3], d[4], d[5], d[6], d[7], d[8], d[9], d[10], d[11])
+            motion_in_tool = into_tool_axes(axes, motion)
+            if scale == 0.0:
+                twist, _ = _scaled(twist_along(motion), reach)
         scene = axes, twist, below, rise
         for c in range(WIDTH):
             chunk[at(row.TOTAL, c)] = 0.0

@@ -1,0 +1,180 @@
+"""The displacement of a tool from one state to the next, which moves the memory of its plates.
+
+A displacement is twelve numbers, in world axes: of the tool frame's origin [m], and a matrix by rows. A point at x from
+the origin moved by origin + matrix x. A measured pose is followed at the distance of a dead band, which filters its
+noise; a simulator needs none.
+"""
+
+from math import sqrt
+
+import numpy as np
+from numpy.typing import NDArray
+
+from rft_ros.rft.arguments import number
+from rft_ros.rft.frames import QUATERNION, attitude, from_frame, into_frame
+from rft_ros.rft.kernel.compilation import compiled, inlined
+
+Array = NDArray[np.float64]
+
+DISPLACEMENT = 12
+"""Numbers of a displacement."""
+
+SLACK = 10e-6
+"""Dead band [m] for measured poses: five standard deviations of encoders of 2 µm."""
+
+FAR = 1e30
+"""Bounds displacements [m], so that no product overflows."""
+
+FOLLOWED = np.dtype([("is_known", float), ("position", float, 3), ("rotation", float, 9)])
+"""The pose that follows a tool's: 1 after the first state and 0 before, position [m], rotation matrix by rows."""
+
+_TINY = 1e-60  # least squared speeds and lengths that are divided by
+
+
+@inlined
+def _write_change(position, rotation, is_known, state, change):
+    """Write the displacement from a pose to that of a state. `is_known`: 1, or 0 for no displacement."""
+    axes = attitude(state[QUATERNION])
+    for c in range(3):
+        change[c] = is_known * min(max(state[c] - position[c], -FAR), FAR)
+    for row in range(0, 9, 3):
+        x = axes[row] - rotation[row]
+        y = axes[row + 1] - rotation[row + 1]
+        z = axes[row + 2] - rotation[row + 2]
+        x, y, z = from_frame(axes, x, y, z)
+        change[3 + row] = is_known * x
+        change[4 + row] = is_known * y
+        change[5 + row] = is_known * z
+
+
+@inlined
+def between(before, state, moved):
+    """Write the displacement from one state, shape [13], to another one; none from a state that is all zeros."""
+    is_known = 0.0
+    for c in range(3, 7):
+        if before[c] != 0.0:
+            is_known = 1.0
+    _write_change(before, attitude(before[QUATERNION]), is_known, state, moved)
+
+
+@inlined
+def _reduce(moved, state, reach, dead_band):
+    """Reduce a displacement D to its part beyond the dead band b.
+
+    Its component along the velocity is scaled by 1 - b / |D|. The component across it is scaled by 1 - b / |across|, so
+    it counts only where it exceeds b by itself: noise of the poses then hardly changes the direction.
+    """
+    vx, vy, vz = min(max(state[7], -FAR), FAR), min(max(state[8], -FAR), FAR), min(max(state[9], -FAR), FAR)
+    wx, wy, wz = min(max(state[10], -FAR), FAR), min(max(state[11], -FAR), FAR), min(max(state[12], -FAR), FAR)
+    square = 0.0
+    for c in range(3):
+        square += moved[c] * moved[c]
+    for c in range(3, DISPLACEMENT):
+        square += 0.5 * reach * reach * moved[c] * moved[c]
+    turned = (moved[10] - moved[8]) * wx + (moved[5] - moved[9]) * wy + (moved[6] - moved[4]) * wz
+    along = moved[0] * vx + moved[1] * vy + moved[2] * vz + 0.5 * reach * reach * turned
+    speed_square = vx * vx + vy * vy + vz * vz + reach * reach * (wx * wx + wy * wy + wz * wz)
+    share = max(1.0 - dead_band / max(sqrt(square), _TINY), 0.0)
+    time = 0.0
+    share_across = share
+    if speed_square > _TINY:
+        time = along / speed_square
+        across = sqrt(max(square - along * time, 0.0))
+        share_across = max(1.0 - dead_band / max(across, _TINY), 0.0)
+        time *= share - share_across
+    for c in range(DISPLACEMENT):
+        moved[c] *= share_across
+    moved[0] += time * vx
+    moved[1] += time * vy
+    moved[2] += time * vz
+    moved[4] -= time * wz
+    moved[5] += time * wy
+    moved[6] += time * wz
+    moved[8] -= time * wx
+    moved[9] -= time * wy
+    moved[10] += time * wx
+
+
+@inlined
+def follow(followed, state, reach, dead_band, moved):
+    """Write the displacement of a tool to its next state, shape [13], and move the pose that follows it.
+
+    `followed`: a record of `FOLLOWED`. `reach` of the plates, `dead_band` [m].
+    """
+    change = np.empty(DISPLACEMENT)
+    _write_change(followed.position, followed.rotation, followed.is_known, state, change)
+    for c in range(DISPLACEMENT):
+        moved[c] = change[c]
+    if dead_band > 0.0:
+        _reduce(moved, state, reach, dead_band)
+    # what the dead band leaves for later
+    axes = attitude(state[QUATERNION])
+    for c in range(3):
+        followed.position[c] = state[c] - (change[c] - moved[c])
+    for row in range(0, 9, 3):
+        x = change[3 + row] - moved[3 + row]
+        y = change[4 + row] - moved[4 + row]
+        z = change[5 + row] - moved[5 + row]
+        x, y, z = into_frame(axes, x, y, z)
+        followed.rotation[row] = axes[row] - x
+        followed.rotation[row + 1] = axes[row + 1] - y
+        followed.rotation[row + 2] = axes[row + 2] - z
+    followed.is_known = 1.0
+
+
+@inlined
+def into_tool_axes(axes, motion):
+    """A displacement, as origin and matrix, in the axes of the tool. `axes`: its rotation matrix by rows."""
+    (dx, dy, dz), matrix = motion
+    x = into_frame(axes, *matrix[:3])
+    y = into_frame(axes, *matrix[3:6])
+    z = into_frame(axes, *matrix[6:])
+    p = into_frame(axes, x[0], y[0], z[0])
+    q = into_frame(axes, x[1], y[1], z[1])
+    r = into_frame(axes, x[2], y[2], z[2])
+    return into_frame(axes, dx, dy, dz), (p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2])
+
+
+@inlined
+def twist_along(motion):
+    """A twist in whose direction a displacement goes."""
+    (dx, dy, dz), (_, xy, xz, yx, _, yz, zx, zy, _) = motion
+    return dx, dy, dz, 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
+
+
+@inlined
+def moved_by(motion, place):
+    """The displacement of a place by that of a tool, as origin and matrix; both in world or in tool axes."""
+    (dx, dy, dz), (xx, xy, xz, yx, yy, yz, zx, zy, zz) = motion
+    x, y, z = place
+    return dx + xx * x + xy * y + xz * z, dy + yx * x + yy * y + yz * z, dz + zx * x + zy * y + zz * z
+
+
+@compiled
+def _between_each(before, states, moved):
+    for k in range(len(states)):
+        between(before[k], states[k], moved[k])
+
+
+@compiled
+def _follow_each(followed, states, reach, dead_band, moved):
+    for k in range(len(states)):
+        follow(followed[0], states[k], reach, dead_band, moved[k])
+
+
+def displacements_between(before: Array, states: Array) -> Array:
+    """The displacements between states, each of shape [n, 13], shape [n, 12]; none from a state that is all zeros."""
+    moved = np.empty((len(states), DISPLACEMENT))
+    _between_each(before, states, moved)
+    return moved
+
+
+def displacements_followed(states: Array, *, reach: float, dead_band: float) -> Array:
+    """The displacements of a tool at successive states, shape [n, 13], beyond a dead band [m]; shape [n, 12].
+
+    `reach` of its plates [m]. The first state has none.
+    """
+    number("dead_band", dead_band, least=0.0)
+    moved = np.empty((len(states), DISPLACEMENT))
+    _follow_each(np.zeros(1, FOLLOWED), states, reach, dead_band, moved)
+    return moved
