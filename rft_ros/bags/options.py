@@ -32,9 +32,10 @@ class ReplayOptions:
     def __post_init__(self) -> None:
         if not isinstance(self.remap, list | tuple) or not all(isinstance(rule, str) for rule in self.remap):
             raise InputError(f"remap is {shown(self.remap)}; it must be a list of strings")
-        for name, seconds in (("start", self.start), ("end", self.end), ("tare", self.tare)):
-            number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
-            if seconds is not None and not (number and 0.0 <= seconds <= 1e9):
+        for name in ("start", "end", "tare"):
+            seconds = getattr(self, name)
+            is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
+            if seconds is not None and not (is_number and 0.0 <= seconds <= 1e9):
                 raise InputError(f"{name} is {shown(seconds)}; it must be a number from 0 to 1e9 [s]")
         if self.start is not None and self.end is not None and self.end <= self.start:
             raise InputError(f"end is {self.end:g} s; it must be after start, {self.start:g} s")

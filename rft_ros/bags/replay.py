@@ -56,11 +56,11 @@ def replay(
     options = options or ReplayOptions()
     refuse_overwriting(results(out), [bag, *named_files(values)])
     recording = Recording(bag, values, options)
-    values, topics = recording.values, recording.topics
     model = model or replay_model(values)
+    used = dict(recording.values)
     if options.tare:
-        values = {**values, "sensor.bias": _bias(bag, values, model, options)}
-    settings = settings_of(values)
+        used["sensor.bias"] = _bias(bag, used, model, options)
+    settings = settings_of(used)
     estimator = Estimator(settings, model)
     check_replaceable(out / "estimates")
     with whole_folder(out, _FILES) as part:
@@ -74,11 +74,8 @@ def replay(
                 if its_answer is not None:
                     other.add(its_answer)
         if not recording.counts["pose"]:
-            what = f"message on {topics.get('pose')}"
-            if "tf" in topics:
-                what = f"pose of tool_frame '{settings.tool_frame}' in world_frame '{settings.world_frame}'"
-                what += f" from its frames {', '.join(estimator.transforms.frames()) or '(none)'}"
             why = reasons(recording, estimator)
+            what = _what_gives_poses(recording, estimator)
             raise InputError(f"bag '{bag}' has no {what} in the part that is replayed ({why})")
         rows = run.rows()
         write_estimates(run, rows, part, shift=recording.shift)
@@ -90,10 +87,10 @@ def replay(
             faults=[finding.text for name, finding in diagnose(evidence) if name in SILENT and not finding.ok],
             issues=run.issues,
             bag=bag_name(bag),
-            topics=topics,
-            parameters=dict(values),
+            topics=recording.topics,
+            parameters=used,
             bias=settings.load_cell.bias,
-            messages={role: recording.counts[role] for role in ("pose", *topics)},
+            messages={role: recording.counts[role] for role in ("pose", *recording.topics)},
             reasons={reason.value: n for reason, n in sorted(estimator.counts.items())},
             unknown_frames={reason.value: said for reason, said in sorted(estimator.unknown_frames().items())},
             duration=(recording.time - recording.first) * 1e-9,
@@ -108,6 +105,15 @@ def replay(
     return summary
 
 
+def _what_gives_poses(recording: Recording, estimator: Estimator) -> str:
+    if "tf" not in recording.topics:
+        return f"message on {recording.topics.get('pose')}"
+    settings = estimator.settings
+    frames = ", ".join(estimator.transforms.frames()) or "(none)"
+    pose = f"pose of tool_frame '{settings.tool_frame}' in world_frame '{settings.world_frame}'"
+    return f"{pose} from its frames {frames}"
+
+
 def _learning_settings(settings: Settings) -> dict[str, Settings]:
     """Settings of the runs that a replay with learning is compared to, by name.
 
@@ -115,14 +121,16 @@ def _learning_settings(settings: Settings) -> dict[str, Settings]:
     """
     if settings.learning_mode == "off":
         return {}
-    lags = {f"{1e3 * lag:g} mm": lag for lag in (settings.learning_lag, _SECOND_LAG)}
-    learn = {name: replace(settings, learning_mode="apply", learning_lag=lag) for name, lag in lags.items()}
-    return {"off": replace(settings, learning_mode="off"), **learn}
+    found = {"off": replace(settings, learning_mode="off")}
+    for lag in (settings.learning_lag, _SECOND_LAG):
+        found[f"{1e3 * lag:g} mm"] = replace(settings, learning_mode="apply", learning_lag=lag)
+    return found
 
 
 def _bias(bag: Path, values: Values, model: Model, options: ReplayOptions) -> Wrench:
     """The bias by a tare over the first seconds. It begins at the first pose with a known velocity."""
-    start, seconds = options.start or 0.0, options.tare or 0.0
+    start = options.start or 0.0
+    seconds = options.tare or 0.0
     settings = settings_of(values)
     estimator = Estimator(settings, model)
     begin = newest = 0
@@ -130,8 +138,8 @@ def _bias(bag: Path, values: Values, model: Model, options: ReplayOptions) -> Wr
     for sample, answer in play(recording, estimator):
         if isinstance(sample, WrenchSample):
             newest = sample.stamp
-        elif answer is not None and not begin and (isinstance(answer, Estimate) or answer.reason is Reason.AT_REST):
-            begin = answer.stamp
+        elif isinstance(answer, Estimate) or (answer is not None and answer.reason is Reason.AT_REST):
+            begin = begin or answer.stamp
     try:
         return estimator.tare((newest - begin) * 1e-9 if 0 < begin < newest else seconds)
     except InputError as error:
