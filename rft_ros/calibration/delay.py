@@ -79,14 +79,9 @@ def fit_delay(recordings: Iterable[Recorded], surface: float, *, given: float) -
     mean = float(weights @ values / weights.sum())
     scatter = float(weights @ (values - mean) ** 2) / max(len(values) - 1, 1)
     error = float(np.sqrt(max(1.0, scatter) / weights.sum()))
-    is_seen = abs(mean) >= _SEEN * error
     source = listed(m._replace(value=given + m.value) for m in found)
     goodness = f"RMS up to {100.0 * misfit:.1f} % of the force's range around turns"
-    return FittedValue(
-        "sensor.delay",
-        (given + mean if is_seen else given,),
-        (error if is_seen else float(np.hypot(error, mean)),),
-        "s",
-        goodness,
-        source,
-    )
+    if abs(mean) < _SEEN * error:
+        kept_error = float(np.hypot(error, mean))
+        return FittedValue("sensor.delay", (given,), (kept_error,), "s", goodness, source)
+    return FittedValue("sensor.delay", (given + mean,), (error,), "s", goodness, source)

@@ -52,22 +52,32 @@ def motion_phases(recordings: Sequence[Recorded], values: BedValues) -> dict[str
 
 def _rows_by_kind(track: Track, surface: float) -> dict[str, Indices]:
     """Rows in the grains by kind of motion, without the corners between them. Kinds of a short path are left out."""
-    moved = track.smooth[:, VELOCITY] + np.cross(track.smooth[:, ANGULAR_VELOCITY], track.rotations @ track.tool.middle)
-    turned = 0.5 * track.tool.size * np.linalg.norm(track.smooth[:, ANGULAR_VELOCITY], axis=1)
+    spin = track.smooth[:, ANGULAR_VELOCITY]
+    lever = track.rotations @ track.tool.middle
+    moved = track.smooth[:, VELOCITY] + np.cross(spin, lever)
+    turned = 0.5 * track.tool.size * np.linalg.norm(spin, axis=1)
     kinds = np.where(track.moving, kinds_of_motion(moved, turned), REST)
-    lasting = np.minimum(np.diff(track.time, append=track.time[-1]), GAP)
-    path = lasting * (np.linalg.norm(moved, axis=1) + turned)
-    corners = track.time[1:][kinds[1:] != kinds[:-1]]
-    edges = np.concatenate([[-np.inf], corners, [np.inf]])
-    after = np.searchsorted(edges, track.time, side="right")
-    clear = np.minimum(track.time - edges[after - 1], edges[after] - track.time) > _CORNER
-    usable = (track.heights < surface) & clear
+    speed = np.linalg.norm(moved, axis=1) + turned
+    path = speed * np.minimum(np.diff(track.time, append=track.time[-1]), GAP)
+    usable = (track.heights < surface) & ~_near_corners(track.time, kinds)
     found = {}
     for kind in (*MOTIONS, REST):
         rows = np.flatnonzero(usable & (kinds == kind))
-        if len(rows) >= FEWEST and (kind == REST or path[rows].sum() > LEAST_PATH):
+        if len(rows) < FEWEST:
+            continue
+        if kind == REST or path[rows].sum() > LEAST_PATH:
             found[kind] = rows
     return found
+
+
+def _near_corners(time: Array, kinds: NDArray[np.str_]) -> NDArray[np.bool_]:
+    """Whether the kind of motion changes within `_CORNER` of each moment, shape [n]."""
+    corners = time[1:][kinds[1:] != kinds[:-1]]
+    edges = np.concatenate([[-np.inf], corners, [np.inf]])
+    after = np.searchsorted(edges, time, side="right")
+    since = time - edges[after - 1]
+    until = edges[after] - time
+    return np.asarray(np.minimum(since, until) <= _CORNER)
 
 
 def motion_fit(
