@@ -76,9 +76,11 @@ class Intake:
 
     def pose(self, sample: PoseSample) -> tuple[PoseSample, Succession]:
         """The pose in world axes, its quaternion of unit length, and whether it is the next one or begins a new run."""
-        stamp, world = sample.stamp, self._settings.world_frame
+        stamp = sample.stamp
+        world = self._settings.world_frame
         _, base = self._linked("pose", sample.stamp, sample.frame, world)
-        position, quaternion = sample.position, unit_quaternion(*sample.quaternion)
+        position = sample.position
+        quaternion = unit_quaternion(*sample.quaternion)
         if base is not None and quaternion is not None:
             position, quaternion = base.of(Placement(position, quaternion))
         if not _are_finite(*position, *sample.quaternion):
@@ -183,7 +185,9 @@ class Intake:
 
     def unknown_frames(self) -> dict[Reason, str]:
         """For each reason the frame refused last under these settings, unless it is linked now, and what to do."""
-        s, tree, found = self._settings, self.transforms, dict[Reason, str]()
+        s = self._settings
+        tree = self.transforms
+        found = dict[Reason, str]()
         for reason, (frame, *expected) in self._unknown.items():
             if all(tree.fixed(into, frame) is None for into in expected):
                 found[reason] = _UNKNOWN[reason].format(frame, *expected)
@@ -205,7 +209,8 @@ class Intake:
         once the transforms on both sides of its stamp have come, so it depends on stamps only. If they do not come
         within `PATIENCE`, the stamp has no pose, and the reason is counted.
         """
-        s, newest = self._settings, None
+        s = self._settings
+        newest = None
         if s.pose_source != "tf" or isinstance(sample, TwistSample):
             return []
         if not isinstance(sample, samples.Stamped):
@@ -227,14 +232,16 @@ class Intake:
 
     def _schedule(self, newest: int) -> None:
         """Schedule a pose at the stamp `newest` [ns] or, with `tf_rate`, at the multiples of its period up to it."""
-        follows, rate = succession(newest, after=self._scheduled), self._settings.tf_rate
+        follows = succession(newest, after=self._scheduled)
+        rate = self._settings.tf_rate
         if follows in (REPEATED, LATE):
             return  # it was scheduled before, or has no pose
         if follows is NEW_RUN:
             self._wanted.clear()
             self.transforms.start_run(newest)
         if rate > 0.0:
-            period, is_gap = round(min(1e9 / rate, 1e18)), abs(newest - self._scheduled) >= PATIENCE
+            period = round(min(1e9 / rate, 1e18))
+            is_gap = abs(newest - self._scheduled) >= PATIENCE
             last = newest - 1 if is_gap else self._scheduled  # a gap has no poses
             self._wanted.extend(range((last // period + 1) * period, newest + 1, period))
         else:

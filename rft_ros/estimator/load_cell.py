@@ -47,11 +47,17 @@ def _into_sensor(mounts, quaternion, with_sigma, outs):
     deviations in world axes about the tool frame's origin. The errors of world components, and those of force and
     torque, are taken as independent.
     """
-    mount, out = mounts[0], outs[0]
-    position, center, bias = mount.position, mount.center_of_mass, mount.bias
-    wrench, offset, sigma = out.wrench, out.offset, out.sigma
+    mount = mounts[0]
+    out = outs[0]
+    position = mount.position
+    center = mount.center_of_mass
+    bias = mount.bias
+    wrench = out.wrench
+    offset = out.offset
+    sigma = out.sigma
     force, torque, force_sigma, torque_sigma = parts_of_prediction(with_sigma)
-    tool, sensor = attitude(quaternion), attitude(mount.quaternion)
+    tool = attitude(quaternion)
+    sensor = attitude(mount.quaternion)
     px, py, pz = position[0], position[1], position[2]
     turned = 0.0, 0.0, 0.0
     for i in range(6):
@@ -82,7 +88,8 @@ class LoadCellFrame:
         self._place = Placement(cell.position, cell.quaternion)
         bias = tuple(cell.sign * b for b in cell.bias)
         mount = cell.position, cell.quaternion, cell.mass * GRAVITY, cell.center_of_mass, bias
-        self._mount, self._out = np.array([mount], _MOUNT), np.zeros(1, _IN_SENSOR)
+        self._mount = np.array([mount], _MOUNT)
+        self._out = np.zeros(1, _IN_SENSOR)
         self._rows = self._out.view(np.float64).reshape(3, 6)  # wrench, offset, sigma
         self._into_sensor = machine_code(_into_sensor, (self._mount, np.zeros(4), np.zeros(12), self._out))
 
@@ -105,9 +112,8 @@ class LoadCellFrame:
         """
         if reading.frame != tool.frame:
             return reading.wrench
-        (x, y, z), (i, j, k) = reading.wrench[:3], reading.wrench[3:]
         to_sensor = Placement(tool.position, tool.quaternion).of(self._place).inverse()
-        return *to_sensor.rotate((x, y, z)), *to_sensor.rotate((i, j, k))
+        return *to_sensor.rotate(reading.wrench[:3]), *to_sensor.rotate(reading.wrench[3:])
 
     def into_world(self, tool: PoseSample, force: Vector) -> Vector:
         """Rotate a force [N] from sensor axes to world axes. `tool`: the pose of the tool frame."""
@@ -197,6 +203,7 @@ class Comparison:
 
 def _difference(factor: float, a: Wrench, b: Wrench) -> Wrench:
     """`factor` times one wrench, minus the other; written out, since a loop takes twice as long."""
-    (ax, ay, az, dx, dy, dz), (bx, by, bz, ex, ey, ez) = a, b
-    force = factor * ax - bx, factor * ay - by, factor * az - bz
-    return *force, factor * dx - ex, factor * dy - ey, factor * dz - ez
+    fx, fy, fz, tx, ty, tz = a
+    gx, gy, gz, ux, uy, uz = b
+    force = factor * fx - gx, factor * fy - gy, factor * fz - gz
+    return *force, factor * tx - ux, factor * ty - uy, factor * tz - uz

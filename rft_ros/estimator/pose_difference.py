@@ -18,12 +18,13 @@ from rft_ros.rft.kernel.compilation import compiled, inlined
 __all__ = ["PoseDifference"]
 
 _CAPACITY = 2048  # poses: the longest window, 1 s, at 2 kHz
-_FEWEST, _FEWEST_OF_PARABOLA = 3, 5
+_FEWEST = 3
+_FEWEST_OF_PARABOLA = 5
 _UNLIKELY = 8.0  # standard deviations of chi-squared; beyond, the window is shortened, and the slope is noisier
 _BENDS = 16.3  # chi-squared with probability 1e-3: a smaller bend of the parabola is left out
 _MOVES = 40.0  # chi-squared with probability 1e-8: false motion at rest would release the held force
 _THIN = 1.0 / 64.0  # of the window: in its older part, poses closer than this to the one before are skipped
-_POSITIONS, _ROTATIONS = 0, 1  # the two kinds of coordinates of a pose, which have noise of their own
+_POSITIONS, _ROTATIONS = range(2)  # the two kinds of coordinates of a pose, which have noise of their own
 
 
 class PoseDifference:
@@ -80,10 +81,12 @@ def _recent(stamps, ring, newest, window, gap, t, x):
     axes, shape [2, 3, n]. `ring`: rows position, quaternion xyzw. `stamps`, `window`, `gap` [ns]; a stamp is 0 where
     the ring has no pose yet.
     """
-    positions, attitudes = ring[:, POSITION], ring[:, QUATERNION]
+    positions = ring[:, POSITION]
+    attitudes = ring[:, QUATERNION]
     attitude = attitudes[newest]
     ax, ay, az, aw = -attitude[0], -attitude[1], -attitude[2], attitude[3]
-    younger, n = stamps[newest], 0
+    younger = stamps[newest]
+    n = 0
     for back in range(len(stamps)):
         at = (newest - back) % len(stamps)
         age = stamps[newest] - stamps[at]  # a difference of integers has no rounding error
@@ -114,8 +117,10 @@ def _end_slopes(t, x, n, noise, slopes, squares, factors):
         middle += t[i] / n
     for i in range(n):
         u = t[i] - middle
-        uu, uuu = uu + u * u, uuu + u * u * u
-    skew, mean = uuu / uu, uu / n
+        uu += u * u
+        uuu += u * u * u
+    skew = uuu / uu
+    mean = uu / n
     for i in range(n):
         u = t[i] - middle
         qq += (u * u - skew * u - mean) ** 2
@@ -129,11 +134,14 @@ def _end_slopes(t, x, n, noise, slopes, squares, factors):
             y = x[kind, axis]
             for i in range(n):
                 u = t[i] - middle
-                a, b, c = a + y[i] / n, b + y[i] * u / uu, c + y[i] * (u * u - skew * u - mean) / qq
+                a += y[i] / n
+                b += y[i] * u / uu
+                c += y[i] * (u * u - skew * u - mean) / qq
             for i in range(n):
                 u = t[i] - middle
                 square += (y[i] - a - b * u - c * (u * u - skew * u - mean)) ** 2
-            slopes[kind, axis], curved[axis] = b, c * bend
+            slopes[kind, axis] = b
+            curved[axis] = c * bend
             squares[kind] += square
             square_of_bend += c * c * qq
         factors[kind] = 1.0 / uu
@@ -153,7 +161,9 @@ def _fit(stamps, ring, noise, t, x, twist, newest, window, gap):
     count = n = _recent(stamps, ring, newest, window, gap, t, x)
     if n < 2:
         return n
-    squares, factors, unlike = np.empty(2), np.empty(2), True
+    squares = np.empty(2)
+    factors = np.empty(2)
+    unlike = True
     while unlike and n >= _FEWEST_OF_PARABOLA:
         _end_slopes(t, x, n, noise, twist, squares, factors)
         free = 3.0 * (n - 3)

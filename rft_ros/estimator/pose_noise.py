@@ -60,7 +60,8 @@ class PoseNoise:
     def __init__(self) -> None:
         self.position = self.rotation = math.inf
         self.position_across = self.rotation_across = 0.0
-        self._tracks, self._pose = np.zeros(1, _TRACK), np.zeros(7)
+        self._tracks = np.zeros(1, _TRACK)
+        self._pose = np.zeros(7)
         self._add: Any = machine_code(_add, (self._tracks, self._pose, 0, 0))
 
     def at_tip(self, reach: float) -> float:
@@ -93,9 +94,11 @@ _REPEAT, _NEW, _DUE = range(3)  # what `_add` returns; `_DUE`: the noise is to b
 def _add(tracks, pose, stamp, gap):
     """Add a pose to the record of `_TRACK` in `tracks`, with the misfit of the pose before it."""
     track = tracks[0]
-    stamps, poses = track.stamps, track.poses
+    stamps = track.stamps
+    poses = track.poses
     if stamps[0] > 0:
-        cosine, same = 0.0, True
+        cosine = 0.0
+        same = True
         for c in range(3, 7):
             cosine += pose[c] * poses[0, c]
         for c in range(3, 7):
@@ -119,16 +122,21 @@ def _add(tracks, pose, stamp, gap):
     if stamps[_LAST - 1] == 0:
         return _NEW
     place = track.count % _MISFITS
-    p, q, r = float(stamps[2] - stamps[1]), float(stamps[3] - stamps[1]), float(stamps[4] - stamps[1])
+    p = float(stamps[2] - stamps[1])
+    q = float(stamps[3] - stamps[1])
+    r = float(stamps[4] - stamps[1])
     of_1, of_2, of_3 = q * r / ((p - q) * (p - r)), p * r / ((q - p) * (q - r)), p * q / ((r - p) * (r - q))
     scale = 1.0 + of_1 * of_1 + of_2 * of_2 + of_3 * of_3
     for kind in range(2):
         square = along = way = 0.0
-        first, last = 3 * kind, 3 + 4 * kind  # positions, then quaternions
+        first = 3 * kind  # positions, then quaternions
+        last = 3 + 4 * kind
         for i in range(first, last):
             misfit = poses[1, i] - of_1 * poses[2, i] - of_2 * poses[3, i] - of_3 * poses[4, i]
             moved = poses[0, i] - poses[_LAST - 1, i]
-            square, along, way = square + misfit * misfit, along + misfit * moved, way + moved * moved
+            square += misfit * misfit
+            along += misfit * moved
+            way += moved * moved
         goes_on = True
         for k in range(_LAST - 1):
             step = 0.0
@@ -137,8 +145,10 @@ def _add(tracks, pose, stamp, gap):
             goes_on = goes_on and step > 0.0
         across = 1.5 * max(square - along * along / way, 0.0) if goes_on else square  # two coordinates stand for three
         if kind == 1:  # a rotation moves a quaternion by half of its angle
-            square, across = 4.0 * square, 4.0 * across
-        track.misfits[kind, place], track.misfits[2 + kind, place] = square / scale, across / scale
+            square *= 4.0
+            across *= 4.0
+        track.misfits[kind, place] = square / scale
+        track.misfits[2 + kind, place] = across / scale
     track.count += 1
     return _DUE if track.count % _REFRESH == 0 else _NEW
 

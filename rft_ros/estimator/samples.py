@@ -86,7 +86,8 @@ class Reason(str, Enum):
     def __new__(cls, value: str, sentence: str = "") -> "Reason":
         """A reason and what went wrong; ``Reason("at_rest")`` finds one by its value."""
         reason = str.__new__(cls, value)
-        reason._value_, reason.sentence = value, sentence
+        reason._value_ = value
+        reason.sentence = sentence
         return reason
 
     MESSAGE_UNREADABLE = (

@@ -20,8 +20,10 @@ __all__ = ["LEVER", "SIGMA", "Withdrawal", "is_withdrawn", "parts_of_prediction"
 Array = NDArray[np.float64]
 
 # relative standard deviations
-_HORIZONTAL_ERROR, _VERTICAL_ERROR = 0.4, 0.1  # of these parts of the force, in addition to ζ's error
-_HORIZONTAL_SHARE, _VERTICAL_SHARE = 0.03, 0.15  # of the whole force: an upright plate lifts more than the model says
+_HORIZONTAL_ERROR = 0.4  # of these parts of the force, in addition to ζ's error
+_VERTICAL_ERROR = 0.1
+_HORIZONTAL_SHARE = 0.03  # of the whole force: an upright plate lifts more than the model says
+_VERTICAL_SHARE = 0.15
 _NOISE_FLOOR = 0.05  # of any component of the force [N]
 _TORQUE_ERROR = 0.5  # of the torque, in addition to ζ's error
 
@@ -55,9 +57,11 @@ def predict_without_learning(row: Array, strength_error: float, reach: float, wi
     for i in range(6):
         wrench[i] = row[i]
     force, torque, force_sigma, torque_sigma = parts_of_prediction(with_sigma)
-    flat, vertical = force[0] ** 2 + force[1] ** 2, force[2] ** 2
+    flat = force[0] ** 2 + force[1] ** 2
+    vertical = force[2] ** 2
     whole = flat + vertical
-    horizontally, vertically = strength_error**2 + _HORIZONTAL_ERROR**2, strength_error**2 + _VERTICAL_ERROR**2
+    horizontally = strength_error**2 + _HORIZONTAL_ERROR**2
+    vertically = strength_error**2 + _VERTICAL_ERROR**2
     force_sigma[0] = force_sigma[1] = math.sqrt(horizontally * flat + _HORIZONTAL_SHARE**2 * whole + _NOISE_FLOOR**2)
     force_sigma[2] = math.sqrt(vertically * vertical + _VERTICAL_SHARE**2 * whole + _NOISE_FLOOR**2)
     of_point = (LEVER * reach) ** 2 * whole
@@ -99,7 +103,9 @@ class Withdrawal:
         `with_sigma`, shape [12]: the wrench and its standard deviations.
         """
         if self.active:
-            wrench, sigma, left = with_sigma[WRENCH], with_sigma[SIGMA], math.exp(-self._path / _RELEASE)
+            wrench = with_sigma[WRENCH]
+            sigma = with_sigma[SIGMA]
+            left = math.exp(-self._path / _RELEASE)
             held = left * (np.abs(self._pushed[WRENCH] - wrench) + self._pushed[SIGMA])
             sigma[:] = np.sqrt(sigma * sigma + held * held + wrench * wrench)
         elif self._moves:

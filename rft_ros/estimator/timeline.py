@@ -88,10 +88,12 @@ def turned_between(a: Quaternion, b: Quaternion, share: float) -> Quaternion:
     """The attitude at a share of the way from one to the other, at a constant rate of turn; unit quaternions."""
     cosine = sum(p * q for p, q in zip(a, b, strict=True))
     angle = math.acos(min(1.0, abs(cosine)))
-    first, second = 1.0 - share, share
+    first = 1.0 - share
+    second = share
     sine = math.sin(angle)
     if sine > 1e-6:
-        first, second = math.sin(first * angle) / sine, math.sin(share * angle) / sine
+        first = math.sin(first * angle) / sine
+        second = math.sin(share * angle) / sine
     second = math.copysign(second, cosine)  # q and -q are one attitude
     i, j, k, w = (first * p + second * q for p, q in zip(a, b, strict=True))
     norm = math.hypot(i, j, k, w)

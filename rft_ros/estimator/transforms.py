@@ -38,37 +38,45 @@ class Transforms:
 
         `TF_TWO_PARENTS` is returned for a transform that is used, but has another parent than the one before.
         """
-        child, frame = sample.child, self._frames.get(sample.child)
+        fault = self._add(sample)
+        if fault is None:
+            return None
+        reason, what = fault
+        self.sentences[reason] = f"{_described(sample)}: {what}"
+        return reason
+
+    def _add(self, sample: TransformSample) -> tuple[Reason, str] | None:
+        """Add a transform. Returns what is wrong with it, if anything is."""
+        child = sample.child
+        frame = self._frames.get(child)
         last = frame.last if frame else None
         is_same_link = last is not None and (last.parent, last.fixed) == (sample.parent, sample.fixed)
         if is_same_link and not sample.fixed and self._kept is not None and child not in self._kept:
             return None  # the history of this frame is not needed
         quaternion = unit_quaternion(*sample.quaternion)
-        reason, what = self._fault(sample, is_new_link=not is_same_link)
         if quaternion is None:
-            reason, what = Reason.TF_INVALID, "the quaternion is not of unit length"
-        elif reason is None:
-            goes_on = last is not None and not last.fixed and not sample.fixed
-            follows = self._frames[child].follows(sample.stamp) if goes_on else NEXT
-            if last is not None and not is_same_link:
-                reason, what = Reason.TF_TWO_PARENTS, f"before in {last.parent!r}{_kind(last)}"
-            elif last is not None and follows in (REPEATED, LATE):
-                reason, what = Reason.TF_OUT_OF_ORDER, f"{last.stamp - sample.stamp} ns before the last one"
-            if follows in (NEXT, NEW_RUN):
-                if follows is NEW_RUN:
-                    self.start_run(sample.stamp)
-                if not goes_on or follows is NEW_RUN:
-                    self._frames[child] = Timeline(maxlen=_HISTORY)
-                stamp = 0 if sample.fixed else sample.stamp  # a fixed transform is before all others
-                self._frames[child].append(sample._replace(stamp=stamp, quaternion=quaternion))
-                if not (goes_on and is_same_link and follows is NEXT):
-                    self._relink()
-        if reason is not None:
-            self.sentences[reason] = f"{_described(sample)}: {what}"
-        return reason
+            return Reason.TF_INVALID, "the quaternion is not of unit length"
+        fault = self._fault(sample, is_new_link=not is_same_link)
+        if fault is not None:
+            return fault
+        if last is not None and not is_same_link:
+            fault = Reason.TF_TWO_PARENTS, f"before in {last.parent!r}{_kind(last)}"
+        goes_on = last is not None and not last.fixed and not sample.fixed
+        follows = self._frames[child].follows(sample.stamp) if goes_on else NEXT
+        if last is not None and follows in (REPEATED, LATE):
+            return fault or (Reason.TF_OUT_OF_ORDER, f"{last.stamp - sample.stamp} ns before the last one")
+        if follows is NEW_RUN:
+            self.start_run(sample.stamp)
+        if not goes_on or follows is NEW_RUN:
+            self._frames[child] = Timeline(maxlen=_HISTORY)
+        stamp = 0 if sample.fixed else sample.stamp  # a fixed transform is before all others
+        self._frames[child].append(sample._replace(stamp=stamp, quaternion=quaternion))
+        if not (goes_on and is_same_link and follows is NEXT):
+            self._relink()
+        return fault
 
-    def _fault(self, sample: TransformSample, *, is_new_link: bool) -> tuple[Reason | None, str]:
-        """Why a transform cannot be used, wherever it comes in the order of its frame; (None, "") if it can."""
+    def _fault(self, sample: TransformSample, *, is_new_link: bool) -> tuple[Reason, str] | None:
+        """Why a transform cannot be used, wherever it comes in the order of its frame."""
         if not (sample.parent and sample.child):
             return Reason.TF_INVALID, "a name is missing"
         if not math.hypot(*sample.position) < ABSURD:
@@ -81,17 +89,13 @@ class Transforms:
         if sample.child in ancestors:
             loop = ancestors[: ancestors.index(sample.child) + 1]
             return Reason.TF_LOOP, f"but {' in '.join(map(repr, loop))}"
-        return None, ""
+        return None
 
     def start_run(self, stamp: int) -> None:
         """Start a new run at `stamp` [ns]: drop the moving frames whose transforms belong to the run before."""
-        before = [
-            child
-            for child, last in self._links().items()
-            if not last.fixed and succession(stamp, after=last.stamp) is NEW_RUN
-        ]
-        for child in before:
-            del self._frames[child]
+        for child, last in self._links().items():
+            if not last.fixed and succession(stamp, after=last.stamp) is NEW_RUN:
+                del self._frames[child]
         self._relink()
 
     # --- places
@@ -105,15 +109,27 @@ class Transforms:
         way = self._way(target, source, stamp)
         if way is None:
             return Reason.TF_FRAME_UNKNOWN
-        ends, reason = [_IDENTITY, _IDENTITY], None  # of source and target, in the common ancestor
-        for end, frames in enumerate(way):
-            for frame in frames:
-                step = _placed(self._frames[frame], stamp, max_age)
-                if isinstance(step, Placement):
-                    ends[end] = step.of(ends[end])
-                elif reason in (None, Reason.TF_STALE):
-                    reason = step
-        return reason or ends[1].inverse().of(ends[0])
+        up, down = way
+        from_source = self._climbed(up, stamp, max_age)
+        from_target = self._climbed(down, stamp, max_age)
+        if isinstance(from_source, Placement) and isinstance(from_target, Placement):
+            return from_target.inverse().of(from_source)
+        reasons = [found for found in (from_source, from_target) if not isinstance(found, Placement)]
+        return next((reason for reason in reasons if reason is not Reason.TF_STALE), Reason.TF_STALE)
+
+    def _climbed(self, frames: list[str], stamp: int, max_age: int) -> Placement | Reason:
+        """Placement of the first frame in the parent of the last one; a reason that is not `TF_STALE` goes first."""
+        place = _IDENTITY
+        is_stale = False
+        for frame in frames:
+            step = _placed(self._frames[frame], stamp, max_age)
+            if step is Reason.TF_STALE:
+                is_stale = True
+            elif isinstance(step, Reason):
+                return step
+            else:
+                place = step.of(place)
+        return Reason.TF_STALE if is_stale else place
 
     def fixed(self, target: str, source: str) -> Placement | None:
         """Placement of the frame `source` in the frame `target`; None if fixed transforms alone do not link them."""
@@ -144,7 +160,8 @@ class Transforms:
         linked = self.fixed(other, frame) if fixed else self._way(other, frame)
         if linked is not None:
             return None
-        missing, links = f"no transform names {parameter} {frame!r}", self._links()
+        missing = f"no transform names {parameter} {frame!r}"
+        links = self._links()
         if frame in links or any(link.parent == frame for link in links.values()):
             missing = f"no {'fixed transforms' if fixed else 'transforms'} link {parameter} {frame!r} and {other!r}"
         return f"{missing}; there are {', '.join(self.frames()) or 'none'}"
@@ -182,7 +199,8 @@ class Transforms:
 
         None if there is no common ancestor.
         """
-        up, down = self._line(source, stamp), self._line(target, stamp)
+        up = self._line(source, stamp)
+        down = self._line(target, stamp)
         meet = next((frame for frame in up if frame in down), None)
         return None if meet is None else (up[: up.index(meet)], down[: down.index(meet)])
 

@@ -295,7 +295,7 @@ def _points_of(file: Path, what: str) -> tuple[Array, Array, Array]:
     if h.ndim == 2 and h.shape == (*x.shape, *y.shape):
         known = ~np.isnan(h)
         i, j = np.nonzero(known)
-        x, y, h = x[i], y[j], h[known]
+        return x[i].astype(np.float64), y[j].astype(np.float64), h[known].astype(np.float64)
     return x.ravel().astype(np.float64), y.ravel().astype(np.float64), h.ravel().astype(np.float64)
 
 

@@ -33,12 +33,16 @@ _NOISE = 0.093  # deviation over the predicted force
 _NOISE_FLOOR = 0.025  # deviation [N]
 _NOISE_LENGTH = 0.003  # errors of samples closer than this are correlated
 _GATE = 2.2  # a larger innovation, over the root of the trace of its covariance, is reduced to this
-_STRENGTH_LEAST, _STRENGTH_MOST = 0.1, 10.0
-_HORIZONTAL_SCALE_RISE, _VERTICAL_SCALE_RISE = 0.0015, 0.0025  # path of the mean of the squared errors while it grows
-_HORIZONTAL_SCALE_FALL, _VERTICAL_SCALE_FALL = 0.0026, 0.004  # the same while it falls
+_STRENGTH_LEAST = 0.1
+_STRENGTH_MOST = 10.0
+_HORIZONTAL_SCALE_RISE = 0.0015  # path of the mean of the squared errors while it grows
+_HORIZONTAL_SCALE_FALL = 0.0026  # the same while it falls
+_VERTICAL_SCALE_RISE = 0.0025
+_VERTICAL_SCALE_FALL = 0.004
 _SCALE_LEAST = 1e-6  # keeps σ over 0
 _BIAS_LENGTH = 0.0025  # path of the mean of the vertical errors
-_BIAS_GROWTH, _BIAS_LAG_MOST = 150.0, 0.01  # weight of its square over the lag [1/m], up to this lag [m]
+_BIAS_GROWTH = 150.0  # weight of its square over the lag [1/m]
+_BIAS_LAG_MOST = 0.01  # lag [m] up to which it grows
 _ERROR_MOST = 3.0  # a larger error, in standard deviations, counts as this
 _SQUARE_MOST = 9.0  # a larger squared error, in variances, counts as this
 
@@ -130,18 +134,22 @@ def grow(belief, path):
 @inlined
 def _set_row(row, of_vertical, of_horizontal, of_turn):
     """Set a row of H, but for the surface."""
-    row[VERTICAL], row[HORIZONTAL], row[TURN] = of_vertical, of_horizontal, of_turn
+    row[VERTICAL] = of_vertical
+    row[HORIZONTAL] = of_horizontal
+    row[TURN] = of_turn
 
 
 @inlined
 def _design(h, row):
     """H of (L1): three rows for the force, three for the torque Σ r × f. The force of δ acts where the model's does."""
-    force, by_height = row[FORCE], row[BY_HEIGHT]
+    force = row[FORCE]
+    by_height = row[BY_HEIGHT]
     x_f, y_f, z_f = row[_X_MOMENTS], row[_Y_MOMENTS], row[_Z_MOMENTS]  # Σ x f, Σ y f, Σ z f
     fx, fy, fz = force[X], force[Y], force[Z]
     square = dot(force, force)
     per_force = dot(force, by_height) / square if square > 1e-200 else 0.0  # smaller squares lose digits
-    of_force, of_torque = h[FORCE], h[TORQUE]
+    of_force = h[FORCE]
+    of_torque = h[TORQUE]
     _set_row(of_force[X], 0.0, fx, -fy)
     _set_row(of_force[Y], 0.0, fy, fx)
     _set_row(of_force[Z], fz, 0.0, 0.0)
@@ -160,8 +168,11 @@ def correct(state, record, row, out, apply, lag, reach):
     Writes F, H, F', S and r to the record, and wrench and standard deviations to `out`, shape [12]. `lag` of the
     readings and `reach` of the tool [m].
     """
-    h, now, force = record.h, state.now, row[FORCE]
-    wrench, sigma = out[WRENCH], out[SIGMA]
+    h = record.h
+    now = state.now
+    force = row[FORCE]
+    wrench = out[WRENCH]
+    sigma = out[SIGMA]
     _design(h, row)
     for i in range(3):
         record.force[i] = force[i]
@@ -175,7 +186,8 @@ def correct(state, record, row, out, apply, lag, reach):
     vertical = state.scale[Z] + growth * state.bias**2
     greatest = max(state.scale[X], state.scale[Y], vertical)
     for i in range(6):
-        model, learned = h[i, VERTICAL] + h[i, HORIZONTAL], dot(h[i], now.theta)
+        model = h[i, VERTICAL] + h[i, HORIZONTAL]
+        learned = dot(h[i], now.theta)
         if i < 3:
             variance = (vertical if i == Z else state.scale[i]) * record.s[i, i]
         else:
@@ -196,7 +208,10 @@ def _followed_scale(scale, square, rise, fall, step):
 @inlined
 def _adapt(state, record, step):
     """Update m and b of (L5) with the error of the prediction that was made at the record's pose."""
-    y, predicted, s, scale = record.y, record.predicted, record.s, state.scale
+    y = record.y
+    predicted = record.predicted
+    s = record.s
+    scale = state.scale
     for i in (X, Y):
         square = (y[i] - predicted[i]) ** 2 / s[i, i]
         scale[i] = _followed_scale(scale[i], square, _HORIZONTAL_SCALE_RISE, _HORIZONTAL_SCALE_FALL, step)
@@ -209,7 +224,8 @@ def _adapt(state, record, step):
 @inlined
 def _update_with_component(belief, h, y, variance):
     """Update with a component y of the force, whose row of H is h."""
-    theta, p = belief.theta, belief.p
+    theta = belief.theta
+    p = belief.p
     gain = dot(p[0], h), dot(p[1], h), dot(p[2], h), dot(p[3], h)
     s = dot(h, gain) + variance
     innovation = y - dot(h, theta)
@@ -222,7 +238,10 @@ def _update_with_component(belief, h, y, variance):
 @inlined
 def update(state, record):
     """Update with a measured force: adapt the scale (L5), grow P (L2), gate the innovation, use the noise of (L3)."""
-    belief, h, y, step = state.latest, record.h, record.y, record.path - state.path_learned
+    belief = state.latest
+    h = record.h
+    y = record.y
+    step = record.path - state.path_learned
     state.path_learned = record.path
     _adapt(state, record, step)
     grow(belief, step)

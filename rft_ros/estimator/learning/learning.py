@@ -25,8 +25,10 @@ Array = NDArray[np.float64]
 
 _STRENGTHS = slice(0, 2)  # places of s_v and s_h in θ
 _CHANGES = {0: "", 1: "harder", -1: "softer"}
-_CAPACITY, _RECORDS_PER_LAG = 2048, 1024
-_STEP_LEAST, _STEP_MOST = 1e-15, 1.0
+_CAPACITY = 2048
+_RECORDS_PER_LAG = 1024
+_STEP_LEAST = 1e-15
+_STEP_MOST = 1.0
 """Limits of a path between two poses [m]. A shorter one counts as rest: the noise of (L3) over it would be infinite."""
 
 _RECORD = np.dtype(
@@ -113,7 +115,8 @@ class Learning:
 
     def forget_place(self) -> None:
         """Keep the strength, and reset surface and turn: the tool moved elsewhere or is another one, or time jumped."""
-        state, of_push = self._state, self._state["of_push"]
+        state = self._state
+        of_push = self._state["of_push"]
         for name, *_ in JUDGE_FIELDS:
             state[name] = 0
         state["first"] = state["open"] = state["end"]
@@ -191,7 +194,8 @@ class Learning:
         It is the mean of s_v and s_h, weighted by the inverse of their variances.
         """
         of_push = self._state["of_push"]
-        mean, covariance = of_push["theta"], of_push["p"][_STRENGTHS, _STRENGTHS]
+        mean = of_push["theta"]
+        covariance = of_push["p"][_STRENGTHS, _STRENGTHS]
         if np.array_equal(mean, self._state["prior"]["theta"]):
             return None
         weights = 1.0 / np.diag(covariance)
@@ -205,7 +209,8 @@ class Learning:
 
     def surprise_sentence(self) -> str:
         """A sentence: the grains are harder or softer than learned, and by how much; empty if they are as learned."""
-        percent, change = 100.0 * self.belief().excess, self._change[0]
+        percent = 100.0 * self.belief().excess
+        change = self._change[0]
         if change == 0:
             return ""
         by = f": force {percent:+.0f} %" if percent * change >= 1.0 else ""  # not while its sign changes
@@ -248,7 +253,8 @@ def _move(state, step, wet, passing):
         copy(state.latest, state.of_push)
         if state.stage == _AWAY:
             copy_place(state.latest, state.prior)
-        state.stage, state.path_entered = _PUSHING, state.path
+        state.stage = _PUSHING
+        state.path_entered = state.path
 
 
 @inlined
@@ -282,8 +288,12 @@ def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach)
     last = records[(state.end - 1) % _CAPACITY].travel
     close = state.end > state.first and state.travel - last < lag / _RECORDS_PER_LAG
     if wet and step > 0.0 and not close:
-        record.stamp, record.travel, record.path = stamp, state.travel, state.path
-        record.passing, record.measured, record.fault = passing, False, False
+        record.stamp = stamp
+        record.travel = state.travel
+        record.path = state.path
+        record.passing = passing
+        record.measured = False
+        record.fault = False
         state.end += 1
 
 

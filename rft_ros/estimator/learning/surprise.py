@@ -10,12 +10,14 @@ __all__ = ["ISSUES", "JUDGE_FIELDS", "OFFSET", "OPPOSED", "STRONG", "STUCK", "TU
 
 _ENTRY = 0.008  # path [m] after the tool enters in which nothing is judged: the estimate of δ has not settled
 _SURPRISE_LENGTH = 0.0005  # path [m] of the mean of the normalised error
-_SURPRISE_ON, _SURPRISE_OFF = 1.93, 1.0  # mean normalised error
+_SURPRISE_ON = 1.93  # mean normalised error from which on there is a surprise
+_SURPRISE_OFF = 1.0  # the same at which it ends
 _NORMALISED_MOST = 4.0  # a larger normalised error counts as this
 _SHARE_MOST = 0.34  # greatest weight of one sample in that mean: two successive outliers do not count as a surprise
 _SUM_LENGTH = 0.005  # path [m] of the means that compare measurement and model
 _OPPOSING = 0.05  # [N]; the direction of a smaller force is random
-_WEAK, _STRONG = 0.2, 5.0  # a measured force below or above this many times the model's is an issue
+_WEAK = 0.2  # a measured force below this many times the model's is an issue
+_STRONG = 5.0  # so is one above this many times
 _UNEXPLAINED = 0.1  # a measured force below this many times the model's is explained by no θ
 _TURN_MOST = 45.0  # degrees; a measured horizontal force that is turned by more is an issue
 _TANGENT_MOST = math.tan(math.radians(_TURN_MOST))
@@ -42,7 +44,7 @@ JUDGE_FIELDS = [
 ]
 """Fields of a state that the functions below use."""
 
-STUCK, OPPOSED, WEAK, STRONG, TURNED, OFFSET = 1, 2, 4, 8, 16, 32
+STUCK, OPPOSED, WEAK, STRONG, TURNED, OFFSET = (1 << bit for bit in range(6))
 ISSUES = {
     STUCK: "the load cell repeats the same reading while the tool moves: check its driver",
     OPPOSED: "the measured force points against the model's: check sensor.sign, sensor.quaternion and the mesh",
