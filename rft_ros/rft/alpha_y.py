@@ -63,7 +63,8 @@ class Table(NamedTuple):
 
         Raises ValueError that names the argument that cannot be used.
         """
-        b, g = numbers("beta", beta), numbers("gamma", gamma)
+        b = numbers("beta", beta)
+        g = numbers("gamma", gamma)
         v = numbers("values", values, (len(g),), rows=len(b))
         for name, knots in (("beta", b), ("gamma", g)):
             if len(knots) == 0 or not np.isfinite(knots).all() or not (np.diff(knots) > 0.0).all():
@@ -144,8 +145,10 @@ def _table(model, sin_beta, cos_beta, sin_gamma, cos_gamma):
     t = min(t if t > 0.0 else 0.0, v.shape[1] - 1.0)
     i, j = min(np.int32(s), np.int32(v.shape[0] - 2)), min(np.int32(t), np.int32(v.shape[1] - 2))
     s, t = s - i, t - j
-    a, b = np.uint64(i), np.uint64(j)  # unsigned: numba adds code for negative indices otherwise
-    a1, b1 = a + np.uint64(1), b + np.uint64(1)
+    a = np.uint64(i)
+    b = np.uint64(j)  # unsigned: numba adds code for negative indices otherwise
+    a1 = a + np.uint64(1)
+    b1 = b + np.uint64(1)
     low = v[a, b] + t * (v[a, b1] - v[a, b])
     high = v[a1, b] + t * (v[a1, b1] - v[a1, b])
     return low + s * (high - low)
@@ -225,7 +228,8 @@ def _no_model(law, chunk, n, refined):
 
 def _model_or(place: int, model: Any, function: Any, otherwise: Any) -> Any:
     """The step `add_alpha_y` with one more model, at this place in `ALPHA_Y_MODELS`."""
-    alpha_y_of, has_values = inlined(function), "values" in model._fields
+    alpha_y_of = inlined(function)
+    has_values = "values" in model._fields
     count = len(model._fields) - has_values
 
     @inlined

@@ -12,8 +12,12 @@ from rft_ros.rft.kernel.compilation import inlined
 STATE = ("px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz")
 """Columns of a state: tool frame in the world [m], quaternion xyzw, velocity of its origin [m/s], angular [rad/s]."""
 
-POSITION, QUATERNION, VELOCITY, ANGULAR_VELOCITY = slice(0, 3), slice(3, 7), slice(7, 10), slice(10, 13)
-POSE, TWIST = slice(0, 7), slice(7, 13)
+POSITION = slice(0, 3)
+QUATERNION = slice(3, 7)
+VELOCITY = slice(7, 10)
+ANGULAR_VELOCITY = slice(10, 13)
+POSE = slice(0, 7)
+TWIST = slice(7, 13)
 """The parts of a state, as slices of its columns."""
 
 UNIT_TOLERANCE = 0.01
@@ -106,7 +110,9 @@ class Placement(NamedTuple):
         """A vector in the inner frame's axes, in the outer frame's."""
         x, y, z, w = self.quaternion
         a, b, c = v
-        p, q, r = 2.0 * (y * c - z * b), 2.0 * (z * a - x * c), 2.0 * (x * b - y * a)
+        p = 2.0 * (y * c - z * b)
+        q = 2.0 * (z * a - x * c)
+        r = 2.0 * (x * b - y * a)
         return a + w * p + y * r - z * q, b + w * q + z * p - x * r, c + w * r + x * q - y * p
 
     def wrench(self, inner: Wrench) -> Wrench:
@@ -154,7 +160,10 @@ AXES = ("fx", "fy", "fz", "tx", "ty", "tz")
 COLUMNS = (*AXES, "submerged_area")
 """Columns of a result: force [N], torque about the tool frame's origin [N m], area below the surface [m²]."""
 
-FORCE, TORQUE, WRENCH, SUBMERGED_AREA = slice(0, 3), slice(3, 6), slice(0, 6), 6
+FORCE = slice(0, 3)
+TORQUE = slice(3, 6)
+WRENCH = slice(0, 6)
+SUBMERGED_AREA = 6
 """The parts of a result, as slices of its columns; the last is one column."""
 
 SENSITIVITIES = ("dfx_dh", "dfy_dh", "dfz_dh", *(f"{r}_f{f}" for r in "xyz" for f in "xyz"))

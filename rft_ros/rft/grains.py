@@ -26,7 +26,8 @@ def inertia_force(inertia, normal, velocity, area, per_scale2):
     """
     nx, ny, nz = normal
     ux, uy, uz = velocity
-    lead, down = ux * nx + uy * ny + uz * nz, min(nz, 0.0)
+    lead = ux * nx + uy * ny + uz * nz
+    down = min(nz, 0.0)
     push = inertia * (1.0 + CONFINEMENT * down * down) * (lead * lead * per_scale2) * area
     return -push * nx, -push * ny, -push * nz
 

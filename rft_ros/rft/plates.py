@@ -20,17 +20,26 @@ Integration = Literal["centroid", "refined"]
 INTEGRATIONS: tuple[Integration, ...] = ("centroid", "refined")
 """The integration rules: see `Plates.integration`."""
 
-CENTROID, NORMAL, AREA = slice(0, 3), slice(3, 6), 6
-FIRST_CORNER, SECOND_CORNER, HALF_ANGLE = slice(7, 10), slice(10, 13), 13
+CENTROID = slice(0, 3)
+NORMAL = slice(3, 6)
+AREA = 6
+FIRST_CORNER = slice(7, 10)
+SECOND_CORNER = slice(10, 13)
+HALF_ANGLE = 13
 """The rows of plates, as in `Plates.rows`.
 
 FIRST_CORNER, SECOND_CORNER and HALF_ANGLE exist for the refined rule only. The corners are relative to the centroid
 [m]. HALF_ANGLE holds 1 / (2 sin θ), θ the half angle.
 """
-ROWS_OF_CENTROID, ROWS_OF_REFINED = 7, 14
+ROWS_OF_CENTROID = 7
+ROWS_OF_REFINED = 14
 """Numbers of a plate for each rule."""
 
-BOUND_NORMAL, BOUND_MOMENT, BOUND_PLACE, BOUND_AREA, BOUND_SINE = 0, 6, 12, 18, 19
+BOUND_NORMAL = 0
+BOUND_MOMENT = 6
+BOUND_PLACE = 12
+BOUND_AREA = 18
+BOUND_SINE = 19
 """The rows of `Plates.bounds`. BOUND_NORMAL, BOUND_MOMENT and BOUND_PLACE each begin six rows: the middle of a box (3)
 and half of its sides (3)."""
 
@@ -81,7 +90,8 @@ class Plates:
         """Fill the fields from checked rows."""
         far = np.zeros(r.shape[1])  # of a plate's points from its centroid
         if len(r) == ROWS_OF_REFINED:
-            first, second = r[FIRST_CORNER], r[SECOND_CORNER]
+            first = r[FIRST_CORNER]
+            second = r[SECOND_CORNER]
             far = np.sqrt(np.max([(e * e).sum(axis=0) for e in (first, second, first + second)], axis=0))
         self._set(r, float((np.linalg.norm(r[CENTROID], axis=0) + far).max()), *_in_blocks(r, far))
 
@@ -205,7 +215,8 @@ def _in_blocks(rows: Array, far: Array) -> tuple[Array, NDArray[np.int64], Array
     # a tool's length weighs as much as a quarter turn of the normal
     order = _neighbours(np.vstack([rows[NORMAL], center / size if size > 0.0 else center]))
     padded = np.append(order, np.repeat(order[-1:], -n % BLOCK))
-    packed, far = np.ascontiguousarray(rows[:, padded]), far[padded]
+    packed = np.ascontiguousarray(rows[:, padded])
+    far = far[padded]
     packed[AREA, n:] = 0.0
     return packed.reshape(len(rows), -1, BLOCK).swapaxes(0, 1).ravel(), order, _bounds(packed, far)
 
@@ -227,12 +238,15 @@ def _neighbours(features: Array) -> NDArray[np.int64]:
 
 def _bounds(rows: Array, extents: Array) -> Array:
     by_block = rows.reshape(len(rows), -1, BLOCK)
-    place, normal, area = by_block[CENTROID], by_block[NORMAL], by_block[AREA]
+    place = by_block[CENTROID]
+    normal = by_block[NORMAL]
+    area = by_block[AREA]
     moment = np.cross(place, normal, axis=0)
     far = extents.reshape(-1, BLOCK)
 
     def box(vectors: Array, more: Array) -> Array:
-        low, high = (vectors - more).min(axis=2), (vectors + more).max(axis=2)
+        low = (vectors - more).min(axis=2)
+        high = (vectors + more).max(axis=2)
         return np.vstack([0.5 * (low + high), 0.5 * (high - low) * (1.0 + ROUNDING)])
 
     fade = 0.5 / by_block[HALF_ANGLE].min(axis=1) if len(rows) == ROWS_OF_REFINED else np.zeros(by_block.shape[1])

@@ -25,7 +25,8 @@ A1, A2, A3 = 0.440850096954369, 3.62263982880971, 1.60910808139526
 B1, B2, B3 = 1.99392673405210, 1.61146827229181, 0.973746396532650
 """Coefficients of Eqs. (5) and (6), with all digits of the released code; no unit."""
 
-_TANH_A3, _ATANH_B3 = math.tanh(A3), math.atanh(B3)
+_TANH_A3 = math.tanh(A3)
+_ATANH_B3 = math.atanh(B3)
 _F1_BRACKET = math.tanh(A2 - A3) + _TANH_A3  # the brackets of Eqs. (5) and (6) at 1
 _F23_BRACKET = math.atanh(B2 - B3) + _ATANH_B3
 
@@ -191,7 +192,9 @@ def described(law: Law) -> str:
     return ", ".join(parts)
 
 
-NEVER_FLAT, SWITCHED, BLENDED = 0, 1, 2
+NEVER_FLAT = 0
+SWITCHED = 1
+BLENDED = 2
 """Near-horizontal plates: assume none, switch at `FLAT`, or blend over `FLAT_BLEND`."""
 
 LEAST_RESISTANCE = 0.08
@@ -206,10 +209,13 @@ def orient(chunk, i, normal, velocity):
     """Store plate i's normal, velocity, e2 and β, Eqs. (2) and (3), for `tractions`; returns 1 / abs(velocity)."""
     nx, ny, nz = normal
     vx, vy, vz = velocity
-    squared, horizontal = vx * vx + vy * vy + vz * vz, nx * nx + ny * ny
-    speed, length = sqrt(max(squared, _TINY)), sqrt(max(horizontal, _TINY))
+    squared = vx * vx + vy * vy + vz * vz
+    horizontal = nx * nx + ny * ny
+    speed = sqrt(max(squared, _TINY))
+    length = sqrt(max(horizontal, _TINY))
     reciprocal = 1.0 / (speed * length)  # one division for both
-    per_speed, per_length = reciprocal * length, reciprocal * speed
+    per_speed = reciprocal * length
+    per_length = reciprocal * speed
     put(chunk, row.NORMAL, i, normal)
     put(chunk, row.VELOCITY, i, (vx * per_speed, vy * per_speed, vz * per_speed))
     chunk[at(row.SPEED, i)] = squared * per_speed
@@ -253,8 +259,10 @@ def _stresses(c, sin_b, cos_b, e2, velocity):
     v1, v2 = vx * ey - vy * ex, vx * ex + vy * ey
     v23 = sqrt(v2 * v2 + vz * vz)
     f1, f23, per_v23 = f1_and_f23(abs(v1), v23)
-    cos_g, sin_g = v2 * per_v23, -vz * per_v23
-    cos_2b, sin_2b = 1.0 - 2.0 * sin_b * sin_b, 2.0 * sin_b * cos_b
+    cos_g = v2 * per_v23
+    sin_g = -vz * per_v23
+    cos_2b = 1.0 - 2.0 * sin_b * sin_b
+    sin_2b = 2.0 * sin_b * cos_b
     alpha_z = c.A00 + c.A10 * cos_2b + (c.B11_plus_Bm11 * cos_2b + c.B01) * sin_g + c.B11_minus_Bm11 * sin_2b * cos_g
     alpha_x = (c.C01 + c.C11_plus_Cm11 * cos_2b) * cos_g + (c.Cm11_minus_C11 * sin_g + c.D10) * sin_2b
     along = c.stiffness * f1
@@ -268,8 +276,10 @@ def _treers2021(law, chunk, n, refined):
     wide_vectors()
     numbers = law.numbers[0]
     for i in range(n):
-        sin_b, cos_b = chunk[at(row.SIN_B, i)], chunk[at(row.COS_B, i)]
-        e2, velocity = (chunk[at(row.E2_X, i)], chunk[at(row.E2_Y, i)]), triple(chunk, row.VELOCITY, i)
+        sin_b = chunk[at(row.SIN_B, i)]
+        cos_b = chunk[at(row.COS_B, i)]
+        e2 = (chunk[at(row.E2_X, i)], chunk[at(row.E2_Y, i)])
+        velocity = triple(chunk, row.VELOCITY, i)
         t, along, sin_g, cos_g = _stresses(numbers, sin_b, cos_b, e2, velocity)
         put(chunk, row.TRACTION, i, t)
         chunk[at(row.ALONG, i)] = along
@@ -290,7 +300,8 @@ def _limited(chunk, n):
         nx, ny, nz = triple(chunk, row.NORMAL, i)
         vx, vy, vz = triple(chunk, row.VELOCITY, i)
         tx, ty, tz = triple(chunk, row.TRACTION, i)
-        pull, away = max(tx * nx + ty * ny + tz * nz, 0.0), min(vx * nx + vy * ny + vz * nz, 0.0)
+        pull = max(tx * nx + ty * ny + tz * nz, 0.0)
+        away = min(vx * nx + vy * ny + vz * nz, 0.0)
         tx, ty, tz = tx - pull * nx, ty - pull * ny, tz - pull * nz
         vx, vy, vz = vx - away * nx, vy - away * ny, vz - away * nz
         least = LEAST_RESISTANCE * sqrt(tx * tx + ty * ty + tz * tz)
@@ -307,12 +318,14 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> No
     numbers = law.numbers[0]
     if numbers.law == AGARWAL2023:
         for i in range(n):
-            normal, velocity = triple(chunk, row.NORMAL, i), triple(chunk, row.VELOCITY, i)
+            normal = triple(chunk, row.NORMAL, i)
+            velocity = triple(chunk, row.VELOCITY, i)
             put(chunk, row.TRACTION, i, agarwal2023_traction(numbers, normal, velocity))
         if refined:
             _limited(chunk, n)
         return
-    turns, blends = flatness != NEVER_FLAT, flatness == BLENDED
+    turns = flatness != NEVER_FLAT
+    blends = flatness == BLENDED
     for turned in range(2 if blends else 1):
         if turned == 1 or (turns and not blends):
             _turn_flat_plates(chunk, n, -1.0 if blends else FLAT)
