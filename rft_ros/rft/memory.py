@@ -53,7 +53,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft.arguments import whole_number
-from rft_ros.rft.displacement import FAR, moved_by
+from rft_ros.rft.displacement import DISPLACEMENT, FAR, moved_by
 from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
@@ -64,15 +64,27 @@ MOST_BODIES = 1_000_000
 """The greatest number of bodies in one memory."""
 
 
-K, K_X, K_Y, K_Z, K_XX, K_YY, K_ZZ, K_XY, K_XZ, K_YZ = range(10)
-"""Where each sum of `Memory.stiffness` is in a row of `Memory.numbers`: Σ k L, Σ k L x (3) and Σ k L x x (6)."""
+BLOCK_STATE = np.dtype(
+    (
+        np.record,
+        [
+            ("tau_x", float, BLOCK),  # traction per depth τ [N/m³], world axes
+            ("tau_y", float, BLOCK),
+            ("tau_z", float, BLOCK),
+            ("radius", float, BLOCK),  # y, of the yield surface [N/m³]
+            ("gap", float, BLOCK),  # g [m]
+            ("worn", float, BLOCK),  # u, share of the law's traction
+        ],
+    )
+)
+"""What the plates of a block keep."""
 
-HEAD = K_YZ + 1
-"""Numbers in the head of a row of `Memory.numbers`: there the states of the blocks begin."""
+STIFFNESS = np.dtype((np.record, [(name, float) for name in ("k", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")]))
+"""Sums Σ k L [N/m], Σ k L x [N] and Σ k L x x [N m] over plates at x from the tool frame's origin, world axes.
 
-TAU, RADIUS, GAP, WORN, OF_BLOCK = (BLOCK * k for k in (0, 3, 4, 5, 6))
-"""Where the rows of a block begin, counted from its first number: τ [N/m³], world axes, three rows; y [N/m³]; g [m];
-u, no unit. The last is how many numbers a block has."""
+L is the load of a plate [m³], and k its modulus [N/m⁴]: of Eq. (10a) in the elastic part of the last step; where the
+plate yielded, the greater of |τ2| and |t - τ1|, over λ(d).
+"""
 
 _TINY = 1e-60  # least lengths, and tractions per depth that are divided by
 
@@ -83,31 +95,41 @@ Array = NDArray[np.float64]
 class Memory:
     """The memory of the plates of one tool; ``Memory(plates)`` is empty.
 
-    Of many `bodies` of these plates, state i is of body i. `numbers`: shape [bodies, m]. In each row the head, which is
-    the sums of `stiffness`, and then block by block τ, y, g and u. `last`: the last state of each body, shape
+    Of many `bodies` of these plates, state i is of body i. `blocks`: records of `BLOCK_STATE`, shape [bodies, blocks].
+    `stiffness` at the last state: records of `STIFFNESS`, shape [bodies]. `last`: the last state of each body, shape
     [bodies, 13]; zeros before the first. Raises ValueError for a number of bodies that cannot be used.
     """
 
     plates: Plates
     _: KW_ONLY
     bodies: int = 1
-    numbers: Array = field(init=False)
+    blocks: NDArray[np.void] = field(init=False)
+    stiffness: NDArray[np.void] = field(init=False)
     last: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        blocks = self.plates.bounds.shape[1]
         bodies = whole_number("bodies", self.bodies, most=MOST_BODIES)
-        object.__setattr__(self, "numbers", np.zeros((bodies, HEAD + blocks * OF_BLOCK)))
+        object.__setattr__(self, "blocks", np.zeros((bodies, self.plates.bounds.shape[1]), BLOCK_STATE))
+        object.__setattr__(self, "stiffness", np.zeros(bodies, STIFFNESS))
         object.__setattr__(self, "last", np.zeros((bodies, len(STATE))))
 
-    @property
-    def stiffness(self) -> Array:
-        """The sums Σ k L, Σ k L x (3) and Σ k L (xx, yy, zz, xy, xz, yz) at the last state, shape [bodies, 10].
 
-        Over plates at x from the tool frame's origin [m], world axes, of load L [m³] and modulus k [N/m⁴]: of Eq. (10a)
-        in the elastic part of the last step; where the plate yielded, the greater of |τ2| and |t - τ1|, over λ(d).
-        """
-        return self.numbers[:, :HEAD]
+class Past(NamedTuple):
+    """What the loop takes of the memory: `Memory.blocks` and `stiffness`, and the displacements to the states."""
+
+    has_memory: bool
+    blocks: NDArray[np.void]
+    stiffness: NDArray[np.void]
+    displacements: Array
+
+
+NO_MEMORY = Past(
+    has_memory=False,
+    blocks=np.zeros((1, 1), BLOCK_STATE),
+    stiffness=np.zeros(1, STIFFNESS),
+    displacements=np.zeros((1, DISPLACEMENT)),
+)
+"""For plates without memory."""
 
 
 @inlined
@@ -118,7 +140,8 @@ def _times(s, v):
 DEPTH = 0.03
 """Depth [m] at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
 
-LEAST, GREATEST = 0.1, 2.25
+LEAST = 0.1
+GREATEST = 2.25
 """The least and the greatest λ(d), over the mobilization length: those of 9.5 and 45 mm of depth."""
 
 STIFF = 12.0
@@ -239,15 +262,15 @@ def advance(past, normal, moved, target, span, strength):
     return PlateState(tau=traction, radius=radius, gap=past.gap - closed + OPEN * beyond, worn=worn), tangent
 
 
-def _add_memory(chunk, count, memory, motion, below, slope, law):
+def _add_memory(chunk, count, blocks, motion, below, slope, law):
     """Replace the law's tractions of the blocks in a chunk, `count`, by those with memory, and store their states.
 
-    `memory`: a row of `Memory.numbers`. `motion`: the displacement, world axes; `below`, `slope`: depth of the tool
-    frame's origin [m], and the surface's; `law`: its numbers.
+    `blocks`: of one body. `motion`: the displacement, world axes; `below`, `slope`: depth of the tool frame's origin
+    [m], and the surface's; `law`: its numbers.
     """
     wide_vectors()
     for b in range(count):
-        first = np.uint64(HEAD) + np.uint64(chunk[at(row.NUMBER, b)]) * np.uint64(OF_BLOCK)
+        block = blocks[np.uint64(chunk[at(row.NUMBER, b)])]
         for j in range(BLOCK):
             i = at(np.uint64(b) * np.uint64(BLOCK), j)
             x, y, z = place = triple(chunk, row.PLACE, i)
@@ -256,42 +279,54 @@ def _add_memory(chunk, count, memory, motion, below, slope, law):
             depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
             ratio = min(max(depth * depth * (1.0 / (DEPTH * DEPTH)), LEAST), GREATEST)
             span = max(law.mobilization_length, 1.0 / FAR) * ratio
-            share, (tx, ty, tz) = chunk[at(row.SHARE, i)], triple(chunk, row.TRACTION, i)
-            target = share * tx, share * ty, share * tz
-            kept = triple(memory, first + TAU, j, BLOCK)
+            target = _times(chunk[at(row.SHARE, i)], triple(chunk, row.TRACTION, i))
             past = PlateState(
-                tau=kept,
-                radius=memory[at(first + RADIUS, j)],
-                gap=memory[at(first + GAP, j)],
-                worn=memory[at(first + WORN, j)],
+                tau=(block.tau_x[j], block.tau_y[j], block.tau_z[j]),
+                radius=block.radius[j],
+                gap=block.gap[j],
+                worn=block.worn[j],
             )
             normal = triple(chunk, row.NORMAL, i)
             now, tangent = advance(past, normal, moved, target, span, law.stiffness)
             load = chunk[at(row.LOAD, i)]
             wet = 1.0 if load > 0.0 else 0.0
-            traction = _times(wet, now.tau)
+            tau_x, tau_y, tau_z = traction = _times(wet, now.tau)
             put(chunk, row.TRACTION, i, traction)
             chunk[at(row.TANGENT, i)] = tangent * max(load, 0.0)
-            put(memory, first + TAU, j, traction, BLOCK)
-            memory[at(first + RADIUS, j)] = wet * now.radius
-            memory[at(first + GAP, j)] = wet * now.gap
-            memory[at(first + WORN, j)] = wet * now.worn
+            block.tau_x[j] = tau_x
+            block.tau_y[j] = tau_y
+            block.tau_z[j] = tau_z
+            block.radius[j] = wet * now.radius
+            block.gap[j] = wet * now.gap
+            block.worn[j] = wet * now.worn
 
 
 add_memory = compiled(_add_memory, **STEP)
 
 
 @inlined
-def is_elastic(memory, first):
-    """Whether a plate of the block that begins at `first` has a yield surface, without which it has no traction."""
+def clear(block):
+    """Empty the memory of a block."""
+    for i in range(BLOCK):
+        block.tau_x[i] = 0.0
+        block.tau_y[i] = 0.0
+        block.tau_z[i] = 0.0
+        block.radius[i] = 0.0
+        block.gap[i] = 0.0
+        block.worn[i] = 0.0
+
+
+@inlined
+def is_elastic(block):
+    """Whether a plate of a block has a yield surface, without which it has no traction."""
     sum_of_radii = 0.0
     for i in range(BLOCK):
-        sum_of_radii += memory[at(first + RADIUS, i)]
+        sum_of_radii += block.radius[i]
     return sum_of_radii > 0.0
 
 
 @inlined
-def follow_gap(memory, first, i, normal, place, motion):
+def follow_gap(block, i, normal, place, motion):
     """`advance` for plate i of a block that is not elastic and trails: of its memory only the gap changes.
 
     `motion`: the displacement, in the axes of normal and place.
@@ -299,6 +334,5 @@ def follow_gap(memory, first, i, normal, place, motion):
     nx, ny, nz = normal
     dx, dy, dz = moved_by(motion, place)
     outward = dx * nx + dy * ny + dz * nz
-    gap = memory[at(first + GAP, i)]
-    closed = min(max(outward, 0.0), gap)
-    memory[at(first + GAP, i)] = gap - closed + OPEN * max(-outward, 0.0)
+    closed = min(max(outward, 0.0), block.gap[i])
+    block.gap[i] += OPEN * max(-outward, 0.0) - closed

@@ -20,7 +20,7 @@ from rft_ros.rft.frames import COLUMNS, STATE, WIDTH
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel import loops
 from rft_ros.rft.kernel.compilation import machine_code
-from rft_ros.rft.memory import HEAD, Memory
+from rft_ros.rft.memory import NO_MEMORY, Memory, Past
 from rft_ros.rft.plates import BLOCK, Plates
 from rft_ros.rft.traction import Law, packed_law
 
@@ -32,7 +32,6 @@ LEVEL = 0.0, 0.0
 _WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
 _CORES = os.cpu_count() or 1
 _ROW = (len(STATE),)
-_NO_MEMORY = False, np.zeros((1, HEAD)), np.zeros((1, DISPLACEMENT))
 
 
 def wrenches(
@@ -55,16 +54,18 @@ def wrenches(
     A row does not depend on the other rows or on `threads`, to the last bit. Raises ValueError or TypeError that names
     the argument that cannot be used.
     """
-    loop, arguments = _loop(), _model_arguments(plates, law, surface_height, slope)
+    loop = _loop()
+    arguments = _model_arguments(plates, law, surface_height, slope)
     states = numbers("states", states, _ROW)
-    n, result = len(states), _result(states, sensitivities)
+    n = len(states)
+    result = _result(states, sensitivities)
     workers = 1 if threads == 1 else _workers(threads, n, len(plates))
     if workers <= 1:
-        loop(*arguments, states, _NO_MEMORY, result)
+        loop(*arguments, states, NO_MEMORY, result)
         return result
     edges = np.linspace(0, n, workers + 1).astype(int)
     with ThreadPoolExecutor(workers) as pool:
-        parts = [pool.submit(loop, *arguments, states[a:b], _NO_MEMORY, result[a:b]) for a, b in pairwise(edges)]
+        parts = [pool.submit(loop, *arguments, states[a:b], NO_MEMORY, result[a:b]) for a, b in pairwise(edges)]
     for part in parts:
         part.result()
     return result
@@ -88,10 +89,10 @@ def wrenches_in_time(
     [n, 12] (`rft_ros.rft.displacement`), whatever time they took; by default those between the poses of the states.
     """
     arguments = _model_arguments(plates, law, surface_height, slope)
-    kept = _numbers_of(memory, plates)
+    kept = _checked_memory(memory, plates)
     _require_memory(law)
     states = numbers("states", states, _ROW)
-    bodies = len(kept)
+    bodies = kept.bodies
     if bodies not in (1, len(states)):
         raise ValueError(f"memory is of {bodies} bodies; states has {len(states)} rows")
     if displacements is None:
@@ -100,7 +101,7 @@ def wrenches_in_time(
     else:
         moved = numbers("displacements", displacements, (DISPLACEMENT,), rows=len(states))
     result = _result(states, sensitivities)
-    _loop()(*arguments, states, (True, kept, moved), result)
+    _loop()(*arguments, states, Past(True, kept.blocks, kept.stiffness, moved), result)
     if len(states):
         memory.last[:] = states[-bodies:]
     return result
@@ -116,7 +117,7 @@ def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None
     """
     loop = _loop()
     form = _checked(plates).form
-    kept = None if memory is None else _numbers_of(memory, plates)
+    kept = None if memory is None else _checked_memory(memory, plates)
 
     def step(
         law: PackedLaw,
@@ -126,7 +127,7 @@ def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None
         displacements: Array,
         result: Array,
     ) -> None:
-        past = _NO_MEMORY if kept is None else (True, kept, displacements)
+        past = NO_MEMORY if kept is None else Past(True, kept.blocks, kept.stiffness, displacements)
         loop(form, law, height, slope, states, past, result)
 
     return step
@@ -144,12 +145,11 @@ def plate_forces(
 
     `state`: shape [13], columns `STATE`, as for `wrenches`. `surface_height` [m], `slope`: as there.
     """
-    arguments, states = (
-        _model_arguments(plates, law, surface_height, slope),
-        numbers("state", state, rows=13).reshape(1, 13),
-    )
-    forces, ordered = np.zeros((plates.bounds.shape[1] * BLOCK, 3)), np.empty((len(plates), 3))
-    _loop()(*arguments, states, _NO_MEMORY, forces)
+    arguments = _model_arguments(plates, law, surface_height, slope)
+    states = numbers("state", state, rows=13).reshape(1, 13)
+    forces = np.zeros((plates.bounds.shape[1] * BLOCK, 3))
+    ordered = np.empty((len(plates), 3))
+    _loop()(*arguments, states, NO_MEMORY, forces)
     ordered[plates.order] = forces[: len(plates)]
     return ordered
 
@@ -173,13 +173,13 @@ def _require_memory(law: Law) -> None:
     number("mobilization_length of the law", law.mobilization_length, positive=True)
 
 
-def _numbers_of(memory: object, plates: Plates) -> Array:
-    """`Memory.numbers` of a memory of these plates."""
+def _checked_memory(memory: object, plates: Plates) -> Memory:
+    """A memory of these plates."""
     if not isinstance(memory, Memory):
         raise TypeError(f"memory is {memory!r}; create one with Memory(plates)")
     if memory.plates is not plates and not np.array_equal(memory.plates.rows, plates.rows):
         raise ValueError("memory belongs to other plates; create one with Memory(plates)")
-    return memory.numbers
+    return memory
 
 
 def _workers(threads: int | None, states: int, plates: int) -> int:
@@ -199,4 +199,4 @@ def _plate() -> Plates:
 def _loop() -> Callable[..., None]:
     """The compiled loop, from the cache on disk if it is there."""
     arguments = _model_arguments(_plate(), agarwal2023(), 0.0, LEVEL)
-    return machine_code(loops.sums, (*arguments, np.zeros((1, len(STATE))), _NO_MEMORY, np.zeros((1, len(COLUMNS)))))
+    return machine_code(loops.sums, (*arguments, np.zeros((1, len(STATE))), NO_MEMORY, np.zeros((1, len(COLUMNS)))))

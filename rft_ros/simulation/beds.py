@@ -6,13 +6,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft import Law, Memory, Plates
-from rft_ros.rft import memory as kept
+from rft_ros.rft import Law, Plates
 from rft_ros.rft.arguments import number
 from rft_ros.rft.displacement import DISPLACEMENT, between
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel.compilation import compiled, inlined
 from rft_ros.rft.kernel.loops import sums
+from rft_ros.rft.memory import BLOCK_STATE, STIFFNESS, Past
 from rft_ros.rft.plates import BOUNDS
 from rft_ros.rft.traction import packed_law
 
@@ -32,8 +32,8 @@ class Beds(NamedTuple):
     `bodies`: shape [n]: where the body's part of `rows` begins and ends and that of `bounds` begins, the number of its
     blocks, its reach [m], the height of its surface at x = y = 0 [m], the surface's slopes, and whether its plates are
     refined. `rows`, `bounds`: of `Plates`, one tool after the other. `numbers`, `table`: the laws' `PackedLaw`;
-    record i of `numbers` is of body i. `length`: the mobilization length [m]. `memory`: `Memory.numbers`, row
-    i of body i.
+    record i of `numbers` is of body i. `length`: the mobilization length [m]. `memory`: of
+    `Memory.blocks`, row i of body i, and `stiffness`.
     """
 
     bodies: NDArray[np.void]
@@ -42,7 +42,8 @@ class Beds(NamedTuple):
     numbers: NDArray[np.void]
     table: Array
     length: float
-    memory: Array
+    memory: NDArray[np.void]
+    stiffness: NDArray[np.void]
 
 
 def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
@@ -79,7 +80,8 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
         numbers=numbers.view(),
         table=packed.table,
         length=length,
-        memory=np.zeros((len(plates), max(Memory(shape).numbers.size for shape in shapes.values()))),
+        memory=np.zeros((len(plates), max(shape.bounds.shape[1] for shape in shapes.values())), BLOCK_STATE),
+        stiffness=np.zeros(len(plates), STIFFNESS),
     )
     for array in (beds.rows, beds.bounds, beds.numbers):
         array.flags.writeable = False  # a part of the types that the kernel is compiled for
@@ -93,10 +95,11 @@ def laws_of(beds: Beds) -> NDArray[np.void]:
 
 
 @inlined
-def evaluate(beds, b, memory, before, states, out):
+def evaluate(beds, b, memory, stiffness, before, states, out):
     """Write the row of `wrenches_in_time` of body b, shape [1, 19], at its state, shape [1, 13].
 
-    `memory`: its row of `Beds.memory` or a copy, shape [1, m]; it takes the step from the state `before`, shape [13].
+    `memory`: its row of `Beds.memory` or a copy, shape [1, blocks]; it takes the step from the state `before`, shape
+    [13]. `stiffness`: takes the sums, shape [1].
     `out` of shape [plates, 3] takes the forces of the plates, in the kernel's order.
     """
     moved = np.empty((1, DISPLACEMENT))
@@ -105,7 +108,7 @@ def evaluate(beds, b, memory, before, states, out):
     bounds = beds.bounds[p.bounds : p.bounds + BOUNDS * p.blocks].reshape(BOUNDS, p.blocks)
     form = beds.rows[p.rows : p.rows_end], bounds, p.refined == 1, p.reach
     law = PackedLaw(beds.numbers[b : b + 1], beds.table)
-    past = True, memory, moved
+    past = Past(True, memory, stiffness, moved)
     sums(form, law, p.height, (p.slope_x, p.slope_y), states, past, out)
 
 
@@ -113,22 +116,16 @@ def evaluate(beds, b, memory, before, states, out):
 def forces_on_plates(beds, body, states, forces):
     """Write the force on each plate of a body at its last state, shape [1, 13]: shape [plates, 3], kernel's order."""
     forces[:] = 0.0
-    evaluate(beds, body, beds.memory[body : body + 1].copy(), states[0], states, forces)
+    memory = beds.memory[body : body + 1].copy()
+    evaluate(beds, body, memory, np.empty(1, STIFFNESS), states[0], states, forces)
 
 
 @inlined
-def stiffness_matrix(memory, b):
-    """Write the stiffness B of a row of `Beds.memory`, shape [6, 6] [N/m, N, N m]. A displacement d adds -B d.
-
-    It is that of the last state, from the sums of `Memory.stiffness`.
-    """
-    s = memory[kept.K]
-    x, y, z = memory[kept.K_X], memory[kept.K_Y], memory[kept.K_Z]
-    xx, yy, zz = memory[kept.K_XX], memory[kept.K_YY], memory[kept.K_ZZ]
-    xy, xz, yz = memory[kept.K_XY], memory[kept.K_XZ], memory[kept.K_YZ]
-    b[0] = (s, 0.0, 0.0, 0.0, z, -y)
-    b[1] = (0.0, s, 0.0, -z, 0.0, x)
-    b[2] = (0.0, 0.0, s, y, -x, 0.0)
-    b[3] = (0.0, -z, y, yy + zz, -xy, -xz)
-    b[4] = (z, 0.0, -x, -xy, xx + zz, -yz)
-    b[5] = (-y, x, 0.0, -xz, -yz, xx + yy)
+def stiffness_matrix(s, b):
+    """Write the stiffness B, shape [6, 6] [N/m, N, N m]. A displacement d adds -B d. `s`: a record of `STIFFNESS`."""
+    b[0] = (s.k, 0.0, 0.0, 0.0, s.z, -s.y)
+    b[1] = (0.0, s.k, 0.0, -s.z, 0.0, s.x)
+    b[2] = (0.0, 0.0, s.k, s.y, -s.x, 0.0)
+    b[3] = (0.0, -s.z, s.y, s.yy + s.zz, -s.xy, -s.xz)
+    b[4] = (s.z, 0.0, -s.x, -s.xy, s.xx + s.zz, -s.yz)
+    b[5] = (-s.y, s.x, 0.0, -s.xz, -s.yz, s.xx + s.yy)

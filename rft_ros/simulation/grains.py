@@ -80,6 +80,7 @@ class GrainsBatch:
         """Those of the last step."""
         self._of_bodies: GrainsState = {
             "memory": self.beds.memory,
+            "stiffness": self.beds.stiffness,
             "bodies": self._bodies,
             "surfaces": self._surfaces,
             "states": self.states,
@@ -215,8 +216,8 @@ class GrainsBatch:
         d: displacement and rotation vector of the body frame, world axes; units of B: N/m, N and N m.
         """
         out: Array = np.empty((len(self.rows), 6, 6))
-        for memory, matrix in zip(self.beds.memory, out, strict=True):
-            stiffness_matrix(memory, matrix)
+        for sums, matrix in zip(self.beds.stiffness, out, strict=True):
+            stiffness_matrix(sums, matrix)
         return out
 
     def tractions(self, body: int = 0) -> Array:

@@ -27,6 +27,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft.kernel.compilation import compiled, inlined
+from rft_ros.rft.memory import STIFFNESS
 from rft_ros.simulation.beds import evaluate, stiffness_matrix
 
 __all__ = ["BODY", "Constraints", "Joints", "Trial", "advance", "hold_each", "new_trial", "no_constraints", "search"]
@@ -206,7 +207,8 @@ def advance(beds, first, bodies, durations, given, states, rows, near):
         wrench = bodies[b].wrench
         bodies[b].energy -= 0.5 * durations[0] * (_dot(wrench, states[b, 7:]) + _dot(wrench, given[b, 7:]))
         memory = beds.memory[first + b : first + b + 1]
-        evaluate(beds, first + b, memory, states[b], given[b : b + 1], rows[b : b + 1])
+        stiffness = beds.stiffness[first + b : first + b + 1]
+        evaluate(beds, first + b, memory, stiffness, states[b], given[b : b + 1], rows[b : b + 1])
         states[b] = given[b]
         near[b] = _may_reach(beds.bodies[first + b], states[b], durations[1])
 
@@ -327,6 +329,7 @@ def search(beds, joints, constraints, h, trial):
     state = np.empty((1, 13))
     row = np.empty((1, 19))
     after = np.empty(6)
+    stiffness = np.empty(1, STIFFNESS)
     tangents = np.empty_like(trial.stiffness)
     at.path = 0.0
     for k, b in enumerate(joints.bodies):
@@ -336,8 +339,8 @@ def search(beds, joints, constraints, h, trial):
         state[0] = joints.states[b]
         _move(state[0], after, h)
         memory = beds.memory[b : b + 1].copy()
-        evaluate(beds, b, memory, joints.states[b], state, row)
-        stiffness_matrix(memory[0], tangents[k])
+        evaluate(beds, b, memory, stiffness, joints.states[b], state, row)
+        stiffness_matrix(stiffness[0], tangents[k])
         trial.wrench[part] = row[0, :6]
         if _size(row[0, :6], 1.0) > 0.0:
             at.path = max(at.path, h * _path(after, beds.bodies[b].reach))

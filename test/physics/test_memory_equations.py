@@ -3,11 +3,12 @@
 from dataclasses import replace
 
 import numpy as np
+import pytest
 from hypothesis import assume, given, settings
 from scenes import LINEAR, seeds, unit
 
 from rft_ros.rft import Memory, Plates, rotation_matrix, traction_per_depth, wrenches_in_time
-from rft_ros.rft.memory import GAP, OF_BLOCK, PlateState, advance, follow_gap
+from rft_ros.rft.memory import BLOCK_STATE, PlateState, advance, follow_gap
 
 LENGTH, AREA = 0.003, 2e-4
 NORMAL = np.array([0.6, 0.0, -0.8])
@@ -108,8 +109,8 @@ def test_the_gap_of_a_skipped_block_is_that_of_plates_that_are_evaluated(seed):
     n = unit(rng.normal(size=3))
     gap = rng.choice([0.0, 1e-5, 1e-3])
     moved = unit(rng.normal(size=3)) * 10.0 ** rng.uniform(-6.0, -2.0)
-    memory = np.zeros(OF_BLOCK)
-    memory[GAP] = gap
-    follow_gap(memory, np.uint64(0), 0, n, np.zeros(3), (moved, np.zeros(9)))
+    block = np.zeros(1, BLOCK_STATE)[0]
+    block.gap[0] = gap
+    follow_gap(block, 0, n, np.zeros(3), (moved, np.zeros(9)))
     followed, _ = advance(PlateState(np.zeros(3), 0.0, gap, 0.0), n, moved, np.zeros(3), LENGTH, 1e6)
-    assert memory[GAP] == followed.gap
+    assert block.gap[0] == pytest.approx(followed.gap, rel=1e-15)

@@ -32,7 +32,8 @@ traction acts on; leading share; the traction's part along e1 per α_y; its tang
 kinds of the next `KINDS` blocks; numbers and kinds of the chunk's blocks, with
 the totals of the state, `TOTAL`, behind them."""
 
-KINDS, TOTAL = 128, NUMBER + 2 * BLOCKS
+KINDS = 128
+TOTAL = NUMBER + 2 * BLOCKS
 
 SIZE = LENGTH * 29
 

@@ -9,7 +9,6 @@ from math import cos, radians, sqrt
 
 import numpy as np
 
-from rft_ros.rft import memory as kept
 from rft_ros.rft.displacement import into_tool_axes, twist_along
 from rft_ros.rft.frames import (
     BY_HEIGHT,
@@ -27,7 +26,7 @@ from rft_ros.rft.grains import inertia_force
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import OPTIONS, compiled, inlined
-from rft_ros.rft.memory import add_memory, follow_gap, is_elastic
+from rft_ros.rft.memory import add_memory, clear, follow_gap, is_elastic
 from rft_ros.rft.plates import (
     AREA,
     BLOCK,
@@ -59,7 +58,8 @@ _SUBMERGED = row.TOTAL + SUBMERGED_AREA
 _CENTROID, _NORMAL, _FIRST_CORNER, _SECOND_CORNER = (
     BLOCK * part.start for part in (CENTROID, NORMAL, FIRST_CORNER, SECOND_CORNER)
 )
-_AREA, _HALF_ANGLE = BLOCK * AREA, BLOCK * HALF_ANGLE
+_AREA = BLOCK * AREA
+_HALF_ANGLE = BLOCK * HALF_ANGLE
 """Where the rows of a block begin in `Plates.blocks`, counted from the block's first number."""
 
 _FORCES = 3  # columns of the forces of plates
@@ -92,7 +92,9 @@ def _surface(height, slope, state, axes):
     """
     sx, sy = slope
     below = height + sx * state[0] + sy * state[1] - state[2]
-    a, b, c = axes[6] - sx * axes[0] - sy * axes[3], axes[7] - sx * axes[1] - sy * axes[4], axes[8]
+    a = axes[6] - sx * axes[0] - sy * axes[3]
+    b = axes[7] - sx * axes[1] - sy * axes[4]
+    c = axes[8]
     return below, (a, b, c - sx * axes[2] - sy * axes[5])
 
 
@@ -114,12 +116,14 @@ def _classify(chunk, bounds, first, last, scene, reach, level):
     """
     wide_vectors()
     axes, twist, below, rise = scene
-    linear, angular = into_frame(axes, *twist[:3]), into_frame(axes, *twist[3:])
+    linear = into_frame(axes, *twist[:3])
+    angular = into_frame(axes, *twist[3:])
     fastest = _length(linear) + _length(angular) * reach
     margin = ROUNDING * (reach + abs(below))
     for b in range(first, last):
         height, spread = _range(bounds, b, BOUND_PLACE, rise)
-        depth, spread = below - height, spread + margin
+        depth = below - height
+        spread = spread + margin
         wet = depth - spread > 0.0
         # v·n of a plate is linear · n + angular · (r x n)
         along, more_along = _range(bounds, b, BOUND_NORMAL, linear)
@@ -152,7 +156,9 @@ def _wet_part(d0, d1, d2):
     t = a / (a - c) if cut else 0.0
     q = s * t * a * (1.0 / 12.0)
     q = q if one else -q
-    p, of_b, of_c = (4.0 - s - t) * q, s * q, t * q
+    p = (4.0 - s - t) * q
+    of_b = s * q
+    of_c = t * q
     whole = (d0 + d1 + d2) * (1.0 / 12.0) if count > 1 else 0.0
     part = 1.0 / 12.0 if count > 1 else 0.0
     p0 = whole + part * d0 + (p if alone0 else (of_c if alone1 else of_b))
@@ -224,14 +230,14 @@ def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
 
 
 @inlined
-def _follow_gaps(memory, first, form, b, below, rise, motion):
+def _follow_gaps(kept, form, b, below, rise, motion):
     """Follow the gaps behind the plates of a submerged block that trails and is not elastic. `motion`: in tool axes."""
     rows, _, refined, _ = form
     block = b * np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK)
     for i in range(BLOCK):
         place, _, _ = _centre_and_load(rows, block, i, below, rise, refined, False)
         normal = triple(rows, block + _NORMAL, i, BLOCK)
-        follow_gap(memory, first, i, normal, place, motion)
+        follow_gap(kept, i, normal, place, motion)
 
 
 @inlined
@@ -243,7 +249,8 @@ def _add_sums(chunk, n):
     for i in range(n):
         x, y, z = triple(chunk, row.PLACE, i)
         ax, ay, az = triple(chunk, row.TRACTION, i)
-        load, area = chunk[at(row.LOAD, i)], chunk[at(row.AREA, i)]
+        load = chunk[at(row.LOAD, i)]
+        area = chunk[at(row.AREA, i)]
         dx, dy, dz = ax * load, ay * load, az * load
         fx += dx
         fy += dy
@@ -271,8 +278,8 @@ def _add_sums(chunk, n):
 
 
 @inlined
-def _add_stiffness(chunk, n, memory):
-    """Add the sums of `Memory.stiffness` of a chunk."""
+def _add_stiffness(chunk, n, total):
+    """Add the sums of a chunk to a record of `STIFFNESS`."""
     wide_vectors()
     k = kx = ky = kz = kxx = kyy = kzz = kxy = kxz = kyz = 0.0
     for i in range(n):
@@ -288,8 +295,16 @@ def _add_stiffness(chunk, n, memory):
         kxy += stiff * x * y
         kxz += stiff * x * z
         kyz += stiff * y * z
-    for c, value in enumerate((k, kx, ky, kz, kxx, kyy, kzz, kxy, kxz, kyz)):
-        memory[kept.K + c] += value
+    total.k += k
+    total.x += kx
+    total.y += ky
+    total.z += kz
+    total.xx += kxx
+    total.yy += kyy
+    total.zz += kzz
+    total.xy += kxy
+    total.xz += kxz
+    total.yz += kyz
 
 
 @inlined
@@ -299,7 +314,8 @@ def _inertia(chunk, n, inertia, per_scale2, has_memory):
     for i in range(n):
         area = chunk[at(row.AREA, i)] * (chunk[at(row.SHARE, i)] if has_memory else 1.0)
         speed = chunk[at(row.SPEED, i)]
-        normal, direction = triple(chunk, row.NORMAL, i), triple(chunk, row.VELOCITY, i)
+        normal = triple(chunk, row.NORMAL, i)
+        direction = triple(chunk, row.VELOCITY, i)
         put(chunk, row.TRACTION, i, inertia_force(inertia, normal, direction, area, per_scale2 * speed * speed))
         chunk[at(row.LOAD, i)] = 1.0
         chunk[at(row.AREA, i)] = 0.0
@@ -319,19 +335,21 @@ def _add_forces(chunk, i0, b, out):
 def _sums(form, law, height, slope, states, past, out):
     """The sums for each state, `out` of shape [n, 7] or [n, 19], or the forces of plates at one state, shape [m, 3].
 
-    `form`: of `Plates`. `law`: its `packed`. `past`: whether the plates have memory, `Memory.numbers`, and for each
-    state the displacement of the tool to it.
+    `form`: of `Plates`. `law`: its `packed`. `past`: a `rft_ros.rft.memory.Past`.
     Forces are added to those in `out`, in the kernel's order. One function: LLVM keeps what is the same for all blocks
     in registers, and a state takes 8 % longer if it is divided.
     """
     wide_vectors()
     rows, bounds, refined, reach = form
-    has_memory, memories, displacements = past
+    has_memory = past.has_memory
+    bodies = len(past.stiffness)
     chunk = new_chunk()
     inertia = law.numbers[0].inertia
-    level, of_plates = _LEVEL if refined else FLAT, out.shape[1] == _FORCES
+    level = _LEVEL if refined else FLAT
+    of_plates = out.shape[1] == _FORCES
     # unsigned: numba adds code for negative indices otherwise
-    blocks, one = np.uint64(bounds.shape[1]), np.uint64(1)
+    blocks = np.uint64(bounds.shape[1])
+    one = np.uint64(1)
     for k in range(states.shape[0]):
         state = states[k]
         axes = attitude(state[QUATERNION])
@@ -339,12 +357,22 @@ def _sums(form, law, height, slope, states, past, out):
         speed = 1.0 / scale if scale > 0.0 else 0.0
         per_scale2 = min(speed * speed, 1e30)  # restores the speed for inertia; bounded, since 0 times infinity is NaN
         below, rise = _surface(height, slope, state, axes)
-        memory = memories[k if len(memories) > 1 else 0]
+        body = k if bodies > 1 else 0
+        kept = past.blocks[body]
+        stiffness = past.stiffness[body]
         motion = motion_in_tool = (0.0, 0.0, 0.0), axes
         if has_memory:
-            for c in range(kept.HEAD):
-                memory[c] = 0.0
-            d = displacements[k]
+            stiffness.k = 0.0
+            stiffness.x = 0.0
+            stiffness.y = 0.0
+            stiffness.z = 0.0
+            stiffness.xx = 0.0
+            stiffness.yy = 0.0
+            stiffness.zz = 0.0
+            stiffness.xy = 0.0
+            stiffness.xz = 0.0
+            stiffness.yz = 0.0
+            d = past.displacements[k]
             motion = (d[0], d[1], d[2]), (d[3], d[4], d[5], d[6], d[7], d[8], d[9], d[10], d[11])
             motion_in_tool = into_tool_axes(axes, motion)
             if scale == 0.0:
@@ -352,20 +380,22 @@ def _sums(form, law, height, slope, states, past, out):
         scene = axes, twist, below, rise
         for c in range(WIDTH):
             chunk[at(row.TOTAL, c)] = 0.0
-        b, count, flat = np.uint64(0), np.uint64(0), False
+        b = np.uint64(0)
+        count = np.uint64(0)
+        flat = False
         while b <= blocks:
             place = b & np.uint64(row.KINDS - 1)
             if place == np.uint64(0):
                 _classify(chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), scene, reach, level)
             kind = chunk[at(row.KIND, place)] if b < blocks else _SKIP_DRY
-            in_memory = np.uint64(kept.HEAD) + b * np.uint64(kept.OF_BLOCK)
-            if has_memory and kind == _SKIP_WET and is_elastic(memory, in_memory):
+            if has_memory and kind == _SKIP_WET and is_elastic(kept[b]):
                 kind = _PLAIN
             changes = kind >= _PLAIN and flat != (kind == _FLAT_OR_CUT)
             if count == np.uint64(row.BLOCKS) or (count > np.uint64(0) and (b == blocks or changes)):
                 n = count * np.uint64(BLOCK)
                 for j in range(count):
-                    w, i0 = np.uint64(chunk[at(row.NUMBER, j)]), j * np.uint64(BLOCK)
+                    w = np.uint64(chunk[at(row.NUMBER, j)])
+                    i0 = j * np.uint64(BLOCK)
                     submerged = 0.0
                     if not refined:
                         submerged = _geometry(chunk, i0, rows, w, scene, has_memory, False, True)
@@ -377,8 +407,8 @@ def _sums(form, law, height, slope, states, past, out):
                 flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
                 tractions(law, chunk, n, flatness, refined)
                 if has_memory:
-                    add_memory(chunk, count, memory, motion, below, slope, law.numbers[0])
-                    _add_stiffness(chunk, n, memory)
+                    add_memory(chunk, count, kept, motion, below, slope, law.numbers[0])
+                    _add_stiffness(chunk, n, stiffness)
                 for inertial in range(2 if inertia > 0.0 else 1):
                     if inertial == 1:
                         _inertia(chunk, n, inertia, per_scale2, has_memory)
@@ -389,15 +419,15 @@ def _sums(form, law, height, slope, states, past, out):
                 count = np.uint64(0)
             if kind >= _PLAIN:
                 flat = kind == _FLAT_OR_CUT
-                chunk[at(row.NUMBER, count)], chunk[at(row.NUMBER + row.BLOCKS, count)] = b, kind
+                chunk[at(row.NUMBER, count)] = b
+                chunk[at(row.NUMBER + row.BLOCKS, count)] = kind
                 count += one
             elif kind == _SKIP_WET:
                 chunk[_SUBMERGED] += bounds[BOUND_AREA, b]
                 if has_memory:
-                    _follow_gaps(memory, in_memory, form, b, below, rise, motion_in_tool)
+                    _follow_gaps(kept[b], form, b, below, rise, motion_in_tool)
             elif has_memory and b < blocks:
-                for i in range(kept.OF_BLOCK):
-                    memory[at(in_memory, i)] = 0.0
+                clear(kept[b])
             b += one
         if not of_plates:
             for c in range(out.shape[1]):
