@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from rft_ros.calibration.fitting import FitResults, FittedValue, NotIdentifiable, fit_linear
 from rft_ros.calibration.track import Track, still_intervals
+from rft_ros.errors import InputError
 from rft_ros.estimator import LoadCell
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.rft import FORCE, TORQUE
@@ -28,6 +29,8 @@ _EXPLAINED = 0.5  # least share of the readings' variance that the mass explains
 _NOTHING = 0.01  # kg; a mass near 0 with a smaller error is no mass: the driver subtracts the weight
 _USUAL_MASS = 1.0  # kg: standard deviation of a tool's mass if the poses do not tell
 _LEVER = 0.1  # m: the same of its centre
+_FARTHEST = 1.0  # m: a centre of mass that is farther from the load cell is a torque in another unit
+_ALIKE = np.deg2rad(10.0)  # greatest angle between two directions of gravity that count as one attitude
 _SPREAD = 0.15  # least RMS spread of gravity's unit vector in a second direction that identifies the centre of mass
 
 _BIAS = slice(0, 6)
@@ -108,20 +111,27 @@ def fit_tool_weight(result: FitResults, tracks: Sequence[Track], *, air: float) 
 
     Returns the load cell, and the standard error of its compensated force along any axis [N].
 
-    Raises NotIdentifiable if the tool never rests in the air, if the fitted mass is negative, or if a parameter does
-    not take a fitted value; then nothing is fitted.
+    With a negative mass, the bias is that of the attitude in the grains: what is subtracted there is constant.
+
+    Raises NotIdentifiable if the tool never rests in the air, or with a negative mass not in that attitude, or if a
+    parameter does not take a fitted value; then nothing is fitted. Raises InputError for torques in N mm.
     """
-    poses = _poses_at_rest(tracks, air)
+    every_pose = _poses_at_rest(tracks, air)
     given = tracks[0].cell
-    design = poses.design(given.sign)
-    whole = _fitted(design, poses.readings, poses.errors)
+    whole = _fitted(every_pose.design(given.sign), every_pose.readings, every_pose.errors)
     mass = float(whole.values[_MASS])
     mass_error = float(whole.errors[_MASS])
-    reasons = _reasons(poses, whole, given)
+    reasons = _reasons(every_pose, whole, given)
     is_mass_known = "sensor.mass" not in reasons
     is_center_known = "sensor.center_of_mass" not in reasons
     cell = replace(given, mass=max(mass, 0.0)) if is_mass_known else given
+    poses = every_pose
+    if _is_negative(every_pose, mass, mass_error):
+        poses = _turned_as_in_grains(every_pose, tracks, air)
+        if not len(poses.gravity):
+            raise NotIdentifiable(reasons["sensor.mass"])
 
+    design = poses.design(given.sign)
     taken = np.zeros(10)
     taken_errors = np.zeros(10)
     free = np.ones(10, dtype=np.bool_)
@@ -153,6 +163,9 @@ def fit_tool_weight(result: FitResults, tracks: Sequence[Track], *, air: float) 
         found.append(FittedValue("sensor.mass", (cell.mass,), (mass_error,), "kg", goodness, source))
     if is_center_known:
         x, y, z = (fit.values[_MOMENT] / mass).tolist()
+        if np.linalg.norm((x, y, z)) > _FARTHEST:
+            far = f"the torques in the air are those of a centre of mass at {x:.3g}, {y:.3g}, {z:.3g} m"
+            raise InputError(f"{tracks[0].name}: {far}; the load cell's driver must give N m, and not N mm")
         cell = replace(cell, center_of_mass=(x, y, z))
         errors = np.hypot(fit.errors[_MOMENT], np.array((x, y, z)) * mass_error) / mass
         goodness = f"R² {fit.explained(poses, TORQUE):.5f}"
@@ -164,10 +177,7 @@ def fit_tool_weight(result: FitResults, tracks: Sequence[Track], *, air: float) 
 
 
 def _reasons(poses: _Poses, fit: _Fit, cell: LoadCell) -> dict[str, str]:
-    """Why the poses do not determine the mass or its centre, by the name of the parameter.
-
-    Raises NotIdentifiable for a mass that is negative.
-    """
+    """Why the poses do not determine the mass or its centre, by the name of the parameter."""
     count = len(poses.gravity)
     mass = float(fit.values[_MASS])
     error = float(fit.errors[_MASS])
@@ -176,8 +186,9 @@ def _reasons(poses: _Poses, fit: _Fit, cell: LoadCell) -> dict[str, str]:
     unknown = ""
     if poses.turned < _WIDEST:
         unknown = f"gravity turns by {poses.turned:.1f}° in the sensor frame over {count} poses; it needs {_WIDEST:g}°"
-    elif mass < -max(_SURE * error, _LEAST):
-        raise NotIdentifiable(f"{fitted_mass}: sensor.sign or sensor.quaternion is wrong")
+    elif _is_negative(poses, mass, error):
+        too_much = f"the driver subtracts {-mass:.2g} kg more than the tool weighs (correct its payload)"
+        unknown = f"{fitted_mass}: {too_much}, or sensor.sign or sensor.quaternion is wrong"
     elif error > _NOTHING and (mass <= _SURE * error or share < _EXPLAINED):
         needs = f"it needs {_SURE:g} times its error and R² {_EXPLAINED:g}"
         unknown = (
@@ -190,6 +201,18 @@ def _reasons(poses: _Poses, fit: _Fit, cell: LoadCell) -> dict[str, str]:
     directions = f"{count} directions of gravity spread by {poses.spread:.3f} in a second direction"
     needs = f"it needs a mass over {_SURE:g} times its error and a spread of {_SPREAD:g}"
     return {"sensor.center_of_mass": f"{fitted_mass}, and {directions}; {needs}"}
+
+
+def _is_negative(poses: _Poses, mass: float, error: float) -> bool:
+    return poses.turned >= _WIDEST and mass < -max(_SURE * error, _LEAST)
+
+
+def _turned_as_in_grains(poses: _Poses, tracks: Sequence[Track], air: float) -> _Poses:
+    """Those of the poses in which gravity lies in the sensor frame as it does below z = `air` [m] on the whole."""
+    gravity = np.concatenate([track.gravity[track.heights < air] for track in tracks])
+    mean = gravity.mean(axis=0) if len(gravity) else np.zeros(3)
+    alike = poses.gravity @ mean > np.cos(_ALIKE) * GRAVITY**2
+    return _Poses(poses.gravity[alike], poses.readings[alike], poses.errors[alike])
 
 
 def _poses_at_rest(tracks: Sequence[Track], air: float) -> _Poses:

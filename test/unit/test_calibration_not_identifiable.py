@@ -128,6 +128,23 @@ def test_a_mass_within_its_error_is_0_and_identifies_no_centre():
     assert "needs a mass over 3 times its error" in why(result, "sensor.center_of_mass")
 
 
+def test_a_driver_that_subtracts_too_much_leaves_the_bias_of_the_attitude_in_the_grains():
+    """Six attitudes in the air gave a ζ of 1.10 ± 0.04 for 1, and without them it was right."""
+    path = in_the_air().move((0, 0, -0.09), 0.01).wait(1.0)
+    result = calibrated(path, values=unknown(), cell=replace(LOAD_CELL, mass=-0.25), length=0.003)
+    reason = why(result, "sensor.mass")
+    assert "payload" in reason
+    assert "0.25 kg" in reason
+    assert fitted(result)["medium.zeta"] == pytest.approx((0.8,), rel=0.01)
+
+
+def test_torques_in_newton_millimetres_are_refused():
+    track = recorded(in_the_air())
+    track.readings[:, 3:] *= 1e3
+    with pytest.raises(InputError, match="N mm"):
+        calibrate([track], unknown())
+
+
 AIR_AND_GRAINS = in_the_air().move((0, 0, -0.09), 0.01).move((0, 0, 0.05), 0.01)
 
 
