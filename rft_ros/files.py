@@ -4,7 +4,6 @@ Every path that a parameter or a command takes is read here: `checked_file` refu
 within limits before it is opened, and says in one sentence what to give instead (test/unit/test_paths.py).
 """
 
-import errno
 import io
 import os
 import shutil
@@ -24,14 +23,14 @@ __all__ = ["MAX_BYTES", "MAX_NUMBERS", "checked_file", "expanded", "opened", "re
 __all__ += ["refuse_overwriting", "replacing", "resolved", "whole", "whole_folder"]
 
 MAX_BYTES = 256 * 2**20  # of a file, and of the unpacked arrays of an NPZ file
-MAX_NUMBERS = MAX_BYTES // 8  # in one array or table; each may become a double
+MAX_NUMBERS = MAX_BYTES // 8  # in one array
 _GIVE = "give the path of one that does"
 _KINDS = {
-    stat.S_IFDIR: "a folder; give a file",
-    stat.S_IFIFO: "a pipe and not a regular file; write what comes through it to a file and give that",
-    stat.S_IFSOCK: "a socket and not a regular file; give a file",
-    stat.S_IFCHR: "a device and not a regular file; give a file",
-    stat.S_IFBLK: "a device and not a regular file; give a file",
+    stat.S_IFDIR: "a folder",
+    stat.S_IFIFO: "a pipe",
+    stat.S_IFSOCK: "a socket",
+    stat.S_IFCHR: "a device",
+    stat.S_IFBLK: "a device",
 }
 
 
@@ -45,43 +44,32 @@ def resolved(file: Path | str) -> Path:
     return Path(os.path.realpath(expanded(file)))  # Path.resolve raises RuntimeError for a loop before Python 3.13
 
 
-def _status(file: Path, what: str, advice: str) -> os.stat_result:
-    """The system's status of a path, ~ expanded, without opening it."""
-    named = f"{what} '{file}'"
-    if "\0" in str(file):
-        raise InputError(f"{what} {str(file)!r} has a null character; give a path without one")
-    try:
-        return expanded(file).stat()
-    except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"{named} does not exist; {advice}") from None
-    except OSError as error:
-        advised = {errno.ELOOP: "is a loop of symbolic links; give the path of the file itself"}
-        advised[errno.EACCES] = "cannot be read: Permission denied; give this user access to it and to its folder"
-        advised[errno.ENAMETOOLONG] = "cannot be read: File name too long; give a shorter path"
-        code = error.errno or 0
-        raise InputError(f"{named} {advised.get(code) or f'cannot be read: {reason_of(error)}'}") from None
-
-
 def checked_file(file: Path, what: str, *, limit: int | None = MAX_BYTES, advice: str = _GIVE) -> Path:
     """The path, ~ expanded, of a regular file of 1 to `limit` bytes (None: any number). Does not open the file.
 
     Raises InputError. It calls the file `what`, such as the option or parameter that names it, and says what to do.
     `advice`: what to do if the file does not exist.
     """
-    _check(_status(file, what, advice), f"{what} '{file}'", limit)
-    return expanded(file)
-
-
-def _check(status: os.stat_result, named: str, limit: int | None) -> None:
-    if not stat.S_ISREG(status.st_mode):
-        raise InputError(f"{named} is {_KINDS.get(stat.S_IFMT(status.st_mode), 'not a regular file; give one')}")
+    named = f"{what} '{file}'"
+    path = expanded(file)
+    try:
+        status = path.stat()
+    except (FileNotFoundError, NotADirectoryError):
+        raise InputError(f"{named} does not exist; {advice}") from None
+    except (OSError, ValueError) as error:  # ValueError: a null character
+        raise InputError(f"{named} cannot be read: {reason_of(error)}; give the path of a file that can be") from None
+    if not stat.S_ISREG(status.st_mode):  # to open a pipe or a device may block
+        kind = _KINDS.get(stat.S_IFMT(status.st_mode), "no file")
+        raise InputError(f"{named} is {kind} and not a regular file; give a file")
     if not status.st_size:  # the system's own files have no size either, and reading /proc/kmsg may block for ever
         raise InputError(f"{named} is empty, or one of the system's own files, as in /proc; give a file with content")
-    _check_size(status.st_size, named, limit)
+    if limit is not None:
+        _check_size(status.st_size, named, limit)
+    return path
 
 
-def _check_size(size: int, named: str, limit: int | None) -> None:
-    if limit is not None and size > limit:
+def _check_size(size: int, named: str, limit: int) -> None:
+    if size > limit:
         most = f"the limit is {limit / 2**20:.0f} MiB; give a smaller one"
         raise InputError(f"{named} has {size / 2**20:.0f} MiB or more; {most}")
 
@@ -90,14 +78,8 @@ def _check_size(size: int, named: str, limit: int | None) -> None:
 def opened(file: Path, what: str, *, limit: int | None = MAX_BYTES, advice: str = _GIVE) -> Iterator[BinaryIO]:
     """A `checked_file`, open for reading bytes; errors of reading it in the block are InputErrors too."""
     path = checked_file(file, what, limit=limit, advice=advice)
-    with file_errors(f"{what} '{file}'", "read"), open(path, "rb", opener=_without_waiting) as stream:
-        _check(os.fstat(stream.fileno()), f"{what} '{file}'", limit)
+    with file_errors(f"{what} '{file}'", "read"), path.open("rb") as stream:
         yield stream
-
-
-def _without_waiting(path: str, flags: int) -> int:
-    """Open a file without blocking, even if a pipe has taken its place since it was checked."""
-    return os.open(path, flags | os.O_NONBLOCK)
 
 
 def read_file(file: Path, what: str, *, limit: int = MAX_BYTES, advice: str = _GIVE) -> bytes:
@@ -118,11 +100,12 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any
 
     Raises InputError, also for arrays of Python objects.
     """
-    data = read_file(file, what)
+    data = io.BytesIO(read_file(file, what))
     try:
-        with zipfile.ZipFile(io.BytesIO(data)) as archive:
-            _check_size(sum(member.file_size for member in archive.infolist()), f"{what} '{file}' unpacked", MAX_BYTES)
-        with np.load(io.BytesIO(data), allow_pickle=False) as arrays:
+        with zipfile.ZipFile(data) as archive:
+            unpacked = sum(member.file_size for member in archive.infolist())
+        _check_size(unpacked, f"{what} '{file}' unpacked", MAX_BYTES)
+        with np.load(data, allow_pickle=False) as arrays:
             found = [arrays[name] for name in names]
     except InputError:
         raise
@@ -130,7 +113,7 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any
         wanted = f"NPZ file with the arrays of numbers {', '.join(names)}"
         raise InputError(f"{what} '{file}' is not a valid {wanted}; write it again with numpy.savez") from None
     for name, values in zip(names, found, strict=True):
-        if values.size > MAX_NUMBERS:
+        if values.size > MAX_NUMBERS:  # each may become a double
             raise InputError(f"{what} '{file}' has {values.size:,} numbers in {name}; the limit is {MAX_NUMBERS:,}")
     return found
 
@@ -183,7 +166,8 @@ def whole_folder(folder: Path, names: Sequence[str]) -> Iterator[Path]:
         part.mkdir(parents=True)
         try:
             yield part
-            for old in (folder / name for name in names):
+            for name in names:
+                old = folder / name
                 if old.is_dir() and not old.is_symlink():
                     shutil.rmtree(old)
                 old.unlink(missing_ok=True)

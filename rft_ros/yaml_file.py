@@ -4,6 +4,7 @@ ROS's parser (rcl_yaml_param_parser) follows the events of libyaml and reads num
 is true, `~` and 12:30 are text. To PyYAML (YAML 1.1) they are text, text, nothing and 750. Both read 010 as eight.
 """
 
+import math
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -23,7 +24,7 @@ _TEXT = "tag:yaml.org,2002:str"
 _BOOLEANS = {"true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False, "off": False}
 _NOTHING = {"", "~", "null", "Null", "NULL"}
 _WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]{0,17})")
-_DECIMAL = re.compile(r"[-+]?(?!0[0-9]+$)([0-9]{1,400}\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]{1,2})?")
+_DECIMAL = re.compile(r"[-+]?(?!0[0-9]+$)([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]{1,2})?")
 _NUMBER_TO_ROS = re.compile(
     r"[yYnN]|[-+]?([0-9]+|[0-9.]+[eE][-+]?[0-9]+|0[xX][0-9a-fA-F.]+([pP][-+]?[0-9]+)?|(?i:inf|infinity|nan)(\(.*\))?)"
 )
@@ -122,7 +123,7 @@ class _Reader:
             return _BOOLEANS[text]
         if _WHOLE.fullmatch(text):
             return int(text)
-        if _DECIMAL.fullmatch(text):
+        if _DECIMAL.fullmatch(text) and math.isfinite(float(text)):
             return float(text)
         if not _is_text(text):
             advice = "write a decimal number, true or false, or put text in quotes"

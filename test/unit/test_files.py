@@ -1,7 +1,6 @@
 """Files that parameters and users name: hostile ones are refused unread, outputs are whole, inputs stay."""
 
 import io
-import os
 import pickle
 import re
 import zipfile
@@ -11,39 +10,18 @@ import pytest
 from refusals import refusal
 from test_cli import STATE
 
-from rft_ros import files
-from rft_ros.bags.summary import read_limits
 from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.files import whole, whole_folder
 from rft_ros.ground import read_height_map
-from rft_ros.parameters import checked, read_alpha_y_table, read_parameter_file
-from rft_ros.states_file import read_states
-from rft_ros.sweeps.design import read_design
+from rft_ros.parameters import checked, read_alpha_y_table
 from rft_ros.tool import checked_mesh, load_tool
 
 READERS = {
     "mesh.stl": lambda file: load_tool(file),
     "mesh.npz": lambda file: load_tool(str(file)),
-    "table.csv": lambda file: read_alpha_y_table(str(file)),
-    "ground.csv": lambda file: read_height_map(file, 0.01),
     "ground.npz": lambda file: read_height_map(file, 0.01),
-    "states.csv": read_states,
-    "cell.yaml": read_parameter_file,
-    "study.yaml": read_design,
-    "limits.yaml": read_limits,
 }
-
-
-def test_a_file_that_becomes_a_pipe_after_it_was_checked_is_refused_and_not_waited_for(tmp_path, monkeypatch):
-    monkeypatch.setattr(files, "checked_file", lambda file, *_, **__: file)
-    os.mkfifo(tmp_path / "cell.yaml")
-    assert "is a pipe" in refusal(files.read_text, tmp_path / "cell.yaml", "parameter file")
-
-
-def test_a_file_that_cannot_be_opened_is_refused_with_what_to_do(tmp_path):
-    for name, words in (("a" * 300, "shorter path"), ("\0", "null character"), ("b.yaml/c", "does not exist; give")):
-        assert words in refusal(files.read_text, tmp_path / name, "parameter file")
 
 
 def test_a_mesh_that_is_not_there_is_refused_with_the_names_of_the_shipped_ones(tmp_path):
@@ -183,41 +161,6 @@ def test_no_command_overwrites_its_input(tmp_path, monkeypatch, capsys, command)
     assert main(command.format(folder=tmp_path).split()) == 2
     assert "would overwrite the input" in capsys.readouterr().err
     assert {name: (tmp_path / name).read_text() for name in contents} == contents
-
-
-DIGITS = "0x" + "f" * 5000
-"""A whole number of YAML that Python does not write out; nor does it read one of as many decimal digits."""
-
-
-@pytest.mark.parametrize(
-    ("name", "text", "command"),
-    [
-        (
-            "study.yaml",
-            f"{{sample: {DIGITS}, tools: [{{mesh: plate}}], motions: [{{family: straight}}]}}",
-            "sweep {} -o o",
-        ),
-        (
-            "study.yaml",
-            f"{{tools: [{{mesh: plate}}], motions: [{{family: straight, samples: {DIGITS}}}]}}",
-            "sweep {} -o o",
-        ),
-        ("medium.yaml", f"A00: {DIGITS}", "predict states.csv --mesh plate --medium {} -o o.csv"),
-        ("limits.yaml", f"estimates: {{min: {DIGITS}}}", "replay bag --check {} -o o"),
-        ("cell.yaml", f"/**: {{ros__parameters: {{medium.zeta: {DIGITS}}}}}", "replay bag --params {} -o o"),
-    ],
-)
-def test_a_number_of_thousands_of_digits_is_refused_with_a_sentence_that_can_be_read(
-    tmp_path, monkeypatch, capsys, name, text, command
-):
-    monkeypatch.chdir(tmp_path)
-    (tmp_path / "states.csv").write_text(STATE)
-    for digits in (DIGITS, "9" * 5000, "0b" + "1" * 5000):
-        (tmp_path / name).write_text(text.replace(DIGITS, digits))
-        assert main(command.format(name).split()) == 2
-        (said,) = capsys.readouterr().err.splitlines()
-        assert name in said
-        assert len(said) < 500
 
 
 @pytest.mark.parametrize(
