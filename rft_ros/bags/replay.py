@@ -9,7 +9,7 @@ from rft_ros.bags.playback import play, reasons
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.bags.summary import Summary, statistics, summary_of
 from rft_ros.bags.writing import check_replaceable
-from rft_ros.diagnosis import SILENT, diagnose, evidence_of
+from rft_ros.diagnosis import evidence_of, judge
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Model, Reason, Settings, Wrench, WrenchSample
 from rft_ros.estimator.warm_up import needed, prepare
@@ -84,7 +84,7 @@ def replay(
         evidence = evidence_of(rows[:_JUDGED], estimator)
         summary = summary_of(
             rows,
-            faults=[finding.text for name, finding in diagnose(evidence) if name in SILENT and not finding.ok],
+            faults=[finding.text for finding in judge(evidence) if not finding.ok],
             issues=run.issues,
             bag=bag_name(bag),
             topics=recording.topics,

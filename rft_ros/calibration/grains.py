@@ -32,7 +32,6 @@ from rft_ros.calibration.phases import (
     way_down,
 )
 from rft_ros.calibration.recorded import SHAKEN, BedValues, Recorded
-from rft_ros.calibration.suspicion import doubts_of_zeta
 from rft_ros.calibration.track import down_strokes, turns_in_grains
 
 __all__ = ["GIVEN_SURFACE_ERROR", "Given", "difference", "fit_grains", "spread_of"]
@@ -260,7 +259,6 @@ def _add_zeta(result: FitResults, ways_down: Sequence[Phase], *, shared_error: f
         spread=spread_of(strengths, [str(tool.file) for tool in tools]),
     )
     approaches = [(way.recording, np.append(way.part.approach, way.part.rows)) for way in ways_down]
-    result.warnings += doubts_of_zeta(zeta, approaches, surface)
     deepest = min(ways_down, key=_lowest)
     result.add(
         "medium.calibrated_depth",

@@ -1,65 +1,67 @@
-"""Hypotheses about what is wrong with a cell's set-up, judged on arrays of what was sent, measured and predicted.
+"""The judge of a cell, on arrays of what was sent, measured and predicted: for doctor, calibration and replay alike.
 
-A cause comes before its effects in the table, and hides them.
+A finding is a parameter of the cell whose fit differs from the given value by more than its errors, or another property
+of its set-up. Of several explanations the one that leaves the smallest residual is told, and those that fit alike are
+named together. What follows a finding is judged as if that were mended; where no parameter mends it, nothing follows.
 """
 
-from collections.abc import Callable, Iterator
-from typing import NamedTuple
+from collections.abc import Iterator
 
-from rft_ros.diagnosis import delay, forces, poses
-from rft_ros.diagnosis.evidence import Evidence, Finding, evidence_of
+from rft_ros.diagnosis.attitude import OF_POSES, attitude, mount
+from rft_ros.diagnosis.delay import delay_of_load_cell
+from rft_ros.diagnosis.evidence import Evidence, evidence_of, predicted
+from rft_ros.diagnosis.finding import Finding, in_words
+from rft_ros.diagnosis.poses import noise_of_poses, repeated_poses, size_of_tool, surface, unit_of_poses
+from rft_ros.diagnosis.readings import push, saturation, strength, torque
+from rft_ros.diagnosis.zero import threshold, zero, zero_that_moves
 
-__all__ = ["HYPOTHESES", "SILENT", "Evidence", "Finding", "Hypothesis", "diagnose", "evidence_of"]
-
-
-class Hypothesis(NamedTuple):
-    """One cause of wrong numbers.
-
-    `judge`: a pure function that yields a finding, or nothing where the evidence does not tell. `hides`: the hypotheses
-    that cannot be judged if this one is true, since their evidence would be an effect of it.
-    """
-
-    name: str
-    judge: Callable[[Evidence], Iterator[Finding]]
-    hides: tuple[str, ...] = ()
+__all__ = ["Evidence", "Finding", "evidence_of", "in_words", "judge", "predicted"]
 
 
-_BEYOND_AXES = ("delay", "torque", "lever", "strength")
-_OF_FORCES = ("saturation", "push", "axes", *_BEYOND_AXES)
-_OF_LENGTHS = ("surface", "unseen surface", "zero", "unseen air", "motion", *_OF_FORCES)
-
-HYPOTHESES = (
-    Hypothesis("unit of poses", poses.unit_of_poses, hides=("noise", "repeats", *_OF_LENGTHS)),
-    Hypothesis("size", poses.size_of_tool, hides=_OF_LENGTHS),
-    Hypothesis("repeats", poses.repeated_poses, hides=("noise",)),
-    Hypothesis("noise", poses.noise_of_poses, hides=("surface", *_OF_FORCES)),
-    Hypothesis("motion", forces.zero_that_moves, hides=("surface", "zero", *_OF_FORCES)),
-    Hypothesis("surface", poses.surface, hides=("zero", "unseen air", *_OF_FORCES)),
-    Hypothesis("unseen surface", poses.unseen_surface),
-    Hypothesis("mount", forces.mount, hides=("lever", "torque")),
-    Hypothesis("zero", forces.zero),
-    Hypothesis("unseen air", forces.unseen_air),
-    Hypothesis("push", forces.push, hides=_OF_FORCES),
-    Hypothesis("saturation", forces.saturation, hides=_BEYOND_AXES),
-    Hypothesis("axes", forces.axes, hides=_BEYOND_AXES),
-    Hypothesis("delay", delay.delay_of_load_cell),
-    Hypothesis("lever", forces.lever, hides=("torque",)),
-    Hypothesis("torque", forces.unit_of_torque),
-    Hypothesis("strength", forces.strength),
-)
-"""Every hypothesis that the doctor, a calibration and a replay judge, in the order of their findings."""
+def _all_right(found: list[Finding]) -> bool:
+    return all(finding.ok for finding in found)
 
 
-SILENT = frozenset({"unit of poses", "repeats", "motion", "surface", "zero", "saturation", "delay", "lever", "torque"})
-"""Causes of wrong numbers that the statistics and warnings of a replay or a calibration do not show by themselves."""
+def judge(e: Evidence) -> Iterator[Finding]:
+    """The findings on a cell; a cause comes before its effects."""
+    lengths = [*unit_of_poses(e), *size_of_tool(e)]
+    yield from lengths
+    if not _all_right(lengths):
+        return
+    repeated = list(repeated_poses(e))
+    noise = [] if repeated else list(noise_of_poses(e))
+    yield from (*repeated, *noise, *mount(e))
+    if not _all_right(noise):
+        return
+    if not len(e.time):
+        yield surface(e, None, 0.0)
+        return
+    yield from _of_forces(e)
 
 
-def diagnose(evidence: Evidence) -> Iterator[tuple[str, Finding]]:
-    """The findings on a cell, each with the name of its hypothesis. One that a true one hides is not judged."""
-    hidden = set[str]() if len(evidence.time) else {"zero", "push", *_OF_FORCES}
-    for name, judge, hides in HYPOTHESES:
-        if name not in hidden:
-            for finding in judge(evidence):
-                yield name, finding
-                if not finding.ok:
-                    hidden.update(hides)
+def _of_forces(e: Evidence) -> Iterator[Finding]:
+    yield from threshold(e)
+    contact = e.contact
+    at_contact = e.at_contact() if contact and abs(contact.above) > contact.allowed else e
+    told, mended = attitude(at_contact)
+    for moves in zero_that_moves(e):
+        if told is None or told.ok or moves.evidence["left"] < told.evidence["left"] / told.evidence["own"]:
+            yield moves
+            return
+    if told is not None and told.name in OF_POSES:
+        yield told
+        return
+    cell = mended or at_contact
+    yield surface(e, cell.settings.surface_height if contact else None, contact.allowed if contact else 0.0)
+    if told is not None:
+        yield told
+    yield from zero(cell)
+    if mended is None:
+        return
+    missing = [*push(cell), *saturation(cell)]
+    yield from missing
+    if missing:
+        return
+    yield from delay_of_load_cell(cell)
+    yield from torque(cell)
+    yield from strength(cell)

@@ -1,20 +1,23 @@
-"""The hypothesis that the stamps of the load cell differ from those of the poses by a constant delay."""
+"""Whether the stamps of the load cell differ from those of the poses by a constant delay, or its driver is slow."""
 
 from collections.abc import Iterator
 
 import numpy as np
 
-from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence, Finding
+from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence
+from rft_ros.diagnosis.finding import Finding
 
 __all__ = ["delay_of_load_cell"]
 
 _LONGEST = 0.25  # s
 _DELAYS = np.linspace(-_LONGEST, _LONGEST, 251)  # that are tried
+_LAGS = np.linspace(0.0, 0.2, 41)[1:]  # time constants of a filter of first order that are tried [s]
 _WINDOW = 0.4  # s before and after a change of the motion
 _SHARP = 0.05  # s in which such a change takes place
 _LEAST = 0.012  # s: a smaller delay is not told from the time between two samples
 _EXPLAINED = 0.3  # of the changes of the force: a greater misfit at every delay tells nothing about it
 _BETTER = 0.5  # of the misfit without a delay: the greatest one with it
+_FILTERED = 0.3  # of the misfit with a delay: the greatest one with a filter in its place
 _NEAR, _AGREE = 0.35, 0.6  # share of the delay within which events agree with it, and the share of events that must
 
 
@@ -29,21 +32,35 @@ def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
     known = [found for at in _events(e) if (found := _misfits(e, at)) is not None and found[0].min() < _EXPLAINED]
     if len(known) < 2:
         return
-    each, gaps = np.array([misfits for misfits, _ in known]), np.array([gap for _, gap in known])
+    both = np.array([misfits for misfits, _ in known])
+    gaps = np.array([gap for _, gap in known])
+    each = both[:, : len(_DELAYS)]
+    of_lags = both[:, len(_DELAYS) :].sum(axis=0)
     total = each.sum(axis=0)
-    best, none = int(total.argmin()), len(_DELAYS) // 2
+    best = int(total.argmin())
+    none = len(_DELAYS) // 2
     delay = float(_DELAYS[best])
-    gains, own = each[:, none] - each.min(axis=1), _DELAYS[each.argmin(axis=1)]
+    gains = each[:, none] - each.min(axis=1)
+    own = _DELAYS[each.argmin(axis=1)]
     agree = np.abs(own - delay) <= max(_NEAR * abs(delay), 0.01)
     tell = agree & (gaps <= 2.0 * abs(delay))
     agreeing = gains[agree].sum() >= _AGREE * gains.sum() and tell.sum() >= 2
     if abs(delay) < _LEAST or total[best] > _BETTER * total[none] or not agreeing:
         return
-    side = "later" if delay > 0.0 else "earlier"
-    said = f"the load cell's stamps are {1e3 * abs(delay):.0f} ms {side} than its events, by {len(each)} stops"
-    better = f"the misfit there falls to {100.0 * np.sqrt(total[best] / total[none]):.0f} % with it"
-    set_to = e.load_cell.delay + delay
-    yield Finding(False, f"delay: {said} ({better}); set sensor.delay: {set_to:.3f}, or fit it with rft calibrate")
+    evidence = {
+        "stops": len(each),
+        "left": float(100.0 * np.sqrt(total[best] / total[none])),
+        "delay": 1e3 * abs(delay),
+    }
+    said = "the load cell's stamps are {delay:.0f} ms " + ("later" if delay > 0.0 else "earlier") + " than its events"
+    advice = "fit it with rft calibrate"
+    if of_lags.min() < _FILTERED * total[best]:
+        evidence |= {"lag": float(1e3 * _LAGS[of_lags.argmin()])}
+        said = "the force follows the motion like a filter of {lag:.0f} ms, more slowly than the poses"
+        advice = "raise the cut-off frequency in the load cell's driver"
+    said += ", by {stops} stops (the misfit there falls to {left:.0f} % with it)"
+    set_to = round(e.load_cell.delay + delay, 3)
+    yield Finding(name="delay", said=said, evidence=evidence, remedy={"sensor.delay": set_to}, advice=advice)
 
 
 def _events(e: Evidence) -> list[float]:
@@ -52,10 +69,12 @@ def _events(e: Evidence) -> list[float]:
     if wet.sum() < ENOUGH:
         return []
     velocity = e.velocity
-    span = [np.interp(e.time + s, e.time, axis) for s in (-_SHARP, _SHARP) for axis in velocity.T]
-    change = np.linalg.norm(np.array(span[3:]) - np.array(span[:3]), axis=0)
-    large = np.where(wet, change, 0.0)
-    fastest, found = float(np.quantile(np.linalg.norm(velocity[wet], axis=1), 0.95)), list[float]()
+    before, after = (
+        np.column_stack([np.interp(e.time + shift, e.time, axis) for axis in velocity.T]) for shift in (-_SHARP, _SHARP)
+    )
+    large = np.where(wet, np.linalg.norm(after - before, axis=1), 0.0)
+    fastest = float(np.quantile(np.linalg.norm(velocity[wet], axis=1), 0.95))
+    found = list[float]()
     while len(found) < 50 and large.max() > 0.5 * fastest:
         peak = np.flatnonzero(large >= 0.95 * large.max())
         at = float(e.time[peak[np.abs(e.time[peak] - e.time[peak[0]]) < _SHARP]].mean())
@@ -65,15 +84,15 @@ def _events(e: Evidence) -> list[float]:
 
 
 def _misfits(e: Evidence, at: float) -> tuple[Array, float] | None:
-    """The share of the force's square that remains about a time [s], for each delay; None if too little is known.
+    """The share of the force's square that remains about a time [s], for each delay, then for each lag of a filter.
 
-    Beside it the greatest time between two samples [s].
+    Beside it the greatest time between two samples [s]. None if too little is known.
     """
     rows = np.flatnonzero((np.abs(e.time - at) <= _WINDOW) & e.in_grains)
     if len(rows) < ENOUGH:
         return None
     time = e.time[rows]
-    wide = np.abs(e.time - at) <= _WINDOW + _LONGEST
+    wide = np.flatnonzero(np.abs(e.time - at) <= _WINDOW + _LONGEST)
     gap = float(np.diff(e.time[wide]).max())  # a busy machine leaves gaps; beyond `max_input_age` nothing lies between
     if time.min() > at - 0.5 * _WINDOW or time.max() < at + 0.5 * _WINDOW or gap > e.settings.max_input_age:
         return None
@@ -83,11 +102,23 @@ def _misfits(e: Evidence, at: float) -> tuple[Array, float] | None:
         """Without a line in time."""
         return np.asarray(force - line @ (line.T @ force))
 
-    measured, at_delays = bent(e.force[rows]), np.subtract.outer(time, _DELAYS)
+    measured = bent(e.force[rows])
+    at_delays = np.subtract.outer(time, _DELAYS)
     whole = float((measured**2).sum())
-    misfits = np.full(len(_DELAYS), whole)
-    for force, of_model in zip(measured.T, e.predicted.T[:3], strict=True):
-        predicted = bent(np.interp(at_delays, e.time, of_model))
+    misfits = np.full(len(_DELAYS) + len(_LAGS), whole)
+    for force, of_model in zip(measured.T, e.model.T, strict=True):
+        course = np.interp(at_delays, e.time, of_model)
+        filtered = _filtered(e.time[wide], of_model[wide])[np.searchsorted(wide, rows)]
+        predicted = bent(np.hstack([course, filtered]))
         shared = np.maximum(force @ predicted, 0.0)
         misfits -= shared**2 / np.maximum((predicted**2).sum(axis=0), 1e-12)
     return np.maximum(misfits, 0.0) / max(whole, 1e-12), gap
+
+
+def _filtered(time: Array, values: Array) -> Array:
+    """Values, shape [n], behind filters of first order, one column for each of the lags."""
+    found = np.empty((len(time), len(_LAGS)))
+    found[0] = values[0]
+    for k, span in enumerate(np.diff(time)):
+        found[k + 1] = values[k + 1] + (found[k] - values[k + 1]) * np.exp(-span / _LAGS)
+    return found

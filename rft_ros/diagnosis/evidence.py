@@ -1,7 +1,7 @@
-"""What the hypotheses are judged on: one frozen value, from a recording or from messages collected live."""
+"""What a cell is judged on: one frozen value, from a recording or from messages collected live."""
 
-from collections.abc import Collection, Iterable
-from dataclasses import dataclass, field
+from collections.abc import Collection
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from typing import Any, NamedTuple
 
@@ -12,34 +12,66 @@ from scipy.spatial.transform import Rotation
 from rft_ros.estimator import Estimator
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.parameters import LoadCell, Settings
-from rft_ros.rft import FORCE, POSE, QUATERNION, STATE, VELOCITY
+from rft_ros.rft import FORCE, POSE, QUATERNION, SLACK, STATE, TORQUE, VELOCITY, Law, Memory, wrenches, wrenches_in_time
 from rft_ros.rft.frames import Placement
 from rft_ros.tool import Tool
 
-__all__ = ["ENOUGH", "LEAST_FORCE", "Array", "Evidence", "Finding", "evidence_of", "listed"]
-
-
-class Finding(NamedTuple):
-    """Whether the set-up is right in one point, and a sentence on it, which says what to do if it is not."""
-
-    ok: bool
-    text: str
-
-
-def listed(numbers: Iterable[float]) -> str:
-    """Numbers as a parameter file takes them."""
-    return "[" + ", ".join(f"{round(n, 4) + 0.0:g}" for n in numbers) + "]"
-
+__all__ = ["ENOUGH", "LEAST_FORCE", "Array", "Contact", "Evidence", "Rows", "cross", "evidence_of", "predicted"]
 
 Array = NDArray[np.float64]
+Rows = NDArray[np.bool_]
 
 ENOUGH = 20
-"""Fewest moments on which a hypothesis is judged."""
+"""Fewest moments on which something is judged."""
 
 LEAST_FORCE = 0.2
 """Smaller forces [N] are not judged."""
 
 _SAME = 0.95  # correlation beyond which a tiny reading is that of the grains in another unit, such as kN
+_BEGUN = 0.05  # of the greatest force of a descent: a larger one shows that the tool has touched the grains
+_CONTACT_ERROR = 0.005  # m, and this share of the depth: together the greatest error of surface_height
+_CONTACT_SHARE = 0.1
+_DEPTHS = 50  # depths at which the force of a contact is computed
+_ALIKE = 0.94  # cosine of the angle by which the tool may turn on its way down
+_CLEAR = 0.001  # m above the surface, where the tool is in the air despite noise of the poses
+_SEPARATE = 0.02  # least singular value, of the greatest, at which the attitudes in the air separate weight and bias
+_LIGHT = 0.1  # scale of the weight in that fit: what the attitudes do not separate counts as bias
+
+
+class Contact(NamedTuple):
+    """Where the measured force begins on the longest descent.
+
+    `above`: how far above the expected surface, and `allowed`, the greatest error of that [m]. `row`: of the deepest
+    moment; `rise`: from there to where the force exceeds its `share` of the greatest one [m].
+    """
+
+    above: float
+    allowed: float
+    row: int
+    rise: float
+    share: float
+
+
+def predicted(tool: Tool, law: Law, cell: LoadCell, states: Array, surface: float) -> Array:
+    """The model's wrench [N], [N m] in the axes of the load cell about its origin, shape [n, 6].
+
+    `states`: shape [n, 13]. `surface` [m]: a height, the same everywhere.
+    """
+    plates = tool.plates
+    if law.mobilization_length > 0.0:
+        memory = Memory(plates, slack=SLACK)
+        found = wrenches_in_time(plates, law, states, memory, surface_height=surface)
+    else:
+        found = wrenches(plates, law, states, surface_height=surface)
+    rotation = Rotation.from_quat(states[:, QUATERNION])
+    torque = found[:, TORQUE] - np.cross(rotation.apply(cell.position), found[:, FORCE])
+    to_cell = (rotation * Rotation.from_quat(cell.quaternion)).inv()
+    return np.hstack([to_cell.apply(found[:, FORCE]), to_cell.apply(torque)])
+
+
+def cross(vectors: Array) -> Array:
+    """Matrices that give the cross products of n vectors with another one, shape [n, 3, 3]."""
+    return np.swapaxes(np.cross(vectors[:, None, :], np.eye(3)), 1, 2)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -57,6 +89,7 @@ class Evidence:
     settings: Settings
     load_cell: LoadCell
     tool: Tool
+    law: Law
     time: Array
     state: Array
     depth: Array
@@ -77,54 +110,112 @@ class Evidence:
         return (Rotation.from_quat(self.state[:, QUATERNION]) * Rotation.from_quat(self.load_cell.quaternion)).inv()
 
     @cached_property
-    def weight(self) -> Array:
-        """The tool's weight in the axes of the load cell [N], shape [n, 3]."""
-        return _array(self.to_cell.apply((0.0, 0.0, -GRAVITY * self.load_cell.mass)))
+    def down(self) -> Array:
+        """The direction of gravity in the axes of the load cell, shape [n, 3]."""
+        return np.asarray(self.to_cell.apply((0.0, 0.0, -1.0)))
+
+    @cached_property
+    def with_weight(self) -> Array:
+        """The measured wrench before the tool's weight was subtracted, shape [n, 6]."""
+        weight = GRAVITY * self.load_cell.mass * self.down
+        return self.measured + np.hstack([weight, np.cross(self.load_cell.center_of_mass, weight)])
 
     @cached_property
     def raw(self) -> Array:
         """Force that the driver gave, with the sign of a force on the tool [N], shape [n, 3]."""
-        return _array(self.force + self.weight + self.load_cell.sign * np.array(self.load_cell.bias[:3]))
+        return self.with_weight[:, FORCE] + self.load_cell.sign * np.array(self.load_cell.bias[:3])
 
     @property
     def force(self) -> Array:
-        """The measured force [N], shape [n, 3]."""
-        return _array(self.measured[:, FORCE])
+        """The measured force, less the bias and the weight of the parameters [N], shape [n, 3]."""
+        return self.measured[:, FORCE]
 
     @property
-    def in_grains(self) -> NDArray[np.bool_]:
+    def model(self) -> Array:
+        """The predicted force [N], shape [n, 3]."""
+        return self.predicted[:, FORCE]
+
+    @property
+    def velocity(self) -> Array:
+        """Of the tool frame's origin [m/s], shape [n, 3]."""
+        return self.state[:, VELOCITY]
+
+    @cached_property
+    def contact(self) -> Contact | None:
+        """Where the measured force begins on the longest descent; None if it does not begin.
+
+        Only magnitudes of forces are compared, which a wrong sign or mounting does not change.
+        """
+        if not len(self.time):
+            return None
+        deepest_later = np.maximum.accumulate(self.depth[::-1])[::-1]
+        way = np.arange(int((deepest_later - self.depth).argmax()), len(self.depth))
+        way = way[np.diff(np.maximum.accumulate(self.depth[way]), prepend=-np.inf) > 0.0]
+        way = way[self.down[way] @ self.down[way[-1]] > _ALIKE]
+        depth = self.depth[way]
+        measured = self.force[way]
+        noise = float(np.linalg.norm(np.std(measured[:ENOUGH], axis=0)))
+        force = np.linalg.norm(measured - np.median(measured[:ENOUGH], axis=0), axis=1)
+        share = max(LEAST_FORCE, _BEGUN * force.max(), 5.0 * noise) / max(force.max(), 1e-9)
+        begins = _onset(force, share)
+        if begins is None:
+            return None
+        expected = _onset(np.linalg.norm(self.model[way], axis=1), share)
+        at = 0.0 if expected is None else float(depth[expected])
+        rise = float(depth[-1] - depth[begins])
+        allowed = _CONTACT_ERROR + _CONTACT_SHARE * rise
+        return Contact(at - float(depth[begins]), allowed, int(way[-1]), rise, share)
+
+    @cached_property
+    def in_air(self) -> Rows:
+        """Whether the tool is above the surface, the given one and that of the measured contact; shape [n]."""
+        above = max(self.contact.above, 0.0) + _CLEAR if self.contact else 0.0
+        return np.asarray(self.depth <= -above)
+
+    @property
+    def in_grains(self) -> Rows:
         """Whether the tool's lowest point is below the surface, shape [n]."""
-        return self.depth > 0.0
+        return np.asarray(self.depth > 0.0)
 
     @cached_property
-    def pushed(self) -> NDArray[np.bool_]:
+    def of_zero(self) -> Array:
+        """Columns of what the load cell reads without grains: bias, and a weight in world axes; shape [n, 3, 6]."""
+        weight = _LIGHT * self.to_cell.as_matrix()
+        return np.concatenate([np.broadcast_to(np.eye(3), weight.shape), weight], axis=2)
+
+    def zero_from(self, rows: Rows) -> Array:
+        """Bias and weight in world axes [N], shape [6], beyond those of the parameters, at some rows."""
+        columns = self.of_zero[rows].reshape(-1, 6)
+        return np.asarray(np.linalg.lstsq(columns, self.force[rows].ravel(), rcond=_SEPARATE)[0])
+
+    @cached_property
+    def clean(self) -> Array:
+        """The measured wrench less what the load cell reads in the air, if the air was seen; shape [n, 6]."""
+        if self.in_air.sum() < ENOUGH:
+            return self.measured
+        force = self.force - self.of_zero @ self.zero_from(self.in_air)
+        return np.hstack([force, self.measured[:, TORQUE] - self.measured[self.in_air, TORQUE].mean(axis=0)])
+
+    @cached_property
+    def pushed(self) -> Rows:
         """Whether the tool is in the grains and not pulled out, where the force of grains is best known; shape [n]."""
-        rising: Array = self.state[:, STATE.index("vz")]
-        return np.asarray(self.in_grains & (rising <= 0.5 * self.speed))
+        rising = self.state[:, STATE.index("vz")]
+        known = (self.speed > self.settings.rest_speed) | (self.law.mobilization_length > 0.0)
+        return np.asarray(self.in_grains & (rising <= 0.5 * self.speed) & known)
 
-    @cached_property
+    @property
     def push(self) -> tuple[Array, Array]:
-        """Predicted force and measured one less that in the air, while the tool is pushed [N], shape [m, 3]."""
-        return self.predicted[self.pushed, FORCE], self.without_air(self.force)[self.pushed]
+        """Predicted and measured force while the tool is pushed [N], shape [m, 3]."""
+        return self.model[self.pushed], self.clean[self.pushed, FORCE]
 
     @cached_property
     def push_is_seen(self) -> bool:
         """Whether grains push the tool in the model and in the load cell."""
-        predicted, measured = self.push
-        if len(predicted) < ENOUGH or np.abs(predicted).max() < LEAST_FORCE:
+        model, force = self.push
+        if len(model) < ENOUGH or np.abs(model).max() < LEAST_FORCE:
             return False
-        alike = (predicted * measured).sum() > _SAME * np.sqrt((predicted**2).sum() * (measured**2).sum())
-        return bool(alike or np.abs(measured).max() >= 0.1 * LEAST_FORCE)
-
-    def without_air(self, readings: Array) -> Array:
-        """Readings, shape [n, k], less their mean in the air, if the air was seen."""
-        air = ~self.in_grains
-        return _array(readings - readings[air].mean(axis=0)) if air.sum() >= ENOUGH else readings
-
-    @cached_property
-    def velocity(self) -> Array:
-        """Of the tool frame's origin [m/s], shape [n, 3]."""
-        return _array(self.state[:, VELOCITY])
+        alike = (model * force).sum() > _SAME * np.sqrt((model**2).sum() * (force**2).sum())
+        return bool(alike or np.abs(force).max() >= 0.1 * LEAST_FORCE)
 
     @property
     def place_parameter(self) -> str:
@@ -137,6 +228,58 @@ class Evidence:
             f" ({self.links})"
         )
 
+    def thinned(self, count: int) -> "Evidence":
+        """At most `count` of the moments at which the tool moves or is in the air."""
+        rows = np.flatnonzero(self.in_air | (self.speed > self.settings.rest_speed))
+        rows = rows[:: max(1, -(-len(rows) // count))]
+        arrays = ("time", "state", "depth", "speed", "predicted", "measured")
+        return replace(self, **{name: getattr(self, name)[rows] for name in arrays})
+
+    def with_cell(self, cell: LoadCell) -> "Evidence":
+        """As if the load cell had this sign and quaternion."""
+        other = replace(self, load_cell=cell)
+        turn = other.to_cell * self.to_cell.inv()
+        model = np.hstack([turn.apply(self.predicted[:, part]) for part in (FORCE, TORQUE)])
+        reading = self.with_weight * cell.sign / self.load_cell.sign
+        weight = other.with_weight - other.measured
+        return replace(other, predicted=model, measured=reading - weight)
+
+    def seen(self, state: Array, cell: LoadCell) -> "Evidence":
+        """As if the states and the load cell's place were these, and the surface where the measured force begins."""
+        depth = -self.tool.lowest_points(state)[0]
+        return replace(
+            self, state=state, load_cell=cell, depth=depth - depth.max(initial=-np.inf), predicted=0.0 * self.predicted
+        ).at_contact()
+
+    def at_contact(self) -> "Evidence":
+        """As if the surface were where the measured force begins, on a way straight down in the deepest attitude."""
+        contact = self.contact
+        if contact is None:
+            return self
+        heights = self.tool.lowest_points(self.state)[0]
+        depths = np.linspace(0.0, 2.0 * contact.rise, 2 * _DEPTHS + 1)
+        way = np.repeat(self.state[[contact.row]], len(depths), axis=0)
+        way[:, VELOCITY] = (0.0, 0.0, -1.0)
+        way[:, STATE.index("pz")] -= heights[contact.row] + depths
+        force = np.linalg.norm(predicted(self.tool, self.law, self.load_cell, way, 0.0)[:, FORCE], axis=1)
+        begun = force[: _DEPTHS + 1] >= contact.share * force[_DEPTHS:]
+        height = float(heights[contact.row] + contact.rise + depths[int(np.argmax(begun[1:])) + 1])
+        return replace(
+            self,
+            settings=replace(self.settings, surface_height=height),
+            depth=height - heights,
+            predicted=predicted(self.tool, self.law, self.load_cell, self.state, height),
+        )
+
+
+def _onset(force: Array, share: float) -> int | None:
+    """The row after which the force exceeds this share of its peak, with the fewest exceptions; None without one."""
+    if share >= 0.5:
+        return None
+    loud = np.where(force > share * force.max(), 1, -1)
+    row = int(np.argmax(np.append(loud[::-1].cumsum()[::-1], 0)))
+    return row if ENOUGH // 2 <= row <= len(force) - ENOUGH // 2 else None
+
 
 def evidence_of(rows: NDArray[np.void], estimator: Estimator, *, poses: Array | None = None) -> Evidence:
     """The evidence of a run: `rows` of its estimates, `rft_ros.bags.estimates.ROW`, and its estimator.
@@ -144,7 +287,8 @@ def evidence_of(rows: NDArray[np.void], estimator: Estimator, *, poses: Array | 
     `poses`: stamp [ns], position and quaternion of every pose, shape [m, 8]; without them, those of the rows. Where
     stamps go back, the longest part is taken.
     """
-    s, transforms = estimator.settings, estimator.transforms
+    s = estimator.settings
+    transforms = estimator.transforms
     rows = rows[~np.isnan(rows["compensated"][:, 0])]
     rows = _longest(rows, rows["stamp"])
     if poses is None:
@@ -154,6 +298,7 @@ def evidence_of(rows: NDArray[np.void], estimator: Estimator, *, poses: Array | 
         settings=s,
         load_cell=estimator.load_cell,
         tool=estimator.model.tool,
+        law=estimator.model.law,
         time=_seconds(rows["stamp"]),
         pose_time=_seconds(poses[:, 0]),
         poses=poses[:, 1:],
@@ -176,8 +321,4 @@ def _longest(rows: NDArray[Any], stamps: NDArray[Any]) -> NDArray[Any]:
 
 def _seconds(stamps: NDArray[Any]) -> Array:
     """Since the first [s]."""
-    return _array(1e-9 * (stamps - stamps[:1]))
-
-
-def _array(values: object) -> Array:
-    return np.asarray(values, dtype=np.float64)
+    return np.asarray(1e-9 * (stamps - stamps[:1]))

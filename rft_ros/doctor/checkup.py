@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.estimates import Run
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import Recording
-from rft_ros.diagnosis import Finding, diagnose, evidence_of
+from rft_ros.diagnosis import Finding, evidence_of, judge
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimator, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
 from rft_ros.estimator.samples import OF_TRANSFORMS, STAMP_ZERO
@@ -48,8 +48,8 @@ def compiled() -> Finding:
     try:
         prepare(on_cold_cache=stop)
     except InputError as error:
-        return Finding(False, f"compiled: no; {error}")
-    return Finding(True, "compiled: yes")
+        return Finding(name="compiled", said="no", advice=str(error))
+    return Finding(name="compiled", ok=True, said="yes")
 
 
 _SOONEST = 0.02  # quantile of the ages at arrival: due to clocks and drivers alone, without delays on the way
@@ -63,7 +63,7 @@ _ROLES: dict[type, Role] = {PoseSample: "pose", TwistSample: "twist", WrenchSamp
 _ADVICE: dict[Role, str] = {
     "pose": "start the driver, remap ~/pose, or set pose_source: tf",
     "tf": "start the robot's state publisher, or set pose_source: topic",
-    "twist": "set twist_source: pose_difference, or remap ~/twist",
+    "twist": "remap ~/twist",
     "wrench": "start the load cell's driver, or remap ~/wrench_measured; force_torque_sensor_broadcaster publishes"
     " ~/wrench, and ~/wrench_filtered only with filters",
     "surface": "the ground remains the map at the start",
@@ -109,17 +109,17 @@ def _clock_findings(arrivals: _Arrivals, *, limit: float, live: bool) -> Iterato
         said = f"the stamps on {topic} step by {step:+.3g} s against {clock}, {after:.1f} s after the start"
         advice = "keep the clocks in step (NTP, PTP) from before the start"
         advice += "" if live else ", or use the part before or after it with --start or --end"
-        yield Finding(False, f"clock: {said}; {advice}")
+        yield Finding(name="clock", said=said, advice=advice)
     if any(delayed(part, limit) for part in parts):
         least, most = 1e3 * ages.min(), 1e3 * ages.max()
         if live:
             said = f"messages on {topic} arrive {least:.0f} to {most:.0f} ms after their stamps"
             busy = "this machine is too busy to judge, or the driver sends in bursts"
-            yield Finding(False, f"machine: {said}: {busy}; end other work, and run again")
+            yield Finding(name="machine", said=f"{said}: {busy}", advice="end other work, and run again")
         else:
             said = f"messages on {topic} were recorded {least:.0f} to {most:.0f} ms after their stamps"
             cause = "the recorder or the network was behind, or the driver sends in bursts"
-            yield Finding(False, f"recording: {said}: {cause}; record again, on a machine with less work")
+            yield Finding(name="recording", said=f"{said}: {cause}", advice="record again, on a machine with less work")
 
 
 def _clock_step(arrivals: _Arrivals, limit: float) -> int | None:
@@ -188,13 +188,14 @@ class Checkup:
         evidence = evidence_of(rows, self._estimator, poses=poses)
         evidence = replace(evidence, named=self._cell.named, tare=self._tare, complete=whole)
         found = [*late, *self._of_inputs(), *self._of_frames()]
-        if not any(finding.text.startswith("clock") for finding in late):
-            found += [finding for _, finding in diagnose(evidence)]
+        if not any(finding.name == "clock" for finding in late):
+            found += judge(evidence)
         if whole:
             found += self._of_reasons(len(rows))
         made = self._estimator.estimates
-        advice = "" if made else "; fix the findings above first"
-        return [*found, Finding(made > 0, f"estimates: {made} at {len(rows)} poses{advice}")]
+        advice = "" if made else "fix the findings above first"
+        said = f"{made} at {len(rows)} poses"
+        return [*found, Finding(name="estimates", ok=made > 0, said=said, advice=advice)]
 
     def _arrivals(self, role: Role) -> dict[str, _Arrivals]:
         """The messages of a role that have a stamp, by the frame that they place: "" but for transforms."""
@@ -216,11 +217,14 @@ class Checkup:
         for role, topic in self._cell.topics.items():
             heard = self._heard[role]
             if not heard:
-                yield Finding(role == "surface", f"{role}: nothing on {topic}; {_ADVICE[role]}")
+                remedy = {"twist_source": "pose_difference"} if role == "twist" else {}
+                nothing = f"nothing on {topic}"
+                yield Finding(name=role, ok=role == "surface", said=nothing, remedy=remedy, advice=_ADVICE[role])
                 continue
             unstamped = sum(1 for message in heard if message.stamp <= 0)
             if unstamped:
-                yield Finding(False, f"{role}: {unstamped} messages on {topic} have no stamp; the driver must set it")
+                said = f"{unstamped} messages on {topic} have no stamp"
+                yield Finding(name=role, said=said, advice="the driver must set it")
                 continue
             senders = self._arrivals(role)
             off = [(child, age) for child, sent in senders.items() if abs(age := _age_of(sent.ages)) > limit]
@@ -228,8 +232,9 @@ class Checkup:
             if wrong:
                 child, age = wrong[0]
                 of = f" of '{child}'" if child else ""
-                said = f"{abs(age):.3g} s {'old' if age > 0.0 else 'ahead'} when they arrive, over max_input_age"
-                yield Finding(False, f"{role}: stamps{of} on {topic} are {said} {limit:g} s: synchronise the clocks")
+                side = "old" if age > 0.0 else "ahead"
+                said = f"stamps{of} on {topic} are {abs(age):.3g} s {side} when they arrive, over max_input_age"
+                yield Finding(name=role, said=f"{said} {limit:g} s", advice="synchronise the clocks")
                 continue
             seconds = (heard[-1].arrival - heard[0].arrival) * 1e-9
             arrivals = len({message.arrival for message in heard}) if role == "tf" else len(heard)
@@ -238,7 +243,8 @@ class Checkup:
             frame = f", frame {named}" if named else ""
             ages = np.concatenate([sent.ages for sent in senders.values()])
             ahead = "".join(f"; '{child}' is dated {-age:.2g} s ahead, as it may be" for child, age in off if child)
-            yield Finding(True, f"{role}: {rate} on {topic}{frame}, stamps {1e3 * np.median(ages):.0f} ms old{ahead}")
+            said = f"{rate} on {topic}{frame}, stamps {1e3 * np.median(ages):.0f} ms old{ahead}"
+            yield Finding(name=role, ok=True, said=said)
 
     def _is_harmless(self, role: Role, age: float) -> bool:
         """Whether an offset of stamps against the times of arrival [s] changes no estimate."""
@@ -254,17 +260,20 @@ class Checkup:
         if unknown.keys() >= {Reason.POSE_FRAME_UNKNOWN, Reason.TWIST_FRAME_UNKNOWN} and of_poses == of_twists:
             del unknown[Reason.POSE_FRAME_UNKNOWN], unknown[Reason.TWIST_FRAME_UNKNOWN]
             named = " and ".join(map(repr, sorted(of_poses)))
-            cause = f"poses and twists have frame_id {named}, which is not world_frame {world!r}"
-            remedy = f"set world_frame: {min(of_poses)}, or publish the transform between the two on /tf_static"
-            yield Finding(False, f"frames: {cause}; {remedy}")
+            yield Finding(
+                name="frames",
+                said=f"poses and twists have frame_id {named}, which is not world_frame {world!r}",
+                remedy={"world_frame": min(of_poses)},
+                advice="publish the transform between the two on /tf_static",
+            )
         for reason, sentence in unknown.items():
             if reason in OF_TRANSFORMS and self._transforms_unstamped():
                 continue  # the frames are unknown because their transforms have no stamps; another finding says so
             if reason is not Reason.TF_OUT_OF_ORDER:  # `_of_reasons` reports it if it is frequent
-                yield Finding(False, f"frames: {sentence}")
+                yield Finding(name="frames", said=sentence)
         frames = self._estimator.transforms.frames()
         if frames:
-            yield Finding(True, f"frames: {', '.join(frames)}")
+            yield Finding(name="frames", ok=True, said=", ".join(frames))
 
     def _transforms_unstamped(self) -> bool:
         """Whether most transforms have no stamp, which the finding on their topic reports."""
@@ -281,7 +290,7 @@ class Checkup:
             if reason is Reason.WRENCH_MISSING:  # of the poses before the first reading
                 count -= sum(1 for stamp, *_ in self._poses if stamp - self._poses[0][0] < _START)
             if not told and count > _RARE * max(poses, 1):
-                yield Finding(False, f"{reason}: {count} times at {poses} poses: {reason.sentence}")
+                yield Finding(name=reason.value, said=f"{count} times at {poses} poses: {reason.sentence}")
 
 
 def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
@@ -292,7 +301,7 @@ def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
     with recording:
         for sample in recording:
             checkup.push(sample, recording.time)
-    found = [Finding(False, f"{role}: {sentence}") for role, sentence in recording.mistyped.items()]
+    found = [Finding(name=role, said=sentence) for role, sentence in recording.mistyped.items()]
     if recording.damage:
-        found.append(Finding(False, f"bag: {recording.damage}"))
+        found.append(Finding(name="bag", said=recording.damage))
     return [*found, *checkup.findings()]

@@ -32,10 +32,11 @@ def examine_running(cell: Cell, node: str, *, seconds: float) -> list[Finding]:
     if running is not None:
         of_node = _of_node(node, running, cell.values, cell.file)
     elif ros.found:
-        of_node = Finding(False, f"node: {node} is there and does not answer; this machine is too busy, or it hangs")
+        said = f"{node} is there and does not answer"
+        of_node = Finding(name="node", said=said, advice="this machine is too busy, or it hangs")
     else:
         advice = "start it with ros2 launch rft_ros rft.launch.py, or give --node"
-        of_node = Finding(False, f"node: no node {node} was found; {advice}")
+        of_node = Finding(name="node", said=f"no node {node} was found", advice=advice)
     # the estimates are computed after listening, so that they take no CPU time while messages arrive
     values = {**cell.values, "sensor.bias": running["sensor.bias"]} if running else cell.values  # a tare changes it
     checkup = Checkup(replace(cell, values=values))
@@ -81,8 +82,8 @@ def _of_losses(topic: Topic, messages: Sequence[Message]) -> Iterator[Finding]:
     sent = max(numbers) - min(numbers) + 1 if numbers else 0
     lost = sent - len(numbers)
     if lost > _MOST_LOST * sent:
-        said = f"{lost} of {sent} messages on {topic.name} were lost on the way"
-        yield Finding(False, f"machine: {said}: this machine is too busy to judge; end other work, and run again")
+        said = f"{lost} of {sent} messages on {topic.name} were lost on the way: this machine is too busy to judge"
+        yield Finding(name="machine", said=said, advice="end other work, and run again")
 
 
 def _of_node(node: str, running: Values, values: Values, file: Path) -> Finding:
@@ -95,9 +96,9 @@ def _of_node(node: str, running: Values, values: Values, file: Path) -> Finding:
     if not differs:
         bias = running["sensor.bias"]
         note = f"; its sensor.bias differs, as after a tare: {bias}" if bias != values["sensor.bias"] else ""
-        return Finding(True, f"node: {node} runs with the parameters of {file}{note}")
+        return Finding(name="node", ok=True, said=f"{node} runs with the parameters of {file}{note}")
     advice = "restart it with the file, whose section must be for its name, or set them"
-    return Finding(False, f"node: {node} runs with {', '.join(differs)}; {advice}")
+    return Finding(name="node", said=f"{node} runs with {', '.join(differs)}", advice=advice)
 
 
 def _same(name: str, running: Value, written: Value) -> bool:
@@ -113,12 +114,12 @@ def _of_topic(topic: Topic) -> Iterator[Finding]:
         if publisher.type not in topic.types:
             right = False
             must = f"it must be {' or '.join(topic.types)}"
-            yield Finding(False, f"{topic.role}: {topic.name} is {publisher.type}; {must}")
+            yield Finding(name=topic.role, said=f"{topic.name} is {publisher.type}", advice=must)
         for node, why in publisher.unheard:
             right = False
-            pair = f"{publisher.node} publishes {topic.name} so that {node} cannot receive it"
-            yield Finding(False, f"{topic.role}: {pair} ({why}); change qos_overrides or the publisher")
+            said = f"{publisher.node} publishes {topic.name} so that {node} cannot receive it ({why})"
+            yield Finding(name=topic.role, said=said, advice="change qos_overrides or the publisher")
     if right and topic.publishers:
         count = len(topic.publishers)
         number = "1 publisher" if count == 1 else f"{count} publishers"
-        yield Finding(True, f"{topic.role}: {number} on {topic.name}, QoS compatible")
+        yield Finding(name=topic.role, ok=True, said=f"{number} on {topic.name}, QoS compatible")

@@ -79,7 +79,7 @@ def wrong(
         if values["twist_source"] == "topic":
             checkup.push(TwistSample(stamp, "world", tuple(velocity.tolist()), tuple(state[10:].tolist())), now)
         checkup.push(PoseSample(stamp, "world", tuple(place.tolist()), tuple(state[QUATERNION].tolist())), now)
-    return [text for ok, text in checkup.findings() if not ok]
+    return [finding.text for finding in checkup.findings() if not finding.ok]
 
 
 def record(

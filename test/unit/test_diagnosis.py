@@ -192,7 +192,7 @@ def _recorded(arrivals):
             ahead = TransformSample(stamp + 500_000_000, "world", "odom", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
             checkup.push((ahead,), now)
         checkup.push((TransformSample(stamp, "odom", "tool", tuple(state[:3]), tuple(state[3:7])),), now)
-    return [text for ok, text in checkup.findings() if not ok]
+    return [finding.text for finding in checkup.findings() if not finding.ok]
 
 
 def test_a_transform_that_is_dated_ahead_is_no_fault():

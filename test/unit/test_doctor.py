@@ -131,7 +131,7 @@ def test_what_comes_shortly_before_the_first_fixed_transforms_is_no_fault(bag, p
         fixed, *others = ((sample, recording.time) for sample in recording)
         for sample, time in [*others[:before], (fixed[0], others[before][1]), *others[before:]]:
             checkup.push(sample, time)
-    found = [text for ok, text in checkup.findings() if not ok]
+    found = [finding.text for finding in checkup.findings() if not finding.ok]
     assert bool(found) == (before > 75), found
 
 

@@ -1,0 +1,48 @@
+"""A finding on a cell: the numbers that show it, and the parameters that mend it; its sentence is made from them."""
+
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass, field
+
+from rft_ros.parameters import Value
+
+__all__ = ["Finding", "in_words"]
+
+
+def in_words(value: Value) -> str:
+    """A parameter's value as a parameter file takes it, numbers with four decimals."""
+    if isinstance(value, str | bool):
+        return str(value)
+    if isinstance(value, Iterable):
+        return "[" + ", ".join(in_words(number) for number in value) + "]"
+    return f"{round(value, 4) + 0.0:g}"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class Finding:
+    """One parameter of a cell, or another property of its set-up, and whether it is right.
+
+    `said`: a sentence with fields in braces for the numbers of `evidence`. `remedy`: by name the values of parameters
+    that mend it; `alike`: other explanations that leave as small a residual, each as such a remedy. `advice`: what to
+    do beside or in place of them.
+    """
+
+    name: str
+    said: str
+    ok: bool = False
+    evidence: Mapping[str, float] = field(default_factory=dict)
+    remedy: Mapping[str, Value] = field(default_factory=dict)
+    alike: tuple[Mapping[str, Value], ...] = ()
+    advice: str = ""
+
+    @property
+    def text(self) -> str:
+        """The sentence."""
+        ways = [
+            "set " + " and ".join(f"{name}: {in_words(value)}" for name, value in remedy.items())
+            for remedy in (self.remedy, *self.alike)
+            if remedy
+        ]
+        if self.advice:
+            ways.append(self.advice)
+        said = f"{self.name}: {self.said.format(**self.evidence)}"
+        return "; ".join([said, ", or ".join(ways)]) if ways else said
