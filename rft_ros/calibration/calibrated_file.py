@@ -1,6 +1,5 @@
 """The calibrated parameter file: the input file with the fitted values, and a record of their sources."""
 
-import os
 from collections.abc import Iterable
 from datetime import datetime, timezone
 from pathlib import Path
@@ -10,9 +9,9 @@ import numpy as np
 
 from rft_ros.calibration.fitting import FitResults, FittedValue, MotionFit
 from rft_ros.calibration.track import Track
-from rft_ros.files import resolved, whole
-from rft_ros.parameters import FILES, NODE, read_sections, sections_for
-from rft_ros.parameters.file import path_beside
+from rft_ros.files import whole
+from rft_ros.parameters import NODE
+from rft_ros.parameters.file import tree_for
 from rft_ros.rft.motion_kinds import MOTIONS
 from rft_ros.yaml_file import yaml_text
 
@@ -39,12 +38,7 @@ def write_calibrated(
     nesting of names are lost. The same bags and parameters give the same bytes. Raises InputError if a file cannot be
     written.
     """
-    sections = [section for section in read_sections(source) if section.key != SECTION]
-    tree: dict[str, dict[str, dict[str, Any]]] = {s.key: {"ros__parameters": {**s.parameters}} for s in sections}
-    parameters: dict[str, Any] = {}
-    for section in sections_for(sections, node):
-        parameters = tree[section.key]["ros__parameters"]  # at last those that override the others
-        _relocate_paths(parameters, source=source, file=file)
+    tree, parameters = tree_for(source, file, node)
 
     for fit in result.fitted:
         numbers = _rounded_values(fit)
@@ -61,15 +55,6 @@ def write_calibrated(
     text = head + yaml_text(tree)
     with whole(file, "calibrated file") as part:
         part.write_text(text, encoding="utf-8", errors="backslashreplace")  # the source's name may not be UTF-8
-
-
-def _relocate_paths(parameters: dict[str, Any], *, source: Path, file: Path) -> None:
-    """Make the relative paths of a parameter file `source`, which begin at its folder, begin at that of `file`."""
-    for name in parameters.keys() & set(FILES):
-        given = str(parameters[name])
-        found = path_beside(resolved(source).parent, name, given)
-        if found != given:
-            parameters[name] = os.path.relpath(found, resolved(file).parent)
 
 
 def _rounded_values(fitted: FittedValue) -> list[float]:

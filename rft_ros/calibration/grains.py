@@ -258,7 +258,6 @@ def _add_zeta(result: FitResults, ways_down: Sequence[Phase], *, shared_error: f
         source=listed(strengths),
         spread=spread_of(strengths, [str(tool.file) for tool in tools]),
     )
-    approaches = [(way.recording, np.append(way.part.approach, way.part.rows)) for way in ways_down]
     deepest = min(ways_down, key=_lowest)
     result.add(
         "medium.calibrated_depth",

@@ -11,7 +11,8 @@ from rft_ros.doctor.checkup import Cell, compiled, examine_bag
 from rft_ros.errors import InputError
 from rft_ros.estimator.warm_up import prepare
 from rft_ros.installation import program, share_directory
-from rft_ros.parameters import model_of, node_parameters, read_parameter_file
+from rft_ros.parameters import model_of, named_files, node_parameters, read_parameter_file
+from rft_ros.parameters.file import write_changed
 from rft_ros.progress import busy
 
 
@@ -21,15 +22,20 @@ def doctor_options(command: argparse.ArgumentParser) -> None:
     options.share(command, "--node", "--remap")
     seconds = "time to listen to ROS [s] (default 5)"
     command.add_argument("--seconds", type=options.number, default=5.0, metavar="S", help=seconds)
+    write = "write the parameter file with the values that mend the findings"
+    command.add_argument("--write", dest="output", type=Path, metavar="NEW.yaml", help=write)
 
 
 def doctor(arguments: argparse.Namespace) -> int:
     """rft doctor my_cell.yaml --bag recording
+    rft doctor my_cell.yaml --bag recording --write mended.yaml
     rft doctor my_cell.yaml --remap ~/pose:=/tool_pose --seconds 10
     """
     if arguments.seconds <= 0.0:
         raise InputError(f"--seconds is {arguments.seconds:g}; it must be over 0")
     values, chosen = options.recording(arguments)
+    if arguments.output:
+        options.refuse_inputs(arguments, arguments.output, also=named_files(values))
     topics = topics_of(values, chosen.remap, chosen.node)
     named = node_parameters(arguments.params, chosen.node)
     with busy("preparing the tool"):
@@ -48,6 +54,10 @@ def doctor(arguments: argparse.Namespace) -> int:
             findings += examine_running(cell, chosen.node, seconds=arguments.seconds)
     for finding in findings:
         print("OK " if finding.ok else "FIX", finding.text)
+    if arguments.output:
+        changes = {name: value for finding in findings for name, value in finding.remedy.items()}
+        write_changed(arguments.output, arguments.params, changes, node=chosen.node)
+        print(f"-> {arguments.output} with {', '.join(changes) or 'no change'}")
     return 0 if all(finding.ok for finding in findings) else 1
 
 

@@ -43,8 +43,8 @@ _SLACK = 0.02
 _TORQUE_ALIKE = 0.3  # difference of correlations
 _NO_TURN = 0.01  # weight of no turn, where pushes do not tell the angle about their own direction
 _OPPOSED = 0.3  # residual of the directions that is never that of the grains
-_MOST_ROWS = 600  # moments at which explanations are compared
-_FEWER_ROWS = 250  # the same of tilts
+_MOST_ROWS = 350  # moments at which explanations are compared
+_FEWER_ROWS = 200  # the same of tilts
 _AXES = [
     np.eye(3)[list(order)] * np.array(signs)[:, None]
     for order in permutations(range(3))
@@ -252,7 +252,8 @@ def _tilted_world(e: Evidence) -> Iterator[_Explanation]:
 
     few = e.thinned(_FEWER_ROWS)
 
-    starts = [*(0.1 * np.array(side) for side in product((1.0, -1.0), repeat=2))]
+    ways = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
+    starts = [size * np.array([np.cos(way), np.sin(way)]) for size in (0.1, 0.25, 0.5) for way in ways]
     start = min(starts, key=misfit)
     tilt = fmin(misfit, start, xtol=2e-3, ftol=1e-5, maxfun=50, disp=False)
     if float(np.linalg.norm(tilt)) > _ANGLE:

@@ -12,11 +12,25 @@ from scipy.spatial.transform import Rotation
 from rft_ros.estimator import Estimator
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.parameters import LoadCell, Settings
-from rft_ros.rft import FORCE, POSE, QUATERNION, SLACK, STATE, TORQUE, VELOCITY, Law, Memory, wrenches, wrenches_in_time
+from rft_ros.rft import (
+    FORCE,
+    POSE,
+    QUATERNION,
+    SLACK,
+    STATE,
+    TORQUE,
+    VELOCITY,
+    Law,
+    Memory,
+    displacements_followed,
+    wrenches,
+    wrenches_in_time,
+)
 from rft_ros.rft.frames import Placement
 from rft_ros.tool import Tool
 
 __all__ = ["ENOUGH", "LEAST_FORCE", "Array", "Contact", "Evidence", "Rows", "cross", "evidence_of", "predicted"]
+__all__ += ["solved"]
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
@@ -59,14 +73,23 @@ def predicted(tool: Tool, law: Law, cell: LoadCell, states: Array, surface: floa
     """
     plates = tool.plates
     if law.mobilization_length > 0.0:
-        memory = Memory(plates, slack=SLACK)
-        found = wrenches_in_time(plates, law, states, memory, surface_height=surface)
+        moved = displacements_followed(states, reach=plates.reach, dead_band=SLACK)
+        found = wrenches_in_time(plates, law, states, Memory(plates), displacements=moved, surface_height=surface)
     else:
         found = wrenches(plates, law, states, surface_height=surface)
     rotation = Rotation.from_quat(states[:, QUATERNION])
     torque = found[:, TORQUE] - np.cross(rotation.apply(cell.position), found[:, FORCE])
     to_cell = (rotation * Rotation.from_quat(cell.quaternion)).inv()
     return np.hstack([to_cell.apply(found[:, FORCE]), to_cell.apply(torque)])
+
+
+def solved(columns: Array, values: Array, *, least: float) -> Array:
+    """Coefficients of columns, shape [n, k], by least squares, of singular values from `least` of the greatest on.
+
+    By normal equations, which take a tenth of the time for thousands of moments.
+    """
+    inverse = np.linalg.pinv(columns.T @ columns, rcond=least**2, hermitian=True)
+    return np.asarray(inverse @ (columns.T @ values))
 
 
 def cross(vectors: Array) -> Array:
@@ -185,8 +208,7 @@ class Evidence:
 
     def zero_from(self, rows: Rows) -> Array:
         """Bias and weight in world axes [N], shape [6], beyond those of the parameters, at some rows."""
-        columns = self.of_zero[rows].reshape(-1, 6)
-        return np.asarray(np.linalg.lstsq(columns, self.force[rows].ravel(), rcond=_SEPARATE)[0])
+        return solved(self.of_zero[rows].reshape(-1, 6), self.force[rows].ravel(), least=_SEPARATE)
 
     @cached_property
     def clean(self) -> Array:
@@ -246,17 +268,21 @@ class Evidence:
 
     def seen(self, state: Array, cell: LoadCell) -> "Evidence":
         """As if the states and the load cell's place were these, and the surface where the measured force begins."""
-        depth = -self.tool.lowest_points(state)[0]
-        return replace(
-            self, state=state, load_cell=cell, depth=depth - depth.max(initial=-np.inf), predicted=0.0 * self.predicted
-        ).at_contact()
+        heights = self.tool.lowest_points(state)[0]
+        in_air = heights.min(initial=np.inf) - heights
+        as_if = replace(self, state=state, load_cell=cell, depth=in_air, predicted=0.0 * self.predicted)
+        return as_if.at_contact(heights)
 
-    def at_contact(self) -> "Evidence":
-        """As if the surface were where the measured force begins, on a way straight down in the deepest attitude."""
+    def at_contact(self, heights: Array | None = None) -> "Evidence":
+        """As if the surface were where the measured force begins, on a way straight down in the deepest attitude.
+
+        `heights`: of the tool's lowest points [m], shape [n], if they are known.
+        """
         contact = self.contact
         if contact is None:
             return self
-        heights = self.tool.lowest_points(self.state)[0]
+        if heights is None:
+            heights = self.tool.lowest_points(self.state)[0]
         depths = np.linspace(0.0, 2.0 * contact.rise, 2 * _DEPTHS + 1)
         way = np.repeat(self.state[[contact.row]], len(depths), axis=0)
         way[:, VELOCITY] = (0.0, 0.0, -1.0)

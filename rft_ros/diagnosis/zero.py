@@ -4,7 +4,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence, cross
+from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence, cross, solved
 from rft_ros.diagnosis.finding import Finding
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.estimator.tare import is_offset
@@ -51,7 +51,7 @@ def zero_that_moves(e: Evidence) -> Iterator[Finding]:
     def fitted(course: Array) -> tuple[float, Array]:
         """The square of the residual where the zero follows a course in time, shape [n], and the change by it [N]."""
         columns = np.concatenate([known, np.eye(3) * course[:, None, None]], axis=2).reshape(force.size, -1)
-        found = np.linalg.lstsq(columns, force.ravel(), rcond=1e-3)[0]
+        found = solved(columns, force.ravel(), least=1e-3)
         return float(((force.ravel() - columns @ found) ** 2).sum()), np.ptp(course) * found[-3:]
 
     size = np.linalg.norm(velocity, axis=1, keepdims=True)

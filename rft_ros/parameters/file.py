@@ -1,10 +1,12 @@
 """Reads and writes parameter files. They mean here what they mean to ROS."""
 
+import os
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 from rft_ros.errors import InputError, shown
-from rft_ros.files import whole
+from rft_ros.files import resolved, whole
 from rft_ros.parameters.parameter import Value, Values
 from rft_ros.parameters.sections import Given, Section, read_sections
 from rft_ros.parameters.table import checked, defaults
@@ -12,7 +14,8 @@ from rft_ros.tool import is_mesh_path, locate_mesh
 from rft_ros.yaml_file import yaml_text
 
 __all__ = ["FILES", "NODE", "absolute", "checked_in_file", "named_files", "node_parameters", "path_beside"]
-__all__ += ["read_parameter_file", "section_parameters", "sections_for", "write_parameter_file"]
+__all__ += ["read_parameter_file", "section_parameters", "sections_for", "write_changed", "write_parameter_file"]
+__all__ += ["tree_for"]
 
 NODE = "/rft"
 """The node's full name, without a namespace."""
@@ -114,3 +117,33 @@ def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
     text = yaml_text({"/**": {"ros__parameters": plain}})
     with whole(file, "parameter file") as part:
         part.write_text(f"# {comment}\n{text}", encoding="utf-8")
+
+
+Tree = dict[str, dict[str, dict[str, Any]]]
+"""Of each section of a parameter file: "ros__parameters", and in it the values by name."""
+
+
+def tree_for(source: Path, file: Path, node: str = NODE) -> tuple[Tree, dict[str, Any]]:
+    """The sections of a parameter file `source`, to be written to `file`, and the parameters that decide for a node.
+
+    Relative paths begin at the folder of `file` then.
+    """
+    sections = read_sections(source)
+    tree: Tree = {s.key: {"ros__parameters": {**s.parameters}} for s in sections}
+    parameters: dict[str, Any] = {}
+    for section in sections_for(sections, node):
+        parameters = tree[section.key]["ros__parameters"]  # at last those that override the others
+        for name in parameters.keys() & set(FILES):
+            given = str(parameters[name])
+            found = path_beside(resolved(source).parent, name, given)
+            if found != given:
+                parameters[name] = os.path.relpath(found, resolved(file).parent)
+    return tree, parameters
+
+
+def write_changed(file: Path, source: Path, changes: Values, *, node: str = NODE) -> None:
+    """Write a parameter file `source` with other values of some parameters of a node; comments are lost."""
+    tree, parameters = tree_for(source, file, node)
+    parameters |= {name: list(value) if isinstance(value, tuple) else value for name, value in changes.items()}
+    with whole(file, "parameter file") as part:
+        part.write_text(yaml_text(tree), encoding="utf-8")

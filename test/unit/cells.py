@@ -8,6 +8,7 @@ from recordings import POSE, START, STEP, TF, TWIST, WRENCH, cdr, transforms_cdr
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.options import topics_of
+from rft_ros.diagnosis import Finding
 from rft_ros.doctor.checkup import Cell, Checkup
 from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
 from rft_ros.parameters import defaults, model_of
@@ -60,7 +61,7 @@ def cell_of(values, *, named=PARAMETERS) -> Cell:
 
 def wrong(
     states, readings, *, poses=None, twists=None, stamps=None, arrivals=None, late=0.0, live=True, lost=(), **parameters
-) -> list[str]:
+) -> list[Finding]:
     """What the doctor finds wrong with a cell of these states and readings; parameters with _ for dots: as __.
 
     `stamps` and `arrivals` [ns]; `late`: of the load cell's stamps [s]. `lost`: the moments that do not arrive.
@@ -79,7 +80,7 @@ def wrong(
         if values["twist_source"] == "topic":
             checkup.push(TwistSample(stamp, "world", tuple(velocity.tolist()), tuple(state[10:].tolist())), now)
         checkup.push(PoseSample(stamp, "world", tuple(place.tolist()), tuple(state[QUATERNION].tolist())), now)
-    return [finding.text for finding in checkup.findings() if not finding.ok]
+    return [finding for finding in checkup.findings() if not finding.ok]
 
 
 def record(

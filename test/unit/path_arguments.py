@@ -30,7 +30,7 @@ GOOD: dict[str, list[dict[str, str]]] = {
         {"source": "states.csv", **_OF_STATES, "output": "out.html"},
         {"source": "bag", "params": "cell.yaml", "output": "out.html"},
     ],
-    "doctor": [{"params": "cell.yaml", "bag": "bag"}],
+    "doctor": [{"params": "cell.yaml", "bag": "bag", "output": "mended.yaml"}],
     "demo": [{"output": "out"}],
 }
 """Usable values of the path arguments of each command, in sets that go together. `write_good` writes the files."""

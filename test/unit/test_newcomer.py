@@ -63,9 +63,9 @@ def test_the_newcomers_way_leads_to_right_numbers(bag, rft, tmp_path, capsys):
 
 LEARNING = {"learning.mode": "observe"}
 FAULTS = {
-    "no tare": ("load cell: it reads 2.78 N in the air; tare it there (~/tare, --tare), or", {}, False),
-    "tared at the wrong height": ("set it to about 0.114, or calibrate", {"surface_height": SURFACE - 0.03}),
-    "no tare, learning": ("load cell: it reads 2.78 N in the air; tare it there", LEARNING, False),
+    "no tare": ("load cell: it reads 2.78 N in the air; set sensor.bias: [", {}, False),
+    "tared at the wrong height": ("set surface_height: 0.1", {"surface_height": SURFACE - 0.03}),
+    "no tare, learning": ("or tare it there (~/tare, --tare)", LEARNING, False),
     "sign": (" %: check the set-up with rft doctor", {"sensor.sign": -1.0}),
     "sign, learning": ("the measured force points against the model", LEARNING | {"sensor.sign": -1.0}),
     "turned, learning": ("turned by over 45", LEARNING | {"sensor.quaternion": [0.0, 0.0, 0.0, 1.0]}),
