@@ -303,7 +303,7 @@ def attitude(e: Evidence) -> tuple[Finding | None, Evidence | None]:
         found += _of_quaternions(few)
     if least > _TOLD_OF_MESH:
         found += [*_of_world(few), *mesh_turns(few)]
-    if any(x.name == "angle" for x in found) and own < _OPPOSED:
+    if any(x.name == "angle" for x in found) and (own < _OPPOSED or least > _TOLD):
         found += _tilted_world(few)
     told = [x for x in found if x.residual <= x.share * own and own - x.residual >= x.least]
     if not told:
