@@ -17,6 +17,7 @@ from rft_ros.estimator.timeline import Timeline
 from rft_ros.ground import HeightMap, Support
 from rft_ros.parameters import LoadCell, Settings, Values
 from rft_ros.rft import QUATERNION, Plates, agarwal2023, wrenches
+from rft_ros.rft.wrench import compile_memory, compile_tractions
 
 __all__ = ["PARTS", "load", "needed", "prepare", "prepare_later"]
 
@@ -30,9 +31,13 @@ def _forces() -> None:
 
 
 def _around() -> None:
-    """The loops around it: of frames, velocities and the standard deviation."""
+    """The loops around it: of frames, the noise of poses and the standard deviation."""
     LoadCellFrame(LoadCell()).into_sensor(_SINKING[QUATERNION], np.zeros(12))
     predict_without_learning(np.zeros(7), 1.0, 0.0, np.zeros(12))
+    Kinematics()
+
+
+def _velocity() -> None:
     pose = PoseSample(1, "", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     Kinematics().velocity(pose, Timeline(), Settings(twist_source="pose_difference"))
 
@@ -45,6 +50,7 @@ def _ground() -> None:
 _LOADS: dict[str, Callable[[], object]] = {
     "forces": _forces,
     "around": _around,
+    "velocity": _velocity,
     "learning": Learning,
     "ground": _ground,
 }
@@ -55,6 +61,8 @@ PARTS = frozenset(_LOADS)
 def needed(values: Values) -> frozenset[str]:
     """The parts that an estimator with these parameters needs."""
     unused = set()
+    if values["twist_source"] == "topic":
+        unused.add("velocity")
     if values["learning.mode"] == "off":
         unused.add("learning")
     if not values["ground.cell"]:
@@ -74,8 +82,8 @@ def prepare(parts: frozenset[str] = PARTS, on_cold_cache: Callable[[], None] = l
     children = []
     try:
         with suppress(OSError):  # the system starts no more processes; then this process compiles below
-            for group in ({"forces"}, parts - {"forces"}):
-                children.append(start_child(load, *sorted(group)))
+            children.append(start_child(_compile_forces))
+            children.append(start_child(_compile_others, *sorted(parts - {"forces"})))
         for child in children:
             child.wait()
     finally:
@@ -96,6 +104,16 @@ def prepare_later(parts: frozenset[str]) -> threading.Thread | None:
 def _compile_in_child(parts: frozenset[str]) -> None:
     with suppress(OSError):
         start_child(_load_slowly, *sorted(parts)).wait()
+    load(*parts)
+
+
+def _compile_forces() -> None:
+    compile_memory()  # meanwhile the other child compiles the tractions, which the loop then loads
+    load("forces")
+
+
+def _compile_others(*parts: str) -> None:
+    compile_tractions()
     load(*parts)
 
 

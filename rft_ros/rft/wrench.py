@@ -20,9 +20,9 @@ from rft_ros.rft.frames import COLUMNS, STATE, WIDTH
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel import loops
 from rft_ros.rft.kernel.compilation import machine_code
-from rft_ros.rft.memory import NO_MEMORY, Memory, Past
+from rft_ros.rft.memory import NO_MEMORY, Memory, Past, add_memory
 from rft_ros.rft.plates import BLOCK, Plates
-from rft_ros.rft.traction import Law, packed_law
+from rft_ros.rft.traction import Law, packed_law, tractions
 
 Array = NDArray[np.float64]
 
@@ -200,3 +200,15 @@ def _loop() -> Callable[..., None]:
     """The compiled loop, from the cache on disk if it is there."""
     arguments = _model_arguments(_plate(), agarwal2023(), 0.0, LEVEL)
     return machine_code(loops.sums, (*arguments, np.zeros((1, len(STATE))), NO_MEMORY, np.zeros((1, len(COLUMNS)))))
+
+
+def compile_tractions() -> None:
+    """Compile the law's part of the loop, which the loop loads when it is compiled later."""
+    machine_code(tractions, (packed_law(agarwal2023()), np.zeros(1), np.uint64(0), 0, False))
+
+
+def compile_memory() -> None:
+    """Compile the memory's part of the loop, which the loop loads when it is compiled later."""
+    motion = ((0.0,) * 3, (0.0,) * 9)  # only the types of these values count
+    law = packed_law(agarwal2023()).numbers[0]
+    machine_code(add_memory, (np.zeros(1), np.uint64(0), NO_MEMORY.blocks[0], motion, 0.0, LEVEL, law))
