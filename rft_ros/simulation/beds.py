@@ -16,8 +16,6 @@ from rft_ros.rft.memory import BLOCK_STATE, STIFFNESS, Past
 from rft_ros.rft.plates import BOUNDS
 from rft_ros.rft.traction import packed_law
 
-__all__ = ["Beds", "evaluate", "forces_on_plates", "laws_of", "make_beds", "stiffness_matrix"]
-
 Array = NDArray[np.float64]
 
 _BODY = np.dtype(

@@ -23,8 +23,6 @@ from rft_ros.simulation.beds import forces_on_plates, laws_of, make_beds, stiffn
 from rft_ros.simulation.step import BODY, advance, hold_each, no_constraints
 from rft_ros.tool import Tool
 
-__all__ = ["Grains", "GrainsBatch", "GrainsState", "free_body"]
-
 Array = NDArray[np.float64]
 
 _LONGEST = 0.02  # m; a body that slides or falls further in one step stops too soon

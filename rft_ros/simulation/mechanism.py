@@ -14,8 +14,6 @@ from rft_ros.errors import InputError
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.simulation.step import Constraints, Joints, no_constraints
 
-__all__ = ["Mechanism", "import_mujoco"]
-
 Array = NDArray[np.float64]
 
 _FASTEST = 1e9  # m/s and rad/s: beyond it squares of squares overflow

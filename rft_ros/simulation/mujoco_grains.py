@@ -22,8 +22,6 @@ from rft_ros.simulation.shapes import check_size, geometry_of, ground_of_field, 
 from rft_ros.simulation.step import Joints, Trial, new_trial, search
 from rft_ros.tool import Tool, load_tool
 
-__all__ = ["MujocoGrains"]
-
 Array = NDArray[np.float64]
 _Path = str | PathLike[str]
 

@@ -13,8 +13,6 @@ from rft_ros.rft import rotation_matrix
 from rft_ros.simulation.mechanism import import_mujoco
 from rft_ros.tool import Tool, solids, tool_of_mesh
 
-__all__ = ["check_size", "geometry_of", "ground_of_field", "tool_of_body"]
-
 Array = NDArray[np.float64]
 
 _MISTAKEN = 100.0  # times the size of the body's geoms: units are mistaken by 1,000

@@ -30,8 +30,6 @@ from rft_ros.rft.kernel.compilation import compiled, inlined
 from rft_ros.rft.memory import STIFFNESS
 from rft_ros.simulation.beds import evaluate, stiffness_matrix
 
-__all__ = ["BODY", "Constraints", "Joints", "Trial", "advance", "hold_each", "new_trial", "no_constraints", "search"]
-
 Array = NDArray[np.float64]
 
 _MOST = 64

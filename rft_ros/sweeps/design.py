@@ -18,8 +18,6 @@ from rft_ros.sweeps.motions import FAMILIES, Trajectory
 from rft_ros.tool import files_of_mesh, locate_mesh
 from rft_ros.yaml_file import read_yaml
 
-__all__ = ["Content", "Design", "Variant", "checksum_of", "motion_of", "read_design"]
-
 Kind = Literal["release", "mesh", "file"]
 
 _VECTORS = ("origin", "rotate")  # a list of numbers is one value of these

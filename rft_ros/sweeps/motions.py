@@ -14,8 +14,6 @@ from numpy.typing import ArrayLike, NDArray
 from rft_ros.errors import InputError
 from rft_ros.rft import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
 
-__all__ = ["FAMILIES", "Trajectory", "circumnutation", "oscillating_insertion", "plate_drag", "sample", "straight"]
-
 Array = NDArray[np.float64]
 
 

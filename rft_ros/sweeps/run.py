@@ -34,8 +34,6 @@ from rft_ros.sweeps.design import Content, Design, Variant, checksum_of, motion_
 from rft_ros.sweeps.motions import sample
 from rft_ros.tool import Tool
 
-__all__ = ["RESULTS", "evaluate", "rows_of", "run"]
-
 Array = NDArray[np.float64]
 
 RESULTS = (
