@@ -12,7 +12,7 @@ from typing import Any, Literal
 
 import numpy as np
 
-from rft_ros.estimator.samples import PoseSample, Sample, TransformSample, TwistSample, WrenchSample
+from rft_ros.estimator import PoseSample, Sample, TransformSample, TwistSample, WrenchSample
 from rft_ros.ground import Cloud
 
 __all__ = ["TOPICS", "TYPES", "UNREADABLE", "Role", "decoder", "stamped_cdr"]

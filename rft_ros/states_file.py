@@ -6,8 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.estimator import PoseSample
-from rft_ros.estimator.pose_difference import PoseDifference
+from rft_ros.estimator import PoseDifference, PoseSample
 from rft_ros.files import whole
 from rft_ros.parameters import Model, defaults
 from rft_ros.rft import POSE, STATE, TWIST, WRENCH, Memory, checked_states, wrenches, wrenches_in_time

@@ -22,8 +22,8 @@ from numpy.typing import NDArray
 from rft_ros.bags.options import ReplayOptions, read_replay_options
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
+from rft_ros.estimator import is_withdrawn, predict_without_learning
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.sigma import is_withdrawn, predict_without_learning
 from rft_ros.parameters import Values, model_of, read_parameter_file, settings_of
 from rft_ros.parameters.settings import CALIBRATED_ERROR
 from rft_ros.rft import (

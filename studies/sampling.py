@@ -8,8 +8,7 @@ import numpy as np
 from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 
-from rft_ros.estimator import PoseSample
-from rft_ros.estimator.pose_difference import PoseDifference
+from rft_ros.estimator import PoseDifference, PoseSample
 from rft_ros.parameters import Settings
 from rft_ros.rft import POSITION, QUATERNION, TWIST, Plates, wrenches
 from rft_ros.sweeps.motions import Trajectory, oscillating_insertion, sample, straight

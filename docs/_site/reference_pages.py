@@ -6,8 +6,7 @@ from pathlib import Path
 
 from rft_ros.cli import parser
 from rft_ros.commands.options import BAG
-from rft_ros.estimator.quality import QualityFlag, Trust, sentences, trust
-from rft_ros.estimator.samples import Reason
+from rft_ros.estimator import QualityFlag, Reason, Trust, sentences, trust
 from rft_ros.parameters import PARAMETERS, Parameter, Value
 
 __all__ = ["commands_page", "default_yaml", "main", "node_page"]

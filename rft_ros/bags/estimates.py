@@ -11,8 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.bags.writing import BagWriter
-from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason
-from rft_ros.estimator.quality import flag_names
+from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason, flag_names
 from rft_ros.messages import TYPES, stamped_cdr
 from rft_ros.rft import AXES, STATE
 

@@ -10,10 +10,9 @@ from numpy.typing import NDArray
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, Model, PoseSample, Reason, Sample
-from rft_ros.estimator.samples import Answer
+from rft_ros.estimator import Answer, Estimate, Estimator, PoseSample, Reason, Sample
 from rft_ros.ground import HeightMap
-from rft_ros.parameters import LoadCell, Values, settings_of
+from rft_ros.parameters import LoadCell, Model, Values, settings_of
 from rft_ros.progress import bar
 from rft_ros.rft import FORCE, QUATERNION
 

@@ -11,11 +11,12 @@ from rft_ros.bags.summary import Summary, statistics, summary_of
 from rft_ros.bags.writing import check_replaceable
 from rft_ros.diagnosis import evidence_of, judge
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, Model, Reason, Settings, Wrench, WrenchSample
+from rft_ros.estimator import Estimate, Estimator, Reason, WrenchSample
 from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import refuse_overwriting, whole_folder
 from rft_ros.ground import write_height_map
-from rft_ros.parameters import Values, model_of, named_files, settings_of
+from rft_ros.parameters import Model, Settings, Values, model_of, named_files, settings_of
+from rft_ros.rft.frames import Wrench
 
 __all__ = ["replay", "replay_model", "results"]
 

@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.estimates import LEARNED_COLUMNS, PHASES, Rows
 from rft_ros.bags.playback import world_forces
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
-from rft_ros.estimator import Estimator
-from rft_ros.estimator.quality import QualityFlag, sentences, trust
+from rft_ros.estimator import Estimator, QualityFlag, sentences, trust
 from rft_ros.parameters import PARAMETERS
 from rft_ros.report.animation import animate, animation_figure, what_is_shown
 from rft_ros.report.page import Figure, Table, write_page

@@ -15,9 +15,7 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.estimates import PHASES, Rows
 from rft_ros.errors import InputError, shown
-from rft_ros.estimator import Reason
-from rft_ros.estimator.quality import QualityFlag, Trust, begins_in_grains, trust
-from rft_ros.estimator.tare import OFFSET_SENTENCE
+from rft_ros.estimator import OFFSET_SENTENCE, QualityFlag, Reason, Trust, begins_in_grains, trust
 from rft_ros.messages import Role
 from rft_ros.parameters import Value
 from rft_ros.parameters.sections import flat

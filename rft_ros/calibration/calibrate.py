@@ -21,8 +21,7 @@ from rft_ros.calibration.suspicion import refuse_implausible, suspicions, withou
 from rft_ros.calibration.tool_weight import fit_tool_weight
 from rft_ros.calibration.track import Track, moved_back
 from rft_ros.errors import InputError
-from rft_ros.estimator import LoadCell, Settings
-from rft_ros.parameters import Values, model_of, settings_of
+from rft_ros.parameters import LoadCell, Settings, Values, model_of, settings_of
 from rft_ros.rft import FORCE, Law, wrenches
 
 __all__ = ["PARTS", "calibrate"]

@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from rft_ros.calibration.fitting import FitResults, FittedValue, NotIdentifiable, fit_linear
 from rft_ros.calibration.track import Track, still_intervals
 from rft_ros.errors import InputError
-from rft_ros.estimator import LoadCell
-from rft_ros.estimator.load_cell import GRAVITY
+from rft_ros.estimator import GRAVITY
+from rft_ros.parameters import LoadCell
 from rft_ros.rft import FORCE, TORQUE
 
 __all__ = ["fit_tool_weight"]

@@ -15,9 +15,8 @@ from rft_ros.bags.playback import play, reasons
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.calibration.smoothing import GAP
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, LoadCell
-from rft_ros.estimator.load_cell import GRAVITY
-from rft_ros.parameters import Values, model_of, settings_of
+from rft_ros.estimator import GRAVITY, Estimate, Estimator
+from rft_ros.parameters import LoadCell, Values, model_of, settings_of
 from rft_ros.rft import FORCE, STATE, Law, wrenches
 from rft_ros.rft.frames import ANGULAR_VELOCITY, POSE, POSITION, QUATERNION, TWIST, VELOCITY, Placement
 from rft_ros.tool import Tool

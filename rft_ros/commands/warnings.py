@@ -5,7 +5,7 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.quality import sentence_on
+from rft_ros.estimator import sentence_on
 from rft_ros.rft import Law
 from rft_ros.tool import Tool
 

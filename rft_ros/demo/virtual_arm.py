@@ -11,8 +11,8 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator import LoadCell, Wrench
-from rft_ros.estimator.load_cell import LoadCellFrame
+from rft_ros.estimator import LoadCellFrame
+from rft_ros.parameters import LoadCell
 from rft_ros.rft import (
     FORCE,
     MEDIA,
@@ -26,6 +26,7 @@ from rft_ros.rft import (
     treers2021,
     wrenches,
 )
+from rft_ros.rft.frames import Wrench
 from rft_ros.sweeps.motions import oscillating_insertion
 from rft_ros.tool import Tool, load_tool
 

@@ -9,8 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rft_ros.estimator import Estimator
-from rft_ros.estimator.load_cell import GRAVITY
+from rft_ros.estimator import GRAVITY, Estimator
 from rft_ros.parameters import LoadCell, Settings
 from rft_ros.rft import (
     FORCE,

@@ -14,8 +14,17 @@ from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import Recording
 from rft_ros.diagnosis import Finding, evidence_of, judge
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimator, PoseSample, Reason, Sample, Stamped, TwistSample, WrenchSample
-from rft_ros.estimator.samples import OF_TRANSFORMS, STAMP_ZERO
+from rft_ros.estimator import (
+    OF_TRANSFORMS,
+    STAMP_ZERO,
+    Estimator,
+    PoseSample,
+    Reason,
+    Sample,
+    Stamped,
+    TwistSample,
+    WrenchSample,
+)
 from rft_ros.estimator.warm_up import prepare
 from rft_ros.ground import Cloud
 from rft_ros.messages import Role

@@ -1,7 +1,22 @@
 """The estimator takes stamped samples and answers each pose with an estimate or a reason. Node and replay use it."""
 
 from rft_ros.estimator.estimator import Estimator
+from rft_ros.estimator.load_cell import GRAVITY, LoadCellFrame
+from rft_ros.estimator.pose_difference import PoseDifference
+from rft_ros.estimator.pose_noise import NOISY, PoseNoise
+from rft_ros.estimator.quality import (
+    QualityFlag,
+    Trust,
+    begins_in_grains,
+    flag_names,
+    sentence_on,
+    sentences,
+    trust,
+)
 from rft_ros.estimator.samples import (
+    OF_TRANSFORMS,
+    STAMP_ZERO,
+    Answer,
     Estimate,
     Measurement,
     NoEstimate,
@@ -11,10 +26,13 @@ from rft_ros.estimator.samples import (
     Stamped,
     TransformSample,
     TwistSample,
-    Wrench,
     WrenchSample,
 )
-from rft_ros.parameters import LoadCell, Model, Settings
+from rft_ros.estimator.sigma import is_withdrawn, predict_without_learning
+from rft_ros.estimator.tare import OFFSET_SENTENCE, is_offset
 
-__all__ = ["Estimate", "Estimator", "LoadCell", "Measurement", "Model", "NoEstimate", "PoseSample", "Reason", "Sample"]
-__all__ += ["Settings", "Stamped", "TransformSample", "TwistSample", "Wrench", "WrenchSample"]
+__all__ = ["GRAVITY", "NOISY", "OFFSET_SENTENCE", "OF_TRANSFORMS", "STAMP_ZERO", "Answer", "Estimate", "Estimator"]
+__all__ += ["LoadCellFrame", "Measurement", "NoEstimate", "PoseDifference", "PoseNoise", "PoseSample", "QualityFlag"]
+__all__ += ["Reason", "Sample", "Stamped", "TransformSample", "Trust", "TwistSample", "WrenchSample"]
+__all__ += ["begins_in_grains", "flag_names", "is_offset", "is_withdrawn", "predict_without_learning", "sentence_on"]
+__all__ += ["sentences", "trust"]

@@ -14,7 +14,7 @@ from rft_ros.estimator.load_cell import Comparison, LoadCellFrame, Prediction
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Motion
 from rft_ros.estimator.pose_noise import NOISY, NOISY_SENTENCE
 from rft_ros.estimator.run import RESTARTS, Change, Run, changes, compared
-from rft_ros.estimator.samples import Answer, Estimate, PoseSample, Reason, RefusedError, Wrench
+from rft_ros.estimator.samples import Answer, Estimate, PoseSample, Reason, RefusedError
 from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.estimator.tare import PastPose, mean_in_air
 from rft_ros.estimator.timeline import NEW_RUN, PATIENCE
@@ -22,10 +22,8 @@ from rft_ros.ground import HeightMap, LocalSurface, ToolPlace
 from rft_ros.parameters import LoadCell, Model, Settings
 from rft_ros.rft import QUATERNION, STATE, SUBMERGED_AREA, rotation_matrix
 from rft_ros.rft.arguments import number
-from rft_ros.rft.frames import FORCE, WIDTH
+from rft_ros.rft.frames import FORCE, WIDTH, Vector, Wrench
 from rft_ros.rft.traction import packed_law
-
-__all__ = ["Estimator"]
 
 Array = NDArray[np.float64]
 
@@ -323,7 +321,7 @@ class Estimator:
         reach = self.model.tool.plates.reach
         return run.kinematics.motion(pose, velocity, reach=reach, rest_speed=self.settings.rest_speed)
 
-    def _model_wrench(self, motion: Motion) -> tuple[Array, samples.Vector, float]:
+    def _model_wrench(self, motion: Motion) -> tuple[Array, Vector, float]:
         """Evaluate the model: its result, shape [19], its force [N] and the submerged area [m²]. Advances the memory.
 
         The result (wrench, area, sensitivities) is overwritten at the next pose.
@@ -358,7 +356,7 @@ class Estimator:
             apply=self.settings.learning_mode == "apply",
         )
 
-    def _learn(self, prediction: Prediction, force: samples.Vector, repeated: bool) -> None:
+    def _learn(self, prediction: Prediction, force: Vector, repeated: bool) -> None:
         """Update the filter with a reading."""
         self.run.air.add(prediction, force)
         if self.learning is not None:

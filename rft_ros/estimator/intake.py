@@ -15,8 +15,6 @@ from rft_ros.parameters import Settings
 from rft_ros.rft import unit_quaternion
 from rft_ros.rft.frames import Placement
 
-__all__ = ["Intake"]
-
 _CLOUD_PERIOD = 190_000_000  # ns; a cloud that follows another one sooner is dropped: 5 Hz are enough
 _MOST_WANTED = 4096  # stamps that wait for transforms
 

@@ -8,14 +8,12 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.samples import Measurement, PoseSample, Reason, Vector, Wrench, WrenchSample
+from rft_ros.estimator.samples import Measurement, PoseSample, Reason, WrenchSample
 from rft_ros.estimator.sigma import parts_of_prediction
 from rft_ros.estimator.timeline import PATIENCE, Timeline, between
 from rft_ros.parameters import LoadCell
-from rft_ros.rft.frames import Placement, attitude, into_frame
+from rft_ros.rft.frames import Placement, Vector, Wrench, attitude, into_frame
 from rft_ros.rft.kernel.compilation import compiled, machine_code
-
-__all__ = ["GRAVITY", "HISTORY", "Comparison", "LoadCellFrame", "Prediction"]
 
 Array = NDArray[np.float64]
 

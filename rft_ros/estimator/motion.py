@@ -8,15 +8,13 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.estimator.pose_noise import NOISY, PoseNoise
-from rft_ros.estimator.samples import PoseSample, Reason, TwistSample, Vector
+from rft_ros.estimator.samples import PoseSample, Reason, TwistSample
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.parameters import Settings
 from rft_ros.rft import SLACK, STATE, TWIST
 from rft_ros.rft.displacement import DISPLACEMENT, FOLLOWED, follow
-from rft_ros.rft.frames import Placement
+from rft_ros.rft.frames import Placement, Vector
 from rft_ros.rft.kernel.compilation import compiled, machine_code
-
-__all__ = ["UNKNOWN_VELOCITY", "Kinematics", "Motion", "Pace"]
 
 UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTORY_SHORT}
 """Reasons for which a pose has no velocity."""

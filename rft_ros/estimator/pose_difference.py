@@ -15,8 +15,6 @@ from rft_ros.estimator.samples import PoseSample
 from rft_ros.rft import POSITION, QUATERNION
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
-__all__ = ["PoseDifference"]
-
 _CAPACITY = 2048  # poses: the longest window, 1 s, at 2 kHz
 _FEWEST = 3
 _FEWEST_OF_PARABOLA = 5

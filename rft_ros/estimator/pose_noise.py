@@ -9,8 +9,6 @@ from numpy.typing import NDArray
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 
-__all__ = ["NOISY", "NOISY_SENTENCE", "PoseNoise"]
-
 NOISY = 5e-5
 """Noise of the poses at the tool's farthest point [m] beyond which forces follow the motion late."""
 

@@ -10,15 +10,12 @@ from numpy.typing import NDArray
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.pose_noise import NOISY
-from rft_ros.estimator.samples import Vector
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
 from rft_ros.rft import POSITION, QUATERNION, SpeedLimits, rotation_matrix
+from rft_ros.rft.frames import Vector
 from rft_ros.rft.grains import WITH_INERTIA, WITHOUT_INERTIA
 from rft_ros.tool import LARGEST, SMALLEST, Tool
-
-__all__ = ["QualityFlag", "QualityMonitor", "Trust", "begins_in_grains", "flag_names", "sentence_on"]
-__all__ += ["sentences", "trust"]
 
 _LARGEST_FORCE = 5e5  # N: more than that of any arm, and than the breakout force of an excavator of 50 t
 _HIGHEST = 50.0  # m: greatest plausible height of a tool frame above the surface

@@ -21,8 +21,6 @@ from rft_ros.parameters import LoadCell, Model, Settings
 from rft_ros.rft import Memory
 from rft_ros.rft.wrench import prepared
 
-__all__ = ["RESTARTS", "Change", "Run", "changes", "compared"]
-
 _TWISTS = 256  # a pose that waited in a queue of 200 messages still finds the twist of its own time
 
 

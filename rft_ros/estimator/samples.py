@@ -6,10 +6,6 @@ from typing import NamedTuple
 from rft_ros.ground import Cloud
 from rft_ros.rft.frames import Quaternion, Vector, Wrench
 
-__all__ = ["ABSURD", "OF_TRANSFORMS", "STAMP_ZERO", "Answer", "Estimate", "Measurement", "NoEstimate"]
-__all__ += ["PoseSample", "Reason", "RefusedError", "Sample", "Stamped", "TransformSample", "TwistSample"]
-__all__ += ["Vector", "Wrench", "WrenchSample"]
-
 ABSURD = 1e100
 """Larger numbers [m, N, N m] count as not finite: their squares would overflow."""
 

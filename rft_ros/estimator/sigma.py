@@ -11,11 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator.motion import Motion
-from rft_ros.estimator.samples import Vector
-from rft_ros.rft.frames import WRENCH
+from rft_ros.rft.frames import WRENCH, Vector
 from rft_ros.rft.kernel.compilation import compiled, inlined
-
-__all__ = ["LEVER", "SIGMA", "Withdrawal", "is_withdrawn", "parts_of_prediction", "predict_without_learning"]
 
 Array = NDArray[np.float64]
 

@@ -9,11 +9,10 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.estimator.load_cell import HISTORY, LoadCellFrame, Prediction
-from rft_ros.estimator.samples import PoseSample, Vector, WrenchSample
+from rft_ros.estimator.samples import PoseSample, WrenchSample
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.rft import POSITION, QUATERNION
-
-__all__ = ["OFFSET_SENTENCE", "AirReading", "PastPose", "drift", "is_offset", "mean_in_air"]
+from rft_ros.rft.frames import Vector
 
 Array = NDArray[np.float64]
 

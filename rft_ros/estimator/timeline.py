@@ -9,9 +9,6 @@ from typing import TypeVar
 from rft_ros.estimator.samples import TransformSample, TwistSample, WrenchSample
 from rft_ros.rft.frames import Quaternion
 
-__all__ = ["LATE", "NEW_RUN", "NEXT", "PATIENCE", "REPEATED", "TIME_JUMP", "Succession", "Timeline"]
-__all__ += ["S", "between", "succession", "turned_between"]
-
 TIME_JUMP = 1_000_000_000
 """A stamp that goes back by this much [ns] or more starts a new run (a bag played in a loop)."""
 

@@ -7,8 +7,6 @@ from rft_ros.estimator.timeline import LATE, NEW_RUN, NEXT, REPEATED, Timeline, 
 from rft_ros.rft import unit_quaternion
 from rft_ros.rft.frames import Placement
 
-__all__ = ["Transforms"]
-
 _HISTORY = 1024  # transforms kept of a moving frame: 2 s at 500 Hz, twice `PATIENCE`
 _MOST_LISTED = 20
 _IDENTITY = Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))

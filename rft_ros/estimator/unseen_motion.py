@@ -8,8 +8,6 @@ from rft_ros.rft import POSITION, QUATERNION, rotation_matrix
 from rft_ros.rft.motion_kinds import LEAST_PATH, MOTIONS, kinds_of_motion
 from rft_ros.tool import Tool
 
-__all__ = ["UnseenMotion"]
-
 _STEP = 0.001  # path [m] over which a kind of motion is judged: noise of poses is far smaller
 
 

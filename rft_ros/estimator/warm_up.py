@@ -19,8 +19,6 @@ from rft_ros.parameters import LoadCell, Settings, Values
 from rft_ros.rft import QUATERNION, Plates, agarwal2023, wrenches
 from rft_ros.rft.wrench import compile_memory, compile_tractions
 
-__all__ = ["PARTS", "load", "needed", "prepare", "prepare_later"]
-
 _PLATE = Plates.from_arrays([[0.0, 0.0, -1.0]], [[0.0, 0.0, -1.0]], [1.0])
 _SINKING = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0, 0.0])
 

@@ -14,8 +14,6 @@ from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.kernel.compilation import compiled, inlined
 from rft_ros.table_file import columns_named, read_table
 
-__all__ = ["MOST_CELLS", "HeightMap", "read_height_map", "write_height_map"]
-
 Array = NDArray[np.float64]
 Numbers = NDArray[np.floating]
 _Tool = tuple[Array, Array, Array]  # as for `HeightMap.with_points`

@@ -11,8 +11,6 @@ from rft_ros.ground.height_map import HeightMap
 from rft_ros.rft import rotation_matrix
 from rft_ros.rft.frames import Placement, Quaternion, Vector
 
-__all__ = ["DELAY", "Cloud", "GroundMapper", "ToolPlace"]
-
 Array = NDArray[np.float64]
 
 DELAY = 500_000_000

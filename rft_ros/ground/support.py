@@ -17,8 +17,6 @@ from rft_ros.rft import LEVEL, STATE
 from rft_ros.rft.frames import attitude, from_frame, parts_of_state
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
-__all__ = ["LAST_SURFACE", "Footing", "LocalSurface", "Support"]
-
 Array = NDArray[np.float64]
 
 LAST_SURFACE = np.dtype(

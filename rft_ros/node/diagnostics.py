@@ -7,9 +7,18 @@ from diagnostic_msgs.msg import DiagnosticArray, DiagnosticStatus, KeyValue
 from rclpy.node import Node
 
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, Reason
+from rft_ros.estimator import (
+    Estimate,
+    Estimator,
+    QualityFlag,
+    Reason,
+    Trust,
+    begins_in_grains,
+    flag_names,
+    sentences,
+    trust,
+)
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.quality import QualityFlag, Trust, begins_in_grains, flag_names, sentences, trust
 from rft_ros.messages import Role
 from rft_ros.node.swap import Swap
 

@@ -11,13 +11,12 @@ from geometry_msgs.msg import WrenchStamped
 from rclpy.duration import Duration
 from rclpy.node import Node
 
-from rft_ros.estimator import Estimate, Estimator, Wrench
-from rft_ros.estimator.quality import Trust, trust
+from rft_ros.estimator import Estimate, Estimator, Trust, trust
 from rft_ros.messages import stamped_cdr
 from rft_ros.node.topics import OUTPUTS
 from rft_ros.parameters import Values
 from rft_ros.rft import FORCE, TORQUE
-from rft_ros.rft.frames import Placement
+from rft_ros.rft.frames import Placement, Wrench
 
 _PERIOD = 0.01  # s, between two outputs while there are no estimates
 _ZERO: Wrench = (0.0,) * 6

@@ -11,9 +11,10 @@ from rclpy.time import Time
 from std_msgs.msg import ColorRGBA
 from visualization_msgs.msg import Marker, MarkerArray
 
-from rft_ros.estimator import Estimate, Estimator, Wrench
+from rft_ros.estimator import Estimate, Estimator
 from rft_ros.ground import HeightMap
 from rft_ros.rft import FORCE, POSITION, QUATERNION, plate_forces, rotation_matrix
+from rft_ros.rft.frames import Wrench
 
 Array = NDArray[np.float64]
 

@@ -21,10 +21,11 @@ from std_srvs.srv import Trigger
 
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
-from rft_ros.estimator import Wrench, WrenchSample
+from rft_ros.estimator import WrenchSample
 from rft_ros.messages import decoder, stamped_cdr
 from rft_ros.node.topics import start_ros, type_name
 from rft_ros.rft import POSE, TWIST
+from rft_ros.rft.frames import Wrench
 
 _Array = NDArray[np.float64]
 

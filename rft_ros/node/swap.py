@@ -11,12 +11,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from rft_ros.errors import InputError
-from rft_ros.estimator import Model, Settings
 from rft_ros.estimator.warm_up import PARTS, needed, prepare, prepare_later
 from rft_ros.files import checked_file
 from rft_ros.messages import decoder
 from rft_ros.node.tool_worker import ToolWorker, named
-from rft_ros.parameters import FILES, Values, model_of, parts_of, settings_of, unused
+from rft_ros.parameters import FILES, Model, Settings, Values, model_of, parts_of, settings_of, unused
 from rft_ros.tool import checked_mesh
 
 __all__ = ["Failed", "Prepared", "Swap"]

@@ -5,8 +5,7 @@ import pytest
 
 from rft_ros.demo import virtual_arm
 from rft_ros.demo.virtual_arm import LAYER
-from rft_ros.estimator import Estimator, PoseSample, TwistSample, WrenchSample
-from rft_ros.estimator.quality import QualityFlag
+from rft_ros.estimator import Estimator, PoseSample, QualityFlag, TwistSample, WrenchSample
 from rft_ros.installation import share_directory
 from rft_ros.parameters import model_of, read_parameter_file, settings_of
 from rft_ros.rft import QUATERNION, VELOCITY

@@ -5,18 +5,8 @@ from collections import Counter
 
 import numpy as np
 
-from rft_ros.estimator import (
-    Estimator,
-    LoadCell,
-    Measurement,
-    Model,
-    PoseSample,
-    Reason,
-    Settings,
-    TransformSample,
-    TwistSample,
-    WrenchSample,
-)
+from rft_ros.estimator import Estimator, Measurement, PoseSample, Reason, TransformSample, TwistSample, WrenchSample
+from rft_ros.parameters import LoadCell, Model, Settings
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, treers2021
 from rft_ros.tool import Tool
 

@@ -10,10 +10,8 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation, Slerp
 
 from rft_ros.calibration.track import Track
-from rft_ros.estimator import LoadCell, PoseSample
-from rft_ros.estimator.load_cell import LoadCellFrame
-from rft_ros.estimator.pose_difference import PoseDifference
-from rft_ros.parameters import defaults
+from rft_ros.estimator import LoadCellFrame, PoseDifference, PoseSample
+from rft_ros.parameters import LoadCell, defaults
 from rft_ros.rft import MEDIA, SLACK, Memory, alpha_y_model, displacements_followed, treers2021, wrenches_in_time
 from rft_ros.tool import load_tool
 

@@ -12,7 +12,7 @@ from recordings import TOPICS, plunge, rows_of, values, write_ros2
 from rft_ros.bags.estimates import PHASES, ROW
 from rft_ros.bags.replay import replay
 from rft_ros.bags.replay_report import decimated, replay_charts
-from rft_ros.estimator.quality import QualityFlag
+from rft_ros.estimator import QualityFlag
 
 CHARTS = ("wrench_over_time", "wrench_over_depth", "residual", "quality_flags", "learned", "tool")
 

@@ -9,7 +9,8 @@ import pytest
 import trimesh
 from one_plate import pose, push
 
-from rft_ros.estimator import Estimate, Estimator, Model, Settings
+from rft_ros.estimator import Estimate, Estimator
+from rft_ros.parameters import Model, Settings
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021
 from rft_ros.tool import load_tool
 

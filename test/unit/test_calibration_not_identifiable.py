@@ -26,8 +26,7 @@ from synthetic_track import (
 
 from rft_ros.calibration.calibrate import PARTS, calibrate
 from rft_ros.errors import InputError
-from rft_ros.estimator import LoadCell
-from rft_ros.parameters import checked
+from rft_ros.parameters import LoadCell, checked
 from rft_ros.rft.frames import Placement
 from rft_ros.tool import load_tool, locate_mesh
 

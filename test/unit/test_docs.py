@@ -12,8 +12,7 @@ import rft_ros
 import rft_ros.simulation
 from rft_ros import rft
 from rft_ros.cli import parser
-from rft_ros.estimator.quality import QualityFlag
-from rft_ros.estimator.samples import Reason
+from rft_ros.estimator import QualityFlag, Reason
 from rft_ros.parameters import defaults, read_parameter_file
 from rft_ros.rft import ALPHA_Y_MODELS, MEDIA
 from rft_ros.rft import traction as weights

@@ -21,8 +21,7 @@ from test_cli import rft
 
 from rft_ros.bags.options import read_replay_options
 from rft_ros.bags.summary import read_limits
-from rft_ros.estimator import LoadCell
-from rft_ros.parameters import read_parameter_file
+from rft_ros.parameters import LoadCell, read_parameter_file
 from rft_ros.sweeps.design import read_design
 
 README = ROOT / "README.md"

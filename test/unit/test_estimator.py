@@ -10,7 +10,8 @@ from hypothesis import strategies as st
 from one_plate import SECOND, START, about, estimator, measurement, plate_model, plate_tool, pose, push, twist, wrench
 from scipy.spatial.transform import Rotation
 
-from rft_ros.estimator import Estimate, LoadCell, PoseSample, Reason
+from rft_ros.estimator import Estimate, PoseSample, Reason
+from rft_ros.parameters import LoadCell
 from rft_ros.tool import load_tool
 
 MS = SECOND // 1000

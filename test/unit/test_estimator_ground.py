@@ -7,8 +7,9 @@ import pytest
 from one_plate import MS, SECOND, START, plate_model, pose, push, twist
 from scipy.spatial.transform import Rotation
 
-from rft_ros.estimator import Estimate, Estimator, Reason, Settings, TransformSample
+from rft_ros.estimator import Estimate, Estimator, Reason, TransformSample
 from rft_ros.ground import DELAY, Cloud, HeightMap
+from rft_ros.parameters import Settings
 
 CELL = 0.004
 AXIS = CELL * (np.arange(-30, 30) + 0.5)

@@ -9,9 +9,9 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from one_plate import SECOND, START, about, estimator, pose, push, twist, wrench
 
-from rft_ros.estimator import LoadCell, TransformSample
+from rft_ros.estimator import QualityFlag, TransformSample, Trust, trust
 from rft_ros.estimator.learning.surprise import ISSUES, OFFSET, STUCK, WEAK
-from rft_ros.estimator.quality import QualityFlag, Trust, trust
+from rft_ros.parameters import LoadCell
 
 STEP = 10_000_000  # at 1 cm/s: 0.1 mm of path
 

@@ -9,8 +9,8 @@ from hypothesis import strategies as st
 from one_plate import LEVEL, MS, SECOND, START, about, estimator, measurement, plate_model, pose, push, twist, wrench
 from scipy.spatial.transform import Rotation
 
-from rft_ros.estimator import Estimate, LoadCell, Reason, TransformSample
-from rft_ros.estimator.quality import QualityFlag
+from rft_ros.estimator import Estimate, QualityFlag, Reason, TransformSample
+from rft_ros.parameters import LoadCell
 from rft_ros.rft import checked_states, wrenches
 from rft_ros.rft.frames import Placement
 from rft_ros.tool import load_tool

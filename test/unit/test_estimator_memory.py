@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 from one_plate import LEVEL, SECOND, plate_model, pose, push, twist
 
-from rft_ros.estimator import Estimate, Estimator, Reason, Settings, TransformSample
-from rft_ros.estimator.quality import QualityFlag
+from rft_ros.estimator import Estimate, Estimator, QualityFlag, Reason, TransformSample
+from rft_ros.parameters import Settings
 from rft_ros.rft import Memory, checked_states, wrenches_in_time
 from rft_ros.tool import load_tool
 

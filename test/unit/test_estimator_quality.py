@@ -9,8 +9,7 @@ import pytest
 import trimesh
 from one_plate import SECOND, estimator, plate_model, pose, push, twist, wrench
 
-from rft_ros.estimator import Estimate
-from rft_ros.estimator.quality import QualityFlag, Trust, trust
+from rft_ros.estimator import Estimate, QualityFlag, Trust, trust
 from rft_ros.ground import HeightMap
 from rft_ros.tool import load_tool, tool_of_mesh
 

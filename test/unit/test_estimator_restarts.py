@@ -7,9 +7,9 @@ import numpy as np
 import pytest
 from one_plate import MS, SECOND, START, estimator, plate_model, plate_tool, pose, push, twist, wrench
 
-from rft_ros.estimator import LoadCell
 from rft_ros.estimator.run import RESTARTS, Change
 from rft_ros.ground import Cloud, HeightMap
+from rft_ros.parameters import LoadCell
 
 MODEL = replace(plate_model(mobilization_length=0.003), ground=HeightMap.unknown(0.004))
 

@@ -8,8 +8,9 @@ import pytest
 from one_plate import LEVEL, MS, SECOND, START, about, estimator, measurement, pose, push, twist, wrench
 from refusals import refusal
 
-from rft_ros.estimator import Estimate, LoadCell
+from rft_ros.estimator import Estimate
 from rft_ros.estimator.tare import drift
+from rft_ros.parameters import LoadCell
 
 AIR, GRAINS = (0.0, 0.0, 0.05), (0.0, 0.0, -0.01)
 STILL, MOVING = (0.0, 0.0, 0.0), (0.0, 0.0, -0.02)

@@ -7,9 +7,7 @@ from hypothesis import strategies as st
 from one_plate import LEVEL, MS, SECOND, START, estimator, pose, push, twist
 from scipy.spatial.transform import Rotation
 
-from rft_ros.estimator import Estimate, Reason
-from rft_ros.estimator.pose_difference import PoseDifference
-from rft_ros.estimator.pose_noise import PoseNoise
+from rft_ros.estimator import Estimate, PoseDifference, PoseNoise, Reason
 
 speeds = st.floats(-0.5, 0.5)
 rates = st.floats(-3.0, 3.0)

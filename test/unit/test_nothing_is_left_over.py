@@ -5,7 +5,7 @@ from pathlib import Path
 
 import rft_ros
 from rft_ros.cli import parser
-from rft_ros.estimator.quality import QualityFlag
+from rft_ros.estimator import QualityFlag
 from rft_ros.parameters import PARAMETERS, LoadCell, Settings
 from rft_ros.parameters.parameter import parameters_of
 from rft_ros.rft import LAW_NUMBERS

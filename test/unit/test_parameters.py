@@ -9,9 +9,10 @@ import pytest
 from refusals import assert_says, refusal
 
 from rft_ros.errors import InputError, shown
-from rft_ros.estimator import LoadCell, Settings
 from rft_ros.parameters import (
     PARAMETERS,
+    LoadCell,
+    Settings,
     checked,
     defaults,
     model_of,

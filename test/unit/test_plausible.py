@@ -11,8 +11,7 @@ from hypothesis import strategies as st
 from one_plate import SECOND, estimator, plate_model, pose, push, twist
 
 from rft_ros.cli import main
-from rft_ros.estimator import Estimate
-from rft_ros.estimator.quality import QualityFlag, Trust, sentences, trust
+from rft_ros.estimator import Estimate, QualityFlag, Trust, sentences, trust
 from rft_ros.tool import tool_of_mesh
 
 HEADER = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"

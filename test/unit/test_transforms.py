@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 from one_plate import MS, SECOND, START, estimator, pose, push, twist, wrench
 from scipy.spatial.transform import Rotation
 
-from rft_ros.estimator import Estimate, LoadCell, Reason, TransformSample
+from rft_ros.estimator import Estimate, Reason, TransformSample
 from rft_ros.estimator.transforms import Transforms
+from rft_ros.parameters import LoadCell
 from rft_ros.rft.frames import Placement
 
 AGE = 100 * MS

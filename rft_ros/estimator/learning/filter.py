@@ -20,8 +20,6 @@ from rft_ros.estimator.sigma import LEVER, SIGMA
 from rft_ros.rft.frames import BY_HEIGHT, FORCE, MOMENTS, TORQUE, WRENCH
 from rft_ros.rft.kernel.compilation import inlined
 
-__all__ = ["FILTER_FIELDS", "copy", "copy_place", "correct", "dot", "grow", "start", "update"]
-
 VERTICAL, HORIZONTAL, TURN, SURFACE = range(4)  # places in θ: s_v, s_h, ρ, δ
 X, Y, Z = range(3)
 

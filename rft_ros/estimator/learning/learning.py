@@ -12,14 +12,12 @@ from numpy.typing import NDArray
 
 from rft_ros.estimator.learning.filter import FILTER_FIELDS, copy, copy_place, correct, grow, start, update
 from rft_ros.estimator.learning.surprise import ISSUES, JUDGE_FIELDS, OFFSET, judge
-from rft_ros.estimator.samples import ABSURD, Vector
+from rft_ros.estimator.samples import ABSURD
 from rft_ros.estimator.tare import AirReading
 from rft_ros.parameters.settings import CALIBRATED_ERROR
 from rft_ros.rft import SUBMERGED_AREA
-from rft_ros.rft.frames import WIDTH
+from rft_ros.rft.frames import WIDTH, Vector
 from rft_ros.rft.kernel.compilation import compiled, inlined, machine_code
-
-__all__ = ["Belief", "Learning"]
 
 Array = NDArray[np.float64]
 

@@ -6,8 +6,6 @@ from rft_ros.estimator.learning.filter import dot
 from rft_ros.estimator.tare import OFFSET_SENTENCE
 from rft_ros.rft.kernel.compilation import inlined
 
-__all__ = ["ISSUES", "JUDGE_FIELDS", "OFFSET", "OPPOSED", "STRONG", "STUCK", "TURNED", "WEAK", "judge"]
-
 _ENTRY = 0.008  # path [m] after the tool enters in which nothing is judged: the estimate of δ has not settled
 _SURPRISE_LENGTH = 0.0005  # path [m] of the mean of the normalised error
 _SURPRISE_ON = 1.93  # mean normalised error from which on there is a surprise
