@@ -32,7 +32,7 @@ ALLOWED = {
     "node": "messages bags estimator parameters ground tool rft report files installation child_process errors",
     "diagnosis": "estimator parameters tool rft",
     "doctor": "diagnosis node bags messages estimator parameters ground tool rft files errors",
-    "demo": "node bags estimator simulation sweeps tool rft files errors",
+    "demo": "node bags estimator parameters simulation sweeps tool rft files errors",
     "commands": "doctor demo bags estimator parameters tool rft report errors states_file calibration sweeps progress"
     " installation files",
     "cli": "commands installation files errors",
