@@ -7,9 +7,7 @@ from numpy.typing import NDArray
 
 from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence
 from rft_ros.diagnosis.finding import Finding
-from rft_ros.estimator.pose_noise import NOISY, PoseNoise
-from rft_ros.estimator.quality import sentence_on
-from rft_ros.estimator.samples import PoseSample
+from rft_ros.estimator import NOISY, PoseNoise, PoseSample, sentence_on
 from rft_ros.rft import POSITION
 
 __all__ = [

@@ -6,8 +6,7 @@ import numpy as np
 
 from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence, cross, solved
 from rft_ros.diagnosis.finding import Finding
-from rft_ros.estimator.load_cell import GRAVITY
-from rft_ros.estimator.tare import is_offset
+from rft_ros.estimator import GRAVITY, is_offset
 from rft_ros.parameters import Value
 from rft_ros.rft import TORQUE
 

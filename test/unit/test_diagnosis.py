@@ -15,9 +15,8 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.demo import virtual_arm
 from rft_ros.doctor.checkup import Checkup
-from rft_ros.estimator import LoadCell, TransformSample, WrenchSample
-from rft_ros.estimator.load_cell import LoadCellFrame
-from rft_ros.parameters import defaults
+from rft_ros.estimator import LoadCellFrame, TransformSample, WrenchSample
+from rft_ros.parameters import LoadCell, defaults
 from rft_ros.rft import FORCE, POSITION, QUATERNION, TORQUE, VELOCITY
 from rft_ros.rft.frames import ANGULAR_VELOCITY
 
