@@ -8,8 +8,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-__all__ = ["lower_priority", "start_child", "watch_parent"]
-
 _NICENESS = 10  # such a process gets a tenth of a busy core, and all of an idle one
 
 

@@ -15,8 +15,6 @@ import numpy as np
 from rft_ros.estimator import PoseSample, Sample, TransformSample, TwistSample, WrenchSample
 from rft_ros.ground import Cloud
 
-__all__ = ["TOPICS", "TYPES", "UNREADABLE", "Role", "decoder", "stamped_cdr"]
-
 Role = Literal["pose", "twist", "wrench", "surface", "tf", "tf_static"]
 """The inputs of an estimator."""
 

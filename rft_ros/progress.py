@@ -3,8 +3,6 @@
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-__all__ = ["bar", "busy"]
-
 
 @contextmanager
 def bar(label: str, total: float) -> Iterator[Callable[[float, str], None]]:

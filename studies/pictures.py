@@ -25,7 +25,7 @@ from rft_ros.bags.replay import replay
 from rft_ros.demo.virtual_arm import LAYER
 from rft_ros.installation import share_directory
 from rft_ros.parameters import Values, model_of, read_parameter_file, settings_of
-from rft_ros.report.animation import TRACTION, Animation, animate
+from rft_ros.report import TRACTION, Animation, animate
 
 __all__ = ["draw_demo", "draw_moment", "estimates_of", "legend_below"]
 

@@ -13,8 +13,7 @@ from rft_ros.bags.playback import world_forces
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Estimator, QualityFlag, sentences, trust
 from rft_ros.parameters import PARAMETERS
-from rft_ros.report.animation import animate, animation_figure, what_is_shown
-from rft_ros.report.page import Figure, Table, write_page
+from rft_ros.report import Figure, Table, animate, animation_figure, what_is_shown, write_page
 from rft_ros.rft import AXES, FORCE, TORQUE
 
 __all__ = ["decimated", "draw", "replay_charts"]

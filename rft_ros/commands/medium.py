@@ -11,7 +11,7 @@ from rft_ros.files import refuse_overwriting
 from rft_ros.parameters import read_stress_map, write_medium
 from rft_ros.parameters.stress_map import MediumFit
 from rft_ros.parameters.stress_map import fit_medium as fitted_medium
-from rft_ros.report.stress_figure import check_figure, write_stress_figure
+from rft_ros.report import check_figure, write_stress_figure
 
 
 def fit_medium_options(command: argparse.ArgumentParser) -> None:

@@ -9,8 +9,7 @@ from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
 from rft_ros.parameters import MESH, Model, Values, defaults, model_of, named_files
 from rft_ros.progress import busy
-from rft_ros.report.animation import animate, animation_figure, what_is_shown
-from rft_ros.report.page import Figure, write_page
+from rft_ros.report import Figure, animate, animation_figure, what_is_shown, write_page
 from rft_ros.rft import FORCE, SUBMERGED_AREA, described
 from rft_ros.states_file import read_states, wrenches_along, write_wrenches
 

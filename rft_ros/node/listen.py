@@ -18,8 +18,6 @@ from rft_ros.messages import TYPES, Role
 from rft_ros.node.topics import INPUTS, has_tf2_msgs, message_class, start_ros, type_name, type_on
 from rft_ros.parameters import Values, checked
 
-__all__ = ["Listener", "Message", "Publisher", "Topic", "listener"]
-
 _DISCOVERY = 6.0  # s: DDS announces a node after 3 s at most, on a busy machine later
 _OURS = "rft_doctor"
 _DEPTH = 20_000  # length of a topic's queue: 20 s at 1 kHz, since a busy machine may stop this process for seconds

@@ -18,8 +18,6 @@ from rft_ros.node.tool_worker import ToolWorker, named
 from rft_ros.parameters import FILES, Model, Settings, Values, model_of, parts_of, settings_of, unused
 from rft_ros.tool import checked_mesh
 
-__all__ = ["Failed", "Prepared", "Swap"]
-
 _ANSWERS_WITHIN = 0.05  # s; a tick waits so long for a drive that does not say whether a file exists
 
 

@@ -12,8 +12,6 @@ from rft_ros.child_process import lower_priority, start_child
 from rft_ros.errors import InputError
 from rft_ros.parameters import FILES, Values, load_parts
 
-__all__ = ["ToolWorker", "named"]
-
 _LOOK = 1.0  # s between two looks at a process that loads
 _BLOCKED_AFTER = 60.0
 _BLOCKED_CPU = 0.01

@@ -12,8 +12,6 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rft_ros.errors import InputError
 from rft_ros.messages import TYPES, Role
 
-__all__ = ["INPUTS", "OUTPUTS", "has_tf2_msgs", "message_class", "start_ros", "type_name", "type_on"]
-
 # Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream.
 _SENSOR_DATA = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 INPUTS: dict[Role, QoSProfile] = {

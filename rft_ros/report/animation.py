@@ -10,8 +10,6 @@ from rft_ros.ground import HeightMap, Support
 from rft_ros.rft import POSITION, QUATERNION, Law, plate_forces, rotation_matrix
 from rft_ros.tool import Tool
 
-__all__ = ["TRACTION", "Animation", "DrawnMesh", "animate", "animation_figure", "drawn_mesh", "what_is_shown"]
-
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 

@@ -11,8 +11,6 @@ from typing import Any, NamedTuple
 
 from rft_ros.files import whole
 
-__all__ = ["Figure", "Table", "write_page"]
-
 _STYLE = """
 body { font: 15px/1.5 system-ui, sans-serif; color: #222; max-width: 1180px; margin: 2em auto; padding: 0 1.2em; }
 h1 { font-size: 1.6em; margin-bottom: .2em; } h2 { font-size: 1.2em; margin: 2em 0 .2em; }

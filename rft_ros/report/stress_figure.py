@@ -10,8 +10,6 @@ from rft_ros.errors import InputError
 from rft_ros.files import whole
 from rft_ros.parameters.stress_map import MediumFit, StressMap
 
-__all__ = ["check_figure", "write_stress_figure"]
-
 Array = NDArray[np.float64]
 
 _PANEL = 30_000.0  # area of a panel [pt²], which the cells of a full map fill

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from test_cli import HEADER, ROOT, refused, rft
 
 from rft_ros.cli import main
-from rft_ros.report.animation import animate, drawn_mesh
+from rft_ros.report import animate, drawn_mesh
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.tool import load_tool
 
