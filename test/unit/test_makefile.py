@@ -65,17 +65,3 @@ def test_make_begins_an_environment_again_that_was_left_without_pip(project):
     (project / ".venv" / "bin").mkdir(parents=True)
     assert make(project, "3.12").returncode == 0
     assert (project / "begun").read_text().split() == ["3.12"]
-
-
-def test_make_keeps_its_environment_where_only_the_requirements_have_changed(project):
-    for _ in range(2):
-        assert make(project, "3.12").returncode == 0
-        (project / ".venv" / ".demo").unlink()
-    assert (project / "begun").read_text().split() == ["3.12"]
-    assert len((project / "installed").read_text().splitlines()) == 2
-
-
-def test_make_says_one_line_a_step(project):
-    done = make(project, "3.12")
-    assert [line.split()[0] for line in done.stdout.splitlines()] == ["Making", "Installing"]
-    assert all("-qq" in line for line in (project / "installed").read_text().splitlines())

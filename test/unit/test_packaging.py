@@ -9,10 +9,7 @@ import subprocess
 import tarfile
 import zipfile
 from importlib.metadata import packages_distributions
-from xml.etree import ElementTree
 
-import pytest
-import yaml
 from distribution import ROOT, manifest, metadata, third_party_imports, without_ros
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
@@ -92,15 +89,6 @@ def test_the_manifest_is_valid_without_warnings():
     assert "Apache License" in (ROOT / "LICENSE").read_text(encoding="utf-8")
 
 
-def test_the_manifests_elements_are_in_the_order_of_its_schema():
-    """catkin_pkg takes any order; package_format3.xsd, and so ament_xmllint, does not."""
-    order = ["name", "version", "description", "maintainer", "license", "url", "author", "depend", "export"]
-    root = ElementTree.parse(ROOT / "package.xml").getroot()
-    places = [order.index(re.sub(r"^[a-z]+_depend$", "depend", element.tag)) for element in root]
-    assert places == sorted(places)
-    assert {"name", "version", "description", "maintainer", "license"} <= {element.tag for element in root}
-
-
 def test_each_dependency_is_imported_and_each_import_is_a_dependency():
     package, _ = manifest()
     keys = {d.name for d in package.exec_depends}
@@ -119,31 +107,3 @@ def test_dependencies_without_a_rosdep_key_are_listed_for_installation_by_pip():
     for name in names:
         assert name in comments
         assert name in by_hand
-
-
-def test_the_citation_has_name_version_and_licence_of_the_manifest():
-    package, _ = manifest()
-    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
-    assert {"cff-version", "message", "authors"} <= set(citation)  # which the format requires
-    assert [citation["title"], citation["version"], citation["license"]] == [
-        package.name,
-        package.version,
-        *package.licenses,
-    ]
-    assert citation["references"][0]["doi"] in (ROOT / "README.md").read_text(encoding="utf-8")
-
-
-@pytest.mark.filterwarnings("ignore::DeprecationWarning:catkin_pkg")
-def test_the_changelog_can_be_released_by_ros_tools(tmp_path):
-    from catkin_pkg.changelog import get_changelog_from_path
-    from catkin_pkg.package_version import get_forthcoming_label, update_changelog_sections
-
-    package, _ = manifest()
-    ours = get_changelog_from_path(str(ROOT), package.name)
-    label = get_forthcoming_label(ours.rst)
-    update_changelog_sections({package.name: (tmp_path / "CHANGELOG.rst", ours, label)}, package.version)
-    released = get_changelog_from_path(str(tmp_path), package.name)
-    assert released.package_name == package.name
-    assert [version for version, _, _ in released.foreach_version()] == [package.version]
-    groups = [part for part in released.get_content_of_version(package.version) if hasattr(part, "bullets")]
-    assert len(groups) >= 7 and sum(len(group.bullets) for group in groups) >= 40
