@@ -24,6 +24,7 @@ Array = NDArray[np.float64]
 
 _MOST_STEPS = 12  # of least squares
 _CONVERGED = 1e-4  # relative change of the squares or the parameters at which least squares end
+_WIDEST = 0.1  # greatest step for derivatives, relative to the range of a parameter
 _MOST_ALIKE = 0.97  # greatest correlation of successive samples of noise; at 1 the variance of a mean is unbounded
 _SMOOTH = 0.999  # the same, where the whole series is one misfit
 
@@ -211,8 +212,17 @@ def fit_curve(
     linear, residuals = linear_at(*found.x)
     coefficients = np.append(found.x * step, linear)
 
-    influence = (np.linalg.pinv(slopes(found.x, one, one))[0] * step[0]).reshape(observed.shape)
-    return Fit(coefficients, _error(influence, residuals, len(coefficients)), residuals, influence)
+    def fit_with(width: Array) -> Fit:
+        """The fit, with slopes over this width to either side."""
+        influence = (np.linalg.pinv(slopes(found.x, width, width))[0] * step[0]).reshape(observed.shape)
+        return Fit(coefficients, _error(influence, residuals, len(coefficients)), residuals, influence)
+
+    # With memory the curve is not smooth. The standard error needs the slope over a step as wide as itself.
+    narrow = fit_with(one)
+    width = np.clip(narrow.error / step[0], one, np.maximum(one, _WIDEST * (high - low)))
+    if (width == one).all():
+        return narrow
+    return max(narrow, fit_with(width), key=lambda fit: fit.error)
 
 
 def _error(influence: Array, residuals: Array, free: int) -> float:
