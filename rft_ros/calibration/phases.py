@@ -12,7 +12,7 @@ the other values. A stop does not determine λ, as the force persists for any λ
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cache
 from typing import NamedTuple
 
@@ -80,7 +80,7 @@ class Part:
     """Some rows of a recording, which the model follows from `first`, with an empty memory.
 
     `axes` of the force that are compared. `zeros`: each has a free zero. `ahead`: rows that the model follows beyond
-    the last. `approach`: rows before it, from the air on.
+    the last.
     """
 
     recording: Recorded
@@ -89,7 +89,6 @@ class Part:
     axes: slice
     zeros: bool = False
     ahead: int = 0
-    approach: Indices = field(default_factory=lambda: np.arange(0))
 
     @property
     def observed(self) -> Array:
@@ -294,7 +293,7 @@ def way_down(recording: Recorded, stroke: Indices, values: BedValues) -> Phase:
             f" needs {1e3 * _SHALLOWEST:g} mm and {FEWEST} samples"
         )
     first = recording.before_contact(int(rows[0]), values.surface)
-    part = Part(recording=recording, first=first, rows=rows, axes=_VERTICAL, approach=stroke[depths <= 0.0])
+    part = Part(recording=recording, first=first, rows=rows, axes=_VERTICAL)
     return fitted(part, values, ())
 
 

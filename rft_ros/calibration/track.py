@@ -117,14 +117,12 @@ class Track:
         """Measured force of the grains on the tool, world axes [N], shape [n, 3]."""
         return np.asarray(np.einsum("nij,nj->ni", self.sensor_rotations, self.compensated[:, FORCE]))
 
-    def forces_over_depth(self, law: Law, row: int, depths: Array, turn: Rotation | None = None) -> Array:
+    def forces_over_depth(self, law: Law, row: int, depths: Array) -> Array:
         """The law's force [N] at depths of the lowest point [m] straight down, world axes, shape [len(depths), 3].
 
-        In the attitude at a row, with the tool turned in its frame.
+        In the attitude at a row.
         """
         states = np.repeat(self.states[[row]], len(depths), axis=0)
-        if turn is not None:
-            states[:, QUATERNION] = (Rotation.from_quat(states[:, QUATERNION]) * turn).as_quat()
         states[:, TWIST] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
         states[:, STATE.index("pz")] -= self.tool.lowest_points(states)[0] + depths
         return np.asarray(wrenches(self.tool.plates, law, states, threads=1)[:, FORCE])

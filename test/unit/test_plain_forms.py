@@ -5,7 +5,7 @@ import pytest
 from bench.lines import ROOT, dense_assignments
 
 PACKAGE = ROOT / "rft_ros"
-PLAIN = ("demo", "estimator", "ground", "node", "report")
+PLAIN = ("calibration", "demo", "estimator", "ground", "node", "report")
 """Folders of the package that are plain already; the others follow."""
 
 
