@@ -96,8 +96,6 @@ class MujocoGrains:
         self._ids = [_body_id(mujoco, model, name) for name in names]
         if not names or len(set(self._ids)) < len(names):
             raise InputError(f"bodies is {names}; name at least one body, and each of them once")
-        if alpha_y == "table":
-            raise InputError("alpha_y is 'table', which has no file here; give law=treers2021(medium, table)")
         if law is None:
             medium = MEDIA["generic"]
             law = treers2021(medium, alpha_y_model(alpha_y, medium), zeta=zeta, mobilization_length=_LENGTH)

@@ -187,7 +187,7 @@ def test_what_cannot_be_used_is_named(monkeypatch):
             MujocoGrains(model, body=name, **GRAINS)
     with pytest.raises(ValueError, match="mobilization_length is 0"):
         MujocoGrains(model, body="body_0", mobilization_length=0.0)
-    with pytest.raises(InputError, match="alpha_y is 'table', which has no file here"):
+    with pytest.raises(ValueError, match=r"alpha_y\.model 'table' needs"):
         MujocoGrains(model, body="body_0", alpha_y="table", **GRAINS)
     ball = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><body name="ball"><freejoint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
