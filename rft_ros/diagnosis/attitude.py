@@ -341,7 +341,7 @@ def _told(e: Evidence, main: _Explanation, others: list[_Explanation], own: floa
         advice.append(f"correct {e.place_parameter} to the quaternion {in_words(remedies.pop(0)['sensor.quaternion'])}")
     if others:
         advice.append("drag it along x and y, and push at another attitude, to see which")
-    said = "measured and predicted force do not agree ({own:.2g} of them differs), but as mended ({left:.2g})"
+    said = "measured and predicted force do not agree (residual {own:.2g}; with the remedy {left:.2g})"
     if "angle" in main.shown:
         said += ", by {angle:.0f} degrees"
     if "zeta" in main.shown:
@@ -363,8 +363,16 @@ def _unexplained(e: Evidence, own: float) -> Finding | None:
     apart = 1.0 - float(np.trace(_directions(e)))
     evidence = {"own": own, "left": own, "degrees": float(np.degrees(np.arccos(max(1.0 - apart, -1.0))))}
     said = "measured and predicted force point {degrees:.0f} degrees apart on average"
-    if apart < _OPPOSED:
+    if apart < _OPPOSED or _unsure(e) > _OPPOSED * np.linalg.norm(e.push[1], axis=1).mean():
         return Finding(name="sign", ok=True, said=said, evidence=evidence)
     to_check = e.place_parameter or "sensor.quaternion"
     advice = f"check {to_check}, sensor.sign, mesh.origin, mesh.quaternion and surface_height"
     return Finding(name="sign or quaternion", said=said, evidence=evidence, advice=advice)
+
+
+def _unsure(e: Evidence) -> float:
+    """Mean force [N] that the pushes would lack if what the load cell reads in the air were a weight, not a bias."""
+    if not e.in_air.any():
+        return 0.0
+    turned = e.down[e.pushed] - e.down[e.in_air].mean(axis=0)
+    return float(np.linalg.norm(e.force[e.in_air].mean(axis=0)) * np.linalg.norm(turned, axis=1).mean())
