@@ -87,7 +87,9 @@ FAULTS = {
     "no load cell": Fault(named="wrench: nothing on", silent="wrench"),
     "no stamps": Fault(named="have no stamp", unstamped=True),
     "mesh in metres": Fault(named="set mesh.scale: 0.001", parameters={"mesh.scale": 1e-6}),
-    "surface 100 mm too high": Fault(named="set surface_height: 0.1", parameters={"surface_height": cells.SURFACE + 0.1}),
+    "surface 100 mm too high": Fault(
+        named="set surface_height: 0.1", parameters={"surface_height": cells.SURFACE + 0.1}
+    ),
     "load cell in kgf": Fault(named="measured over predicted force", scale=1.0 / 9.81),
     "not tared": Fault(named="load cell: it reads", bias=2.0),
     "load cell 80 ms late": Fault(named="set sensor.delay: 0.0", late=80_000_000),
