@@ -4,6 +4,7 @@ Force ON the tool BY the grains; world axes, z up; torque about the tool frame's
 """
 
 import os
+import warnings
 from collections.abc import Callable
 from concurrent.futures import ThreadPoolExecutor
 from functools import cache
@@ -75,7 +76,8 @@ def wrenches_in_time(
     plates: Plates,
     law: Law,
     states: ArrayLike,
-    memory: Memory,
+    memory: Memory | ArrayLike,
+    after_durations: Memory | None = None,
     *,
     displacements: ArrayLike | None = None,
     surface_height: float = 0.0,
@@ -87,7 +89,12 @@ def wrenches_in_time(
     `law`: with its `mobilization_length`, λ at the depth `rft_ros.rft.memory.DEPTH` [m], positive. `memory`: of these
     plates, updated in place; of many bodies, row i is of body i. `displacements`: of the tool to each state, shape
     [n, 12] (`rft_ros.rft.displacement`), whatever time they took; by default those between the poses of the states.
+    `after_durations`: the memory, in calls written for the preview, which give durations in its place; they change
+    nothing.
     """
+    if after_durations is not None:
+        warnings.warn("wrenches_in_time takes no durations any more", DeprecationWarning, stacklevel=2)
+        memory = after_durations
     arguments = _model_arguments(plates, law, surface_height, slope)
     kept = _checked_memory(memory, plates)
     _require_memory(law)

@@ -269,3 +269,11 @@ def test_a_plate_gives_back_no_more_than_its_traction_stores_whatever_way_it_mov
         work = np.cumsum((0.5 * (force[1:] + force[:-1]) * moves).sum(axis=1))
         stored = 0.5 * np.linalg.norm(force[800]) ** 2 * LENGTH / (STIFF * law.stiffness * 0.03 * plate.area)
         assert work[800:].max() - work[799] <= 1.05 * stored + 1e-9 * np.abs(work).max()
+
+
+def test_durations_of_calls_for_the_preview_change_nothing():
+    states = legs((0.0, 0.0, -0.001), (0.0, 0.0, -0.03))
+    law = replace(LAW, mobilization_length=LENGTH)
+    with pytest.warns(DeprecationWarning, match="takes no durations"):
+        former = wrenches_in_time(FLAT, law, states, np.ones(len(states)), Memory(FLAT))
+    assert np.array_equal(former, wrenches_in_time(FLAT, law, states, Memory(FLAT)))
