@@ -103,14 +103,14 @@ def wrenches_in_time(
     if bodies not in (1, len(states)):
         raise ValueError(f"memory is of {bodies} bodies; states has {len(states)} rows")
     if displacements is None:
-        before = memory.last if bodies == len(states) else np.vstack([memory.last, states[:-1]])
+        before = kept.last if bodies == len(states) else np.vstack([kept.last, states[:-1]])
         moved = displacements_between(before, states)
     else:
         moved = numbers("displacements", displacements, (DISPLACEMENT,), rows=len(states))
     result = _result(states, sensitivities)
     _loop()(*arguments, states, Past(True, kept.blocks, kept.stiffness, moved), result)
     if len(states):
-        memory.last[:] = states[-bodies:]
+        kept.last[:] = states[-bodies:]
     return result
 
 
