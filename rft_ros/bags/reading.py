@@ -94,9 +94,11 @@ class Recording:
 
     def _opened_sources(self, opened: ExitStack) -> list[Source]:
         if is_table(self.bag):
-            source, self.shift = source_of_table(self.bag, self._table, self.topics, self.values)
+            source, shift = source_of_table(self.bag, self._table, self.topics, self.values)
+            self.shift = shift
             return [source]
-        sources, self._faults = sources_of(self.bag, opened)
+        sources, faults = sources_of(self.bag, opened)
+        self._faults = faults
         return sources
 
     def _choose_part(self) -> None:

@@ -22,7 +22,8 @@ from rft_ros.rft.frames import ANGULAR_VELOCITY, Placement
 
 __all__ = ["LEAST_ZETA", "MOST_ZETA", "OF_POSES", "attitude", "mesh_turns", "mount", "residual", "zeta_of"]
 
-LEAST_ZETA, MOST_ZETA = 0.05, 5.0
+LEAST_ZETA = 0.05
+MOST_ZETA = 5.0
 """Range of ζ of dry grains."""
 
 OF_POSES = ("world frame", "quaternions")

@@ -18,7 +18,8 @@ _LEAST = 0.012  # s: a smaller delay is not told from the time between two sampl
 _EXPLAINED = 0.3  # of the changes of the force: a greater misfit at every delay tells nothing about it
 _BETTER = 0.5  # of the misfit without a delay: the greatest one with it
 _FILTERED = 0.3  # of the misfit with a delay: the greatest one with a filter in its place
-_NEAR, _AGREE = 0.35, 0.6  # share of the delay within which events agree with it, and the share of events that must
+_NEAR = 0.35  # of the delay: events within this share agree with it
+_AGREE = 0.6  # share of the events that must agree
 
 
 def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:

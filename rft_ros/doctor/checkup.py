@@ -108,7 +108,8 @@ def delayed(ages: NDArray[np.float64], limit: float) -> bool:
 
 def _clock_findings(arrivals: _Arrivals, *, limit: float, live: bool) -> Iterator[Finding]:
     """A step of a clock, or delays of single messages, by more than `limit` [s]. `live`: not from a recording."""
-    ages, topic = arrivals.ages, arrivals.topic
+    ages = arrivals.ages
+    topic = arrivals.topic
     parts = [ages]
     if (row := _clock_step(arrivals, limit)) is not None:
         parts = [ages[:row], ages[row:]]
@@ -120,7 +121,8 @@ def _clock_findings(arrivals: _Arrivals, *, limit: float, live: bool) -> Iterato
         advice += "" if live else ", or use the part before or after it with --start or --end"
         yield Finding(name="clock", said=said, advice=advice)
     if any(delayed(part, limit) for part in parts):
-        least, most = 1e3 * ages.min(), 1e3 * ages.max()
+        least = 1e3 * ages.min()
+        most = 1e3 * ages.max()
         if live:
             said = f"messages on {topic} arrive {least:.0f} to {most:.0f} ms after their stamps"
             busy = "this machine is too busy to judge, or the driver sends in bursts"
@@ -133,7 +135,8 @@ def _clock_findings(arrivals: _Arrivals, *, limit: float, live: bool) -> Iterato
 
 def _clock_step(arrivals: _Arrivals, limit: float) -> int | None:
     """The message before which the clock stepped by more than `limit` [s], also by the soonest messages."""
-    ages, arrival = arrivals.ages, arrivals.arrival
+    ages = arrivals.ages
+    arrival = arrivals.arrival
     if len(ages) < 2:
         return None
     row = int(np.abs(np.diff(ages)).argmax()) + 1
@@ -159,7 +162,9 @@ class Checkup:
     """
 
     def __init__(self, cell: Cell, *, tare: float | None = None, live: bool = True) -> None:
-        self._cell, self._tare, self._live = cell, tare, live
+        self._cell = cell
+        self._tare = tare
+        self._live = live
         # learning is off, since it would compensate a wrong sign or unit
         self._estimator = Estimator(settings_of({**cell.values, "learning.mode": "off"}), cell.model)
         self._run = Run(self._estimator)
