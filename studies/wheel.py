@@ -40,11 +40,14 @@ LOAD = 20.0
 KINDS = ("drag", "brake", "roll", "spin")
 """A wheel that does not turn, turns more slowly than it travels, within a fifth of the speed of travel, or faster."""
 
-_RADIUS, _WIDTH = 0.0625, 0.06  # m
-_SECTIONS, _RINGS = 48, 5
+_RADIUS = 0.0625  # m
+_WIDTH = 0.06  # m
+_SECTIONS = 48
+_RINGS = 5
 _GRAVITY = 9.81  # m/s²
 _SPEED = 0.01  # m/s, at which every wheel travels
-_PATH, _STEP = 0.16, 0.0005  # m, of the fastest point: an arc as long as the deepest wheel has in the sand
+_PATH = 0.16  # m, of the fastest point: an arc as long as the deepest wheel has in the sand
+_STEP = 0.0005  # m
 STEPS = round(_PATH / _STEP) + 1
 """Steps until the force is steady."""
 _START_CLEARANCE = 0.0315  # m, the authors' own constant for all runs
