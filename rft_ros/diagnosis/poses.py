@@ -35,7 +35,8 @@ def unit_of_poses(e: Evidence) -> Iterator[Finding]:
         return
     place = e.poses[:, POSITION]
     seconds = np.diff(e.pose_time)
-    steps = np.linalg.norm(np.diff(place, axis=0), axis=1)
+    with np.errstate(over="ignore"):  # an infinite step is implausible, too
+        steps = np.linalg.norm(np.diff(place, axis=0), axis=1)
     moving = (steps > 0.0) & (seconds > 0.0)
     speed = float(np.median(steps[moving] / seconds[moving])) if moving.any() else 0.0
     extent = float(np.ptp(place, axis=0).max())

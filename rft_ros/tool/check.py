@@ -137,6 +137,8 @@ def _covered_share(mesh: "trimesh.Trimesh") -> float:
     from trimesh.sample import sample_surface
 
     facets = len(mesh.faces)
+    if not facets:  # all collapsed as their vertices were joined
+        return 0.0
     if connected_component_labels(mesh.face_adjacency, node_count=facets).max() == 0:
         return 0.0
     count = max(1, min(_COVERED_SAMPLES, _MOST_PAIRS // facets))
