@@ -183,9 +183,8 @@ class RftNode(Node):
         self._learned.publish(message)
 
     def _publish_measurements(self) -> None:
-        serialised = stamped_cdr(
-            self._measured_frame
-        )  # comparisons that waited when the frame changed are in the old one
+        # in the old frame, if it has changed while comparisons waited
+        serialised = stamped_cdr(self._measured_frame)
         for measurement in self.estimator.measurements():
             if measurement.compensated is not None and measurement.residual is not None:
                 self._compensated.publish(serialised(measurement.stamp, measurement.compensated))

@@ -188,7 +188,7 @@ def test_relative_files_lie_beside_the_parameter_file_whose_values_ros_takes(sta
     with pytest.raises(InputError, match=r"alpha_y.table '.*/0\.\d+/table.csv' does not exist"):
         start_node(*arguments)
     for folder in (tmp_path / "0.25", tmp_path / "0.5"):
-        (folder / "table.csv").write_text("0,0.2\n180,0.1\n")
+        (folder / "table.csv").write_text("beta,alpha_y\n0,0.2\n180,0.1\n")
     rft = start_node(*arguments, as_shipped=True).wait_ready()
     folder = tmp_path / str(rft.get("medium.zeta").double_value)
     assert rft.get("alpha_y.table").string_value == str(folder / "table.csv")

@@ -122,8 +122,8 @@ POSES_IN_THE_GRAINS = """
 import sys
 from dataclasses import replace
 from numba.core import event
-from rft_ros.estimator import Estimator, PoseSample, Settings
-from rft_ros.parameters import defaults, model_of
+from rft_ros.estimator import Estimator, PoseSample
+from rft_ros.parameters import Settings, defaults, model_of
 from rft_ros.estimator.warm_up import prepare
 
 prepare(on_cold_cache=lambda: sys.exit("the cache is cold after rft warm-up"))
