@@ -178,7 +178,8 @@ def test_one_step_amplifies_no_change_of_motion_normal_law_or_state_by_more_than
 
     before, nudge = stepped(**past), tiny * unit(rng.normal(size=3))
     outward = past["moved"] @ n
-    way = np.linalg.norm(past["moved"] - min(outward, max(min(outward, past["gap"]), 0.0)) * n)
+    beyond = max(-outward - max(-past["tau"] @ n, 0.0) / k, 0.0)
+    way = np.linalg.norm(past["moved"] + (beyond - min(max(outward, 0.0), past["gap"])) * n)
     per_metre = k + past["y"] / max(way, 1e-30)
     turned, slid = unit(n + nudge), past["tau"] + strength * nudge
     nudges = {
@@ -188,7 +189,7 @@ def test_one_step_amplifies_no_change_of_motion_normal_law_or_state_by_more_than
         "moved": ({"moved": past["moved"] + 1e-3 * nudge}, 1e-3 * tiny * per_metre),
         "gap": ({"gap": past["gap"] + 1e-3 * tiny}, 1e-3 * tiny * per_metre),
         "worn": ({"worn": past["worn"] + tiny}, tiny * strength),
-        "n": ({"n": turned}, tiny * (k * np.linalg.norm(past["moved"]) + np.linalg.norm(past["tau"]))),
+        "n": ({"n": turned}, tiny * (per_metre * np.linalg.norm(past["moved"]) + np.linalg.norm(past["tau"]))),
     }
     for what, (changed, size) in nudges.items():
         change = np.linalg.norm(stepped(**{**past, **changed}) - before)
