@@ -307,7 +307,9 @@ def attitude(e: Evidence) -> tuple[Finding | None, Evidence | None]:
     if least < 0.5 * own:
         found += _of_quaternions(few)
     if least > _TOLD_OF_MESH:
-        found += [*_of_world(few), *mesh_turns(few)]
+        found += _of_world(few)
+        if few.in_air.sum() >= ENOUGH:  # otherwise an offset of the load cell may be the cause
+            found += mesh_turns(few)
     if any(x.name == "angle" for x in found) and (own < _OPPOSED or least > _TOLD):
         found += _tilted_world(few)
     told = [x for x in found if x.residual <= min(x.share * own, _OPPOSED) and own - x.residual >= x.least]
