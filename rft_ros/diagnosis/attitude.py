@@ -368,7 +368,7 @@ def _unexplained(e: Evidence, own: float) -> Finding | None:
     if not e.push_is_seen:
         return None
     apart = 1.0 - float(np.trace(_directions(e)))
-    evidence = {"own": own, "left": own, "degrees": float(np.degrees(np.arccos(max(1.0 - apart, -1.0))))}
+    evidence = {"own": own, "left": own, "degrees": float(np.degrees(np.arccos(np.clip(1.0 - apart, -1.0, 1.0))))}
     said = "measured and predicted force point {degrees:.0f} degrees apart on average"
     if apart < _OPPOSED:
         return Finding(name="sign", ok=True, said=said, evidence=evidence)
