@@ -51,9 +51,12 @@ class _Surface(NamedTuple):
 def calibrate(tracks_sent: Sequence[Track], values: Values, *, parts: Collection[str] = PARTS) -> FitResults:
     """Fit `parts` to the tracks. Other values, and those that are not identifiable, are taken from `values`.
 
-    `values`: the node's parameters. Raises InputError for a recording that `refuse_implausible` refuses, and, if
-    sensor.frame_source is tf, for one whose transforms give no place of the load cell, or another than the first one's.
+    `values`: the node's parameters. Raises InputError for no recordings, for one that `refuse_implausible` or
+    `suspicions` refuses, and, if sensor.frame_source is tf, for one whose transforms give no place of the load cell, or
+    another than the first one's.
     """
+    if not tracks_sent:
+        raise InputError("there is no recording to calibrate from; give one or more")
     settings = settings_of(values)
     result = FitResults()
     for track in tracks_sent:

@@ -2,7 +2,7 @@
 
 A finding is a parameter of the cell whose fit differs from the given value by more than its errors, or another property
 of its set-up. Of several explanations the one that leaves the smallest residual is told, and those that fit alike are
-named together. What follows a finding is judged as if that were mended; where no parameter mends it, nothing follows.
+named together. What follows a finding is judged as if that were mended, where a parameter mends it.
 """
 
 from collections.abc import Iterator

@@ -40,6 +40,8 @@ def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
     total = each.sum(axis=0)
     best = int(total.argmin())
     none = len(_DELAYS) // 2
+    if not total[none] > 0.0:  # a load cell that reads one value tells no delay
+        return
     delay = float(_DELAYS[best])
     gains = each[:, none] - each.min(axis=1)
     own = _DELAYS[each.argmin(axis=1)]

@@ -1,5 +1,6 @@
 """A finding on a cell: the numbers that show it, and the parameters that mend it; its sentence is made from them."""
 
+import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
@@ -8,13 +9,17 @@ from rft_ros.parameters import Value
 __all__ = ["Finding", "in_words"]
 
 
+_FIELD = re.compile(r"\{(\w+):?([^{}]*)\}")
+
+
 def in_words(value: Value) -> str:
-    """A parameter's value as a parameter file takes it, numbers with four decimals."""
+    """A parameter's value as a parameter file takes it, numbers with four decimals where that is not 0."""
     if isinstance(value, str | bool):
         return str(value)
     if isinstance(value, Iterable):
-        return "[" + ", ".join(in_words(number) for number in value) + "]"
-    return f"{round(value, 4) + 0.0:g}"
+        return "[" + ", ".join(f"{round(number, 4) + 0.0:g}" for number in value) + "]"
+    rounded = round(value, 4) + 0.0
+    return f"{rounded:g}" if rounded else f"{value:g}"  # a scale of 1e-6 is not 0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -44,5 +49,10 @@ class Finding:
         ]
         if self.advice:
             ways.append(self.advice)
-        said = f"{self.name}: {self.said.format(**self.evidence)}"
+        said = f"{self.name}: {_FIELD.sub(self._number, self.said)}"
         return "; ".join([said, ", or ".join(ways)]) if ways else said
+
+    def _number(self, found: re.Match[str]) -> str:
+        """The number of a field; braces in names of files and frames stay as they are."""
+        name, form = found.groups()
+        return format(self.evidence[name], form) if name in self.evidence else found[0]

@@ -137,7 +137,7 @@ def _lever(e: Evidence, missing: Array) -> Iterator[Finding]:
         remedy = {}
         advice = f"correct {e.place_parameter} to the position {in_words(place)}"
     if np.linalg.cond(of_shift[part]) > 10.0:
-        advice += "; it is not known along the force"
+        advice = "; ".join(filter(None, [advice, "mind that it is not known along the force"]))
     yield Finding(
         name="lever",
         said="a sensor {millimetres:.0f} mm away explains the torque; {left:.0f} % of the misfit remain",

@@ -2,8 +2,8 @@
 
 Each plate keeps its traction per depth τ, in world axes; the radius y of its yield surface; the gap g behind it; and
 the share u of the law's traction that sliding has worn off. A step moves it by D. With its outward normal n, the
-traction t by the law times the share of the plate that leads, the strength σ of the law (ζ times 1 N/cm³), and the
-mobilization length λ at its depth:
+traction t by the law times the share of the plate that leads, the strength σ of the law (ζ times 1 N/cm³, or ξ), and
+the mobilization length λ at its depth:
 
     k  = E σ / λ                                         modulus of the spring, the same in all directions
     c  = min(max(D·n, 0), g)                             closes the gap
@@ -32,7 +32,8 @@ plate that carries traction wears. At rest the plastic path is 0, so noise withi
 The displacement of a step is that of the tool (`displacement`). Nothing else decides how far the plates have moved,
 whatever time it took.
 
-λ is the mobilization length times (d / `DEPTH`)² at the plate's depth d, within `LEAST` and `GREATEST`.
+λ is the mobilization length times (d / `DEPTH`)² at the plate's depth d half a step before, within `LEAST` and
+`GREATEST`.
 
 Continuity. Each line is Lipschitz in D, n, t and the state, and under the refined rule the share, and so t, is
 continuous too; v·n = 0, D·n = 0, g = 0 and τ = 0 are no special cases. A state at which the plate has not moved
@@ -83,7 +84,7 @@ STIFFNESS = np.dtype((np.record, [(name, float) for name in ("k", "x", "y", "z",
 """Sums Σ k L [N/m], Σ k L x [N] and Σ k L x x [N m] over plates at x from the tool frame's origin, world axes.
 
 L is the load of a plate [m³], and k its modulus [N/m⁴]: of Eq. (10a) in the elastic part of the last step; where the
-plate yielded, the greater of |τ2| and |t - τ1|, over λ(d).
+plate yielded, the greater of |τ2| and |t' - τ1|, over λ(d).
 """
 
 _TINY = 1e-60  # least lengths, and tractions per depth that are divided by
@@ -274,9 +275,9 @@ def _add_memory(chunk, count, blocks, motion, below, slope, law):
         for j in range(BLOCK):
             i = at(np.uint64(b) * np.uint64(BLOCK), j)
             x, y, z = place = triple(chunk, row.PLACE, i)
-            ex, ey, ez = moved = moved_by(motion, place)
+            dx, dy, dz = moved = moved_by(motion, place)
             # the depth half a step before
-            depth = below - z + 0.5 * ez + slope[0] * (x - 0.5 * ex) + slope[1] * (y - 0.5 * ey)
+            depth = below - z + 0.5 * dz + slope[0] * (x - 0.5 * dx) + slope[1] * (y - 0.5 * dy)
             ratio = min(max(depth * depth * (1.0 / (DEPTH * DEPTH)), LEAST), GREATEST)
             span = max(law.mobilization_length, 1.0 / FAR) * ratio
             target = _times(chunk[at(row.SHARE, i)], triple(chunk, row.TRACTION, i))

@@ -108,7 +108,12 @@ def wrenches_in_time(
     else:
         moved = numbers("displacements", displacements, (DISPLACEMENT,), rows=len(states))
     result = _result(states, sensitivities)
-    _loop()(*arguments, states, Past(True, kept.blocks, kept.stiffness, moved), result)
+    _loop()(
+        *arguments,
+        states,
+        Past(has_memory=True, blocks=kept.blocks, stiffness=kept.stiffness, displacements=moved),
+        result,
+    )
     if len(states):
         kept.last[:] = states[-bodies:]
     return result
@@ -119,8 +124,9 @@ def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None
 
     Call it with the law's `packed_law`, states, surface height [m], slope, the displacements to the states and the
     array for the result, shape [n, 7] or [n, 19]. With a memory, the law must have a mobilization length; without one
-    the displacements do not matter. The arguments have the types and shapes that `wrenches_in_time` names, and all
-    arrays are C-contiguous. Raises ValueError or TypeError that names the argument that cannot be used.
+    the displacements do not matter. `Memory.last` stays as it is. The arguments have the types and shapes that
+    `wrenches_in_time` names, and all arrays are C-contiguous. Raises ValueError or TypeError that names the argument
+    that cannot be used.
     """
     loop = _loop()
     form = _checked(plates).form
@@ -134,7 +140,11 @@ def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None
         displacements: Array,
         result: Array,
     ) -> None:
-        past = NO_MEMORY if kept is None else Past(True, kept.blocks, kept.stiffness, displacements)
+        past = (
+            NO_MEMORY
+            if kept is None
+            else Past(has_memory=True, blocks=kept.blocks, stiffness=kept.stiffness, displacements=displacements)
+        )
         loop(form, law, height, slope, states, past, result)
 
     return step

@@ -14,6 +14,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from rft_ros.demo import virtual_arm
+from rft_ros.diagnosis import Finding
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import LoadCellFrame, TransformSample, WrenchSample
 from rft_ros.parameters import LoadCell, defaults
@@ -347,3 +348,12 @@ def test_a_clock_that_steps_in_a_recording_is_not_blamed_on_this_machine(step, s
     said = _recorded(lambda k: START + k * STEP + round(side * step * 1e9) * (k >= row))
     assert any(f.name == "clock" and "/rft/wrench_measured step by" in f.text for f in said)
     assert not {"machine", "surface_height"} & set(named(said))
+
+
+def test_a_findings_sentence_takes_its_numbers_and_leaves_braces_in_names_of_files():
+    finding = Finding(name="node", said="{count:.1f} of /tmp/{cell}.yaml", evidence={"count": 2.0})
+    assert finding.text == "node: 2.0 of /tmp/{cell}.yaml"
+
+
+def test_the_smallest_value_of_a_remedy_is_not_shown_as_0():
+    assert "mesh.scale: 1e-06" in Finding(name="mesh", said="too large", remedy={"mesh.scale": 1e-6}).text
