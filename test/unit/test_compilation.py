@@ -11,13 +11,9 @@ import pytest
 from numba.core import config
 from numba.core.compiler import CompileResult
 
-from rft_ros.estimator.warm_up import prepare
 from rft_ros.rft.frames import rotation
 from rft_ros.rft.kernel import compilation
 from rft_ros.rft.kernel.compilation import compiled
-from rft_ros.rft.memory import add_memory
-from rft_ros.rft.traction import tractions
-from rft_ros.rft.wrench import compile_memory, compile_tractions
 
 PACKAGE = Path(__file__).resolve().parents[2] / "rft_ros"
 QUATERNION = np.array([0.1, 0.2, 0.3, 0.9])
@@ -194,12 +190,16 @@ def test_processes_that_compile_at_once_do_not_disturb_each_other(elsewhere):
     assert len(kept(cache)) == 1
 
 
-def test_a_part_of_the_loop_that_one_child_compiles_for_the_other_is_the_part_that_the_loop_loads():
+def test_a_part_of_the_loop_that_one_child_compiles_for_the_other_is_the_part_that_the_loop_loads(tmp_path):
     """Other types would be a second file: then a first start compiles that part twice."""
-    prepare()
-    compile_tractions()
-    compile_memory()
-    for part in (tractions, add_memory):
-        folder = Path(part._cache.cache_path)
-        sources = compilation._sources(part._cache._source)
-        assert len(list(folder.glob(f"{part._cache._name}.{sources}.*"))) == 1
+    code = """if __name__ == "__main__":
+    from rft_ros.estimator.warm_up import prepare
+    prepare(frozenset({"forces", "around"}))
+"""
+    script = tmp_path / "first_start.py"
+    script.write_text(code)
+    root = Path(compilation.__file__).resolve().parents[3]
+    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(root)}
+    subprocess.run([sys.executable, script], env=environment, check=True)
+    for part in ("_tractions", "_add_memory"):
+        assert len(list((tmp_path / "cache").rglob(f"*.{part}.*.nbc"))) == 1
