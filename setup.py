@@ -14,7 +14,9 @@ NAME = MANIFEST.findtext("name", "")
 
 SWEEP = ["dask[distributed]>=2024.1"]
 STUDIES = ["matplotlib>=3.6.3"]
-MUJOCO = ["mujoco>=3.12"]  # with 3.9 a block by contact on a plate rests 7 % too high under elliptic cones
+MUJOCO = [
+    "mujoco>=3.12"
+]  # with 3.9 a block by contact on a plate rests 7 % too high under elliptic cones
 UNION = ["manifold3d>=2.5"]  # of bodies in a mesh, by rft check-mesh --union
 DOCS = [
     "mkdocs-material>=9.5",
@@ -77,8 +79,16 @@ setup(
             *DOCS,
             *STUDIES,
         ],
-        "dev": ["mpmath>=1.3", "mypy>=1.10", "ruff>=0.6", "types-PyYAML", "scipy-stubs; python_version >= '3.11'"],
+        "dev": [
+            "mpmath>=1.3",
+            "mypy>=1.10",
+            "ruff>=0.6",
+            "types-PyYAML",
+            "scipy-stubs; python_version >= '3.11'",
+        ],
     },
-    entry_points={"console_scripts": [f"rft = {NAME}.cli:main", f"rft_node = {NAME}.node.main:main"]},
+    entry_points={
+        "console_scripts": [f"rft = {NAME}.cli:main", f"rft_node = {NAME}.node.main:main"]
+    },
     zip_safe=True,
 )

@@ -36,7 +36,11 @@ from rft_ros.rft import FORCE, POSE, POSITION, QUATERNION, TORQUE, TWIST, VELOCI
 RATE = 100.0
 HASTE = 4
 TILTED = Rotation.from_rotvec(np.radians(120.0) / np.sqrt(14.0) * np.array([1.0, 2.0, 3.0]))
-TURNED = (Rotation.from_quat(cells.MOUNT.quaternion) * Rotation.from_euler("x", 180, degrees=True)).as_quat().tolist()
+TURNED = (
+    (Rotation.from_quat(cells.MOUNT.quaternion) * Rotation.from_euler("x", 180, degrees=True))
+    .as_quat()
+    .tolist()
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -70,19 +74,27 @@ _RIGHT = {
     "right, learning": Fault(named="", parameters={"learning.mode": "apply"}),
     "right, a map": Fault(named="", parameters={"ground.cell": 0.004}),
     "right, tilted": Fault(named="", tilted=True),
-    "right, world axes": Fault(named="", tilted=True, in_world=True, parameters={"sensor.frame_source": "world"}),
+    "right, world axes": Fault(
+        named="", tilted=True, in_world=True, parameters={"sensor.frame_source": "world"}
+    ),
     "right, hard grains": Fault(named="", scale=1.7),
     "right, soft grains": Fault(named="", scale=0.65),
     "right, quiet noise": Fault(named="", noise=3e-6, parameters=_DIFFERENCED),
-    "right, tared": Fault(named="", bias=2.0, parameters={"sensor.bias": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}),
-    "right, late by a known time": Fault(named="", late=80_000_000, parameters={"sensor.delay": 0.08}),
+    "right, tared": Fault(
+        named="", bias=2.0, parameters={"sensor.bias": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}
+    ),
+    "right, late by a known time": Fault(
+        named="", late=80_000_000, parameters={"sensor.delay": 0.08}
+    ),
 }
 
 FAULTS = {
     **_RIGHT,
     "frame of poses and twists": Fault(named="set world_frame: base", frame="base"),
     "sign": Fault(named="set sensor.sign: 1", parameters={"sensor.sign": -1.0}),
-    "cell turned": Fault(named="by 180 degrees; set sensor.quaternion", parameters={"sensor.quaternion": TURNED}),
+    "cell turned": Fault(
+        named="by 180 degrees; set sensor.quaternion", parameters={"sensor.quaternion": TURNED}
+    ),
     "no twists": Fault(named="twist: nothing on", silent="twist"),
     "no load cell": Fault(named="wrench: nothing on", silent="wrench"),
     "no stamps": Fault(named="have no stamp", unstamped=True),
@@ -98,8 +110,12 @@ FAULTS = {
     "poses repeated": Fault(named="each pose is sent", repeated=5),
     "poses with noise": Fault(named="the poses have a noise", noise=2e-4),
     "torque in N mm": Fault(named="not N mm", torque=1e3),
-    "sensor 150 mm away": Fault(named="set sensor.position", parameters={"sensor.position": [0.15, 0.0, 0.05]}),
-    "reading in world axes": Fault(named="set sensor.frame_source: world", tilted=True, in_world=True),
+    "sensor 150 mm away": Fault(
+        named="set sensor.position", parameters={"sensor.position": [0.15, 0.0, 0.05]}
+    ),
+    "reading in world axes": Fault(
+        named="set sensor.frame_source: world", tilted=True, in_world=True
+    ),
     "poses in mm": Fault(named="not millimetres", unit=1e3),
     "clocks differ by 0.5 s": Fault(named="synchronise the clocks", old=500_000_000),
 }
@@ -116,13 +132,28 @@ def said_of(fault: Fault, folder: Path, seconds: float) -> list[str]:
     loads = cells.loads(states)
     peak = abs(loads[:, 2]).max()
     loads[:, 2] += fault.friction * peak * np.sign(states[:, VELOCITY][:, 2])
-    loads = np.clip(loads, -fault.clipped * peak, fault.clipped * peak) if fault.clipped < 1.0 else loads
-    loads = fault.scale * loads * ([1.0] * 3 + [fault.torque] * 3) + [0.0, 0.0, fault.bias, 0.0, 0.0, 0.0]
+    loads = (
+        np.clip(loads, -fault.clipped * peak, fault.clipped * peak)
+        if fault.clipped < 1.0
+        else loads
+    )
+    loads = fault.scale * loads * ([1.0] * 3 + [fault.torque] * 3) + [
+        0.0,
+        0.0,
+        fault.bias,
+        0.0,
+        0.0,
+        0.0,
+    ]
     if fault.in_world:
-        to_world = Rotation.from_quat(states[:, QUATERNION]) * Rotation.from_quat(cells.MOUNT.quaternion)
+        to_world = Rotation.from_quat(states[:, QUATERNION]) * Rotation.from_quat(
+            cells.MOUNT.quaternion
+        )
         loads = np.hstack([to_world.apply(part) for part in (loads[:, FORCE], loads[:, TORQUE])])
     states[:, POSITION] += np.random.default_rng(1).normal(0.0, fault.noise, (len(states), 3))
-    states[:, POSITION] = states[np.arange(len(states)) // fault.repeated * fault.repeated, POSITION]
+    states[:, POSITION] = states[
+        np.arange(len(states)) // fault.repeated * fault.repeated, POSITION
+    ]
     states[:, POSITION] *= fault.unit
     rows = list(zip(states.tolist(), loads.tolist(), strict=True))
     driver = rclpy.create_node("drivers")
@@ -132,9 +163,19 @@ def said_of(fault: Fault, folder: Path, seconds: float) -> list[str]:
         for name, kind in kinds.items()
         if not fault.silent or not name.startswith(fault.silent)
     }
-    command = [sys.executable, "-m", "rft_ros.cli", "doctor", str(file), "--seconds", f"{seconds:g}"]
+    command = [
+        sys.executable,
+        "-m",
+        "rft_ros.cli",
+        "doctor",
+        str(file),
+        "--seconds",
+        f"{seconds:g}",
+    ]
     with running_node("-m", "rft_ros.node.main", "--ros-args", "--params-file", str(file)):
-        doctor = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True)
+        doctor = subprocess.Popen(
+            command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
+        )
         start = time.monotonic()
         k = 0
         while doctor.poll() is None:
@@ -156,9 +197,17 @@ def said_of(fault: Fault, folder: Path, seconds: float) -> list[str]:
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--busy", type=int, default=0, metavar="N", help="processes that keep a core busy meanwhile")
+    parser.add_argument(
+        "--busy",
+        type=int,
+        default=0,
+        metavar="N",
+        help="processes that keep a core busy meanwhile",
+    )
     parser.add_argument("--seconds", type=float, default=6.0, help="how long the doctor listens")
-    parser.add_argument("--only", nargs="+", default=list(FAULTS), metavar="FAULT", help="of " + ", ".join(FAULTS))
+    parser.add_argument(
+        "--only", nargs="+", default=list(FAULTS), metavar="FAULT", help="of " + ", ".join(FAULTS)
+    )
     arguments = parser.parse_args()
     os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -169,7 +218,11 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, busy_processes(arguments.busy):
         for name in arguments.only:
             fault = FAULTS[name]
-            wrong = [line for line in said_of(fault, Path(folder), arguments.seconds) if line.startswith("FIX")]
+            wrong = [
+                line
+                for line in said_of(fault, Path(folder), arguments.seconds)
+                if line.startswith("FIX")
+            ]
             busy = [line for line in wrong if "too busy" in line]
             named = [line for line in wrong if fault.named and fault.named in line]
             others = [line for line in wrong if line not in (*busy, *named)]

@@ -13,8 +13,12 @@ class EchoNode(Node):  # type: ignore[misc]
 
     def __init__(self) -> None:
         super().__init__("rft")
-        qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
-        out = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.RELIABLE)
+        qos = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.BEST_EFFORT
+        )
+        out = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST, depth=200, reliability=ReliabilityPolicy.RELIABLE
+        )
         self._answer = WrenchStamped()
         self._answer.header.frame_id = "ft_sensor"
         self._publisher = self.create_publisher(WrenchStamped, "~/wrench_predicted", out)

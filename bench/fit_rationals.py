@@ -78,12 +78,16 @@ def fit(target: Target) -> Fit:
         solution = list(mp.lu_solve(rows.T * rows, rows.T * right))
         p = solution[: m + 1]
         q = [mp.mpf(1), *solution[m + 1 :]]
-        errors = [abs(horner(p, y) / horner(q, y) / g - 1) for y, g in zip(ys, wanted, strict=True)]
+        errors = [
+            abs(horner(p, y) / horner(q, y) / g - 1) for y, g in zip(ys, wanted, strict=True)
+        ]
         worst = max(errors)
         if best is None or worst < best.error:
             best = Fit(p, q, worst)
         linearised = [1 / abs(horner(q, y)) for y in ys]
-        lawson = [w * mp.sqrt(e / worst + mp.mpf("0.05")) for w, e in zip(lawson, errors, strict=True)]
+        lawson = [
+            w * mp.sqrt(e / worst + mp.mpf("0.05")) for w, e in zip(lawson, errors, strict=True)
+        ]
     assert best is not None
     return best
 
@@ -93,7 +97,10 @@ def error_in_double(target: Target, found: Fit) -> float:
     p, q = ([float(c) for c in reversed(part)] for part in (found.numerator, found.denominator))
     ys = [float(y) for y in chebyshev_points(target.low, target.high)]
     values = np.polyval(p, ys) / np.polyval(q, ys)
-    return max(float(abs(mp.mpf(float(v)) / target.ratio(mp.mpf(y)) - 1)) for v, y in zip(values, ys, strict=True))
+    return max(
+        float(abs(mp.mpf(float(v)) / target.ratio(mp.mpf(y)) - 1))
+        for v, y in zip(values, ys, strict=True)
+    )
 
 
 def main() -> int:
@@ -108,7 +115,9 @@ def main() -> int:
     for target in targets:
         found = fit(target)
         print(f"{target.name}, degrees {target.degrees[0]} / {target.degrees[1]}")
-        print(f"  relative error {float(found.error):.1e}, in double precision {error_in_double(target, found):.1e}")
+        print(
+            f"  relative error {float(found.error):.1e}, in double precision {error_in_double(target, found):.1e}"
+        )
         print("  p:", ", ".join(repr(float(c)) for c in found.numerator))
         print("  q:", ", ".join(repr(float(c)) for c in found.denominator))
     return 0

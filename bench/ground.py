@@ -54,7 +54,11 @@ def tick_times(e: Estimator, first: int, count: int) -> list[float]:
 
 
 def main() -> None:
-    cases = ("as published", "off", 0.0), ("memory", "off", 0.003), ("memory, learning", "apply", 0.003)
+    cases = (
+        ("as published", "off", 0.0),
+        ("memory", "off", 0.003),
+        ("memory, learning", "apply", 0.003),
+    )
     for name, learning, memory in cases:
         level, mapped = (estimator(cell, learning, memory) for cell in (0.0, CELL))
         for e in (level, mapped):
@@ -64,12 +68,16 @@ def main() -> None:
             tick_times(e, 2, RATE)
         gc.collect()
         gc.freeze()
-        turns = [[median(tick_times(e, 200 * k, 200)) for e in (level, mapped)] for k in range(3, 203)]
+        turns = [
+            [median(tick_times(e, 200 * k, 200)) for e in (level, mapped)] for k in range(3, 203)
+        ]
         on_level, on_map = np.median(turns, axis=0)
         ratio = median(b / a for a, b in turns)
         assert mapped.ground is not None
         known = len(mapped.ground.points())
-        print(f"{name}: level plane {on_level:.1f} us, map of {known:,} cells {on_map:.1f} us, ratio {ratio:.2f}")
+        print(
+            f"{name}: level plane {on_level:.1f} us, map of {known:,} cells {on_map:.1f} us, ratio {ratio:.2f}"
+        )
 
 
 if __name__ == "__main__":

@@ -87,8 +87,12 @@ def seconds(call: Callable[[], object], times: int) -> float:
 
 def in_turns(calls: list[Callable[[], object]]) -> list[list[float]]:
     """Seconds of each call in each of its turns: one list a call."""
-    times = [max(1, round(TURN_SECONDS / min(seconds(call, 1) for _ in range(3)))) for call in calls]
-    turns = [[seconds(call, n) for call, n in zip(calls, times, strict=True)] for _ in range(TURNS)]
+    times = [
+        max(1, round(TURN_SECONDS / min(seconds(call, 1) for _ in range(3)))) for call in calls
+    ]
+    turns = [
+        [seconds(call, n) for call, n in zip(calls, times, strict=True)] for _ in range(TURNS)
+    ]
     return [list(of_call) for of_call in zip(*turns, strict=True)]
 
 
@@ -103,7 +107,9 @@ def agree(actual: Array, expected: Array) -> None:
         assert error < 1e-9, f"the kernel and the NumPy version differ by {error:.1e}"
 
 
-def measured(plates: Plates, law: Law, alpha_y: numpy_rft.AlphaY, cores: set[int]) -> tuple[list[str], float]:
+def measured(
+    plates: Plates, law: Law, alpha_y: numpy_rft.AlphaY, cores: set[int]
+) -> tuple[list[str], float]:
     """A row of the table, and the kernel's advantage over NumPy on one state."""
     n = len(plates)
     state = checked_states(STATE)
@@ -116,7 +122,11 @@ def measured(plates: Plates, law: Law, alpha_y: numpy_rft.AlphaY, cores: set[int
     agree(one, by_numpy(True))
     pin({min(cores)} if cores else None)
     kernel, plain, live = in_turns(
-        [lambda: wrenches(plates, law, state, threads=1), lambda: by_numpy(False), lambda: by_numpy(True)]
+        [
+            lambda: wrenches(plates, law, state, threads=1),
+            lambda: by_numpy(False),
+            lambda: by_numpy(True),
+        ]
     )
 
     pin(cores)
@@ -143,7 +153,9 @@ def rules(cores: set[int]) -> Table:
     pin({min(cores)} if cores else None)
     tools = {rule: load_tool("ellipsoid", integration=rule).plates for rule in INTEGRATIONS}
     for name in ("constant", "linear", "table"):
-        law = treers2021(GENERIC, alpha_y_model(name, GENERIC, TABLE), zeta=ZETA, mobilization_length=3e-3)
+        law = treers2021(
+            GENERIC, alpha_y_model(name, GENERIC, TABLE), zeta=ZETA, mobilization_length=3e-3
+        )
         for scene, height in (("deep", -0.05), ("half buried", 0.0)):
             state = checked_states(STATE)
             state[0, 2] = height
@@ -165,7 +177,10 @@ def rules(cores: set[int]) -> Table:
                         f"{median(without) / len(plates) * 1e9:.1f}",
                         f"{ratio(without, turns[0]):.2f}",
                     ),
-                    *(f"{median(with_memory) / len(plates) * 1e9:.1f}", f"{ratio(with_memory, without):.2f}"),
+                    *(
+                        f"{median(with_memory) / len(plates) * 1e9:.1f}",
+                        f"{ratio(with_memory, without):.2f}",
+                    ),
                 )
     pin(cores)
     return table
@@ -178,11 +193,24 @@ def main() -> int:
         f"{cpu_model()}, {len(cores) or os.cpu_count()} cores; Python {platform.python_version()},"
         f" NumPy {np.__version__}, numba {numba.__version__}"
     )
-    table = Table(title="Force and torque: ns per plate element, and how many times faster than NumPy")
-    table.caption = (
-        "live: NumPy picks out the plates that carry a force first; batch: all cores, beside NumPy on one state"
+    table = Table(
+        title="Force and torque: ns per plate element, and how many times faster than NumPy"
     )
-    for heading in ("elements", "α_y", "kernel", "NumPy", "live", "x NumPy", "x live", "batch", "x NumPy"):
+    table.caption = (
+        "live: NumPy picks out the plates that carry a force first; "
+        "batch: all cores, beside NumPy on one state"
+    )
+    for heading in (
+        "elements",
+        "α_y",
+        "kernel",
+        "NumPy",
+        "live",
+        "x NumPy",
+        "x live",
+        "batch",
+        "x NumPy",
+    ):
         table.add_column(heading, justify="right", no_wrap=True)
     bodies = {n: ellipsoid(n) for n in (100, 1_000)}
     shipped = load_tool("ellipsoid", integration="centroid").plates
@@ -190,7 +218,10 @@ def main() -> int:
     bodies |= {n: ellipsoid(n) for n in (10_000, 100_000)}
     advantage = {}
     for n, plates in bodies.items():
-        for name, alpha_y in (("constant", numpy_rft.constant(GENERIC)), ("linear", numpy_rft.linear)):
+        for name, alpha_y in (
+            ("constant", numpy_rft.constant(GENERIC)),
+            ("linear", numpy_rft.linear),
+        ):
             law = treers2021(GENERIC, alpha_y_model(name, GENERIC), zeta=ZETA)
             row, advantage[n, name] = measured(plates, law, alpha_y, cores)
             table.add_row(f"{n:,}", name, *row)
@@ -201,8 +232,12 @@ def main() -> int:
     wrenches(shipped, law, many)
     batch = median(seconds(lambda: wrenches(shipped, law, many), 1) for _ in range(7))
     console.print(f"10,000 states of the {len(shipped):,} elements on all cores: {batch:.3f} s")
-    reached = ", ".join(f"{advantage[len(shipped), name]:.1f} {name}" for name in ("constant", "linear"))
-    console.print(f"Target {TARGET:g} times NumPy at {len(shipped):,} elements, one state, one core: {reached}")
+    reached = ", ".join(
+        f"{advantage[len(shipped), name]:.1f} {name}" for name in ("constant", "linear")
+    )
+    console.print(
+        f"Target {TARGET:g} times NumPy at {len(shipped):,} elements, one state, one core: {reached}"
+    )
     return 0
 
 

@@ -40,7 +40,9 @@ class Size:
         self.files += 1
         self.lines += len(set(rows))
         self.tokens += len(rows)
-        self.tuples += sum(isinstance(assignment.value, ast.Tuple) for assignment in _to_tuples(source))
+        self.tuples += sum(
+            isinstance(assignment.value, ast.Tuple) for assignment in _to_tuples(source)
+        )
 
     def row(self, name: str) -> str:
         """A row of the table."""
@@ -62,7 +64,11 @@ def _code(source: str) -> Iterator[tokenize.TokenInfo]:
     """The tokens of a module without layout, comments and docstrings."""
     in_docstrings: set[int] = set()
     for node in ast.walk(ast.parse(source)):
-        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant) and isinstance(node.value.value, str):
+        if (
+            isinstance(node, ast.Expr)
+            and isinstance(node.value, ast.Constant)
+            and isinstance(node.value.value, str)
+        ):
             in_docstrings.update(range(node.lineno, (node.end_lineno or node.lineno) + 1))
     lines = iter(source.splitlines(keepends=True))
     for token in tokenize.generate_tokens(lambda: next(lines, "")):

@@ -50,7 +50,9 @@ class Driver:
 
     def __init__(self) -> None:
         self.node = rclpy.create_node("driver")
-        qos = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE)
+        qos = QoSProfile(
+            history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE
+        )
         self._pose = self.node.create_publisher(PoseStamped, "/rft/pose", qos)
         self._twist = self.node.create_publisher(TwistStamped, "/rft/twist", qos)
         self._wrench = self.node.create_publisher(WrenchStamped, "/rft/wrench_measured", qos)
@@ -73,7 +75,9 @@ class Driver:
         """Until it answers."""
         end = time.monotonic() + 60.0
         asked: list[int] = []
-        while not any(stamp in self.arrived for stamp in asked):  # another node's late answers do not count
+        while not any(
+            stamp in self.arrived for stamp in asked
+        ):  # another node's late answers do not count
             if time.monotonic() > end:
                 raise RuntimeError("the node does not answer")
             asked.append(self.new_stamp())
@@ -146,12 +150,16 @@ def _cpu_seconds(pid: int) -> float:
 
 
 def _resident_mb(pid: int) -> float:
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+    return (
+        int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+    )
 
 
 @contextlib.contextmanager
 def running_node(*command: str) -> Iterator[int]:
-    process = subprocess.Popen([sys.executable, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+    process = subprocess.Popen(
+        [sys.executable, *command], stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL
+    )
     try:
         yield process.pid
     finally:
@@ -162,7 +170,9 @@ def running_node(*command: str) -> Iterator[int]:
 @contextlib.contextmanager
 def busy_processes(count: int) -> Iterator[None]:
     """Processes that compute all the time, as other work beside the node does."""
-    processes = [subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)]
+    processes = [
+        subprocess.Popen([sys.executable, "-c", "while True: pass"]) for _ in range(count)
+    ]
     try:
         yield
     finally:
@@ -187,7 +197,13 @@ def main() -> None:
     parser.add_argument("--seconds", type=float, default=10.0)
     parser.add_argument("--repeat", type=int, default=3)
     parser.add_argument("--executor", choices=("events", "single"), default="events")
-    parser.add_argument("--busy", type=int, default=0, metavar="N", help="processes that keep a core busy meanwhile")
+    parser.add_argument(
+        "--busy",
+        type=int,
+        default=0,
+        metavar="N",
+        help="processes that keep a core busy meanwhile",
+    )
     arguments = parser.parse_args()
     os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -199,14 +215,29 @@ def main() -> None:
         title=f"executor {arguments.executor}, {arguments.busy} busy processes, {arguments.seconds:g} s a run, "
         f"median of {arguments.repeat} runs"
     )
-    for column in ("rate Hz", "node", "lost / sent", "median us", "p99 us", "CPU %", "MB", *(f"x {f}" for f in RATIOS)):
+    for column in (
+        "rate Hz",
+        "node",
+        "lost / sent",
+        "median us",
+        "p99 us",
+        "CPU %",
+        "MB",
+        *(f"x {f}" for f in RATIOS),
+    ):
         table.add_column(column, justify="right")
     with tempfile.TemporaryDirectory() as folder, busy_processes(arguments.busy):
         for rate in arguments.rates:
             nodes = {"echo": echo}
             for elements in arguments.elements:
                 mesh = sphere(Path(folder), elements)
-                nodes[mesh.stem] = ["-m", "rft_ros.node.main", "--ros-args", "-p", f"mesh.file:={mesh}"]
+                nodes[mesh.stem] = [
+                    "-m",
+                    "rft_ros.node.main",
+                    "--ros-args",
+                    "-p",
+                    f"mesh.file:={mesh}",
+                ]
                 nodes[mesh.stem] += ["-p", "tolerance:=0.0", *executor]
             runs: dict[str, list[Run]] = {name: [] for name in nodes}
             for _ in range(arguments.repeat):

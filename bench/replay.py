@@ -30,8 +30,17 @@ TURNS = 7
 MOST_RATIO = 1.5  # replay over bare loop
 LEAST_SPEED = 50.0  # recorded time over wall time
 STORE = get_typestore(Stores.ROS2_JAZZY)
-TOPICS: dict[Role, str] = {"pose": "/rft/pose", "twist": "/rft/twist", "wrench": "/rft/wrench_measured"}
-LEGS = (((0.0, 0.0, -0.02), 2.5), ((0.0, 0.0, 0.0), 1.0), ((0.02, 0.0, 0.0), 1.5), ((-0.012, 0.0, 0.02), 2.5))
+TOPICS: dict[Role, str] = {
+    "pose": "/rft/pose",
+    "twist": "/rft/twist",
+    "wrench": "/rft/wrench_measured",
+}
+LEGS = (
+    ((0.0, 0.0, -0.02), 2.5),
+    ((0.0, 0.0, 0.0), 1.0),
+    ((0.02, 0.0, 0.0), 1.5),
+    ((-0.012, 0.0, 0.02), 2.5),
+)
 
 
 def serialised(role: Role, stamp: int, frame: str, numbers: tuple[float, ...]) -> bytes:
@@ -44,7 +53,9 @@ def serialised(role: Role, stamp: int, frame: str, numbers: tuple[float, ...]) -
         parts = point(*numbers[:3]), t["geometry_msgs/msg/Quaternion"](*numbers[3:])
     else:
         parts = vector(*numbers[:3]), vector(*numbers[3:])
-    header = t["std_msgs/msg/Header"](t["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9)), frame)
+    header = t["std_msgs/msg/Header"](
+        t["builtin_interfaces/msg/Time"](*divmod(stamp, 10**9)), frame
+    )
     message = t[f"geometry_msgs/msg/{name}Stamped"](header, t[f"geometry_msgs/msg/{name}"](*parts))
     return bytes(STORE.serialize_cdr(message, f"geometry_msgs/msg/{name}Stamped"))
 
@@ -66,7 +77,9 @@ def record(path: Path) -> int:
                 ("pose", "world", (*place.tolist(), 0.0, 0.0, 0.0, 1.0)),
             )
             for role, frame, numbers in rows:
-                bag.write_raw(TOPICS[role], TYPES[role][0], stamp, serialised(role, stamp, frame, numbers))
+                bag.write_raw(
+                    TOPICS[role], TYPES[role][0], stamp, serialised(role, stamp, frame, numbers)
+                )
     return count
 
 
@@ -74,14 +87,19 @@ def bare(bag: Path, out: Path, wrenches: int) -> None:
     """Read and deserialise every message; write wrenches, evenly spread over them."""
     written = 0
     kind = TYPES["wrench"][0]
-    with Reader(bag) as reader, Writer(out, version=9, storage_plugin=StoragePlugin.MCAP) as writer:
+    with (
+        Reader(bag) as reader,
+        Writer(out, version=9, storage_plugin=StoragePlugin.MCAP) as writer,
+    ):
         connection = writer.add_connection("/rft/wrench_predicted", kind, typestore=STORE)
         share = wrenches / reader.message_count
         for number, (read, stamp, data) in enumerate(reader.messages(), start=1):
             STORE.deserialize_cdr(data, read.msgtype)
             while written < share * number:
                 writer.write(
-                    connection, stamp, serialised("wrench", stamp, "ft_sensor", (1.0, 2.0, 3.0, 4.0, 5.0, 6.0))
+                    connection,
+                    stamp,
+                    serialised("wrench", stamp, "ft_sensor", (1.0, 2.0, 3.0, 4.0, 5.0, 6.0)),
                 )
                 written += 1
 
@@ -93,8 +111,12 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder, "bag")
         poses = record(bag)
-        summary = replay(bag, Path(folder, "first"), values, model=model)  # compiles what is not yet compiled
-        wrenches = 4 * summary.estimates  # predicted and its standard deviation, compensated, residual
+        summary = replay(
+            bag, Path(folder, "first"), values, model=model
+        )  # compiles what is not yet compiled
+        wrenches = (
+            4 * summary.estimates
+        )  # predicted and its standard deviation, compensated, residual
         ours = []
         theirs = []
         for turn in range(TURNS):
@@ -108,7 +130,9 @@ def main() -> int:
         table.add_column(head, justify="right" if head else "left")
     for name, times in (("rft replay", ours), ("bare loop with rosbags", theirs)):
         taken = median(times)
-        table.add_row(name, f"{taken:.3f}", f"{1e6 * taken / poses:.0f}", f"{poses / RATE / taken:.0f}")
+        table.add_row(
+            name, f"{taken:.3f}", f"{1e6 * taken / poses:.0f}", f"{poses / RATE / taken:.0f}"
+        )
     console.print(
         f"{cpu_model()}, Python {platform.python_version()}; {SECONDS} s of pose, twist and wrench at {RATE} Hz:"
         f" {3 * poses:,} messages in, {wrenches:,} wrenches out"

@@ -29,7 +29,13 @@ LONGEST = 300.0  # s to wait for a swap
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--executor", choices=("events", "single"), default="events")
-    parser.add_argument("--busy", type=int, default=0, metavar="N", help="processes that keep a core busy meanwhile")
+    parser.add_argument(
+        "--busy",
+        type=int,
+        default=0,
+        metavar="N",
+        help="processes that keep a core busy meanwhile",
+    )
     arguments = parser.parse_args()
     os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
@@ -45,7 +51,10 @@ def main() -> None:
 
     def in_force(mesh: str, tolerance: float) -> float:
         """Seconds from setting a mesh until the node has it, at `RATE`."""
-        call("tolerance", ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=tolerance))
+        call(
+            "tolerance",
+            ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=tolerance),
+        )
         call("mesh.file", ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=mesh))
         begin = time.monotonic()
         while time.monotonic() - begin < LONGEST:
@@ -60,26 +69,49 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder, busy_processes(arguments.busy):
         os.environ["XDG_CACHE_HOME"] = folder  # of reduced tools: empty at the start
         meshes = [str(sphere(Path(folder), n)) for n in (1000, 10_000, 50_000, 5000)]
-        command = ["-m", "rft_ros.node.main", "--ros-args", "-p", f"mesh.file:={meshes[0]}", "-p", "tolerance:=0.0"]
+        command = [
+            "-m",
+            "rft_ros.node.main",
+            "--ros-args",
+            "-p",
+            f"mesh.file:={meshes[0]}",
+            "-p",
+            "tolerance:=0.0",
+        ]
 
         def swap_mesh(k: int) -> None:
             if k % 750 == 375:
                 file = meshes[(k // 750 + 1) % len(meshes)]
-                call("mesh.file", ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=file))
+                call(
+                    "mesh.file",
+                    ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=file),
+                )
 
         def swap_model(k: int) -> None:
             if k % 50 == 25 and k % 100 == 25:
                 value = 0.5 + (k // 100 % 10) / 10.0
-                call("medium.zeta", ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value))
+                call(
+                    "medium.zeta",
+                    ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value),
+                )
             elif k % 50 == 25:
                 name = ("linear", "constant")[k // 100 % 2]
-                call("alpha_y.model", ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=name))
+                call(
+                    "alpha_y.model",
+                    ParameterValue(type=ParameterType.PARAMETER_STRING, string_value=name),
+                )
 
-        title = (
-            f"Swaps at {RATE:g} Hz, executor {arguments.executor}, {arguments.busy} busy processes: round trip in us"
-        )
-        table = Table(title=title)
-        for column in ("phase", "swaps", "lost / sent", "median", "p99", "greatest", "over p99 + 2 ms"):
+        beside = f"executor {arguments.executor}, {arguments.busy} busy processes"
+        table = Table(title=f"Swaps at {RATE:g} Hz, {beside}: round trip in us")
+        for column in (
+            "phase",
+            "swaps",
+            "lost / sent",
+            "median",
+            "p99",
+            "greatest",
+            "over p99 + 2 ms",
+        ):
             table.add_column(column, justify="right")
         with running_node(*command, "-p", f"executor:={arguments.executor}"):
             driver.wait_for_node()
@@ -93,18 +125,32 @@ def main() -> None:
             ):
                 answers.clear()
                 sent = driver.stream(round(RATE * seconds), RATE, disturb)
-                trips = np.array([driver.arrived.get(s, np.inf) - t for s, t in sent.items()]) / 1e3
+                trips = (
+                    np.array([driver.arrived.get(s, np.inf) - t for s, t in sent.items()]) / 1e3
+                )
                 good = trips[np.isfinite(trips)]
                 for answer in answers:  # a busy machine answers after the stream has ended
                     rclpy.spin_until_future_complete(driver.node, answer, timeout_sec=LONGEST)
-                refused = [f.result() for f in answers if not (f.done() and f.result().results[0].successful)]
+                refused = [
+                    f.result()
+                    for f in answers
+                    if not (f.done() and f.result().results[0].successful)
+                ]
                 if refused:
                     raise RuntimeError(f"{len(refused)} swaps were not accepted: {refused[0]}")
-                limit = limit or (float(np.percentile(good, 99)) + 2000.0 if phase == "undisturbed" else 0.0)
+                limit = limit or (
+                    float(np.percentile(good, 99)) + 2000.0 if phase == "undisturbed" else 0.0
+                )
                 slow = int((good > limit).sum()) if limit else 0
                 row = (np.median(good), np.percentile(good, 99), good.max())
                 cells = [f"{v:.0f}" for v in row]
-                table.add_row(phase, str(len(answers)), f"{len(trips) - len(good)} / {len(trips)}", *cells, str(slow))
+                table.add_row(
+                    phase,
+                    str(len(answers)),
+                    f"{len(trips) - len(good)} / {len(trips)}",
+                    *cells,
+                    str(slow),
+                )
             tool = Path(folder) / "torus.stl"
             trimesh.creation.torus(30.0, 8.0, major_sections=196, minor_sections=96).export(tool)
             cold = in_force(str(tool), 0.025)
@@ -112,7 +158,9 @@ def main() -> None:
             warm = in_force(str(tool), 0.025)
     console = Console(width=110)
     console.print(table)
-    console.print(f"37,632 triangles, reduced: in force after {cold:.1f} s; from the cache after {warm:.1f} s")
+    console.print(
+        f"37,632 triangles, reduced: in force after {cold:.1f} s; from the cache after {warm:.1f} s"
+    )
 
 
 if __name__ == "__main__":

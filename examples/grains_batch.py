@@ -32,13 +32,17 @@ def main(arguments: list[str] | None = None) -> int:
     grains = GrainsBatch(tool, law, bodies=BODIES, threads=given.threads)
     masses = rng.uniform(0.05, 1.0, BODIES)
     radius = np.ptp(tool.corners[:, 2]) / 2.0
-    inverse = np.array([free_body(m, 0.4 * m * radius**2 * np.eye(3), [0, 0, 0, 1]) for m in masses])
+    inverse = np.array(
+        [free_body(m, 0.4 * m * radius**2 * np.eye(3), [0, 0, 0, 1]) for m in masses]
+    )
     states = np.zeros((BODIES, 13))
     heights = np.zeros(BODIES)
 
     def begin(which: np.ndarray) -> None:
         heights[which] = rng.uniform(-0.01, 0.01, len(which))
-        grains.reset(which, strength=rng.uniform(0.2, 1.5, len(which)), surface_height=heights[which])
+        grains.reset(
+            which, strength=rng.uniform(0.2, 1.5, len(which)), surface_height=heights[which]
+        )
         states[which] = 0.0
         states[which, 2] = heights[which] - tool.lowest_point(np.eye(3)) + 0.005
         states[which, 6] = 1.0  # qw: no rotation
@@ -56,7 +60,9 @@ def main(arguments: list[str] | None = None) -> int:
         states[:, :3] += STEP * states[:, 7:10]  # spheres that do not spin keep their attitude
     depths = 1e3 * (heights - states[:, 2] - tool.lowest_point(np.eye(3)))
     rate = BODIES * steps / busy
-    print(f"{len(tool.plates)} plates, {given.threads} threads: {rate:,.0f} steps of environments a second")
+    print(
+        f"{len(tool.plates)} plates, {given.threads} threads: {rate:,.0f} steps of environments a second"
+    )
     print(f"depths {depths.min():.2f} to {depths.max():.2f} mm, mean {depths.mean():.4f} mm")
     return 0
 

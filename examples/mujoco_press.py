@@ -32,9 +32,15 @@ WAYPOINTS = (  # what, where the arm is commanded to [mm], turn about the vertic
 def main(arguments: list[str] | None = None) -> int:
     """Run the arm; draw the path and the force."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("-o", "--output", type=Path, default=Path("mujoco_press.png"), help="picture to write")
-    parser.add_argument("--mesh", default="plate", help="shipped mesh, or a file in millimetres (default plate)")
-    parser.add_argument("--stiffness", type=float, default=1.0, help="factor of the joints' stiffness (default 1)")
+    parser.add_argument(
+        "-o", "--output", type=Path, default=Path("mujoco_press.png"), help="picture to write"
+    )
+    parser.add_argument(
+        "--mesh", default="plate", help="shipped mesh, or a file in millimetres (default plate)"
+    )
+    parser.add_argument(
+        "--stiffness", type=float, default=1.0, help="factor of the joints' stiffness (default 1)"
+    )
     given = parser.parse_args(arguments)
 
     arm = SixAxisArm(given.mesh, stiffness=given.stiffness)

@@ -23,17 +23,28 @@ def main() -> int:
     for k in range(1001):
         quaternion /= np.linalg.norm(quaternion)
         inverse = free_body(MASS, INERTIA, quaternion)
-        wrench = grains.step(position, quaternion, twist, STEP, inverse_inertia=inverse, free_acceleration=GRAVITY)
-        twist = twist + STEP * (GRAVITY + inverse @ wrench)  # a round body would need its gyroscopic torque too
+        wrench = grains.step(
+            position, quaternion, twist, STEP, inverse_inertia=inverse, free_acceleration=GRAVITY
+        )
+        twist = twist + STEP * (
+            GRAVITY + inverse @ wrench
+        )  # a round body would need its gyroscopic torque too
         position = position + STEP * twist[:3]
         a, b, c = 0.5 * STEP * twist[3:]
         x, y, z, w = quaternion
-        turn = [a * w + b * z - c * y, b * w + c * x - a * z, c * w + a * y - b * x, -a * x - b * y - c * z]
+        turn = [
+            a * w + b * z - c * y,
+            b * w + c * x - a * z,
+            c * w + a * y - b * x,
+            -a * x - b * y - c * z,
+        ]
         quaternion = quaternion + turn
         if k % 200 == 0:
             depth = -1e3 * position[2]
             speed = 1e3 * np.linalg.norm(twist[:3])
-            print(f"{k * STEP:3.1f} s  depth {depth:7.3f} mm  speed {speed:8.3g} mm/s  force {wrench[2]:6.3f} N")
+            print(
+                f"{k * STEP:3.1f} s  depth {depth:7.3f} mm  speed {speed:8.3g} mm/s  force {wrench[2]:6.3f} N"
+            )
     print(f"the grains took {grains.energy:.3f} J")
     return 0
 

@@ -11,7 +11,11 @@ from rclpy.qos import qos_profile_sensor_data
 from rosbags.rosbag2 import Writer
 from rosbags.typesys import Stores, get_typestore
 
-TOPICS = {"/rft/pose": PoseStamped, "/rft/twist": TwistStamped, "/rft/wrench_measured": WrenchStamped}
+TOPICS = {
+    "/rft/pose": PoseStamped,
+    "/rft/twist": TwistStamped,
+    "/rft/wrench_measured": WrenchStamped,
+}
 
 
 def record(bag, connection, data):
@@ -24,7 +28,11 @@ node = rclpy.create_node("recorder")
 with Writer("my_bag", version=9) as bag:
     types = get_typestore(Stores.ROS2_JAZZY)
     for topic, message in TOPICS.items():
-        connection = bag.add_connection(topic, f"geometry_msgs/msg/{message.__name__}", typestore=types)
-        node.create_subscription(message, topic, partial(record, bag, connection), qos_profile_sensor_data, raw=True)
+        connection = bag.add_connection(
+            topic, f"geometry_msgs/msg/{message.__name__}", typestore=types
+        )
+        node.create_subscription(
+            message, topic, partial(record, bag, connection), qos_profile_sensor_data, raw=True
+        )
     with suppress(KeyboardInterrupt, ExternalShutdownException):
         rclpy.spin(node)

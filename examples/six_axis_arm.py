@@ -29,11 +29,15 @@ class SixAxisArm:
     Raises InputError without MuJoCo, and ValueError that names what cannot be used.
     """
 
-    def __init__(self, mesh: str = "plate", *, stiffness: float = 1.0, timestep: float = 0.001) -> None:
+    def __init__(
+        self, mesh: str = "plate", *, stiffness: float = 1.0, timestep: float = 0.001
+    ) -> None:
         mujoco = import_mujoco()
         factor = number("stiffness", stiffness, positive=True)
         text = Path(__file__).with_suffix(".xml").read_text(encoding="utf-8")
-        spec = mujoco.MjSpec.from_string(text, assets={"tool.stl": read_file(locate_mesh(mesh), "mesh file")})
+        spec = mujoco.MjSpec.from_string(
+            text, assets={"tool.stl": read_file(locate_mesh(mesh), "mesh file")}
+        )
         for actuator in spec.actuators:
             actuator.gainprm[0] *= factor
             actuator.biasprm[1] *= factor

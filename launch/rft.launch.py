@@ -26,10 +26,16 @@ def generate_launch_description() -> LaunchDescription:
     default = PathJoinSubstitution([FindPackageShare("rft_ros"), "config", "default.yaml"])
     return LaunchDescription(
         [
-            DeclareLaunchArgument("params_file", default_value=default, description="Parameter file of the node."),
-            DeclareLaunchArgument("namespace", default_value="", description="Namespace of the node."),
+            DeclareLaunchArgument(
+                "params_file", default_value=default, description="Parameter file of the node."
+            ),
+            DeclareLaunchArgument(
+                "namespace", default_value="", description="Namespace of the node."
+            ),
             *(
-                DeclareLaunchArgument(name, default_value=f"~/{topic}", description=f"Topic of {what}.")
+                DeclareLaunchArgument(
+                    name, default_value=f"~/{topic}", description=f"Topic of {what}."
+                )
                 for name, (topic, what) in _INPUTS.items()
             ),
             DeclareLaunchArgument(
@@ -70,7 +76,9 @@ def _nodes(context: LaunchContext) -> list[Node]:
             name="rft",
             namespace=LaunchConfiguration("namespace"),
             parameters=[str(file), *([{"use_sim_time": time.lower() == "true"}] if time else [])],
-            remappings=[(f"~/{topic}", LaunchConfiguration(name)) for name, (topic, _) in _INPUTS.items()],
+            remappings=[
+                (f"~/{topic}", LaunchConfiguration(name)) for name, (topic, _) in _INPUTS.items()
+            ],
             output="screen",
         )
     ]
@@ -78,7 +86,9 @@ def _nodes(context: LaunchContext) -> list[Node]:
         try:
             get_package_prefix("rviz2")
         except PackageNotFoundError:
-            raise RuntimeError("rviz:=true needs the package rviz2: sudo apt install ros-jazzy-rviz2") from None
+            raise RuntimeError(
+                "rviz:=true needs the package rviz2: sudo apt install ros-jazzy-rviz2"
+            ) from None
         view = PathJoinSubstitution([FindPackageShare("rft_ros"), "rviz", "rft.rviz"])
         nodes.append(Node(package="rviz2", executable="rviz2", arguments=["-d", view]))
     return nodes

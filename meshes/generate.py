@@ -100,7 +100,11 @@ def paraboloid(*, radius: float, length: float, around: int, along: int, across:
     heights = np.concatenate([length * ((side / radius) ** 2 - 1.0), np.zeros(across)])
     angle = 2.0 * np.pi / around * (np.arange(around + 1) % around)
     p = np.stack(
-        [np.outer(rings, np.cos(angle)), np.outer(rings, np.sin(angle)), np.outer(heights, np.ones(around + 1))],
+        [
+            np.outer(rings, np.cos(angle)),
+            np.outer(rings, np.sin(angle)),
+            np.outer(heights, np.ones(around + 1)),
+        ],
         axis=2,
     )
     lower, upper = p[:-1], p[1:]
@@ -114,7 +118,9 @@ def stl(name: str, triangles: Points) -> bytes:
     points = np.round(triangles, 6) + 0.0  # no negative zeros
     normals = np.cross(points[:, 1] - points[:, 0], points[:, 2] - points[:, 0])
     normals /= np.linalg.norm(normals, axis=1, keepdims=True)
-    facets = np.zeros(len(points), dtype=[("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("attribute", "<u2")])
+    facets = np.zeros(
+        len(points), dtype=[("normal", "<f4", 3), ("points", "<f4", (3, 3)), ("attribute", "<u2")]
+    )
     facets["normal"] = np.round(normals, 6) + 0.0
     facets["points"] = points
     header = f"rft_ros {name}, mm".encode().ljust(80) + len(points).to_bytes(4, "little")

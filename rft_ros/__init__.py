@@ -9,11 +9,36 @@ from typing import TYPE_CHECKING
 if TYPE_CHECKING:
     from rft_ros.estimator import Estimator, PoseSample, TwistSample, WrenchSample
     from rft_ros.parameters import LoadCell, Model, Settings, read_medium
-    from rft_ros.rft import Memory, alpha_y_model, checked_states, law_named, medium_named, wrenches, wrenches_in_time
+    from rft_ros.rft import (
+        Memory,
+        alpha_y_model,
+        checked_states,
+        law_named,
+        medium_named,
+        wrenches,
+        wrenches_in_time,
+    )
     from rft_ros.tool import load_tool
 
-__all__ = ["Estimator", "LoadCell", "Memory", "Model", "PoseSample", "Settings", "TwistSample", "WrenchSample"]
-__all__ += ["alpha_y_model", "checked_states", "law_named", "load_tool", "medium_named", "read_medium", "wrenches"]
+__all__ = [
+    "Estimator",
+    "LoadCell",
+    "Memory",
+    "Model",
+    "PoseSample",
+    "Settings",
+    "TwistSample",
+    "WrenchSample",
+]
+__all__ += [
+    "alpha_y_model",
+    "checked_states",
+    "law_named",
+    "load_tool",
+    "medium_named",
+    "read_medium",
+    "wrenches",
+]
 __all__ += ["wrenches_in_time"]
 
 _HOMES = "rft_ros.rft", "rft_ros.tool", "rft_ros.parameters", "rft_ros.estimator"

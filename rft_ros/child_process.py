@@ -19,7 +19,10 @@ def start_child(
     code = f"import sys; sys.path[:] = {sys.path!r}; from rft_ros.child_process import watch_parent; watch_parent(); "
     code += f"from {function.__module__} import {name}; {name}(*{arguments!r})"
     return subprocess.Popen(
-        [sys.executable, "-c", code], stdin=subprocess.PIPE, pass_fds=pass_fds, start_new_session=True
+        [sys.executable, "-c", code],
+        stdin=subprocess.PIPE,
+        pass_fds=pass_fds,
+        start_new_session=True,
     )
 
 
@@ -27,7 +30,9 @@ def watch_parent() -> None:
     """In the child: end when the parent ends."""
 
     def end() -> None:
-        os.read(0, 1)  # the parent never writes: the call returns when the parent's end of the pipe closes
+        os.read(
+            0, 1
+        )  # the parent never writes: the call returns when the parent's end of the pipe closes
         os._exit(1)
 
     threading.Thread(target=end, daemon=True).start()

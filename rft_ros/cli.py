@@ -19,20 +19,27 @@ from typing import Any, NoReturn
 from rft_ros.errors import InputError, reason_of
 from rft_ros.installation import program, release
 
-__all__ = ["main", "parser"]
-
 _COMMANDS = {
     "predict": ("predict", "Predict the wrench at each state of a CSV file."),
     "check-mesh": ("tools", "Report the extent of a mesh and its defects."),
-    "reduce": ("tools", "Write a reduced tool: the fewest plates that reproduce its wrench within a tolerance."),
+    "reduce": (
+        "tools",
+        "Write a reduced tool: the fewest plates that reproduce its wrench within a tolerance.",
+    ),
     "replay": ("replay", "Run recorded bags through the estimator."),
     "calibrate": ("calibrate", "Fit load cell, surface, ζ, memory and α_y to recorded bags."),
     "fit-medium": ("medium", "Fit a medium of your own to a measured map of stresses."),
     "sweep": ("tools", "Run a design study: tools × motions × media, on all cores or a cluster."),
     "view": ("predict", "Draw a tool moving through the grains: an animated page."),
-    "doctor": ("cell", "Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node."),
+    "doctor": (
+        "cell",
+        "Check a cell's set-up: inputs, frames, QoS, load cell, surface, mesh, running node.",
+    ),
     "demo": ("cell", "Run a virtual arm, a real node and a live table (needs ROS)."),
-    "warm-up": ("cell", "Compile the code of node and replay now, so that their first start is quick."),
+    "warm-up": (
+        "cell",
+        "Compile the code of node and replay now, so that their first start is quick.",
+    ),
 }
 """For each command the module of `rft_ros.commands` that has it, and its help text."""
 
@@ -45,11 +52,16 @@ def parser(rft: str = "rft", *, only: str | None = None) -> argparse.ArgumentPar
     whole = _Parser(
         prog=rft,
         description="The wrench that dry granular material puts on a moving tool, by 3D Resistive Force Theory.",
-        epilog=f"{rft} COMMAND --help describes that command. " + (__doc__ or "").partition("\n\n")[2].strip(),
+        epilog=f"{rft} COMMAND --help describes that command. "
+        + (__doc__ or "").partition("\n\n")[2].strip(),
         formatter_class=_Help,
     )
-    whole.add_argument("--version", action="version", version=f"rft {release()}", help="show the version and exit")
-    commands = whole.add_subparsers(dest="command", required=True, title="commands", metavar="COMMAND")
+    whole.add_argument(
+        "--version", action="version", version=f"rft {release()}", help="show the version and exit"
+    )
+    commands = whole.add_subparsers(
+        dest="command", required=True, title="commands", metavar="COMMAND"
+    )
     for name, (module, text) in _COMMANDS.items():
         command = commands.add_parser(name, help=text, description=text, formatter_class=_Help)
         if only in (None, name):
@@ -59,7 +71,9 @@ def parser(rft: str = "rft", *, only: str | None = None) -> argparse.ArgumentPar
                 functions[f"{function}_options"](command)
             run = functions[function]
             command.set_defaults(run=run)
-            examples = (f"  {rft}{line.removeprefix('rft')}" for line in (getdoc(run) or "").splitlines())
+            examples = (
+                f"  {rft}{line.removeprefix('rft')}" for line in (getdoc(run) or "").splitlines()
+            )
             command.epilog = "\n".join(["example:", *examples])
     return whole
 
@@ -71,8 +85,12 @@ class _Parser(argparse.ArgumentParser):
         from rft_ros.files import expanded  # imports numpy; `main` handles a Ctrl-C during it
 
         super().__init__(**options)
-        self._negative_number_matcher = re.compile(r"-\.?\d")  # argparse's own takes -1e-3 for an option
-        self.register("type", Path, expanded)  # a shell leaves the ~ of --output=~/out.csv to the program
+        self._negative_number_matcher = re.compile(
+            r"-\.?\d"
+        )  # argparse's own takes -1e-3 for an option
+        self.register(
+            "type", Path, expanded
+        )  # a shell leaves the ~ of --output=~/out.csv to the program
 
     def error(self, message: str) -> NoReturn:
         name = self.prog.rpartition("/")[2].replace("'", "")  # the path of `program` may be quoted
@@ -92,7 +110,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # a file's name need not be UTF-8
     if arguments is None:  # as a program
         arguments = sys.argv[1:]
-        signal.signal(signal.SIGTERM, signal.default_int_handler)  # as Ctrl-C, so that unfinished files are removed
+        signal.signal(
+            signal.SIGTERM, signal.default_int_handler
+        )  # as Ctrl-C, so that unfinished files are removed
     name = "rft"
     try:
         try:
@@ -117,7 +137,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     except OSError as error:
         with suppress(AttributeError, ValueError):  # no stdout, or one without a descriptor
-            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # Python would report it again at exit
+            os.dup2(
+                os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
+            )  # Python would report it again at exit
         if isinstance(error, BrokenPipeError):  # the reader, such as head, has closed the pipe
             return 128 + signal.SIGPIPE
         what = error.filename or "the output or the working directory"

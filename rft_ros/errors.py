@@ -4,8 +4,6 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Literal
 
-__all__ = ["InputError", "file_errors", "reason_of", "shown"]
-
 _LONGEST_SHOWN = 100  # characters
 
 

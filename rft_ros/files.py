@@ -19,9 +19,6 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
 
-__all__ = ["MAX_BYTES", "MAX_NUMBERS", "checked_file", "expanded", "opened", "read_arrays", "read_file", "read_text"]
-__all__ += ["refuse_overwriting", "replacing", "resolved", "whole", "whole_folder"]
-
 MAX_BYTES = 256 * 2**20  # of a file, and of the unpacked arrays of an NPZ file
 MAX_NUMBERS = MAX_BYTES // 8  # in one array
 _GIVE = "give the path of one that does"
@@ -41,10 +38,14 @@ def expanded(file: Path | str) -> Path:
 
 def resolved(file: Path | str) -> Path:
     """The absolute path, ~ expanded and symbolic links followed; a loop of links stays as it is."""
-    return Path(os.path.realpath(expanded(file)))  # Path.resolve raises RuntimeError for a loop before Python 3.13
+    return Path(
+        os.path.realpath(expanded(file))
+    )  # Path.resolve raises RuntimeError for a loop before Python 3.13
 
 
-def checked_file(file: Path, what: str, *, limit: int | None = MAX_BYTES, advice: str = _GIVE) -> Path:
+def checked_file(
+    file: Path, what: str, *, limit: int | None = MAX_BYTES, advice: str = _GIVE
+) -> Path:
     """The path, ~ expanded, of a regular file of 1 to `limit` bytes (None: any number). Does not open the file.
 
     Raises InputError. It calls the file `what`, such as the option or parameter that names it, and says what to do.
@@ -57,12 +58,18 @@ def checked_file(file: Path, what: str, *, limit: int | None = MAX_BYTES, advice
     except (FileNotFoundError, NotADirectoryError):
         raise InputError(f"{named} does not exist; {advice}") from None
     except (OSError, ValueError) as error:  # ValueError: a null character
-        raise InputError(f"{named} cannot be read: {reason_of(error)}; give the path of a file that can be") from None
+        raise InputError(
+            f"{named} cannot be read: {reason_of(error)}; give the path of a file that can be"
+        ) from None
     if not stat.S_ISREG(status.st_mode):  # to open a pipe or a device may block
         kind = _KINDS.get(stat.S_IFMT(status.st_mode), "no file")
         raise InputError(f"{named} is {kind} and not a regular file; give a file")
-    if not status.st_size:  # the system's own files have no size either, and reading /proc/kmsg may block for ever
-        raise InputError(f"{named} is empty, or one of the system's own files, as in /proc; give a file with content")
+    if (
+        not status.st_size
+    ):  # the system's own files have no size either, and reading /proc/kmsg may block for ever
+        raise InputError(
+            f"{named} is empty, or one of the system's own files, as in /proc; give a file with content"
+        )
     if limit is not None:
         _check_size(status.st_size, named, limit)
     return path
@@ -75,7 +82,9 @@ def _check_size(size: int, named: str, limit: int) -> None:
 
 
 @contextmanager
-def opened(file: Path, what: str, *, limit: int | None = MAX_BYTES, advice: str = _GIVE) -> Iterator[BinaryIO]:
+def opened(
+    file: Path, what: str, *, limit: int | None = MAX_BYTES, advice: str = _GIVE
+) -> Iterator[BinaryIO]:
     """A `checked_file`, open for reading bytes; errors of reading it in the block are InputErrors too."""
     path = checked_file(file, what, limit=limit, advice=advice)
     with file_errors(f"{what} '{file}'", "read"), path.open("rb") as stream:
@@ -109,12 +118,18 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any
             found = [arrays[name] for name in names]
     except InputError:
         raise
-    except Exception:  # zip's and numpy's readers raise almost anything on damage, and numpy advises to unpickle
+    except (
+        Exception
+    ):  # zip's and numpy's readers raise almost anything on damage, and numpy advises to unpickle
         wanted = f"NPZ file with the arrays of numbers {', '.join(names)}"
-        raise InputError(f"{what} '{file}' is not a valid {wanted}; write it again with numpy.savez") from None
+        raise InputError(
+            f"{what} '{file}' is not a valid {wanted}; write it again with numpy.savez"
+        ) from None
     for name, values in zip(names, found, strict=True):
         if values.size > MAX_NUMBERS:  # each may become a double
-            raise InputError(f"{what} '{file}' has {values.size:,} numbers in {name}; the limit is {MAX_NUMBERS:,}")
+            raise InputError(
+                f"{what} '{file}' has {values.size:,} numbers in {name}; the limit is {MAX_NUMBERS:,}"
+            )
     return found
 
 
@@ -128,7 +143,9 @@ def replacing(file: Path) -> Iterator[Path]:
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_name(f".{file.stem}.{os.getpid()}.part{file.suffix}")
     part.unlink(missing_ok=True)  # of a process that was killed
-    os.close(os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0), 0o666))
+    os.close(
+        os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0), 0o666)
+    )
     try:
         yield part
         part.replace(file)
@@ -184,4 +201,6 @@ def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
         place = resolved(output)
         for file in taken:
             if place == file or place in file.parents or file in place.parents:
-                raise InputError(f"'{output}' would overwrite the input '{file}' or lie inside it; give another one")
+                raise InputError(
+                    f"'{output}' would overwrite the input '{file}' or lie inside it; give another one"
+                )

@@ -10,8 +10,6 @@ from pathlib import Path
 
 from rft_ros.errors import InputError
 
-__all__ = ["program", "release", "share_directory"]
-
 _CHECKOUT = Path(__file__).resolve().parents[1]  # the source checkout, if rft_ros runs from one
 
 
@@ -19,10 +17,16 @@ def program() -> str:
     """The command line that starts ``rft`` here, quoted for a shell; simply its name if it is on the PATH."""
     if shutil.which("rft"):
         return "rft"
-    if shutil.which("ros2") and any((prefix / "lib" / "rft_ros" / "rft").is_file() for prefix in _ament_prefixes()):
+    if shutil.which("ros2") and any(
+        (prefix / "lib" / "rft_ros" / "rft").is_file() for prefix in _ament_prefixes()
+    ):
         return "ros2 run rft_ros rft"
     script = Path(sys.executable).parent / "rft"
-    return shlex.quote(str(script)) if script.is_file() else f"{shlex.quote(sys.executable)} -m rft_ros.cli"
+    return (
+        shlex.quote(str(script))
+        if script.is_file()
+        else f"{shlex.quote(sys.executable)} -m rft_ros.cli"
+    )
 
 
 def release() -> str:
@@ -42,12 +46,19 @@ def share_directory(package: str) -> Path:
     places = [prefix / "share" / package for prefix in _ament_prefixes()]
     if package == "rft_ros" and (_CHECKOUT / "package.xml").is_file():
         places.append(_CHECKOUT)
-    places += [Path(prefix) / "share" / package for prefix in (sys.prefix, sysconfig.get_path("data"), user)]
+    places += [
+        Path(prefix) / "share" / package
+        for prefix in (sys.prefix, sysconfig.get_path("data"), user)
+    ]
     for folder in places if package.strip(".") else ():
         if folder.is_dir():
             return folder
-    searched = f"AMENT_PREFIX_PATH ({os.environ.get('AMENT_PREFIX_PATH') or 'not set'}) or {sys.prefix}"
-    raise InputError(f"package '{package}' has no share folder in {searched}; source the workspace that has it")
+    searched = (
+        f"AMENT_PREFIX_PATH ({os.environ.get('AMENT_PREFIX_PATH') or 'not set'}) or {sys.prefix}"
+    )
+    raise InputError(
+        f"package '{package}' has no share folder in {searched}; source the workspace that has it"
+    )
 
 
 def _ament_prefixes() -> list[Path]:

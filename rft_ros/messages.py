@@ -57,26 +57,36 @@ def _order(data: bytes, ros1: bool) -> str:
 
 def _stamp(seconds: int, nanoseconds: int) -> int:
     if seconds >= 2**31 or nanoseconds >= 1_000_000_000:
-        raise ValueError(f"stamp {seconds} s {nanoseconds} ns is not a time that ROS 2 can publish")
+        raise ValueError(
+            f"stamp {seconds} s {nanoseconds} ns is not a time that ROS 2 can publish"
+        )
     return seconds * 1_000_000_000 + nanoseconds
 
 
 def _fixed_layout(count: int, *, ros1: bool) -> Callable[[bytes], _Content]:
     """A decoder of a header and `count` doubles. CDR ends the frame's name with a NUL and aligns the doubles."""
     head, nul, alignment = ("III", 0, 1) if ros1 else ("iII", 1, 8)
-    layouts = {o: (struct.Struct(o + head), struct.Struct(f"{o}{count}d")) for o in _ORDERS.values()}
+    layouts = {
+        o: (struct.Struct(o + head), struct.Struct(f"{o}{count}d")) for o in _ORDERS.values()
+    }
 
     def content(data: bytes) -> _Content:
         start, doubles = layouts[_order(data, ros1)]
         seconds, nanoseconds, length = start.unpack_from(data, 4)
         end = 16 + length
         frame = data[16 : end - nul].decode()
-        return _stamp(seconds, nanoseconds), frame, doubles.unpack_from(data, end + (4 - end) % alignment)
+        return (
+            _stamp(seconds, nanoseconds),
+            frame,
+            doubles.unpack_from(data, end + (4 - end) % alignment),
+        )
 
     return content
 
 
-def _transforms(data: bytes, *, ros1: bool, fixed: bool, one: bool = False) -> tuple[TransformSample, ...]:
+def _transforms(
+    data: bytes, *, ros1: bool, fixed: bool, one: bool = False
+) -> tuple[TransformSample, ...]:
     """The transforms of a TFMessage, by struct as well: robots publish a hundred frames at 500 Hz.
 
     `one`: the message is a TransformStamped.
@@ -84,7 +94,9 @@ def _transforms(data: bytes, *, ros1: bool, fixed: bool, one: bool = False) -> t
     order = _order(data, ros1)
     # CDR begins with 4 bytes, from which on each number is aligned to its size; ROS 1 does neither
     begin, of_integers, of_doubles = (0, 1, 1) if ros1 else (4, 4, 8)
-    header = struct.Struct(order + ("4xIII" if ros1 else "iII"))  # stamp, length of the parent's name
+    header = struct.Struct(
+        order + ("4xIII" if ros1 else "iII")
+    )  # stamp, length of the parent's name
     length = struct.Struct(f"{order}I")
     pose = struct.Struct(f"{order}7d")
     (count,) = (1,) if one else length.unpack_from(data, begin)
@@ -104,7 +116,11 @@ def _transforms(data: bytes, *, ros1: bool, fixed: bool, one: bool = False) -> t
         at += (begin - at) % of_doubles
         x, y, z, *quaternion = pose.unpack_from(data, at)
         at += pose.size
-        found.append(TransformSample(_stamp(seconds, nanoseconds), parent, child, (x, y, z), (*quaternion,), fixed))
+        found.append(
+            TransformSample(
+                _stamp(seconds, nanoseconds), parent, child, (x, y, z), (*quaternion,), fixed
+            )
+        )
     return tuple(found)
 
 
@@ -119,7 +135,10 @@ _COORDINATES = {7: "f4", 8: "f8"}  # of PointField.datatype
 @cache  # a decoder of clouds takes 0.3 s to make
 def _clouds(*, ros1: bool) -> Callable[[bytes], Cloud]:
     """A decoder of a PointCloud2 with fields x, y and z of one or two floating-point types."""
-    from rosbags.typesys import Stores, get_typestore  # 4 MB, which a node without clouds does not need
+    from rosbags.typesys import (
+        Stores,
+        get_typestore,
+    )  # 4 MB, which a node without clouds does not need
 
     store = get_typestore(Stores.ROS1_NOETIC if ros1 else Stores.ROS2_JAZZY)
     store.get_msgdef(_CLOUD)  # parsed at the start, so that the first cloud does not wait for it
@@ -132,18 +151,32 @@ def _clouds(*, ros1: bool) -> Callable[[bytes], Cloud]:
             raise ValueError(f"not a cloud: {error}") from error
         frame = cloud.header.frame_id
         shape = (cloud.height, cloud.width)
-        places = {f.name: (f.offset, _COORDINATES[f.datatype]) for f in cloud.fields if f.datatype in _COORDINATES}
+        places = {
+            f.name: (f.offset, _COORDINATES[f.datatype])
+            for f in cloud.fields
+            if f.datatype in _COORDINATES
+        }
         found = [places[name] for name in "xyz" if name in places]
-        if len(found) != 3 or max(offset + int(kind[1]) for offset, kind in found) > cloud.point_step:
+        if (
+            len(found) != 3
+            or max(offset + int(kind[1]) for offset, kind in found) > cloud.point_step
+        ):
             raise ValueError("the cloud has no fields x, y and z of type FLOAT32 or FLOAT64")
         if cloud.height > 1 and cloud.row_step < cloud.width * cloud.point_step:
-            raise ValueError(f"the cloud's row_step, {cloud.row_step}, is less than a row of its points")
+            raise ValueError(
+                f"the cloud's row_step, {cloud.row_step}, is less than a row of its points"
+            )
         order = ">" if cloud.is_bigendian else "<"
         steps = (cloud.row_step, cloud.point_step)
         axes = [np.empty(0), np.empty(0), np.empty(0)]
-        if cloud.height * cloud.width:  # numpy raises ValueError where these need more bytes than there are
+        if (
+            cloud.height * cloud.width
+        ):  # numpy raises ValueError where these need more bytes than there are
             layouts = [(np.dtype(order + kind), offset) for offset, kind in found]
-            axes = [np.ndarray(shape, type_, cloud.data, offset, steps).reshape(-1) for type_, offset in layouts]
+            axes = [
+                np.ndarray(shape, type_, cloud.data, offset, steps).reshape(-1)
+                for type_, offset in layouts
+            ]
         return Cloud(_stamp(cloud.header.stamp.sec, cloud.header.stamp.nanosec), frame, *axes)
 
     return decode

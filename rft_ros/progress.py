@@ -11,9 +11,13 @@ def bar(label: str, total: float) -> Iterator[Callable[[float, str], None]]:
     from rich.progress import Progress
 
     console = Console(stderr=True)
-    with Progress(console=console, transient=True, redirect_stdout=False, disable=not console.is_terminal) as progress:
+    with Progress(
+        console=console, transient=True, redirect_stdout=False, disable=not console.is_terminal
+    ) as progress:
         task = progress.add_task(label, total=total)
-        yield lambda completed, label: progress.update(task, completed=completed, description=label)
+        yield lambda completed, label: progress.update(
+            task, completed=completed, description=label
+        )
 
 
 @contextmanager

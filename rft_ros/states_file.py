@@ -9,10 +9,17 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import PoseDifference, PoseSample
 from rft_ros.files import whole
 from rft_ros.parameters import Model, defaults
-from rft_ros.rft import POSE, STATE, TWIST, WRENCH, Memory, checked_states, wrenches, wrenches_in_time
+from rft_ros.rft import (
+    POSE,
+    STATE,
+    TWIST,
+    WRENCH,
+    Memory,
+    checked_states,
+    wrenches,
+    wrenches_in_time,
+)
 from rft_ros.table_file import columns_named, read_table
-
-__all__ = ["read_states", "wrenches_along", "write_wrenches"]
 
 _FEWEST = 3  # poses for a velocity
 _ANY_GAP = 10**18  # ns
@@ -31,7 +38,9 @@ def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     try:
         unknown = np.flatnonzero(~np.isfinite(times))
         if len(unknown):
-            raise ValueError(f"row {unknown[0]}: t is {times[unknown[0]]}; it must be a finite number")
+            raise ValueError(
+                f"row {unknown[0]}: t is {times[unknown[0]]}; it must be a finite number"
+            )
         states = checked_states(given)
         if STATE[-1] not in rows.factors:
             states[:, TWIST] = _velocities(times, states[:, POSE])
@@ -51,9 +60,13 @@ def _velocities(times: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArr
     back = np.flatnonzero(np.diff(stamps) <= 0)
     if len(back):
         k = int(back[0]) + 1
-        raise ValueError(f"row {k}: t is {times[k]:g} after {times[k - 1]:g}; without velocities it must increase")
+        raise ValueError(
+            f"row {k}: t is {times[k]:g} after {times[k - 1]:g}; without velocities it must increase"
+        )
     if len(times) < _FEWEST:
-        raise ValueError(f"row 0: velocities need {_FEWEST} poses; give more, or the columns {','.join(STATE[TWIST])}")
+        raise ValueError(
+            f"row 0: velocities need {_FEWEST} poses; give more, or the columns {','.join(STATE[TWIST])}"
+        )
     window: float = defaults()["twist_window"]
     difference = PoseDifference()
     twists = np.empty((len(times), len(STATE[TWIST])))
@@ -85,13 +98,19 @@ def wrenches_along(
         result = wrenches(plates, law, states, surface_height=surface_height, threads=threads)
     elif len(back):
         k = back[0]
-        raise InputError(f"{where}: t goes back from {times[k]:g} to {times[k + 1]:g}; memory needs it in order")
+        raise InputError(
+            f"{where}: t goes back from {times[k]:g} to {times[k + 1]:g}; memory needs it in order"
+        )
     else:
-        result = wrenches_in_time(plates, law, states, Memory(plates), surface_height=surface_height)
+        result = wrenches_in_time(
+            plates, law, states, Memory(plates), surface_height=surface_height
+        )
     finite = np.isfinite(result).all(axis=1)
     if not finite.all():
         why = "it is too far away, or the tool or the stress is too large"
-        raise InputError(f"{where}: the state at t = {times[np.argmin(finite)]:g} has no finite wrench; {why}")
+        raise InputError(
+            f"{where}: the state at t = {times[np.argmin(finite)]:g} has no finite wrench; {why}"
+        )
     return result
 
 

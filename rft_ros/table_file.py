@@ -14,8 +14,6 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError, shown
 from rft_ros.files import MAX_BYTES, read_text
 
-__all__ = ["Column", "Rows", "columns_named", "read_table"]
-
 _SEPARATORS = ",;\t "
 _QUOTES = "\"'"
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "--", "nodata"}
@@ -42,7 +40,9 @@ class Column:
             return "" if heading == self.name else None
         name = self.name.replace("_", "[ _]?")
         match = re.match(f"{name}(?![a-z])(.*)$", heading.lower().translate(_LETTERS))
-        return None if match is None else re.sub(r"[\s_\[\]()^*·]", "", match[1].replace("per", "/"))
+        return (
+            None if match is None else re.sub(r"[\s_\[\]()^*·]", "", match[1].replace("per", "/"))
+        )
 
 
 def columns_named(names: Sequence[str]) -> tuple[Column, ...]:
@@ -77,7 +77,11 @@ class _Place:
 
 
 def read_table(
-    file: Path, what: str, columns: Sequence[Column], *optional: Sequence[Column], limit: int = MAX_BYTES
+    file: Path,
+    what: str,
+    columns: Sequence[Column],
+    *optional: Sequence[Column],
+    limit: int = MAX_BYTES,
 ) -> Rows:
     """The `columns` of a `checked_file` in CSV format, and those of the groups `optional` that it has, in this order.
 
@@ -137,7 +141,12 @@ def _place(column: Column, headings: Sequence[str], group: Sequence[Column], nam
 
 
 def _rows(
-    lines: Iterator[tuple[int, str]], named: str, *, places: Sequence[_Place], separator: str | None, width: int
+    lines: Iterator[tuple[int, str]],
+    named: str,
+    *,
+    places: Sequence[_Place],
+    separator: str | None,
+    width: int,
 ) -> Rows:
     """The rows below the header. `width`: how many cells a line has."""
     indices = [place.index for place in places]

@@ -15,13 +15,19 @@ import yaml
 from rft_ros.errors import InputError, reason_of, shown
 from rft_ros.files import read_text
 
-__all__ = ["read_yaml", "yaml_content", "yaml_text"]
-
 _MOST_BYTES = 2**20
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the C one is libyaml, which ROS uses
 _RESOLVER = yaml.resolver.Resolver()
 _TEXT = "tag:yaml.org,2002:str"
-_BOOLEANS = {"true": True, "True": True, "TRUE": True, "false": False, "False": False, "FALSE": False, "off": False}
+_BOOLEANS = {
+    "true": True,
+    "True": True,
+    "TRUE": True,
+    "false": False,
+    "False": False,
+    "FALSE": False,
+    "off": False,
+}
 _NOTHING = {"", "~", "null", "Null", "NULL"}
 _WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]{0,17})")
 _DECIMAL = re.compile(r"[-+]?(?!0[0-9]+$)([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]{1,2})?")
@@ -79,7 +85,10 @@ class _Reader:
         if isinstance(event, yaml.AliasEvent):
             self._refuse(event, "has an alias (*), which ROS does not read; write its values out")
         if event.tag:
-            self._refuse(event, f"has the tag {shown(event.tag)}; write the value without it, text in quotes")
+            self._refuse(
+                event,
+                f"has the tag {shown(event.tag)}; write the value without it, text in quotes",
+            )
         if isinstance(event, yaml.ScalarEvent):
             return self._scalar(event)
         if isinstance(event, yaml.SequenceStartEvent):
@@ -103,7 +112,9 @@ class _Reader:
             if not key or event.tag or "\0" in key:
                 self._refuse(event, "has no text where a name is needed")
             if key == "<<":
-                self._refuse(event, "has a merge key (<<), which ROS reads as a name; write its values out")
+                self._refuse(
+                    event, "has a merge key (<<), which ROS reads as a name; write its values out"
+                )
             if key in items:
                 self._refuse(event, f"has '{key}' a second time; remove one")
             items[key] = self._node(next(self._events))
@@ -127,7 +138,10 @@ class _Reader:
             return float(text)
         if not _is_text(text):
             advice = "write a decimal number, true or false, or put text in quotes"
-            self._refuse(event, f"has {shown(text)}, which is not one thing to every reader of YAML; {advice}")
+            self._refuse(
+                event,
+                f"has {shown(text)}, which is not one thing to every reader of YAML; {advice}",
+            )
         return text
 
 
@@ -143,8 +157,14 @@ class _Dumper(yaml.SafeDumper):
     def ignore_aliases(self, data: Any) -> bool:  # noqa: ARG002
         return True
 
-    def represent_sequence(self, tag: str, sequence: Any, flow_style: bool | None = None) -> yaml.SequenceNode:  # noqa: ARG002
-        return super().represent_sequence(tag, sequence, all(isinstance(v, int | float) for v in sequence))
+    def represent_sequence(
+        self,
+        tag: str,
+        sequence: Any,
+        flow_style: bool | None = None,  # noqa: ARG002
+    ) -> yaml.SequenceNode:
+        on_one_line = all(isinstance(v, int | float) for v in sequence)
+        return super().represent_sequence(tag, sequence, on_one_line)
 
     def represent_text(self, data: str) -> yaml.ScalarNode:
         """Text, in quotes where it could be read as another type."""

@@ -37,10 +37,18 @@ def main(arguments: list[str] | None = None) -> int:
     """Run the studies and print their tables; exit status."""
     names = (*STUDIES, *CHARTS, "all")
     parser = argparse.ArgumentParser(prog="python -m studies", description=__doc__)
-    parser.add_argument("names", metavar="NAME", nargs="+", choices=names, help=f"{', '.join(names)}")
-    parser.add_argument("-o", "--output", type=Path, required=True, help="folder for figures and tables")
     parser.add_argument(
-        "--docs", type=Path, action="append", default=[], help="page whose tables to rewrite; may be repeated"
+        "names", metavar="NAME", nargs="+", choices=names, help=f"{', '.join(names)}"
+    )
+    parser.add_argument(
+        "-o", "--output", type=Path, required=True, help="folder for figures and tables"
+    )
+    parser.add_argument(
+        "--docs",
+        type=Path,
+        action="append",
+        default=[],
+        help="page whose tables to rewrite; may be repeated",
     )
     given = parser.parse_args(arguments)
     results: list[StudyResult] = []
@@ -49,7 +57,10 @@ def main(arguments: list[str] | None = None) -> int:
         for result in run_study(name):
             files = result.write(given.output)
             results.append(result)
-            print(f"{result.title}\n\n{result.table.markdown()}\n" + "\n".join(f"-> {file}" for file in files))
+            print(
+                f"{result.title}\n\n{result.table.markdown()}\n"
+                + "\n".join(f"-> {file}" for file in files)
+            )
     try:
         for page in given.docs:
             print(f"-> {page}: {', '.join(write_tables(page, results))}")

@@ -29,10 +29,15 @@ def draw_abb_plate(bag: Path, file: Path) -> None:
     values, options = read_parameter_file(_FILE), read_replay_options(_FILE)
     figure = new_figure(9.0, 4.4)
     legend: dict[str, Any] = {}
-    for axes, (title, changed) in zip(figure.subplots(1, 2, sharey=True), _MODELS.items(), strict=True):
+    for axes, (title, changed) in zip(
+        figure.subplots(1, 2, sharey=True), _MODELS.items(), strict=True
+    ):
         table = estimates_of(bag, {**values, **changed}, options)
         table = table[table["depth"] > 0.0]
-        depth, force = 1e3 * table["depth"], -table["predicted_fz"]  # the cell's z axis points down
+        depth, force = (
+            1e3 * table["depth"],
+            -table["predicted_fz"],
+        )  # the cell's z axis points down
         for phase, colour in _MEASURED.items():
             of_phase = table["phase"] == phase
             if phase == "dwell":
@@ -43,8 +48,12 @@ def draw_abb_plate(bag: Path, file: Path) -> None:
             predicted, sigma = np.where(of_phase, force, np.nan), table["sigma_fz"]
             name = "withdrawal" if phase == "withdrawal" else "penetration and dwell"
             colour = VERMILION if phase == "withdrawal" else ORANGE
-            legend[f"predicted, {name}"] = axes.plot(depth, predicted, "--", color=colour, lw=1.6)[0]
-            band = axes.fill_between(depth, predicted - sigma, predicted + sigma, color=colour, alpha=0.15, lw=0)
+            legend[f"predicted, {name}"] = axes.plot(depth, predicted, "--", color=colour, lw=1.6)[
+                0
+            ]
+            band = axes.fill_between(
+                depth, predicted - sigma, predicted + sigma, color=colour, alpha=0.15, lw=0
+            )
             legend["± standard deviation"] = band
         axes.set_title(title, fontsize=10)
         axes.set_xlabel("Depth of the plate's lowest point [mm]")

@@ -60,21 +60,34 @@ def study() -> StudyResult:
         off = wrenches(plates, law("constant"), states)[:, :3] - truth
         return float(np.sqrt((off**2).sum() / (truth**2).sum()))
 
-    errors = {name: {rule: error(p) for rule, p in both_rules(mesh).items()} for name, mesh in faulty_balls()}
+    errors = {
+        name: {rule: error(p) for rule, p in both_rules(mesh).items()}
+        for name, mesh in faulty_balls()
+    }
     figure = new_figure(8.4, 3.8)
     axes = figure.subplots()
     place = np.arange(len(errors))
     for rule, shift, hatch in zip(INTEGRATIONS, (0.2, -0.2), ("//", ""), strict=True):
         values = [100.0 * e[rule] for e in errors.values()]
         bars = axes.barh(
-            place + shift, values, height=0.38, color=RULE_COLOUR[rule], hatch=hatch, edgecolor="white", label=rule
+            place + shift,
+            values,
+            height=0.38,
+            color=RULE_COLOUR[rule],
+            hatch=hatch,
+            edgecolor="white",
+            label=rule,
         )
         axes.bar_label(bars, fmt="%.2g", fontsize=7, padding=2)
     axes.set_yticks(place, list(errors), fontsize=8)
     axes.invert_yaxis()
     axes.set_xscale("log")
-    label_axes(axes, x="RMS error of the force [%]", y="Mesh of a ball", legend={"loc": "lower right"})
+    label_axes(
+        axes, x="RMS error of the force [%]", y="Mesh of a ball", legend={"loc": "lower right"}
+    )
     axes.set_title("A ball in random motions, against 81,920 facets", fontsize=10)
     rows = [(name, *of_rule.values()) for name, of_rule in errors.items()]
     by_rule = ((rule, "{:.2g} %", 100.0) for rule in INTEGRATIONS)
-    return result_of_rows("fails_mesh", "Bad meshes", figure, rows, ("mesh of a ball", "{}"), *by_rule)
+    return result_of_rows(
+        "fails_mesh", "Bad meshes", figure, rows, ("mesh of a ball", "{}"), *by_rule
+    )

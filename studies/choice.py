@@ -5,7 +5,15 @@ from dataclasses import dataclass
 from rft_ros.rft import Integration, Law
 from studies.paper import law
 
-__all__ = ["CHOICES", "DEFAULT", "DENSITY", "PUBLISHED", "PUBLISHED_LINEAR", "REMEMBERED", "Choice"]
+__all__ = [
+    "CHOICES",
+    "DEFAULT",
+    "DENSITY",
+    "PUBLISHED",
+    "PUBLISHED_LINEAR",
+    "REMEMBERED",
+    "Choice",
+]
 
 DENSITY = 1465.0
 """Bulk density of the simulated beds [kg/m³]: 2,500 kg/m³ at a packing fraction of 0.586."""
@@ -34,7 +42,13 @@ class Choice:
     def made(self, zeta: float) -> Law:
         """The law of this choice."""
         length = self.mobilization_length
-        return law(self.alpha_y, zeta=zeta, name=self.law, density=self.density, mobilization_length=length)
+        return law(
+            self.alpha_y,
+            zeta=zeta,
+            name=self.law,
+            density=self.density,
+            mobilization_length=length,
+        )
 
 
 PUBLISHED = Choice(name="published", integration="centroid")
@@ -52,11 +66,25 @@ CHOICES = (
     Choice(name="refined, α_y linear, memory 3 mm", alpha_y="linear", mobilization_length=_MEMORY),
     DEFAULT,
     Choice(name="published, learned", integration="centroid", lag=_LAG),
-    Choice(name="default, learned", alpha_y="linear", mobilization_length=_MEMORY, tolerance=0.025, lag=_LAG),
-    Choice(name="refined, α_y linear, memory, inertia", alpha_y="linear", mobilization_length=_MEMORY, density=DENSITY),
+    Choice(
+        name="default, learned",
+        alpha_y="linear",
+        mobilization_length=_MEMORY,
+        tolerance=0.025,
+        lag=_LAG,
+    ),
+    Choice(
+        name="refined, α_y linear, memory, inertia",
+        alpha_y="linear",
+        mobilization_length=_MEMORY,
+        density=DENSITY,
+    ),
     Choice(name="refined, agarwal2023", law="agarwal2023"),
     Choice(
-        name="refined, agarwal2023, memory, inertia", law="agarwal2023", mobilization_length=_MEMORY, density=DENSITY
+        name="refined, agarwal2023, memory, inertia",
+        law="agarwal2023",
+        mobilization_length=_MEMORY,
+        density=DENSITY,
     ),
 )
 """The choices that the table of docs/speed-accuracy.md compares."""

@@ -52,11 +52,15 @@ def study() -> StudyResult:
     rows = []
     for axes, (name, title) in zip(figure.subplots(2, 2).flat, RUNS.items(), strict=True):
         found = errors(name)
-        _draw(axes, name, f"{title}: facets {100.0 * found[0]:.0f} %, hull {100.0 * found[1]:.0f} %")
+        _draw(
+            axes, name, f"{title}: facets {100.0 * found[0]:.0f} %, hull {100.0 * found[1]:.0f} %"
+        )
         rows.append((title, *found))
     figure.axes[0].legend(fontsize=8)
     columns = (("tool", "{}"), ("facets", "{:.0f} %", 100.0), ("convex hull", "{:.0f} %", 100.0))
-    return result_of_rows("fails_hollow", "Hollow tools in simulated grains", figure, rows, *columns)
+    return result_of_rows(
+        "fails_hollow", "Hollow tools in simulated grains", figure, rows, *columns
+    )
 
 
 def _draw(axes: Axes, name: str, title: str) -> None:
@@ -81,6 +85,12 @@ def _draw(axes: Axes, name: str, title: str) -> None:
         (on_facets, ORANGE, "-", "facets"),
         (on_hull, BLUE, "--", "convex hull"),
     ):
-        axes.plot(1e3 * travel[:_LAST], sign * force[used, axis][:_LAST], color=colour, ls=style, label=name_of_line)
+        axes.plot(
+            1e3 * travel[:_LAST],
+            sign * force[used, axis][:_LAST],
+            color=colour,
+            ls=style,
+            label=name_of_line,
+        )
     axes.set_ylim(bottom=0.0)
     label_axes(axes, x=label, y="Force against the motion [N]", title=title)

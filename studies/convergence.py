@@ -16,7 +16,16 @@ from rft_ros.rft import INTEGRATIONS, Integration, Plates, wrenches
 from rft_ros.sweeps.motions import sample, straight
 from rft_ros.tool import centroid_plates, refined_plates
 from studies.paper import NOT_STATED, law
-from studies.result import BLACK, BLUE, GREY, ORANGE, StudyResult, label_axes, new_figure, published_against_ours
+from studies.result import (
+    BLACK,
+    BLUE,
+    GREY,
+    ORANGE,
+    StudyResult,
+    label_axes,
+    new_figure,
+    published_against_ours,
+)
 
 __all__ = ["LEVELS", "RADIUS", "Convergence", "convergence", "fineness", "order", "study"]
 
@@ -49,7 +58,9 @@ def fineness(facets: int) -> float:
     return float(np.sqrt(facets / (4.0 * np.pi)))
 
 
-def convergence(levels: Sequence[int] = LEVELS, reference: int = _REFERENCE) -> dict[Integration, Convergence]:
+def convergence(
+    levels: Sequence[int] = LEVELS, reference: int = _REFERENCE
+) -> dict[Integration, Convergence]:
     """Both rules against the refined rule at level `reference`, over a plunge from touching to submerged."""
     states = sample(_PLUNGE, _STATES)[1]
     exact = _forces(_sphere(reference, "refined"), states)
@@ -57,7 +68,9 @@ def convergence(levels: Sequence[int] = LEVELS, reference: int = _REFERENCE) -> 
     found: dict[Integration, Convergence] = {}
     for rule in INTEGRATIONS:
         bodies = [_sphere(level, rule) for level in levels]
-        errors = [np.linalg.norm(_forces(plates, states) - exact, axis=1) / largest for plates in bodies]
+        errors = [
+            np.linalg.norm(_forces(plates, states) - exact, axis=1) / largest for plates in bodies
+        ]
         found[rule] = Convergence(
             facets=np.array([len(plates) for plates in bodies], dtype=np.float64),
             fineness=np.array([fineness(len(plates)) for plates in bodies]),
@@ -98,7 +111,13 @@ def study() -> StudyResult:
     rows = []
     for goal in (0.05, 0.01, 0.001):
         text = ", ".join(_enough(one, goal) for one in found.values())
-        rows.append((f"facets for {100.0 * goal:g} % of the maximum force: {', '.join(found)}", NOT_STATED, text))
+        rows.append(
+            (
+                f"facets for {100.0 * goal:g} % of the maximum force: {', '.join(found)}",
+                NOT_STATED,
+                text,
+            )
+        )
     return StudyResult(
         name="convergence",
         title="Mesh convergence on a sphere (Fig. 9)",
@@ -134,8 +153,20 @@ def _draw(found: dict[Integration, Convergence]) -> Figure:
     errors.axhline(1.0, color=BLACK, lw=0.8, ls="--", label="1 %")
     errors.xaxis.set_minor_formatter(NullFormatter())
     label_axes(
-        times, x="Facets", y="Time of one wrench, one core [µs]", title="Time (Fig. 9A)", legend={"loc": "upper left"}
+        times,
+        x="Facets",
+        y="Time of one wrench, one core [µs]",
+        title="Time (Fig. 9A)",
+        legend={"loc": "upper left"},
     )
-    label_axes(errors, x="1 / (κ Lc)", y="RMS error over the maximum force [%]", title="Error (Fig. 9B)", legend={})
-    figure.suptitle("Sphere plunging at 60° from touching to submerged, against the refined rule on 327,680 facets")
+    label_axes(
+        errors,
+        x="1 / (κ Lc)",
+        y="RMS error over the maximum force [%]",
+        title="Error (Fig. 9B)",
+        legend={},
+    )
+    figure.suptitle(
+        "Sphere plunging at 60° from touching to submerged, against the refined rule on 327,680 facets"
+    )
     return figure

@@ -11,7 +11,16 @@ from numpy.typing import NDArray
 
 from studies.choice import Choice
 from studies.dem import RUNS
-from studies.learning import LAGS, MODELS, Series, bag_series, dem_series, in_sigmas, learned, unlearned
+from studies.learning import (
+    LAGS,
+    MODELS,
+    Series,
+    bag_series,
+    dem_series,
+    in_sigmas,
+    learned,
+    unlearned,
+)
 from studies.result import StudyResult, TextTable
 
 __all__ = ["GROUPS", "series_of_group", "study", "within"]
@@ -62,7 +71,10 @@ def _cells(errors: Sequence[Sequence[Array]]) -> list[str]:
     for mode in range(len(_MODES)):
         parts = []
         for part in range(3):
-            shares = [100.0 * np.mean([(run[mode][:, part] < k).mean() for run in errors]) for k in (1.0, 2.0)]
+            shares = [
+                100.0 * np.mean([(run[mode][:, part] < k).mean() for run in errors])
+                for k in (1.0, 2.0)
+            ]
             parts.append(", ".join(f"{share:.0f}" for share in shares))
         cells.append(" / ".join(parts))
     return cells

@@ -15,13 +15,50 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.rft import STATE, TWIST, VELOCITY, Law, Memory, checked_states, wrenches, wrenches_in_time
+from rft_ros.rft import (
+    STATE,
+    TWIST,
+    VELOCITY,
+    Law,
+    Memory,
+    checked_states,
+    wrenches,
+    wrenches_in_time,
+)
 from rft_ros.tool import Tool, load_tool
 from studies.choice import PUBLISHED, PUBLISHED_LINEAR, REMEMBERED, Choice
-from studies.result import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION, StudyResult, TextTable, label_axes, new_figure
+from studies.result import (
+    BLACK,
+    BLUE,
+    GREY,
+    ORANGE,
+    SKY,
+    VERMILION,
+    StudyResult,
+    TextTable,
+    label_axes,
+    new_figure,
+)
 
-__all__ = ["ALONG_ITSELF", "CALIBRATION", "CYCLE_RUNS", "FAST_RUNS", "PUBLISHED_PLATES", "RUNS", "WALL_SECONDS"]
-__all__ += ["DemRun", "cycle_error", "errors_of", "fitted_zeta", "median_error", "modelled", "read_run", "run_error"]
+__all__ = [
+    "ALONG_ITSELF",
+    "CALIBRATION",
+    "CYCLE_RUNS",
+    "FAST_RUNS",
+    "PUBLISHED_PLATES",
+    "RUNS",
+    "WALL_SECONDS",
+]
+__all__ += [
+    "DemRun",
+    "cycle_error",
+    "errors_of",
+    "fitted_zeta",
+    "median_error",
+    "modelled",
+    "read_run",
+    "run_error",
+]
 __all__ += ["settled_error", "smoothed", "study"]
 
 Array = NDArray[np.float64]
@@ -71,7 +108,13 @@ WALL_SECONDS = {
 DATA = Path(__file__).resolve().parents[1] / "test" / "data" / "dem"
 """The folder of the runs."""
 
-_MESHES = {"ellipsoid": "ellipsoid", "root": "paraboloid", "cup": "cup", "pair9": "pair9", "rake": "rake"}
+_MESHES = {
+    "ellipsoid": "ellipsoid",
+    "root": "paraboloid",
+    "cup": "cup",
+    "pair9": "pair9",
+    "rake": "rake",
+}
 """The mesh of a run by the first word of its name; the others have the plate."""
 _HEADER = ("t_s", *STATE, "fx", "fy", "fz", "tx", "ty", "tz")
 
@@ -105,7 +148,12 @@ class DemRun:
 
 
 def read_run(
-    name: str, choice: Choice = PUBLISHED, *, rests: bool = False, folder: Path = DATA, hull: bool = False
+    name: str,
+    choice: Choice = PUBLISHED,
+    *,
+    rests: bool = False,
+    folder: Path = DATA,
+    hull: bool = False,
 ) -> DemRun:
     """A simulated run with the tool of a choice, and the rows in which it rests if asked for, or of `CYCLE_RUNS`.
 
@@ -116,13 +164,17 @@ def read_run(
         header = tuple(next(lines).strip().split(","))
         rows = np.loadtxt(lines, delimiter=",", ndmin=2)
     if header != _HEADER:
-        raise InputError(f"'{file}' has the header {','.join(header)}; it must be {','.join(_HEADER)}")
+        raise InputError(
+            f"'{file}' has the header {','.join(header)}; it must be {','.join(_HEADER)}"
+        )
     states = checked_states(rows[:, 1:14])
     used = np.any(states[:, TWIST] != 0.0, axis=1) | (name in CYCLE_RUNS) | rests
     mesh = folder / "meshes" / f"{_MESHES.get(name.split('_')[0], 'plate')}.stl"
     return DemRun(
         name=name,
-        tool=load_tool(mesh, scale=1.0, hull=hull, integration=choice.integration, tolerance=choice.tolerance),
+        tool=load_tool(
+            mesh, scale=1.0, hull=hull, integration=choice.integration, tolerance=choice.tolerance
+        ),
         times=rows[used, 0],
         states=states[used],
         forces=rows[used, 14:17],
@@ -149,7 +201,9 @@ def median_error(measured: Array, model: Array) -> float:
     smooth = smoothed(measured)[_FIRST:_LAST]
     size = np.linalg.norm(smooth, axis=1)
     used = size > _STRONG * size.max()
-    return float(np.median(np.linalg.norm(model[_FIRST:_LAST] - smooth, axis=1)[used] / size[used]))
+    return float(
+        np.median(np.linalg.norm(model[_FIRST:_LAST] - smooth, axis=1)[used] / size[used])
+    )
 
 
 def settled_error(run: DemRun, model: Array) -> float:
@@ -160,7 +214,9 @@ def settled_error(run: DemRun, model: Array) -> float:
     steps = np.linalg.norm(run.states[1:, VELOCITY], axis=1) * np.diff(run.times)
     used = np.flatnonzero(np.concatenate([[0.0], np.cumsum(steps)]) > _SHOCK)[:-4]
     smooth = smoothed(run.forces)[used]
-    return float(np.median(np.linalg.norm(model[used] - smooth, axis=1) / np.linalg.norm(smooth, axis=1)))
+    return float(
+        np.median(np.linalg.norm(model[used] - smooth, axis=1) / np.linalg.norm(smooth, axis=1))
+    )
 
 
 def cycle_error(run: DemRun, model: Array) -> float:
@@ -200,7 +256,11 @@ def errors_of(choice: Choice) -> dict[str, float]:
     return {run.name: run_error(run, run.predicted(choice.made(zeta))) for run in runs}
 
 
-_COLUMNS = {"published": PUBLISHED, "published, α_y linear": PUBLISHED_LINEAR, "refined, with memory": REMEMBERED}
+_COLUMNS = {
+    "published": PUBLISHED,
+    "published, α_y linear": PUBLISHED_LINEAR,
+    "refined, with memory": REMEMBERED,
+}
 
 
 def study() -> StudyResult:
@@ -228,18 +288,30 @@ def _draw(errors: dict[str, dict[str, float]]) -> Figure:
     for number, (name, axes) in enumerate(zip(RUNS, panels, strict=False), start=1):
         _draw_run(axes, name)
         what = RUNS[name].partition(" (")[0]
-        shares = " → ".join(f"{100.0 * e[name]:.0f}" for title, e in errors.items() if "linear" not in title)
+        shares = " → ".join(
+            f"{100.0 * e[name]:.0f}" for title, e in errors.items() if "linear" not in title
+        )
         axes.set_title(f"{number}. {what}: {shares} %", fontsize=9)
     panels[0].legend(fontsize=8)
     last = panels[len(RUNS)]
     last.axhspan(*PUBLISHED_PLATES, color="0.9", label="paper's plates")
     place = np.arange(len(RUNS))
-    for shift, (title, of_run), colour in zip((-0.27, 0.0, 0.27), errors.items(), (BLACK, ORANGE, SKY), strict=True):
-        last.bar(place + shift, [100.0 * of_run[name] for name in RUNS], width=0.27, color=colour, label=title)
+    for shift, (title, of_run), colour in zip(
+        (-0.27, 0.0, 0.27), errors.items(), (BLACK, ORANGE, SKY), strict=True
+    ):
+        last.bar(
+            place + shift,
+            [100.0 * of_run[name] for name in RUNS],
+            width=0.27,
+            color=colour,
+            label=title,
+        )
     last.set_xticks(place, [str(k + 1) for k in place])
     label_axes(last, x="Run", y="Median error [%]", legend={"loc": "upper left"})
     last.set_ylim(0.0, 120.0)
-    figure.suptitle("Force on the tool, ζ fitted to run 1 alone. In the titles: error, published → refined with memory")
+    figure.suptitle(
+        "Force on the tool, ζ fitted to run 1 alone. In the titles: error, published → refined with memory"
+    )
     return figure
 
 
@@ -250,7 +322,13 @@ def _draw_run(axes: Axes, name: str) -> None:
         model, measured = run.predicted(choice.made(zeta)), smoothed(run.forces)[4:-4]
         for column, what, colour in ((2, "up", BLUE), (0, "along x", VERMILION)):
             if choice == PUBLISHED:
-                axes.plot(run.times[4:-4], measured[:, column], color=colour, lw=0.8, label=f"{what}, simulated")
+                axes.plot(
+                    run.times[4:-4],
+                    measured[:, column],
+                    color=colour,
+                    lw=0.8,
+                    label=f"{what}, simulated",
+                )
             label = f"{what}, {choice.name}"
             axes.plot(run.times, model[:, column], color=colour, lw=width, ls=style, label=label)
     axes.axhline(0.0, color=GREY, lw=0.6)

@@ -41,9 +41,14 @@ def draw_fall(path: Path) -> None:
     size = 1.1 * float(np.linalg.norm(tool.corners, axis=1).max())
     centers, normals = tool.plates.centroids.T, tool.plates.normals.T
     faces = tool.vertices[tool.faces]
-    middle, out = faces.mean(axis=1), np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0])
+    middle, out = (
+        faces.mean(axis=1),
+        np.cross(faces[:, 1] - faces[:, 0], faces[:, 2] - faces[:, 0]),
+    )
     out /= np.linalg.norm(out, axis=1)[:, None]
-    nearest = (((middle[:, None] - centers) / size) ** 2).sum(axis=2) + ((out[:, None] - normals) ** 2).sum(axis=2)
+    nearest = (((middle[:, None] - centers) / size) ** 2).sum(axis=2) + (
+        (out[:, None] - normals) ** 2
+    ).sum(axis=2)
     plate_of_face = nearest.argmin(axis=1)
     for k in range(360):
         grains.apply(data)
@@ -54,7 +59,9 @@ def draw_fall(path: Path) -> None:
         figure = new_figure(3.6, 3.0)
         axes: Any = figure.add_subplot(projection="3d")
         placed = faces @ body.xmat.reshape(3, 3).T + body.xpos
-        axes.add_collection3d(Poly3DCollection(placed, facecolors=colormaps["viridis"](pressure / 3e3)))
+        axes.add_collection3d(
+            Poly3DCollection(placed, facecolors=colormaps["viridis"](pressure / 3e3))
+        )
         edge = 1.6 * size
         bed = np.array([[-edge, -edge, 0], [edge, -edge, 0], [edge, edge, 0], [-edge, edge, 0]])
         axes.add_collection3d(Poly3DCollection([bed], facecolors="#C2A878", alpha=0.35))

@@ -23,7 +23,14 @@ from studies.parameter_sweep import (
     shipped,
 )
 
-__all__ = ["along_itself_sweep", "direction_sweeps", "greatest_power", "height_sweeps", "level_sweeps", "plate_facing"]
+__all__ = [
+    "along_itself_sweep",
+    "direction_sweeps",
+    "greatest_power",
+    "height_sweeps",
+    "level_sweeps",
+    "plate_facing",
+]
 __all__ += ["reversal_sweep", "turning_sweep", "wheel_sweep", "yaw_sweeps"]
 
 _DEM_ZETA = 0.24  # of the simulated beads, from their vertical penetration (docs/accuracy.md)
@@ -37,11 +44,17 @@ def level_sweeps() -> tuple[Sweep, ...]:
     for name, turn, rise in (("β through 0", 0.0, -0.3), ("β through 180°", np.pi, 0.3)):
         for yaw in (0.0, 30.0, 60.0, 90.0):
 
-            def states(tilt: Array, yaw: float = yaw, turn: float = turn, rise: float = rise) -> Array:
-                about = Rotation.from_euler("z", yaw, degrees=True) * Rotation.from_euler("y", (turn - tilt)[:, None])
+            def states(
+                tilt: Array, yaw: float = yaw, turn: float = turn, rise: float = rise
+            ) -> Array:
+                about = Rotation.from_euler("z", yaw, degrees=True) * Rotation.from_euler(
+                    "y", (turn - tilt)[:, None]
+                )
                 return scene_states(about, velocity=(0.01, 0.0, 0.01 * rise))
 
-            sweeps.append(Sweep(name=f"{name}, yaw {yaw:.0f}°", tool=plate, values=tilts, states=states))
+            sweeps.append(
+                Sweep(name=f"{name}, yaw {yaw:.0f}°", tool=plate, values=tilts, states=states)
+            )
     return tuple(sweeps)
 
 
@@ -49,7 +62,9 @@ def along_itself_sweep() -> Sweep:
     """An upright plate yawed through motion in its own plane, ψ = 90°, where neither face leads."""
 
     def states(psi: Array) -> Array:
-        about = Rotation.from_euler("z", psi[:, None]) * Rotation.from_euler("y", -90.0, degrees=True)
+        about = Rotation.from_euler("z", psi[:, None]) * Rotation.from_euler(
+            "y", -90.0, degrees=True
+        )
         # slightly downwards: otherwise rounding decides whether the lower edge leads
         return scene_states(about, velocity=(0.1, 0.0, -0.001), height=-0.035)
 
@@ -68,7 +83,9 @@ def wheel_sweep() -> Sweep:
 
     def states(fall: Array) -> Array:
         along = 0.01 * np.column_stack([np.cos(fall), np.zeros_like(fall), -np.sin(fall)])
-        return scene_states(Rotation.from_euler("y", 90.0, degrees=True), velocity=along, height=0.03)
+        return scene_states(
+            Rotation.from_euler("y", 90.0, degrees=True), velocity=along, height=0.03
+        )
 
     return Sweep(
         name="motion through the axle's direction",
@@ -93,12 +110,18 @@ def yaw_sweeps(*tools: str) -> tuple[Sweep, ...]:
             velocity = (0.01, 0.0, 0.0) if name == "upright" else (0.01, 0.002, -0.004)
 
             def states(
-                yaw: Array, attitude: Rotation = attitude, velocity: tuple[float, float, float] = velocity
+                yaw: Array,
+                attitude: Rotation = attitude,
+                velocity: tuple[float, float, float] = velocity,
             ) -> Array:
-                return scene_states(Rotation.from_euler("z", yaw[:, None]) * attitude, velocity=velocity)
+                return scene_states(
+                    Rotation.from_euler("z", yaw[:, None]) * attitude, velocity=velocity
+                )
 
             values = evenly(np.radians(-15.0), np.radians(105.0), ANGLE_STEP)
-            sweeps.append(Sweep(name=f"yaw, {tool}, {name}", tool=plates, values=values, states=states))
+            sweeps.append(
+                Sweep(name=f"yaw, {tool}, {name}", tool=plates, values=values, states=states)
+            )
     return tuple(sweeps)
 
 
@@ -113,11 +136,17 @@ def direction_sweeps() -> tuple[Sweep, ...]:
     for beta in (0.0, 45.0, 90.0):
 
         def states(fall: Array, beta: float = beta) -> Array:
-            velocity = 0.01 * np.column_stack([np.cos(fall), 0.2 * np.ones_like(fall), -np.sin(fall)])
+            velocity = 0.01 * np.column_stack(
+                [np.cos(fall), 0.2 * np.ones_like(fall), -np.sin(fall)]
+            )
             return scene_states(Rotation.from_euler("y", -beta, degrees=True), velocity=velocity)
 
         fall = evenly(-0.5 * np.pi, 0.5 * np.pi, ANGLE_STEP)
-        sweeps.append(Sweep(name=f"direction, β {beta:.0f}°", tool=shipped("plate"), values=fall, states=states))
+        sweeps.append(
+            Sweep(
+                name=f"direction, β {beta:.0f}°", tool=shipped("plate"), values=fall, states=states
+            )
+        )
     return tuple(sweeps)
 
 
@@ -142,7 +171,8 @@ def greatest_power(beta: float, rule: Integration, alpha_y: str, *, intruding: b
     # directions on the leading side, the same about the normal at every β
     normal, along = np.array([np.sin(beta), 0.0, -np.cos(beta)]), np.array([0.0, 1.0, 0.0])
     off, around = np.meshgrid(
-        np.linspace(0.0, 0.499 * np.pi, _DIRECTIONS), np.linspace(0.0, 2.0 * np.pi, 2 * _DIRECTIONS)
+        np.linspace(0.0, 0.499 * np.pi, _DIRECTIONS),
+        np.linspace(0.0, 2.0 * np.pi, 2 * _DIRECTIONS),
     )
     aside = np.cos(around)[..., None] * along + np.sin(around)[..., None] * np.cross(normal, along)
     v = (np.cos(off)[..., None] * normal + np.sin(off)[..., None] * aside).reshape(-1, 3)
@@ -150,7 +180,11 @@ def greatest_power(beta: float, rule: Integration, alpha_y: str, *, intruding: b
     if len(v) == 0:
         return -np.inf
     plates = plate_facing(beta, rule)
-    force = wrenches(plates, law(alpha_y, zeta=1.0), scene_states(Rotation.identity(), velocity=v, height=-_DEPTH))
+    force = wrenches(
+        plates,
+        law(alpha_y, zeta=1.0),
+        scene_states(Rotation.identity(), velocity=v, height=-_DEPTH),
+    )
     return float((force[:, :3] * v).sum(axis=1).max() / (1e6 * plates.area * _DEPTH))
 
 
@@ -175,13 +209,20 @@ def turning_sweep(divisions: int = 1) -> Sweep:
 
 
 def _coarse(kind: str) -> BothRules:
-    mesh = trimesh.creation.box((0.05, 0.05, 0.003)) if kind == "plate" else trimesh.creation.icosphere(1, radius=0.025)
+    mesh = (
+        trimesh.creation.box((0.05, 0.05, 0.003))
+        if kind == "plate"
+        else trimesh.creation.icosphere(1, radius=0.025)
+    )
     return both_rules(mesh)
 
 
 def height_sweeps() -> tuple[Sweep, ...]:
     """Heights through the surface of upright, level and leaning plates, a coarse ball, and shipped tools."""
-    upright, leaning = Rotation.from_euler("y", -90.0, degrees=True), Rotation.from_euler("zyx", [0.3, 0.5, 0.2])
+    upright, leaning = (
+        Rotation.from_euler("y", -90.0, degrees=True),
+        Rotation.from_euler("zyx", [0.3, 0.5, 0.2]),
+    )
     level = Rotation.identity()
     cases: tuple[tuple[str, BothRules, Rotation, tuple[float, float, float]], ...] = (
         ("upright plate, 12 facets, entering", _coarse("plate"), upright, (0.01, 0.0, -0.003)),
@@ -197,11 +238,15 @@ def height_sweeps() -> tuple[Sweep, ...]:
     for name, tool, attitude, velocity in cases:
 
         def states(
-            height: Array, attitude: Rotation = attitude, velocity: tuple[float, float, float] = velocity
+            height: Array,
+            attitude: Rotation = attitude,
+            velocity: tuple[float, float, float] = velocity,
         ) -> Array:
             return scene_states(attitude, velocity=velocity, height=height)
 
-        sweeps.append(Sweep(name=name, tool=tool, values=evenly(-0.03, 0.03, LENGTH_STEP), states=states))
+        sweeps.append(
+            Sweep(name=name, tool=tool, values=evenly(-0.03, 0.03, LENGTH_STEP), states=states)
+        )
     return tuple(sweeps)
 
 
@@ -214,6 +259,10 @@ def reversal_sweep() -> Sweep:
 
     def states(speed: Array) -> Array:
         drift = np.full_like(speed, 1e-5)
-        return scene_states(Rotation.identity(), velocity=np.column_stack([drift, 0.0 * drift, speed]))
+        return scene_states(
+            Rotation.identity(), velocity=np.column_stack([drift, 0.0 * drift, speed])
+        )
 
-    return Sweep(name="vertical speed through 0", tool=shipped("plate"), values=values, states=states)
+    return Sweep(
+        name="vertical speed through 0", tool=shipped("plate"), values=values, states=states
+    )

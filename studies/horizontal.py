@@ -42,7 +42,10 @@ _BELOW = {"loc": "upper center", "bbox_to_anchor": (0.5, -0.13), "frameon": Fals
 def drag_forces(plates: Plates, alpha_y: str) -> tuple[Array, Array, Array]:
     """F1, F23 and the part of F23 along e2 at every `PSI` [N], positive against the motion."""
     forces = np.array(
-        [drag_force(plates, law(alpha_y), plate_drag(psi_deg=min(psi, BELOW_90), depth=DEPTH)) for psi in PSI]
+        [
+            drag_force(plates, law(alpha_y), plate_drag(psi_deg=min(psi, BELOW_90), depth=DEPTH))
+            for psi in PSI
+        ]
     )
     return -forces[:, 0], np.hypot(forces[:, 1], forces[:, 2]), -forces[:, 1]
 
@@ -71,40 +74,80 @@ def study() -> StudyResult:
         title="Vertical plate dragged horizontally at an angle ψ (Fig. 3)",
         figure=_draw(faces, whole),
         table=published_against_ours(
-            ("maximum F1 with the thin edges", f"{PUBLISHED['F1 raw']} N", both.format(*raw_max.values())),
-            ("maximum F1 without the thin edges", f"{PUBLISHED['F1']} N", both.format(*f1_max.values())),
+            (
+                "maximum F1 with the thin edges",
+                f"{PUBLISHED['F1 raw']} N",
+                both.format(*raw_max.values()),
+            ),
+            (
+                "maximum F1 without the thin edges",
+                f"{PUBLISHED['F1']} N",
+                both.format(*f1_max.values()),
+            ),
             (
                 "force on the thin edges",
                 f"{PUBLISHED['F1 raw'] - PUBLISHED['F1']:.1f} N",
                 f"{edges:.2f} N (3.2 mm thick)",
             ),
-            ("maximum F23", f"{PUBLISHED['F23']} N", f"{f23_max:.2f} N ({f2_max:.2f} N of it horizontal)"),
+            (
+                "maximum F23",
+                f"{PUBLISHED['F23']} N",
+                f"{f23_max:.2f} N ({f2_max:.2f} N of it horizontal)",
+            ),
             (
                 "maximum F1 over maximum F23 (does not depend on the depth)",
                 f"{PUBLISHED['F1'] / PUBLISHED['F23']:.2f}",
-                "α_y constant {:.2f}, linear {:.2f}".format(*(f1_max[m] / f23_max for m in ALPHA_Y)),
+                "α_y constant {:.2f}, linear {:.2f}".format(
+                    *(f1_max[m] / f23_max for m in ALPHA_Y)
+                ),
             ),
         ),
     )
 
 
-def _draw(faces: dict[str, tuple[Array, Array, Array]], whole: dict[str, tuple[Array, Array, Array]]) -> Figure:
+def _draw(
+    faces: dict[str, tuple[Array, Array, Array]], whole: dict[str, tuple[Array, Array, Array]]
+) -> Figure:
     figure = new_figure(13.5, 5.6)
     along, across, weights = figure.subplots(1, 3)
     fine = np.linspace(0.0, 90.0, 181)
     fit1, fit23 = fitted_forces(fine)
     along.plot(fine, fit1, color=BLACK, label="published fit to the measurements")
-    along.plot([90.0], [PUBLISHED["F1"]], "*", color=BLACK, ms=11, label="published maximum, without the thin edges")
-    along.plot([90.0], [PUBLISHED["F1 raw"]], "*", color=GREY, ms=11, label="published maximum, with the thin edges")
+    along.plot(
+        [90.0],
+        [PUBLISHED["F1"]],
+        "*",
+        color=BLACK,
+        ms=11,
+        label="published maximum, without the thin edges",
+    )
+    along.plot(
+        [90.0],
+        [PUBLISHED["F1 raw"]],
+        "*",
+        color=GREY,
+        ms=11,
+        label="published maximum, with the thin edges",
+    )
     for model, colour, marker in (("constant", BLUE, "o"), ("linear", ORANGE, "s")):
-        along.plot(PSI, faces[model][0], marker, color=colour, ms=4, label=f"ours, face, α_y {model}")
-        along.plot(PSI, whole[model][0], ":", color=colour, lw=1.2, label=f"ours with edges, α_y {model}")
-    label_axes(along, x="ψ [deg]", y="F1 against the motion [N]", title="Along the plate", legend=_BELOW)
+        along.plot(
+            PSI, faces[model][0], marker, color=colour, ms=4, label=f"ours, face, α_y {model}"
+        )
+        along.plot(
+            PSI, whole[model][0], ":", color=colour, lw=1.2, label=f"ours with edges, α_y {model}"
+        )
+    label_axes(
+        along, x="ψ [deg]", y="F1 against the motion [N]", title="Along the plate", legend=_BELOW
+    )
     across.plot(fine, fit23, color=BLACK, label="published fit to the measurements")
     across.plot([0.0], [PUBLISHED["F23"]], "*", color=BLACK, ms=11, label="published maximum")
-    across.plot(PSI, faces["constant"][1], "o", color=BLUE, ms=4, label="ours, face (independent of α_y)")
+    across.plot(
+        PSI, faces["constant"][1], "o", color=BLUE, ms=4, label="ours, face (independent of α_y)"
+    )
     scaled = faces["constant"][1] * PUBLISHED["F23"] / faces["constant"][1].max()
-    across.plot(PSI, scaled, "x", color=VERMILION, ms=5, label="ours, scaled to the published maximum")
+    across.plot(
+        PSI, scaled, "x", color=VERMILION, ms=5, label="ours, scaled to the published maximum"
+    )
     label_axes(across, x="ψ [deg]", y="F23 [N]", title="Across the plate", legend=_BELOW)
     u, w = np.sin(np.deg2rad(fine)), np.cos(np.deg2rad(fine))
     f1, f23 = np.array([exact_f1(x) for x in u]), np.array([exact_f23(x) for x in w])
@@ -113,8 +156,19 @@ def _draw(faces: dict[str, tuple[Array, Array, Array]], whole: dict[str, tuple[A
         ("f23", f23, faces["constant"][1], fit23, _PRINTED_B4, VERMILION),
     ):
         weights.plot(fine, curve, color=colour, label=f"{name}, released digits")
-        weights.plot(PSI, force / force.max(), "o", color=colour, ms=4, label=f"{name} from our forces")
-        weights.plot(fine, fit / printed, "--", color=colour, lw=0.9, label=f"{name} divided by the printed {printed}")
+        weights.plot(
+            PSI, force / force.max(), "o", color=colour, ms=4, label=f"{name} from our forces"
+        )
+        weights.plot(
+            fine,
+            fit / printed,
+            "--",
+            color=colour,
+            lw=0.9,
+            label=f"{name} divided by the printed {printed}",
+        )
     label_axes(weights, x="ψ [deg]", y="Weight", title="Velocity weights", legend=_BELOW)
-    figure.suptitle(f"51 mm plate, upright, 1 cm/s horizontally, centre {1e3 * DEPTH:.1f} mm deep, ζ = 0.33")
+    figure.suptitle(
+        f"51 mm plate, upright, 1 cm/s horizontally, centre {1e3 * DEPTH:.1f} mm deep, ζ = 0.33"
+    )
     return figure

@@ -38,10 +38,37 @@ from rft_ros.rft import (
 )
 from studies.choice import PUBLISHED, REMEMBERED, Choice
 from studies.dem import RUNS, modelled, read_run, smoothed
-from studies.result import BLUE, GREY, ORANGE, VERMILION, StudyResult, TextTable, label_axes, new_figure
+from studies.result import (
+    BLUE,
+    GREY,
+    ORANGE,
+    VERMILION,
+    StudyResult,
+    TextTable,
+    label_axes,
+    new_figure,
+)
 
-__all__ = ["LAGS", "MODELS", "PASSES", "Learned", "Series", "bag_series", "dem_series", "followed_force"]
-__all__ += ["in_sigmas", "learned", "model_rows", "pass_errors", "passes_of", "series_of", "study", "unlearned"]
+__all__ = [
+    "LAGS",
+    "MODELS",
+    "PASSES",
+    "Learned",
+    "Series",
+    "bag_series",
+    "dem_series",
+    "followed_force",
+]
+__all__ += [
+    "in_sigmas",
+    "learned",
+    "model_rows",
+    "pass_errors",
+    "passes_of",
+    "series_of",
+    "study",
+    "unlearned",
+]
 
 Array = NDArray[np.float64]
 
@@ -50,7 +77,11 @@ LAGS = (0.002, 0.005)
 
 _ROOT = Path(__file__).resolve().parents[1]
 _RECORDINGS = _ROOT.parent / "shared" / "data"
-_ROUND_PLATES = {"cmu_plate_large_60mm_1": 60, "cmu_plate_large_80mm_7": 80, "cmu_plate_large_100mm_4": 100}
+_ROUND_PLATES = {
+    "cmu_plate_large_60mm_1": 60,
+    "cmu_plate_large_80mm_7": 80,
+    "cmu_plate_large_100mm_4": 100,
+}
 PASSES = "multipass_plate_b90_d15"
 """The run of four passes."""
 _FRESH = ("drag_plate_b90_d15_y22", "fast_plate_b90_0p1mps_ref")
@@ -95,7 +126,9 @@ class Series:
     @property
     def steps(self) -> Array:
         """Path of the fastest point since the sample before [m], shape [n]."""
-        return np.concatenate([[0.0], 0.5 * (self.speeds[1:] + self.speeds[:-1]) * np.diff(self.stamps) * 1e-9])
+        return np.concatenate(
+            [[0.0], 0.5 * (self.speeds[1:] + self.speeds[:-1]) * np.diff(self.stamps) * 1e-9]
+        )
 
     @property
     def path(self) -> Array:
@@ -136,7 +169,9 @@ def model_rows(plates: Plates, law: Law, states: Array, *, surface: float = 0.0)
     """What the filter needs of the model at each state, shape [n, 19]."""
     if not law.has_memory:
         return wrenches(plates, law, states, surface_height=surface, sensitivities=True, threads=1)
-    return wrenches_in_time(plates, law, states, Memory(plates), surface_height=surface, sensitivities=True)
+    return wrenches_in_time(
+        plates, law, states, Memory(plates), surface_height=surface, sensitivities=True
+    )
 
 
 def series_of(
@@ -157,7 +192,9 @@ def series_of(
     states[at_rest, TWIST], speeds[at_rest] = 0.0, 0.0
     rows, velocities = model_rows(plates, law, states, surface=surface), states[:, VELOCITY]
     motions = zip(velocities[:, 2].tolist(), speeds.tolist(), rows[:, :3].tolist(), strict=True)
-    withdrawn = np.array([is_withdrawn(up, speed, (fx, fy, fz)) for up, speed, (fx, fy, fz) in motions])
+    withdrawn = np.array(
+        [is_withdrawn(up, speed, (fx, fy, fz)) for up, speed, (fx, fy, fz) in motions]
+    )
     passing = withdrawn | (np.linalg.norm(velocities, axis=1) > _INERTIAL)
     return Series(
         name=name,
@@ -200,7 +237,9 @@ def bag_series(group: str, choice: Choice) -> list[Series]:
     values, options = read_parameter_file(file), read_replay_options(file)
     with TemporaryDirectory() as folder:
         bags, meshes = _recordings(group, Path(folder))
-        return [_recorded(bag, {**values, **meshes.get(bag.name, {})}, options, choice) for bag in bags]
+        return [
+            _recorded(bag, {**values, **meshes.get(bag.name, {})}, options, choice) for bag in bags
+        ]
 
 
 @cache
@@ -218,10 +257,17 @@ def calibrate(group: str, choice: Choice, folder: Path) -> Path:
     """Calibrate the recordings of a group in a folder; returns the parameter file there."""
     bags, meshes = _recordings(group, folder)
     first = next(iter(meshes.values()), {})
-    given = {"law": choice.law, "integration": choice.integration, "alpha_y.model": choice.alpha_y, **first}
+    given = {
+        "law": choice.law,
+        "integration": choice.integration,
+        "alpha_y.model": choice.alpha_y,
+        **first,
+    }
     file, out = folder / "given.yaml", folder / "calibrated.yaml"
     file.write_text(_parameters(group, given))
-    rules = [word for name, mesh in meshes.items() for word in ("--mesh", f"{name}={mesh['mesh.file']}")]
+    rules = [
+        word for name, mesh in meshes.items() for word in ("--mesh", f"{name}={mesh['mesh.file']}")
+    ]
     with redirect_stdout(io.StringIO()):
         main(["calibrate", *map(str, bags), "--params", str(file), *rules, "-o", str(out)])
     return out
@@ -236,7 +282,9 @@ def _recorded(bag: Path, values: Values, options: ReplayOptions, choice: Choice)
     settings, model = settings_of(own), model_of(own)
     plates, law = model.tool.plates, model.law
     rest, surface = settings.rest_speed, settings.surface_height
-    series = series_of(bag.name, plates, law, track.states, track.time, track.forces, rest=rest, surface=surface)
+    series = series_of(
+        bag.name, plates, law, track.states, track.time, track.forces, rest=rest, surface=surface
+    )
     sinking = np.convolve(series.states[:, 9], np.full(21, 1.0 / 21.0), "same") < -rest
     deep = surface - track.heights > 0.0
     inward = np.flatnonzero(sinking & deep & (series.rows[:, 2] > 0.0) & (series.speeds > 0.0))
@@ -248,7 +296,10 @@ def _recordings(group: str, folder: Path) -> tuple[list[Path], dict[str, dict[st
     if group == "abb":
         return [_RECORDINGS / "abb_plate" / f"abb_plate_{trial}" for trial in (2, 3)], {}
     if group == "wheel":
-        wheel = {"mesh.file": str(_RECORDINGS / "cmu_wheel" / "smooth.stl"), "mesh.origin": (30.0, 0.0, 62.5)}
+        wheel = {
+            "mesh.file": str(_RECORDINGS / "cmu_wheel" / "smooth.stl"),
+            "mesh.origin": (30.0, 0.0, 62.5),
+        }
         bags = [_RECORDINGS / "cmu_wheel_press" / f"old_smooth_{trial}" for trial in (6, 7, 8)]
         return bags, {bag.name: wheel for bag in bags}
     meshes: dict[str, dict[str, Any]] = {}
@@ -261,7 +312,9 @@ def _recordings(group: str, folder: Path) -> tuple[list[Path], dict[str, dict[st
 
 def _parameters(group: str, given: Mapping[str, object]) -> str:
     """The text of the parameter file before the calibration."""
-    plain = {name: list(value) if isinstance(value, tuple) else value for name, value in given.items()}
+    plain = {
+        name: list(value) if isinstance(value, tuple) else value for name, value in given.items()
+    }
     if group == "abb":
         content = yaml.safe_load((_ROOT / "config" / "abb_plate.yaml").read_text())
         own = content["/**"]["ros__parameters"]
@@ -269,14 +322,18 @@ def _parameters(group: str, given: Mapping[str, object]) -> str:
         return yaml.safe_dump({**content, "/**": {"ros__parameters": {**own, **plain}}})
     remap = {"remap": ["~/pose:=/tool_pose", "~/wrench_measured:=/ft_sensor/wrench"]}
     own = {"twist_source": "pose_difference", **plain}
-    return yaml.safe_dump({n: {"ros__parameters": p} for n, p in (("/**", own), ("rft_replay", remap))})
+    return yaml.safe_dump(
+        {n: {"ros__parameters": p} for n, p in (("/**", own), ("rft_replay", remap))}
+    )
 
 
 def vector_error(series: Series, predicted: Array) -> float:
     """Median of abs(predicted - expected) / abs(expected) over the samples that count."""
     rows = series.judged
     size = np.linalg.norm(series.expected[rows], axis=1)
-    return float(np.median(np.linalg.norm(predicted[rows, :3] - series.expected[rows], axis=1) / size))
+    return float(
+        np.median(np.linalg.norm(predicted[rows, :3] - series.expected[rows], axis=1) / size)
+    )
 
 
 def peak_error(series: Series, predicted: Array) -> float:
@@ -289,14 +346,19 @@ def peak_error(series: Series, predicted: Array) -> float:
 def pass_errors(series: Series, predicted: Array) -> list[float]:
     """`vector_error` of each level drag, less three samples at each end."""
     expected = smoothed(series.forces)
-    return [vector_error(replace(series, judged=run[3:-3], expected=expected), predicted) for run in passes_of(series)]
+    return [
+        vector_error(replace(series, judged=run[3:-3], expected=expected), predicted)
+        for run in passes_of(series)
+    ]
 
 
 def passes_of(series: Series) -> list[NDArray[np.int64]]:
     """The samples of each level drag."""
     velocities = series.states[:, VELOCITY]
     moving = np.flatnonzero((velocities[:, 0] > 0.05) & (np.abs(velocities[:, 2]) < 1e-9))
-    return [run for run in np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1) if len(run) > 50]
+    return [
+        run for run in np.split(moving, np.flatnonzero(np.diff(moving) > 1) + 1) if len(run) > 50
+    ]
 
 
 def in_sigmas(series: Series, out: Array) -> Array:
@@ -325,21 +387,36 @@ def study() -> tuple[StudyResult, StudyResult]:
     reports: list[tuple[str, ...]] = []
     for choice in MODELS:
         dem = [dem_series(name, choice) for name in RUNS]
-        groups: dict[str, tuple[list[Series], _Error]] = {"simulated grains, 11 runs": (dem, vector_error)}
-        for group, title in (("abb", "ABB plate, penetration"), ("cmu", "CMU round plates, penetration")):
+        groups: dict[str, tuple[list[Series], _Error]] = {
+            "simulated grains, 11 runs": (dem, vector_error)
+        }
+        for group, title in (
+            ("abb", "ABB plate, penetration"),
+            ("cmu", "CMU round plates, penetration"),
+        ):
             groups[title] = (bag_series(group, choice), peak_error)
         for title, (runs, error) in groups.items():
             if runs:
                 each = [np.mean([error(run, run.rows[:, :3]) for run in runs])]
-                each += [np.mean([error(run, learned(run, lag=lag).out) for run in runs]) for lag in LAGS]
+                each += [
+                    np.mean([error(run, learned(run, lag=lag).out) for run in runs])
+                    for lag in LAGS
+                ]
                 errors.append((f"{title}; {choice.name}", *(f"{100.0 * e:.1f} %" for e in each)))
         passes = dem_series(PASSES, choice)
         by_pass = [pass_errors(passes, passes.rows[:, :3])]
         by_pass += [pass_errors(passes, learned(passes, lag=lag).out) for lag in LAGS]
         cells = (", ".join(f"{100 * e:.0f}" for e in one) + " %" for one in by_pass)
         errors.append((f"four passes in one trench; {choice.name}", *cells))
-        real = [run for title, (runs, _) in groups.items() if not title.startswith("simulated") for run in runs]
-        reports.append(_surprise_row(choice, [*dem, *(dem_series(name, choice) for name in _FRESH)], real))
+        real = [
+            run
+            for title, (runs, _) in groups.items()
+            if not title.startswith("simulated")
+            for run in runs
+        ]
+        reports.append(
+            _surprise_row(choice, [*dem, *(dem_series(name, choice) for name in _FRESH)], real)
+        )
     lags = tuple(f"learning, lag {1e3 * lag:g} mm" for lag in LAGS)
     return (
         _result(
@@ -352,7 +429,12 @@ def study() -> tuple[StudyResult, StudyResult]:
         _result(
             "surprise",
             "What is reported as a surprise",
-            ("model", "false reports on uniform grains", "layers reported within 3 mm", "path to the buried ball"),
+            (
+                "model",
+                "false reports on uniform grains",
+                "layers reported within 3 mm",
+                "path to the buried ball",
+            ),
             reports,
             figure=None,
         ),
@@ -360,7 +442,12 @@ def study() -> tuple[StudyResult, StudyResult]:
 
 
 def _result(
-    name: str, title: str, header: tuple[str, ...], rows: list[tuple[str, ...]], *, figure: Figure | None
+    name: str,
+    title: str,
+    header: tuple[str, ...],
+    rows: list[tuple[str, ...]],
+    *,
+    figure: Figure | None,
 ) -> StudyResult:
     return StudyResult(
         name=name,
@@ -373,7 +460,10 @@ def _result(
 def followed_force() -> Figure:
     """Upward force over path in three runs: how soon the learned prediction follows the grains."""
     figure = new_figure(12.0, 3.6)
-    names = {"ellipsoid_straight": "Ellipsoid, pushed down", _FRESH[0]: "Upright plate, pushed down and dragged"}
+    names = {
+        "ellipsoid_straight": "Ellipsoid, pushed down",
+        _FRESH[0]: "Upright plate, pushed down and dragged",
+    }
     names[_BLOCK] = "Plate, pushed down on a buried ball"
     for axes, (name, title) in zip(figure.subplots(1, 3), names.items(), strict=True):
         run = dem_series(name, MODELS[-1])
@@ -405,7 +495,11 @@ def _surprise_row(choice: Choice, dem: list[Series], recordings: list[Series]) -
             found += bool((result.surprise[near] == "harder").any())
     block = dem_series(_BLOCK, choice)
     reports = learned(block, lag=LAGS[0]).reports()
-    end = f"{1e3 * block.path[reports[0]]:.1f} of {1e3 * block.path[-1]:.1f} mm" if len(reports) else "never"
+    end = (
+        f"{1e3 * block.path[reports[0]]:.1f} of {1e3 * block.path[-1]:.1f} mm"
+        if len(reports)
+        else "never"
+    )
     return (
         choice.name,
         f"{false} in {length:.2f} m",

@@ -21,7 +21,9 @@ CORNERS = 1e-3 * np.array([6.0, 4.0, 8.0])
 def study() -> StudyResult:
     """The force on an upright plate over its displacement, at a constant depth."""
     plate = Plates.from_arrays([[0.0, 0.0, 0.0]], [[1.0, 0.0, 0.0]], [1e-4])
-    places = np.concatenate([np.linspace(a, b, 800) for a, b in zip([0.0, *CORNERS[:2]], CORNERS, strict=True)])
+    places = np.concatenate(
+        [np.linspace(a, b, 800) for a, b in zip([0.0, *CORNERS[:2]], CORNERS, strict=True)]
+    )
     states = np.zeros((len(places), 13))
     states[:, 0], states[:, 2], states[:, 6] = places, -DEPTH, 1.0
     states[:, 7] = np.gradient(places)
@@ -35,13 +37,22 @@ def study() -> StudyResult:
     axes.axhline(by_law, color=GREY, ls="--", label="law, in steady motion")
     top = held[:800].max()
     for text, at, to in (
-        ("yields towards the law", (2.6, 0.45 * by_law), (2.2, np.interp(2.2, 1e3 * places[:800], held[:800]))),
+        (
+            "yields towards the law",
+            (2.6, 0.45 * by_law),
+            (2.2, np.interp(2.2, 1e3 * places[:800], held[:800])),
+        ),
         ("unloads as a spring", (6.3, 0.6 * top), (5.97, 0.6 * top)),
         ("beyond contact: the gap opens", (1.3, 0.07 * by_law), (4.7, 0.0)),
         ("gap closed, reloads", (4.8, 0.28 * by_law), (4.42, 0.31 * top)),
     ):
         axes.annotate(text, to, at, fontsize=8, arrowprops={"arrowstyle": "->", "lw": 0.7})
-    label_axes(axes, x="Displacement of the plate [mm]", y="Force against the plate [N]", legend={"loc": (0.02, 0.74)})
+    label_axes(
+        axes,
+        x="Displacement of the plate [mm]",
+        y="Force against the plate [N]",
+        legend={"loc": (0.02, 0.74)},
+    )
     rows = [("at the turn", f"{top:.2f}"), ("in steady motion", f"{by_law:.2f}")]
     return StudyResult(
         name="memory", title="A plate pressed, drawn back and pressed again", figure=figure,

@@ -14,7 +14,17 @@ from numpy.typing import NDArray
 from rft_ros.rft import MEDIA, Law, Plates
 from studies import numpy_rft, wheel
 from studies.choice import CHOICES, Choice
-from studies.dem import ALONG_ITSELF, CYCLE_RUNS, FAST_RUNS, RUNS, WALL_SECONDS, DemRun, modelled, read_run, run_error
+from studies.dem import (
+    ALONG_ITSELF,
+    CYCLE_RUNS,
+    FAST_RUNS,
+    RUNS,
+    WALL_SECONDS,
+    DemRun,
+    modelled,
+    read_run,
+    run_error,
+)
 from studies.learning import Series, bag_series, learned, model_rows, peak_error, series_of
 from studies.result import (
     BLACK,
@@ -30,7 +40,16 @@ from studies.result import (
     new_figure,
 )
 
-__all__ = ["GROUPS", "Judged", "Mark", "front", "judged_choices", "median_seconds", "predicted", "study"]
+__all__ = [
+    "GROUPS",
+    "Judged",
+    "Mark",
+    "front",
+    "judged_choices",
+    "median_seconds",
+    "predicted",
+    "study",
+]
 
 Array = NDArray[np.float64]
 
@@ -52,7 +71,9 @@ def predicted(choice: Choice, run: DemRun, law: Law) -> Array:
     """The force at each state of a run [N], shape [n, 3]; a learned one uses earlier forces of the same run."""
     if choice.lag == 0.0:
         return run.predicted(law, threads=1)
-    series = series_of(run.name, run.tool.plates, law, run.states, run.times, run.forces, rest=1e-9)
+    series = series_of(
+        run.name, run.tool.plates, law, run.states, run.times, run.forces, rest=1e-9
+    )
     return learned(series, lag=choice.lag).out[:, :3]
 
 
@@ -68,8 +89,12 @@ def median_seconds(calls: Sequence[Callable[[], object]]) -> list[float]:
             call()
         return (time.thread_time() - began) / times
 
-    times = [max(1, int(_ROUND_SECONDS / min(seconds(call, 1) for _ in range(2)))) for call in calls]
-    turns = [[seconds(call, n) for call, n in zip(calls, times, strict=True)] for _ in range(_ROUNDS)]
+    times = [
+        max(1, int(_ROUND_SECONDS / min(seconds(call, 1) for _ in range(2)))) for call in calls
+    ]
+    turns = [
+        [seconds(call, n) for call, n in zip(calls, times, strict=True)] for _ in range(_ROUNDS)
+    ]
     return [median(of_call) for of_call in zip(*turns, strict=True)]
 
 
@@ -86,7 +111,12 @@ class Judged:
 
 def judged_choices() -> list[Judged]:
     """Every choice in every run; ζ is fitted for each choice."""
-    cases = [(choice, run, zeta) for choice in CHOICES for runs, zeta in [modelled(choice)] for run in runs]
+    cases = [
+        (choice, run, zeta)
+        for choice in CHOICES
+        for runs, zeta in [modelled(choice)]
+        for run in runs
+    ]
     calls = [partial(predicted, choice, run, choice.made(zeta)) for choice, run, zeta in cases]
     return [
         Judged(
@@ -96,7 +126,9 @@ def judged_choices() -> list[Judged]:
             error=run_error(run, call()),
             time=seconds / len(run.states),
         )
-        for (choice, run, _), call, seconds in zip(cases, calls, median_seconds(calls), strict=True)
+        for (choice, run, _), call, seconds in zip(
+            cases, calls, median_seconds(calls), strict=True
+        )
     ]
 
 
@@ -157,10 +189,16 @@ def _simulated_marks(judged: Sequence[Judged]) -> list[Mark]:
         marks.append(_mark(choice, mean(j.time for j in mine), mean(j.error for j in mine)))
     runs = [read_run(name) for name in RUNS]
     plates = mean(j.plates for j in judged if j.choice.name == "published" and j.run in RUNS)
-    by_numpy = mean(_seconds_by_numpy(run.tool.plates, run.states[len(run.states) // 2]) for run in runs)
-    marks += _peers(next(m for m in marks if m.name == _NAMES["published"]), plates=plates, by_numpy=by_numpy)
+    by_numpy = mean(
+        _seconds_by_numpy(run.tool.plates, run.states[len(run.states) // 2]) for run in runs
+    )
+    marks += _peers(
+        next(m for m in marks if m.name == _NAMES["published"]), plates=plates, by_numpy=by_numpy
+    )
     seconds = mean(mean(WALL_SECONDS[run.name]) / len(run.states) for run in runs)
-    elements = Mark(name="discrete elements", seconds=seconds, error=mean(PACKINGS), colour=BLACK, peer=True)
+    elements = Mark(
+        name="discrete elements", seconds=seconds, error=mean(PACKINGS), colour=BLACK, peer=True
+    )
     return [*marks, elements]
 
 
@@ -186,16 +224,24 @@ def _real_marks() -> list[Mark]:
     for choice, groups in series_of_choice.items():
         errors = []
         for runs in groups.values():
-            predicted = [learned(run, lag=choice.lag).out if choice.lag else run.rows for run in runs]
-            errors.append(mean(peak_error(run, out) for run, out in zip(runs, predicted, strict=True)))
+            predicted = [
+                learned(run, lag=choice.lag).out if choice.lag else run.rows for run in runs
+            ]
+            errors.append(
+                mean(peak_error(run, out) for run, out in zip(runs, predicted, strict=True))
+            )
         calls = [partial(_evaluated, runs[0], choice.lag) for runs in groups.values()]
         states = [len(runs[0].states) for runs in groups.values()]
         times = [seconds / n for seconds, n in zip(median_seconds(calls), states, strict=True)]
         marks.append(_mark(choice, geometric_mean(times), mean(errors)))
-    published = next(groups for choice, groups in series_of_choice.items() if choice.name == "published")
+    published = next(
+        groups for choice, groups in series_of_choice.items() if choice.name == "published"
+    )
     firsts = [runs[0] for runs in published.values()]
     plates = geometric_mean(len(run.plates) for run in firsts)
-    by_numpy = geometric_mean(_seconds_by_numpy(run.plates, run.states[run.judged[-1]]) for run in firsts)
+    by_numpy = geometric_mean(
+        _seconds_by_numpy(run.plates, run.states[run.judged[-1]]) for run in firsts
+    )
     return marks + _peers(marks[0], plates=plates, by_numpy=by_numpy)
 
 
@@ -214,7 +260,9 @@ def _wheel_marks() -> list[Mark]:
         at_one = wheel.steady_forces(law, states, plates)
         model = wheel.fitted_zeta(law, states, at_one) * at_one
         evaluations = wheel.STEPS * len(states.states) if law.has_memory else len(states.states)
-        seconds = median_seconds([partial(wheel.steady_forces, law, states, plates)])[0] / evaluations
+        seconds = (
+            median_seconds([partial(wheel.steady_forces, law, states, plates)])[0] / evaluations
+        )
         marks.append(_mark(choice, seconds, wheel.median_errors(states, model)["all"]))
     return marks
 
@@ -235,7 +283,15 @@ def front(marks: Sequence[Mark]) -> list[Mark]:
     return best
 
 
-_TICKS = {1e-6: "1 µs", 1e-5: "10 µs", 1e-4: "0.1 ms", 1e-3: "1 ms", 1e-2: "10 ms", 1e-1: "0.1 s", 1.0: "1 s"}
+_TICKS = {
+    1e-6: "1 µs",
+    1e-5: "10 µs",
+    1e-4: "0.1 ms",
+    1e-3: "1 ms",
+    1e-2: "10 ms",
+    1e-1: "0.1 s",
+    1.0: "1 s",
+}
 _PERIOD_OF_THE_NODE = 2e-3  # s: at 500 Hz
 
 
@@ -243,16 +299,34 @@ def _draw(axes: Axes, marks: Sequence[Mark], title: str, error: str) -> None:
     axes.set_xscale("log")
     best = front(marks)
     wide = {"color": GREY, "lw": 7.0, "alpha": 0.3, "zorder": 1}
-    axes.step([m.seconds for m in best], [100.0 * m.error for m in best], where="post", label="Pareto front", **wide)
+    axes.step(
+        [m.seconds for m in best],
+        [100.0 * m.error for m in best],
+        where="post",
+        label="Pareto front",
+        **wide,
+    )
     for mark in marks:
         shape = "D" if mark.peer else ("s" if mark.learns else "o")
         fill = "white" if mark.peer else mark.colour
-        percent = f"{100.0 * mark.error:.0f} %" if mark.error > 0.095 else f"{100.0 * mark.error:.1f} %"
+        percent = (
+            f"{100.0 * mark.error:.0f} %" if mark.error > 0.095 else f"{100.0 * mark.error:.1f} %"
+        )
         label = f"{mark.name}: {percent}"
         axes.plot(
-            mark.seconds, 100.0 * mark.error, shape, color=mark.colour, mfc=fill, mew=1.8, ms=9.0, label=label, zorder=3
+            mark.seconds,
+            100.0 * mark.error,
+            shape,
+            color=mark.colour,
+            mfc=fill,
+            mew=1.8,
+            ms=9.0,
+            label=label,
+            zorder=3,
         )
-    axes.axvline(_PERIOD_OF_THE_NODE, color=GREY, lw=1.0, ls="--", zorder=0, label="period of 500 Hz")
+    axes.axvline(
+        _PERIOD_OF_THE_NODE, color=GREY, lw=1.0, ls="--", zorder=0, label="period of 500 Hz"
+    )
     axes.set_xticks(list(_TICKS), list(_TICKS.values()))
     axes.minorticks_off()
     axes.set_ylim(0.0, 130.0 * max((m.error for m in marks), default=1.0))
@@ -262,14 +336,20 @@ def _draw(axes: Axes, marks: Sequence[Mark], title: str, error: str) -> None:
 
 def _figure(simulated: Sequence[Mark], real: Sequence[Mark], driven: Sequence[Mark]) -> Figure:
     figure = new_figure(15.0, 5.8)
-    figure.suptitle("Without a load cell, choose the default. With one, turn on learning.", weight="bold")
+    figure.suptitle(
+        "Without a load cell, choose the default. With one, turn on learning.", weight="bold"
+    )
     absent = "the recordings are absent"
     of_peak = "RMS error of the force over its peak [%]"
     median_error = "Median error of the force [%]"
     panels = (
         (simulated, "Simulated grains, 11 runs", median_error),
         (real, f"Real sand, pressed: {'plates and a wheel' if real else absent}", of_peak),
-        (driven, f"Real sand, travelling: {'a wheel dragged, rolled, spun' if driven else absent}", median_error),
+        (
+            driven,
+            f"Real sand, travelling: {'a wheel dragged, rolled, spun' if driven else absent}",
+            median_error,
+        ),
     )
     for axes, (marks, title, error) in zip(figure.subplots(1, 3), panels, strict=True):
         _draw(axes, marks, title, error)
@@ -283,13 +363,23 @@ def study() -> StudyResult:
     for choice in CHOICES:
         mine = [j for j in judged if j.choice == choice]
         errors = [mean(j.error for j in mine if member(j.run)) for member in GROUPS.values()]
-        rows.append((choice.name, *(f"{100.0 * e:.1f}" for e in errors), f"{1e6 * mean(j.time for j in mine):.2g} µs"))
+        rows.append(
+            (
+                choice.name,
+                *(f"{100.0 * e:.1f}" for e in errors),
+                f"{1e6 * mean(j.time for j in mine):.2g} µs",
+            )
+        )
     return StudyResult(
         name="models",
         title="Accuracy of the modelling choices against simulated grains",
         figure=_figure(_simulated_marks(judged), _real_marks(), _wheel_marks()),
         table=TextTable(
-            header=("errors [%]", *(name.partition(" (")[0] for name in GROUPS), "time of an evaluation"),
+            header=(
+                "errors [%]",
+                *(name.partition(" (")[0] for name in GROUPS),
+                "time of an evaluation",
+            ),
             rows=tuple(rows),
         ),
     )

@@ -33,7 +33,13 @@ def linear(beta: Array) -> Array:
 
 
 def wrench(
-    plates: Plates, medium: Medium, zeta: float, alpha_y: AlphaY, state: Array, *, live_only: bool = False
+    plates: Plates,
+    medium: Medium,
+    zeta: float,
+    alpha_y: AlphaY,
+    state: Array,
+    *,
+    live_only: bool = False,
 ) -> Array:
     """Force [N] and torque about the tool frame's origin [N m], shape [6], at one state; the surface is at z = 0.
 
@@ -67,8 +73,19 @@ def wrench(
     m = medium
     two_beta = 2.0 * beta
     plus, minus = gamma + two_beta, gamma - two_beta
-    alpha_z = m.A00 + m.A10 * np.cos(two_beta) + m.B11 * np.sin(plus) + m.B01 * np.sin(gamma) + m.Bm11 * np.sin(minus)
-    alpha_x = m.C11 * np.cos(plus) + m.C01 * np.cos(gamma) + m.Cm11 * np.cos(minus) + m.D10 * np.sin(two_beta)
+    alpha_z = (
+        m.A00
+        + m.A10 * np.cos(two_beta)
+        + m.B11 * np.sin(plus)
+        + m.B01 * np.sin(gamma)
+        + m.Bm11 * np.sin(minus)
+    )
+    alpha_x = (
+        m.C11 * np.cos(plus)
+        + m.C01 * np.cos(gamma)
+        + m.Cm11 * np.cos(minus)
+        + m.D10 * np.sin(two_beta)
+    )
     f1 = A1 * (np.tanh(A2 * np.abs(v1) - A3) + np.tanh(A3)) / N1
     f23 = B1 * (np.arctanh(B2 * np.minimum(v23, 1.0) - B3) + np.arctanh(B3)) / N23
 

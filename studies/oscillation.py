@@ -10,7 +10,16 @@ from rft_ros.rft import wrenches
 from rft_ros.sweeps.motions import oscillating_insertion, sample
 from rft_ros.tool import Tool
 from studies.paper import NOT_STATED, ellipsoid, law
-from studies.result import BLACK, BLUE, GREY, VERMILION, StudyResult, label_axes, new_figure, published_against_ours
+from studies.result import (
+    BLACK,
+    BLUE,
+    GREY,
+    VERMILION,
+    StudyResult,
+    label_axes,
+    new_figure,
+    published_against_ours,
+)
 from studies.sampling import Work, work
 
 __all__ = ["FREQUENCIES", "Stroke", "stroke", "study", "vertical_frequency"]
@@ -34,7 +43,9 @@ class Stroke:
     work: Work
 
 
-def stroke(tool: Tool, *, amplitude_deg: float, frequency: float = 0.625, alpha_y: str = "constant") -> Stroke:
+def stroke(
+    tool: Tool, *, amplitude_deg: float, frequency: float = 0.625, alpha_y: str = "constant"
+) -> Stroke:
     """Push the ellipsoid in from the surface; frequency of the pitch [Hz]."""
     motion = oscillating_insertion(amplitude_deg=amplitude_deg, frequency=frequency)
     times, states = sample(motion, _SAMPLES)
@@ -60,13 +71,19 @@ def study() -> StudyResult:
     """Force and work of the straight and the pitching insertion."""
     tool = ellipsoid()
     straight = stroke(tool, amplitude_deg=0.0)
-    pitching = {name: stroke(tool, amplitude_deg=9.0, frequency=f) for name, f in FREQUENCIES.items()}
+    pitching = {
+        name: stroke(tool, amplitude_deg=9.0, frequency=f) for name, f in FREQUENCIES.items()
+    }
     swept = [stroke(tool, amplitude_deg=9.0, frequency=f).work for f in _SWEPT]
     rows = []
     for name, one in pitching.items():
         frequency = FREQUENCIES[name]
         rows += [
-            (f"{name}, {frequency:g} Hz: frequency of the force", "1.25 Hz", f"{vertical_frequency(one):.2f} Hz"),
+            (
+                f"{name}, {frequency:g} Hz: frequency of the force",
+                "1.25 Hz",
+                f"{vertical_frequency(one):.2f} Hz",
+            ),
             (
                 f"{name}, {frequency:g} Hz: vertical, total work (against straight)",
                 NOT_STATED,
@@ -97,19 +114,32 @@ def _draw(straight: Stroke, pitching: dict[str, Stroke], swept: list[Work]) -> F
     vertical, level, cost = figure.subplots(1, 3)
     vertical.plot(1e3 * straight.depths, straight.forces[:, 2], color=BLACK, label="straight")
     level.plot(1e3 * straight.depths, straight.forces[:, 0], color=BLACK, label="straight")
-    for (name, one), colour, style in zip(pitching.items(), (BLUE, VERMILION), ("-", "--"), strict=True):
+    for (name, one), colour, style in zip(
+        pitching.items(), (BLUE, VERMILION), ("-", "--"), strict=True
+    ):
         label = f"±9° at {FREQUENCIES[name]:g} Hz ({name})"
         vertical.plot(1e3 * one.depths, one.forces[:, 2], style, color=colour, lw=1.2, label=label)
         level.plot(1e3 * one.depths, one.forces[:, 0], style, color=colour, lw=1.2, label=label)
         cost.axvline(FREQUENCIES[name], color=colour, ls=style, lw=1.0, label=name)
-    label_axes(vertical, x="Depth of the tip [mm]", y="Vertical force [N]", legend={"loc": "upper left"})
+    label_axes(
+        vertical, x="Depth of the tip [mm]", y="Vertical force [N]", legend={"loc": "upper left"}
+    )
     label_axes(level, x="Depth of the tip [mm]", y="Horizontal force, in the plane of pitch [N]")
     cost.plot(_SWEPT, [1e3 * w.total for w in swept], "-", color=BLACK, label="total work")
-    cost.plot(_SWEPT, [1e3 * w.vertical for w in swept], "-.", color=BLACK, label="work of the vertical force")
+    cost.plot(
+        _SWEPT,
+        [1e3 * w.vertical for w in swept],
+        "-.",
+        color=BLACK,
+        label="work of the vertical force",
+    )
     cost.axhline(1e3 * straight.work.total, color=GREY, ls=":", label="straight, both")
     cost.set_ylim(bottom=0.0)
     label_axes(
-        cost, x="Frequency of the pitch [Hz]", y="Work over 60 mm [mJ]", legend={"loc": "lower center", "ncols": 2}
+        cost,
+        x="Frequency of the pitch [Hz]",
+        y="Work over 60 mm [mJ]",
+        legend={"loc": "lower center", "ncols": 2},
     )
     figure.suptitle("Ellipsoid 36 x 19 mm, 5 mm/s down, ζ = 0.33, α_y constant")
     return figure

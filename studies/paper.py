@@ -12,7 +12,16 @@ from rft_ros.sweeps.motions import Trajectory
 from rft_ros.tool import Tool
 
 __all__ = ["ALPHA_Y", "BELOW_90", "NOT_STATED", "PUBLISHED", "ZETA"]
-__all__ += ["drag_force", "ellipsoid", "face_depths", "in_plate_axes", "law", "leading_face", "plate", "root_tip"]
+__all__ += [
+    "drag_force",
+    "ellipsoid",
+    "face_depths",
+    "in_plate_axes",
+    "law",
+    "leading_face",
+    "plate",
+    "root_tip",
+]
 
 Array = NDArray[np.float64]
 
@@ -72,7 +81,9 @@ def leading_face(tool: Tool) -> Plates:
 def face_depths(face: Plates, states: Array) -> Array:
     """Depth of a face's middle below z = 0 [m] at states, shape [n, 13]; shape [n]."""
     offset = float(np.average(face.centroid_rows[2], weights=face.areas))
-    return np.asarray(-states[:, 2] - offset * (1.0 - 2.0 * (states[:, 3] ** 2 + states[:, 4] ** 2)))
+    return np.asarray(
+        -states[:, 2] - offset * (1.0 - 2.0 * (states[:, 3] ** 2 + states[:, 4] ** 2))
+    )
 
 
 def in_plate_axes(forces: Array, psi_deg: float) -> Array:

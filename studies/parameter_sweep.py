@@ -26,7 +26,16 @@ from rft_ros.tool import centroid_plates, load_tool, refined_plates
 from studies.paper import ALPHA_Y, law
 from studies.result import BLUE, VERMILION
 
-__all__ = ["ANGLE_STEP", "LENGTH_STEP", "RULE_COLOUR", "BothRules", "Line", "Sweep", "both_rules", "draw_lines"]
+__all__ = [
+    "ANGLE_STEP",
+    "LENGTH_STEP",
+    "RULE_COLOUR",
+    "BothRules",
+    "Line",
+    "Sweep",
+    "both_rules",
+    "draw_lines",
+]
 __all__ += ["evenly", "jumps", "measured", "scene_states", "shipped"]
 
 Array = NDArray[np.float64]
@@ -46,7 +55,10 @@ _FEEBLE = 0.01  # of the largest force along a sweep
 def both_rules(mesh: trimesh.Trimesh) -> BothRules:
     """The plates of a mesh in the tool frame [m] by the published and by the refined rule."""
     vertices, faces = np.array(mesh.vertices), np.array(mesh.faces, dtype=np.int64)
-    return {"centroid": centroid_plates(vertices, faces), "refined": refined_plates(vertices, faces)}
+    return {
+        "centroid": centroid_plates(vertices, faces),
+        "refined": refined_plates(vertices, faces),
+    }
 
 
 def shipped(name: str) -> BothRules:
@@ -70,7 +82,12 @@ def scene_states(
     q = np.atleast_2d(attitude.as_quat())
     v, z, w = np.atleast_2d(velocity), np.atleast_1d(height), np.atleast_2d(spin)
     states = np.zeros((max(len(q), len(v), len(z), len(w)), 13))
-    states[:, 2], states[:, QUATERNION], states[:, VELOCITY], states[:, ANGULAR_VELOCITY] = z, q, v, w
+    states[:, 2], states[:, QUATERNION], states[:, VELOCITY], states[:, ANGULAR_VELOCITY] = (
+        z,
+        q,
+        v,
+        w,
+    )
     return checked_states(states)
 
 
@@ -119,7 +136,9 @@ def measured(sweep: Sweep, *, rules: Sequence[Integration] = INTEGRATIONS) -> tu
         for model in ALPHA_Y:
             forces = wrenches(sweep.tool[rule], law(model, zeta=sweep.zeta), states)[:, :3]
             jump = float(jumps(forces).max())
-            lines.append(Line(rule=rule, alpha_y=model, values=sweep.values, forces=forces, jump=jump))
+            lines.append(
+                Line(rule=rule, alpha_y=model, values=sweep.values, forces=forces, jump=jump)
+            )
     return tuple(lines)
 
 
@@ -130,7 +149,9 @@ _WIDTH = {"centroid": 2.4, "refined": 1.4}
 _MOST_POINTS = 500  # of a line, besides the steepest steps
 
 
-def draw_lines(axes: Axes, lines: Sequence[Line], per_unit: float, *, component: int | None = None) -> None:
+def draw_lines(
+    axes: Axes, lines: Sequence[Line], per_unit: float, *, component: int | None = None
+) -> None:
     """Draw a component of the forces, or their magnitude, over the swept value times `per_unit`."""
     for line in lines:
         y = np.linalg.norm(line.forces, axis=1) if component is None else line.forces[:, component]
@@ -139,5 +160,7 @@ def draw_lines(axes: Axes, lines: Sequence[Line], per_unit: float, *, component:
         for k in np.argsort(np.abs(np.diff(y)))[-8:]:
             keep[k : k + 2] = True
         label = f"{line.rule}, α_y {line.alpha_y}"
-        (drawn,) = axes.plot(line.values[keep] * per_unit, y[keep], label=label, color=RULE_COLOUR[line.rule])
+        (drawn,) = axes.plot(
+            line.values[keep] * per_unit, y[keep], label=label, color=RULE_COLOUR[line.rule]
+        )
         drawn.set(linestyle=_DASH[line.alpha_y], linewidth=_WIDTH[line.rule])

@@ -36,7 +36,9 @@ def estimates_of(bag: Path, values: Values, options: ReplayOptions) -> Any:
     """The rows of `estimates.csv` of a replay, with its columns as fields."""
     with tempfile.TemporaryDirectory() as folder:
         replay(bag, Path(folder), values, options)
-        return np.genfromtxt(Path(folder) / "estimates.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+        return np.genfromtxt(
+            Path(folder) / "estimates.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
+        )
 
 
 def legend_below(figure: Figure, entries: Mapping[str, Any], **style: Any) -> None:
@@ -69,22 +71,48 @@ def draw_moment(figure: Any, axes: Any, scene: Animation) -> None:
     ]
     surface = [[(x0, y0, level), (x1, y0, level), (x1, y1, level), (x0, y1, level)]]
     grains = {"facecolors": _SURFACE, "linewidths": 1.0}
-    axes.add_collection3d(Poly3DCollection(walls, **grains, edgecolors="none", alpha=0.3, zorder=1))
-    axes.add_collection3d(Poly3DCollection(surface, **grains, edgecolors=_SURFACE_EDGE, alpha=0.35, zorder=3))
-    axes.text(x0 + 1.0, y0, level - 0.06 * (high - low)[2], "grains", color=_SURFACE_EDGE, fontsize=10, zorder=6)
+    axes.add_collection3d(
+        Poly3DCollection(walls, **grains, edgecolors="none", alpha=0.3, zorder=1)
+    )
+    axes.add_collection3d(
+        Poly3DCollection(surface, **grains, edgecolors=_SURFACE_EDGE, alpha=0.35, zorder=3)
+    )
+    axes.text(
+        x0 + 1.0,
+        y0,
+        level - 0.06 * (high - low)[2],
+        "grains",
+        color=_SURFACE_EDGE,
+        fontsize=10,
+        zorder=6,
+    )
 
     triangles = points[scene.faces]
     colours = LinearSegmentedColormap.from_list("traction", TRACTION)
     scale = Normalize(0.0, float(kilopascals.max(initial=0.0)) or 1.0)
     above = triangles[:, :, 2].mean(axis=1) > level
-    for shown, order in ((~above, 2), (above, 4)):  # the surface is drawn between them and veils only what is below
+    for shown, order in (
+        (~above, 2),
+        (above, 4),
+    ):  # the surface is drawn between them and veils only what is below
         if shown.any():
             edges = {"edgecolors": (0.0, 0.0, 0.0, 0.12), "linewidths": 0.25}
             shades = colours(scale(kilopascals[shown]))
-            axes.add_collection3d(Poly3DCollection(triangles[shown], facecolors=shades, **edges, zorder=order))
+            axes.add_collection3d(
+                Poly3DCollection(triangles[shown], facecolors=shades, **edges, zorder=order)
+            )
     if size > 0.0:
-        axes.quiver(*points.mean(axis=0), *arrow, color=_FORCE, lw=3.0, arrow_length_ratio=0.16, zorder=5)
-    axes.set(xlim=(x0, x1), ylim=(y0, y1), zlim=(z0, high[2]), xlabel="x [mm]", ylabel="y [mm]", zlabel="z [mm]")
+        axes.quiver(
+            *points.mean(axis=0), *arrow, color=_FORCE, lw=3.0, arrow_length_ratio=0.16, zorder=5
+        )
+    axes.set(
+        xlim=(x0, x1),
+        ylim=(y0, y1),
+        zlim=(z0, high[2]),
+        xlabel="x [mm]",
+        ylabel="y [mm]",
+        zlabel="z [mm]",
+    )
     for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
         axis.set_major_locator(MaxNLocator(4))
         axis.set_pane_color((1.0, 1.0, 1.0, 0.0))
@@ -93,8 +121,25 @@ def draw_moment(figure: Any, axes: Any, scene: Animation) -> None:
     axes.view_init(elev=7.0, azim=-62.0)
     x, y, z = (f"{v:.2f}".replace("-0.00", "0.00") for v in force)
     text = f"net force on the tool (x, y, z) = ({x}, {y}, {z}) N"
-    axes.text2D(0.5, 0.98, text, transform=axes.transAxes, color=_FORCE, ha="center", va="top", size=11, weight="bold")
-    figure.colorbar(ScalarMappable(scale, colours), ax=axes, label="Traction [kPa]", shrink=0.6, pad=0.02, aspect=20)
+    axes.text2D(
+        0.5,
+        0.98,
+        text,
+        transform=axes.transAxes,
+        color=_FORCE,
+        ha="center",
+        va="top",
+        size=11,
+        weight="bold",
+    )
+    figure.colorbar(
+        ScalarMappable(scale, colours),
+        ax=axes,
+        label="Traction [kPa]",
+        shrink=0.6,
+        pad=0.02,
+        aspect=20,
+    )
 
 
 def draw_demo(bag: Path, file: Path) -> None:
@@ -105,7 +150,15 @@ def draw_demo(bag: Path, file: Path) -> None:
     tables = [estimates_of(bag, given, options) for given in (values, fixed)]
     played = states_of(bag, fixed, model, options)
     height, title = settings_of(fixed).surface_height, "Traction and force by the fixed model"
-    scene = animate(title, model.tool, model.law, played.times, played.states, played.forces, surface_height=height)
+    scene = animate(
+        title,
+        model.tool,
+        model.law,
+        played.times,
+        played.states,
+        played.forces,
+        surface_height=height,
+    )
     strength: NDArray[np.float64] = np.linalg.norm(scene.forces, axis=1)
     strength[scene.placed[:, :, 2].max(axis=1) < scene.surface_height + 3.0] = -1.0
     scene = replace(scene, first=int(strength.argmax()))
@@ -116,22 +169,38 @@ def draw_demo(bag: Path, file: Path) -> None:
     left.suptitle(scene.title, fontsize=10)
     panels = right.subplots(3, 1, sharex=True, gridspec_kw={"height_ratios": (1.2, 0.9, 0.7)})
     legend: dict[str, Any] = {}
-    learned, plain = (table[(table["depth"] > -1e-3) & np.isfinite(table["predicted_fz"])] for table in tables)
+    learned, plain = (
+        table[(table["depth"] > -1e-3) & np.isfinite(table["predicted_fz"])] for table in tables
+    )
     depth = 1e3 * learned["depth"]
     for axes, axis, name in zip(panels, ("fz", "fx"), ("z (down)", "x (sideways)"), strict=False):
         middle, sigma = learned[f"predicted_{axis}"], learned[f"sigma_{axis}"]
         lines = (
-            ("virtual load cell, less bias and weight", "#333333", depth, learned[f"compensated_{axis}"]),
-            ("predicted by the fixed model", "#E69F00", 1e3 * plain["depth"], plain[f"predicted_{axis}"]),
+            (
+                "virtual load cell, less bias and weight",
+                "#333333",
+                depth,
+                learned[f"compensated_{axis}"],
+            ),
+            (
+                "predicted by the fixed model",
+                "#E69F00",
+                1e3 * plain["depth"],
+                plain[f"predicted_{axis}"],
+            ),
             ("predicted by the node, which learns", "#D55E00", depth, middle),
         )
         for label, colour, x, y in lines:
             legend[label] = axes.plot(x, y, color=colour, lw=1.5)[0]
-        band = axes.fill_between(depth, middle - sigma, middle + sigma, color="#D55E00", alpha=0.22, lw=0)
+        band = axes.fill_between(
+            depth, middle - sigma, middle + sigma, color="#D55E00", alpha=0.22, lw=0
+        )
         legend["± standard deviation"] = band
         axes.set_ylabel(f"Force along\nsensor {name} [N]")
     legend["surprise"] = panels[2].plot(depth, learned["surprise"], color="#999999")[0]
-    panels[2].set(ylabel="Surprise\n[std. deviations]", xlabel="Depth of the tool's lowest point [mm]")
+    panels[2].set(
+        ylabel="Surprise\n[std. deviations]", xlabel="Depth of the tool's lowest point [mm]"
+    )
     for axes in panels:
         legend["hard layer begins"] = axes.axvline(1e3 * LAYER, color="#009E73", lw=1.5)
         axes.grid(alpha=0.3)

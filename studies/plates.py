@@ -25,7 +25,15 @@ from studies.paper import (
     plate,
 )
 from studies.pictures import legend_below
-from studies.result import BLUE, GREEN, VERMILION, StudyResult, label_axes, new_figure, published_against_ours
+from studies.result import (
+    BLUE,
+    GREEN,
+    VERMILION,
+    StudyResult,
+    label_axes,
+    new_figure,
+    published_against_ours,
+)
 
 __all__ = ["BETAS", "PHIS", "PSI", "Point", "gamma_deg", "simulated_points", "stresses", "study"]
 
@@ -68,7 +76,10 @@ def gamma_deg(phi_deg: float, psi_deg: float) -> float:
 
 def stresses(plates: Plates, beta: float, phi: float, alpha_y: str) -> Array:
     """Stress over depth and ζ [N/cm³] along e1, e2 (against the motion) and E3 at every `PSI`, shape [n, 3]."""
-    drags = [plate_drag(beta_deg=beta, phi_deg=phi, psi_deg=min(psi, BELOW_90), depth=_DEEP) for psi in PSI]
+    drags = [
+        plate_drag(beta_deg=beta, phi_deg=phi, psi_deg=min(psi, BELOW_90), depth=_DEEP)
+        for psi in PSI
+    ]
     unit = 1e6 * ZETA * plates.area * face_depths(plates, drags[0].at(0.0))[0]
     return np.array([_TOWARDS * drag_force(plates, law(alpha_y), drag) / unit for drag in drags])
 
@@ -90,10 +101,17 @@ def _point(run: DemRun, zeta: float) -> Point:
     model = wrenches(run.tool.plates, law("constant", zeta=zeta), run.states)[:, :3]
     error = median_error(run.forces, model)
     measured, predicted = (
-        tuple(float(x) for x in np.median((_TOWARDS * in_plate_axes(forces, psi) / unit[:, None])[half], axis=0))
+        tuple(
+            float(x)
+            for x in np.median(
+                (_TOWARDS * in_plate_axes(forces, psi) / unit[:, None])[half], axis=0
+            )
+        )
         for forces in (smoothed(run.forces), model)
     )
-    return Point(run=run.name, beta=beta, psi=psi, phi=phi, measured=measured, model=predicted, error=error)
+    return Point(
+        run=run.name, beta=beta, psi=psi, phi=phi, measured=measured, model=predicted, error=error
+    )
 
 
 def study() -> StudyResult:
@@ -119,17 +137,22 @@ def study() -> StudyResult:
     )
 
 
-def _row_of_beta(beta: float, found: dict[tuple[float, float, str], Array]) -> tuple[str, str, str]:
+def _row_of_beta(
+    beta: float, found: dict[tuple[float, float, str], Array]
+) -> tuple[str, str, str]:
     constant, linear = (found[beta, 0.0, model][-1, 0] for model in ALPHA_Y)
     published = f"constant 0.136, linear {0.2035 - 0.0015 * beta:.4f} N/cm³"
-    return (f"α_y at β {beta:g}° (stress along e1 at ψ = 90°)", published, f"{constant:.3f}, {linear:.4f} N/cm³")
+    return (
+        f"α_y at β {beta:g}° (stress along e1 at ψ = 90°)",
+        published,
+        f"{constant:.3f}, {linear:.4f} N/cm³",
+    )
 
 
 def _range_of_errors(points: tuple[Point, ...]) -> str:
     errors = [100.0 * p.error for p in points if p.psi < 90.0]
-    return (
-        f"{min(errors):.1f}–{max(errors):.1f} % against simulated plates, without the one that moves in its own plane"
-    )
+    span = f"{min(errors):.1f}–{max(errors):.1f} %"
+    return f"{span} against simulated plates, without the one that moves in its own plane"
 
 
 def _draw(found: dict[tuple[float, float, str], Array], points: tuple[Point, ...]) -> Figure:
@@ -137,23 +160,47 @@ def _draw(found: dict[tuple[float, float, str], Array], points: tuple[Point, ...
     panels = figure.subplots(3, 3, sharex=True, sharey="row")
     for (beta, phi), axes in zip(itertools.product(BETAS, PHIS), panels.ravel(), strict=True):
         for k, (name, colour, _) in enumerate(_AXES):
-            axes.plot(PSI, found[beta, phi, "constant"][:, k], color=colour, label=f"{name}, α_y constant")
+            axes.plot(
+                PSI,
+                found[beta, phi, "constant"][:, k],
+                color=colour,
+                label=f"{name}, α_y constant",
+            )
         axes.plot(PSI, found[beta, phi, "linear"][:, 0], "--", color=BLUE, label="e1, α_y linear")
         for p in points:
             if (p.beta, p.phi) == (beta, phi):
                 _draw_point(axes, p)
-        label_axes(axes, x="ψ [deg]", y="Stress over ζ depth [N/cm³]", title=f"β = {beta:g}°, φ = {phi:g}°")
+        label_axes(
+            axes,
+            x="ψ [deg]",
+            y="Stress over ζ depth [N/cm³]",
+            title=f"β = {beta:g}°, φ = {phi:g}°",
+        )
         axes.label_outer()
     handles: dict[str, Any] = {}
     for axes in panels.ravel():
-        handles |= {label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)}
+        handles |= {
+            label: handle for handle, label in zip(*axes.get_legend_handles_labels(), strict=True)
+        }
     legend_below(figure, handles, ncols=5, fontsize=8)
-    figure.suptitle("Force against the motion (e1, e2) and upwards (E3) over depth, area and ζ; tan γ = tan φ / cos ψ")
+    figure.suptitle(
+        "Force against the motion (e1, e2) and upwards (E3) over depth, area and ζ; tan γ = tan φ / cos ψ"
+    )
     return figure
 
 
 def _draw_point(axes: Axes, p: Point) -> None:
     for k, (name, colour, marker) in enumerate(_AXES):
-        axes.plot([p.psi], [p.measured[k]], marker, color=colour, ms=7, ls="", label=f"{name}, simulated grains")
+        axes.plot(
+            [p.psi],
+            [p.measured[k]],
+            marker,
+            color=colour,
+            ms=7,
+            ls="",
+            label=f"{name}, simulated grains",
+        )
         same = f"{name}, RFT, same plate"
-        axes.plot([p.psi], [p.model[k]], marker, color=colour, ms=10, ls="", fillstyle="none", label=same)
+        axes.plot(
+            [p.psi], [p.model[k]], marker, color=colour, ms=10, ls="", fillstyle="none", label=same
+        )

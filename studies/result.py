@@ -13,8 +13,26 @@ from PIL import Image
 
 from rft_ros.errors import InputError
 
-__all__ = ["BLACK", "BLUE", "GREEN", "GREY", "ORANGE", "PURPLE", "SKY", "VERMILION", "StudyResult", "TextTable"]
-__all__ += ["label_axes", "new_figure", "picture", "published_against_ours", "result_of_rows", "table_in"]
+__all__ = [
+    "BLACK",
+    "BLUE",
+    "GREEN",
+    "GREY",
+    "ORANGE",
+    "PURPLE",
+    "SKY",
+    "VERMILION",
+    "StudyResult",
+    "TextTable",
+]
+__all__ += [
+    "label_axes",
+    "new_figure",
+    "picture",
+    "published_against_ours",
+    "result_of_rows",
+    "table_in",
+]
 __all__ += ["write_tables"]
 
 # Okabe and Ito's palette, distinguishable with every kind of colour vision. Line styles and markers repeat the colour.
@@ -74,8 +92,12 @@ def result_of_rows(
         return form.format(value * factor[0] if factor else value)
 
     header = tuple(column[0] for column in columns)
-    cells = tuple(tuple(text(row[k], *column[1:]) for k, column in enumerate(columns)) for row in rows)
-    return StudyResult(name=name, title=title, figure=figure, table=TextTable(header=header, rows=cells))
+    cells = tuple(
+        tuple(text(row[k], *column[1:]) for k, column in enumerate(columns)) for row in rows
+    )
+    return StudyResult(
+        name=name, title=title, figure=figure, table=TextTable(header=header, rows=cells)
+    )
 
 
 def new_figure(width: float, height: float) -> Figure:
@@ -83,7 +105,9 @@ def new_figure(width: float, height: float) -> Figure:
     return Figure(figsize=(width, height), layout="constrained")
 
 
-def label_axes(axes: Axes, *, x: str, y: str, title: str = "", legend: dict[str, Any] | None = None) -> None:
+def label_axes(
+    axes: Axes, *, x: str, y: str, title: str = "", legend: dict[str, Any] | None = None
+) -> None:
     """Label both axes, add a light grid, and a legend if its options are given."""
     axes.set_xlabel(x)
     axes.set_ylabel(y)
@@ -99,7 +123,9 @@ def picture(figure: Figure) -> bytes:
     out, small = io.BytesIO(), io.BytesIO()
     figure.savefig(out, format="png", dpi=_DPI, metadata={"Software": None})
     with Image.open(out) as image:
-        image.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(small, format="png", optimize=True)
+        image.convert("RGB").quantize(256, dither=Image.Dither.NONE).save(
+            small, format="png", optimize=True
+        )
     return small.getvalue()
 
 

@@ -16,7 +16,16 @@ from studies.paper import law
 from studies.parameter_sweep import Array, shipped
 from studies.result import StudyResult, TextTable
 
-__all__ = ["Work", "WorkConvergence", "differenced", "sample_every", "window", "work", "work_convergence", "work_of"]
+__all__ = [
+    "Work",
+    "WorkConvergence",
+    "differenced",
+    "sample_every",
+    "window",
+    "work",
+    "work_convergence",
+    "work_of",
+]
 
 _NOISE = 1e-5  # of each coordinate of a pose [m]; its attitude has this at 100 mm from the flange
 _RATES = (125.0, 500.0, 1000.0)  # Hz
@@ -37,7 +46,9 @@ def differenced(states: Array, rate: float, width: float) -> Array:
     out[:, TWIST] = 0.0
     for k, row in enumerate(states):
         stamp = 1 + round(k * 1e9 / rate)
-        pose = PoseSample(stamp, "world", tuple(row[POSITION].tolist()), tuple(row[QUATERNION].tolist()))
+        pose = PoseSample(
+            stamp, "world", tuple(row[POSITION].tolist()), tuple(row[QUATERNION].tolist())
+        )
         if difference.push(pose, window=width, gap=gap):
             out[k, TWIST] = difference.twist
     return out
@@ -64,8 +75,14 @@ def window() -> StudyResult:
     """The error over the window and the rate."""
     ellipsoid = oscillating_insertion(start_height=-0.03, travel=0.02)
     cases = {
-        "ellipsoid that pitches by ±9° at 0.625 Hz and sinks at 5 mm/s": (ellipsoid, shipped("ellipsoid")),
-        "plate that moves down at 10 mm/s": (straight(start_height=-0.01, travel=0.03), shipped("plate")),
+        "ellipsoid that pitches by ±9° at 0.625 Hz and sinks at 5 mm/s": (
+            ellipsoid,
+            shipped("ellipsoid"),
+        ),
+        "plate that moves down at 10 mm/s": (
+            straight(start_height=-0.01, travel=0.03),
+            shipped("plate"),
+        ),
     }
     rows = []
     for name, (motion, tool) in cases.items():
@@ -77,7 +94,11 @@ def window() -> StudyResult:
         title="Noise of differenced poses",
         figure=None,
         table=TextTable(
-            header=("error of the force [%]", "`twist_window`", *(f"{rate:,.0f} Hz" for rate in _RATES)),
+            header=(
+                "error of the force [%]",
+                "`twist_window`",
+                *(f"{rate:,.0f} Hz" for rate in _RATES),
+            ),
             rows=tuple(rows),
         ),
     )
@@ -111,7 +132,9 @@ def work_of(plates: Plates, motion: Trajectory, samples: int) -> Work:
     return work(times, states, wrenches(plates, law("constant"), states))
 
 
-def work_convergence(plates: Plates, motion: Trajectory, intervals: Sequence[int]) -> WorkConvergence:
+def work_convergence(
+    plates: Plates, motion: Trajectory, intervals: Sequence[int]
+) -> WorkConvergence:
     """Errors of the work with numbers of time steps, against eight times the last of them."""
     exact = work_of(plates, motion, 8 * intervals[-1] + 1).total
     errors = np.array([abs(work_of(plates, motion, n + 1).total / exact - 1.0) for n in intervals])

@@ -19,7 +19,16 @@ from rft_ros.rft import (
 from rft_ros.sweeps.motions import circumnutation, sample
 from studies import bad_meshes, concave_tools, force_jumps, sampling
 from studies.paper import law, root_tip
-from studies.parameter_sweep import RULE_COLOUR, Array, Line, Sweep, draw_lines, measured, scene_states, shipped
+from studies.parameter_sweep import (
+    RULE_COLOUR,
+    Array,
+    Line,
+    Sweep,
+    draw_lines,
+    measured,
+    scene_states,
+    shipped,
+)
 from studies.result import BLACK, GREEN, StudyResult, label_axes, new_figure, result_of_rows
 
 __all__ = ["CASES", "LIMIT", "overview", "reversal", "share_in_wake", "study", "sweeps", "wake"]
@@ -53,15 +62,29 @@ def overview() -> StudyResult:
     axes = figure.subplots()
     for rule, marker in zip(INTEGRATIONS, ("o", "s"), strict=True):
         jumps = [100.0 * max(jump[rule], _LEAST) for jump in found.values()]
-        axes.semilogx(jumps, np.arange(len(found)), marker, ms=5, color=RULE_COLOUR[rule], label=rule)
-    axes.axvline(100.0 * LIMIT, color=BLACK, lw=1.0, ls="--", label=f"limit for refined, {100.0 * LIMIT:.0f} %")
+        axes.semilogx(
+            jumps, np.arange(len(found)), marker, ms=5, color=RULE_COLOUR[rule], label=rule
+        )
+    axes.axvline(
+        100.0 * LIMIT,
+        color=BLACK,
+        lw=1.0,
+        ls="--",
+        label=f"limit for refined, {100.0 * LIMIT:.0f} %",
+    )
     axes.set_yticks(np.arange(len(found)), list(found), fontsize=7)
     axes.invert_yaxis()
-    label_axes(axes, x="Largest jump over a step of 1e-4 rad, 1e-5 m or 1e-5 m/s [% of the local force]", y="Sweep")
+    label_axes(
+        axes,
+        x="Largest jump over a step of 1e-4 rad, 1e-5 m or 1e-5 m/s [% of the local force]",
+        y="Sweep",
+    )
     axes.legend(fontsize=8, loc="lower left")
     rows = [(name, *jumps.values()) for name, jumps in found.items()]
     by_rule = ((rule, "{:.2g} %", 100.0) for rule in INTEGRATIONS)
-    return result_of_rows("fails_overview", "The largest jump of each sweep", figure, rows, ("sweep", "{}"), *by_rule)
+    return result_of_rows(
+        "fails_overview", "The largest jump of each sweep", figure, rows, ("sweep", "{}"), *by_rule
+    )
 
 
 def sweeps() -> StudyResult:
@@ -69,16 +92,48 @@ def sweeps() -> StudyResult:
     level = {sweep.name: sweep for sweep in force_jumps.level_sweeps()}
     direction, height = force_jumps.direction_sweeps()[1], force_jumps.height_sweeps()[0]
     panels: tuple[tuple[Sweep, str, float, str, int | None], ...] = (
-        (level["β through 180°, yaw 90°"], "Nearly level plate, facing up", _DEGREE, "β - 180° [°]", None),
-        (force_jumps.along_itself_sweep(), "Plate in its own plane at 90°", _DEGREE, "Yaw ψ [°]", None),
-        (force_jumps.wheel_sweep(), "Wheel pushed along its axle", _DEGREE, "Below the axle [°]", None),
+        (
+            level["β through 180°, yaw 90°"],
+            "Nearly level plate, facing up",
+            _DEGREE,
+            "β - 180° [°]",
+            None,
+        ),
+        (
+            force_jumps.along_itself_sweep(),
+            "Plate in its own plane at 90°",
+            _DEGREE,
+            "Yaw ψ [°]",
+            None,
+        ),
+        (
+            force_jumps.wheel_sweep(),
+            "Wheel pushed along its axle",
+            _DEGREE,
+            "Below the axle [°]",
+            None,
+        ),
         (direction, "Plate at β 45°: up -90°, down 90°", _DEGREE, "Direction of motion [°]", 2),
-        (force_jumps.turning_sweep(1), "Turning plate of 12 facets", _MILLIMETRE, "Place of the axis [mm]", 0),
-        (height, "Upright plate of 12 facets, entering", _MILLIMETRE, "Height of its middle [mm]", None),
+        (
+            force_jumps.turning_sweep(1),
+            "Turning plate of 12 facets",
+            _MILLIMETRE,
+            "Place of the axis [mm]",
+            0,
+        ),
+        (
+            height,
+            "Upright plate of 12 facets, entering",
+            _MILLIMETRE,
+            "Height of its middle [mm]",
+            None,
+        ),
     )
     figure = new_figure(11.0, 6.4)
     rows = []
-    for axes, (sweep, title, per_unit, x, component) in zip(figure.subplots(2, 3).flat, panels, strict=True):
+    for axes, (sweep, title, per_unit, x, component) in zip(
+        figure.subplots(2, 3).flat, panels, strict=True
+    ):
         lines = measured(sweep)
         draw_lines(axes, lines, per_unit, component=component)
         y = "Force [N]" if component is None else f"Force along {'xyz'[component]} [N]"
@@ -86,7 +141,9 @@ def sweeps() -> StudyResult:
         rows.append((sweep.name, *_by_rule(lines).values()))
     figure.axes[0].legend(fontsize=7)
     by_rule = ((rule, "{:.2g} %", 100.0) for rule in INTEGRATIONS)
-    return result_of_rows("fails_sweeps", "The force along six sweeps", figure, rows, ("sweep", "{}"), *by_rule)
+    return result_of_rows(
+        "fails_sweeps", "The force along six sweeps", figure, rows, ("sweep", "{}"), *by_rule
+    )
 
 
 _RATE = 200.0  # Hz, of the stroke in time
@@ -108,9 +165,14 @@ def reversal() -> StudyResult:
     """Vertical force over a stroke (down, rest, up), by each rule and with memory."""
     times, states = _stroke()
     plates = shipped("plate")
-    forces = {rule: wrenches(plates[rule], law("constant", zeta=1.0), states)[:, 2] for rule in INTEGRATIONS}
+    forces = {
+        rule: wrenches(plates[rule], law("constant", zeta=1.0), states)[:, 2]
+        for rule in INTEGRATIONS
+    }
     grains = law("constant", zeta=1.0, mobilization_length=_MOBILIZATION_LENGTH)
-    remembered = wrenches_in_time(plates["refined"], grains, states, Memory(plates["refined"]))[:, 2]
+    remembered = wrenches_in_time(plates["refined"], grains, states, Memory(plates["refined"]))[
+        :, 2
+    ]
     figure = new_figure(7.0, 3.6)
     axes = figure.subplots()
     for rule, width in zip(INTEGRATIONS, (2.2, 1.0), strict=True):
@@ -119,11 +181,21 @@ def reversal() -> StudyResult:
     axes.plot(times, remembered, color=GREEN, lw=2.0, ls="--", label=label, zorder=5)
     axes.axvspan(2.0, 3.0, color="0.93")
     axes.axhline(0.0, color=BLACK, lw=0.5)
-    label_axes(axes, x="Time [s]", y="Vertical force [N]", title="Down, rest (shaded) with noise, up", legend={})
+    label_axes(
+        axes,
+        x="Time [s]",
+        y="Vertical force [N]",
+        title="Down, rest (shaded) with noise, up",
+        legend={},
+    )
     rest = slice(int(2.1 * _RATE), int(3.0 * _RATE))
     lines: list[tuple[str, Array]] = [*forces.items(), ("refined, with memory", remembered)]
     rows = [(name, force[rest].min(), force[rest].max()) for name, force in lines]
-    columns = (("rule", "{}"), ("least force at rest", "{:.1f} N"), ("greatest force at rest", "{:.1f} N"))
+    columns = (
+        ("rule", "{}"),
+        ("least force at rest", "{:.1f} N"),
+        ("greatest force at rest", "{:.1f} N"),
+    )
     return result_of_rows("fails_reversal", "Rest and reversal", figure, rows, *columns)
 
 
@@ -155,7 +227,10 @@ def share_in_wake(pitch: float) -> float:
 def wake() -> StudyResult:
     """The share over the pitch."""
     rows = [(pitch, share_in_wake(pitch)) for pitch in _PITCHES]
-    columns = (("pitch", "{:.0f} mm", 1e3), ("share of the force from where the tool has been", "{:.0f} %", 100.0))
+    columns = (
+        ("pitch", "{:.0f} mm", 1e3),
+        ("share of the force from where the tool has been", "{:.0f} %", 100.0),
+    )
     return result_of_rows("fails_wake", "A tool in its own wake", None, rows, *columns)
 
 
@@ -173,4 +248,6 @@ CASES: tuple[Callable[[], StudyResult], ...] = (
 
 def study() -> tuple[StudyResult, ...]:
     """All cases; without the simulated runs, all but the hollow tools."""
-    return tuple(case() for case in CASES if case is not concave_tools.study or concave_tools.DATA.is_dir())
+    return tuple(
+        case() for case in CASES if case is not concave_tools.study or concave_tools.DATA.is_dir()
+    )

@@ -23,7 +23,15 @@ from studies.choice import REMEMBERED
 from studies.result import BLUE, VERMILION, StudyResult, TextTable, label_axes, new_figure
 
 __all__ = ["DATA", "KINDS", "LOAD", "MEASURED", "STEPS", "ZETA_OF_PRESS", "SteadyStates", "Travel"]
-__all__ += ["fitted_zeta", "kind_of", "mean_states", "measured_sinkage", "median_errors", "of_kind", "read_states"]
+__all__ += [
+    "fitted_zeta",
+    "kind_of",
+    "mean_states",
+    "measured_sinkage",
+    "median_errors",
+    "of_kind",
+    "read_states",
+]
 __all__ += ["sinkage", "steady_forces", "steady_travel", "study", "wheel"]
 
 Array = NDArray[np.float64]
@@ -278,7 +286,9 @@ def _judged(states: SteadyStates, law: Law) -> tuple[float, dict[str, _Judged]]:
     judged = {}
     for kind in ("all", *KINDS):
         rows = of_kind(states, kind)
-        own = law.zeta * float((states.forces[rows] * model[rows]).sum() / (model[rows] ** 2).sum())
+        own = law.zeta * float(
+            (states.forces[rows] * model[rows]).sum() / (model[rows] ** 2).sum()
+        )
         judged[kind] = _Judged(own, with_one[kind], of_press[kind])
     return zeta, judged
 
@@ -319,14 +329,23 @@ def _sinkage() -> StudyResult:
         motion, measured = measured_sinkage(name)
         predicted = sinkage(law, motion)
         axes.plot(1e3 * motion.travel, 1e3 * measured, color=BLUE, label="measured")
-        axes.plot(1e3 * motion.travel, 1e3 * predicted, color=VERMILION, ls="--", label="predicted")
-        label_axes(axes, x="Travel since contact [mm]", y="Sinkage [mm]" if not rows else "", title=name.capitalize())
+        axes.plot(
+            1e3 * motion.travel, 1e3 * predicted, color=VERMILION, ls="--", label="predicted"
+        )
+        label_axes(
+            axes,
+            x="Travel since contact [mm]",
+            y="Sinkage [mm]" if not rows else "",
+            title=name.capitalize(),
+        )
         found = _at_travels(motion, predicted)
         rows.append((name, _at_travels(motion, measured), _SINKAGE_BEFORE[name], found))
     figure.axes[0].invert_yaxis()
     figure.axes[0].legend(fontsize=8)
     sideways = steady_travel(slip_angle=90.0, rim_speed=0.0, length=0.5)
-    rows.append((_SIDEWAYS, "", _SINKAGE_BEFORE[_SIDEWAYS], _at_travels(sideways, sinkage(law, sideways))))
+    rows.append(
+        (_SIDEWAYS, "", _SINKAGE_BEFORE[_SIDEWAYS], _at_travels(sideways, sinkage(law, sideways)))
+    )
     travels = ", ".join(f"{1e3 * travel:.0f}" for travel in _AT)
     header = f"sinkage after {travels} mm [mm]", "measured", "predicted before", "now"
     return StudyResult(

@@ -28,14 +28,55 @@ import fuzz_estimators
 import numpy as np
 import trimesh
 from hostile_parameters import hostile_file
-from recordings import FRAMES, TOPICS, StoragePlugin, cdr, moments, write_messages, write_ros1, write_ros2
+from recordings import (
+    FRAMES,
+    TOPICS,
+    StoragePlugin,
+    cdr,
+    moments,
+    write_messages,
+    write_ros1,
+    write_ros2,
+)
 
 from rft_ros.cli import main
 from rft_ros.parameters import read_parameter_file
 
 SPECIAL = (
-    *("nan", "inf", "-inf", "-0", "0", "1e309", "-1e308", "5e-324", "1e-310", "1e200", "-1e30", "1", "", " ", "abc"),
-    *("1,2", "1_0", "0x10", "1e", "--1", "٣", "\ufeff1", "\x00", "1;2", '"1"', "1.0.0", "True", "9" * 400, "\n", "\r"),
+    *(
+        "nan",
+        "inf",
+        "-inf",
+        "-0",
+        "0",
+        "1e309",
+        "-1e308",
+        "5e-324",
+        "1e-310",
+        "1e200",
+        "-1e30",
+        "1",
+        "",
+        " ",
+        "abc",
+    ),
+    *(
+        "1,2",
+        "1_0",
+        "0x10",
+        "1e",
+        "--1",
+        "٣",
+        "\ufeff1",
+        "\x00",
+        "1;2",
+        '"1"',
+        "1.0.0",
+        "True",
+        "9" * 400,
+        "\n",
+        "\r",
+    ),
 )
 HEADER = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
 MOST_LETTERS = 2000
@@ -62,7 +103,14 @@ def damaged(data: bytes, random: Random) -> bytes:
         b = min(len(out), a + int(random.choice([1, 2, 4, 8, 50, 400, len(out)])))
         part, byte = out[a:b], int(random.choice([0, 1, 127, 128, 255]))
         flipped = bytes([part[0] ^ 1 << int(random.integers(8))]) + part[1:]
-        ways = [flipped, bytes([byte]) * (b - a), b"", part * 2, part[::-1], random.bytes(b - a) + part]
+        ways = [
+            flipped,
+            bytes([byte]) * (b - a),
+            b"",
+            part * 2,
+            part[::-1],
+            random.bytes(b - a) + part,
+        ]
         out[a:b] = ways[random.integers(len(ways))]
     return bytes(out)
 
@@ -85,12 +133,19 @@ def strange(random: Random) -> list[tuple[int, str, str, bytes]]:
         values, frame = [scale * v for v in values[:3]] + list(values[3:]), FRAMES[role]
         if random.random() < 0.2:
             numbers = random.choice(fuzz_estimators.NUMBERS, size=len(values))
-            values = [float(n) if random.random() < 0.3 else v for n, v in zip(numbers, values, strict=True)]
+            values = [
+                float(n) if random.random() < 0.3 else v
+                for n, v in zip(numbers, values, strict=True)
+            ]
         if random.random() < 0.1:
             factor = float(random.choice([0.0, 1e-320, 1.005, 1.02, -1.0, 1e3]))
             values = values[:3] + [factor * v for v in values[3:]]
         if random.random() < 0.1:
-            stamp = int(random.choice([0, 1, stamp - 5 * 10**9, stamp + 10**9, 2**31 * 10**9 - 1, stamp // 2]))
+            stamp = int(
+                random.choice(
+                    [0, 1, stamp - 5 * 10**9, stamp + 10**9, 2**31 * 10**9 - 1, stamp // 2]
+                )
+            )
         if random.random() < 0.1:
             frame = str(random.choice(fuzz_estimators.NAMES))
         topic, kind = TOPICS[role]
@@ -115,9 +170,19 @@ def spoiled(bag: Path, random: Random) -> None:
     elif kind == 3:
         os.truncate(file, 2**31)
     else:
-        place = file if kind == 4 or not bag.is_dir() else bag / f"more{random.choice(['.mcap', '.db3', '.bag'])}"
+        place = (
+            file
+            if kind == 4 or not bag.is_dir()
+            else bag / f"more{random.choice(['.mcap', '.db3', '.bag'])}"
+        )
         place.unlink(missing_ok=True)
-        deeds = (os.mkfifo, os.mkdir, lambda p: p.symlink_to(p), lambda p: p.symlink_to("/dev/zero"), Path.touch)
+        deeds = (
+            os.mkfifo,
+            os.mkdir,
+            lambda p: p.symlink_to(p),
+            lambda p: p.symlink_to("/dev/zero"),
+            Path.touch,
+        )
         deeds[random.integers(len(deeds))](place)
 
 
@@ -131,11 +196,15 @@ def cases(folder: Path) -> list[Callable[[Random], Case]]:
     mesh, states, params = folder / "ball.stl", folder / "states.csv", folder / "params.yaml"
     mesh.write_bytes(meshes["stl"])
     random = np.random.default_rng(0)
-    rows = [[0.1 * k, 0, 0, -0.01, 0, 0, 0, 1, *random.normal(0.0, 0.02, 6).round(4)] for k in range(6)]
+    rows = [
+        [0.1 * k, 0, 0, -0.01, 0, 0, 0, 1, *random.normal(0.0, 0.02, 6).round(4)] for k in range(6)
+    ]
     table = "\n".join([HEADER, *(",".join(map(str, row)) for row in rows)])
     states.write_text(table)
     alpha_y = "beta,gamma,alpha_y\n0,0,0.1\n0,90,0.2\n90,0,0.1\n90,90,0.3"
-    params.write_text(f"rft:\n  ros__parameters:\n    mesh: {{file: {mesh}}}\n    tolerance: 0.0\n")
+    params.write_text(
+        f"rft:\n  ros__parameters:\n    mesh: {{file: {mesh}}}\n    tolerance: 0.0\n"
+    )
     main(["reduce", str(mesh), "--tolerance", "0.3", "-o", str(folder / "ball.npz")])
     meshes["npz"] = (folder / "ball.npz").read_bytes()
     for plugin in (StoragePlugin.MCAP, StoragePlugin.SQLITE3):
@@ -143,7 +212,15 @@ def cases(folder: Path) -> list[Callable[[Random], Case]]:
     write_ros1(folder / "ROS1.bag", moments(40))
 
     def predict(states: Path, mesh: Path, *options: str) -> list[str]:
-        return ["predict", str(states), "--mesh", str(mesh), *options, "-o", str(folder / "out.csv")]
+        return [
+            "predict",
+            str(states),
+            "--mesh",
+            str(mesh),
+            *options,
+            "-o",
+            str(folder / "out.csv"),
+        ]
 
     def replay(bag: Path, params: Path = params) -> list[str]:
         out = folder / "replayed"
@@ -157,7 +234,12 @@ def cases(folder: Path) -> list[Callable[[Random], Case]]:
 
     def bad_states(random: Random) -> Case:
         file = bad("bad.csv", damaged_table(table, random))
-        choices = ["--integration", "refined"], ["--mobilization-length", "0.002"], ["--alpha-y", "linear"], []
+        choices = (
+            ["--integration", "refined"],
+            ["--mobilization-length", "0.002"],
+            ["--alpha-y", "linear"],
+            [],
+        )
         return "states", predict(file, mesh, *choices[random.integers(len(choices))]), file
 
     def bad_mesh(random: Random) -> Case:
@@ -172,7 +254,14 @@ def cases(folder: Path) -> list[Callable[[Random], Case]]:
     def of_bag(bag: Path, random: Random) -> list[str]:
         """A command that reads a bag."""
         shutil.rmtree(folder / "replayed", ignore_errors=True)
-        calibrated = ["calibrate", str(bag), "--params", str(params), "-o", str(folder / "calibrated.yaml")]
+        calibrated = [
+            "calibrate",
+            str(bag),
+            "--params",
+            str(params),
+            "-o",
+            str(folder / "calibrated.yaml"),
+        ]
         viewed = ["view", str(bag), "--params", str(params), "-o", str(folder / "out.html")]
         doctor = ["doctor", str(params), "--bag", str(bag)]
         return [replay(bag), replay(bag), calibrated, viewed, doctor][random.integers(5)]
@@ -188,7 +277,9 @@ def cases(folder: Path) -> list[Callable[[Random], Case]]:
         if kind == "strange":
             write_messages(copy, strange(random))
         else:
-            shutil.copytree(folder / name, copy) if (folder / name).is_dir() else shutil.copy(folder / name, copy)
+            shutil.copytree(folder / name, copy) if (folder / name).is_dir() else shutil.copy(
+                folder / name, copy
+            )
             if kind == "spoiled":
                 spoiled(copy, random)
             else:
@@ -200,7 +291,9 @@ def cases(folder: Path) -> list[Callable[[Random], Case]]:
         """A parameter file that is damaged, or that YAML and ROS may read otherwise."""
         data = damaged(params.read_bytes(), random)
         if random.random() < 0.6:
-            data = hostile_file(random, strange=float(random.choice([0.03, 0.5]))).encode(errors="replace")
+            data = hostile_file(random, strange=float(random.choice([0.03, 0.5]))).encode(
+                errors="replace"
+            )
         file = bad("bad.yaml", data)
         return "parameters", replay(folder / "MCAP", file), file
 
@@ -221,11 +314,21 @@ def wrong_with(arguments: list[str], folder: Path) -> tuple[str, str]:
     finally:
         signal.alarm(0)
     # warnings about the mesh come before the error
-    text = "\n".join(line for line in said.getvalue().splitlines() if not line.startswith(("warning: ", "note: ")))
+    text = "\n".join(
+        line
+        for line in said.getvalue().splitlines()
+        if not line.startswith(("warning: ", "note: "))
+    )
     wrong = ""
-    if "Traceback" in text or status not in (0, 1, 2) or (status == 1 and not _says_why(arguments[0], text)):
+    if (
+        "Traceback" in text
+        or status not in (0, 1, 2)
+        or (status == 1 and not _says_why(arguments[0], text))
+    ):
         wrong = text or "no sentence"
-    elif status == 2 and (not text.startswith("rft ") or len(text.splitlines()) != 1 or len(text) > MOST_LETTERS):
+    elif status == 2 and (
+        not text.startswith("rft ") or len(text.splitlines()) != 1 or len(text) > MOST_LETTERS
+    ):
         wrong = f"not one sentence: {text!r}"
     elif status == 0 and text:
         wrong = f"on stderr, although all is well: {text!r}"
@@ -236,7 +339,11 @@ def wrong_with(arguments: list[str], folder: Path) -> tuple[str, str]:
 
 def _says_why(command: str, text: str) -> bool:
     """Whether a command may end with status 1 and this text on stderr."""
-    return "has no estimate" in text if command == "replay" else command in ("doctor", "calibrate") and not text
+    return (
+        "has no estimate" in text
+        if command == "replay"
+        else command in ("doctor", "calibrate") and not text
+    )
 
 
 def _wrong_output(command: str, folder: Path) -> str:
@@ -245,8 +352,13 @@ def _wrong_output(command: str, folder: Path) -> str:
         table = np.loadtxt(folder / "out.csv", delimiter=",", skiprows=1, ndmin=2)
         return "" if np.isfinite(table).all() else "numbers in the output are not finite"
     if command == "replay":
-        words = (folder / "replayed" / "estimates.csv").read_text(encoding="utf-8").splitlines()[1:]
-        json.loads((folder / "replayed" / "summary.json").read_text(encoding="utf-8"), parse_constant=_refuse)
+        words = (
+            (folder / "replayed" / "estimates.csv").read_text(encoding="utf-8").splitlines()[1:]
+        )
+        json.loads(
+            (folder / "replayed" / "summary.json").read_text(encoding="utf-8"),
+            parse_constant=_refuse,
+        )
         return next((line for line in words if re.search(r"(^|,)-?(nan|inf)", line)), "")
     if command == "calibrate":
         read_parameter_file(folder / "calibrated.yaml")
@@ -265,7 +377,12 @@ def fuzz(
     *, seed: int, count: int | None = None, seconds: float = math.inf, keep: Path | None = None
 ) -> tuple[Counter[str], list[Finding]]:
     """Try damaged inputs one after the other: `count` of them, or for so many seconds; outcomes and findings."""
-    random, outcomes, findings, number = np.random.default_rng(seed), Counter[str](), list[Finding](), 0
+    random, outcomes, findings, number = (
+        np.random.default_rng(seed),
+        Counter[str](),
+        list[Finding](),
+        0,
+    )
     before = signal.signal(signal.SIGALRM, _too_long)
     try:
         with tempfile.TemporaryDirectory() as name:
@@ -278,7 +395,9 @@ def fuzz(
                     findings.append((kind, number, wrong))
                     print(f"input {number}, {kind}: {wrong.strip()[-1500:]}")
                 if wrong and keep:
-                    (shutil.copytree if bad.is_dir() else shutil.copy)(bad, keep / f"{number:05d}_{bad.name}")
+                    (shutil.copytree if bad.is_dir() else shutil.copy)(
+                        bad, keep / f"{number:05d}_{bad.name}"
+                    )
                 number += 1
     finally:
         signal.signal(signal.SIGALRM, before)

@@ -42,7 +42,14 @@ NAMES = (
     *("a" * 256, "wor ld", "world/", "\u202eworld", "w\nd"),
 )
 _PERIOD = 4_000_000  # ns between two poses
-_FIXED = ("mesh.file", "medium.file", "alpha_y.table", "ground.file", "tolerance", "executor")  # not random
+_FIXED = (
+    "mesh.file",
+    "medium.file",
+    "alpha_y.table",
+    "ground.file",
+    "tolerance",
+    "executor",
+)  # not random
 _ANSWER = 1e100  # greatest size of a component of an answer [N], [N m]
 
 
@@ -58,7 +65,11 @@ def _value(random: Random, parameter: Parameter) -> object:
     low, high = np.clip(parameter.bounds, -1e308, 1e308).tolist()
     size = 1 if isinstance(default, float) else len(default)
     numbers = [
-        float(random.choice([default if size == 1 else default[k], low, high, random.choice(NUMBERS), 0.01]))
+        float(
+            random.choice(
+                [default if size == 1 else default[k], low, high, random.choice(NUMBERS), 0.01]
+            )
+        )
         for k in range(size)
     ]
     if parameter.unit == "xyzw" and random.random() < 0.8:
@@ -69,9 +80,15 @@ def _value(random: Random, parameter: Parameter) -> object:
 
 def random_values(random: Random, *, most: int = 5) -> dict[str, Any]:
     """Parameters of a node, checked: the defaults, and up to `most` that are random."""
-    values = {**defaults(), "tolerance": 0.0, "mesh.file": str(random.choice(["plate", "sphere", "root_tip"]))}
+    values = {
+        **defaults(),
+        "tolerance": 0.0,
+        "mesh.file": str(random.choice(["plate", "sphere", "root_tip"])),
+    }
     values["learning.mode"] = str(random.choice(["off", "observe", "apply"]))
-    for parameter in random.choice(np.array(PARAMETERS, dtype=object), size=random.integers(most + 1)):
+    for parameter in random.choice(
+        np.array(PARAMETERS, dtype=object), size=random.integers(most + 1)
+    ):
         if parameter.name in _FIXED or parameter.name == "alpha_y.model":
             continue
         with suppress(InputError):
@@ -82,11 +99,16 @@ def random_values(random: Random, *, most: int = 5) -> dict[str, Any]:
 def _hostile(random: Random, sample: Any) -> Any:
     """The sample with one field that is hostile."""
     changes: dict[str, Any] = {}
-    numbers = [n for n in sample._fields if n in ("position", "quaternion", "linear", "angular", "wrench")]
+    numbers = [
+        n for n in sample._fields if n in ("position", "quaternion", "linear", "angular", "wrench")
+    ]
     kind = random.integers(4)
     if kind == 0 and numbers:
         name = str(random.choice(numbers))
-        found = [float(random.choice(NUMBERS)) if random.random() < 0.4 else v for v in getattr(sample, name)]
+        found = [
+            float(random.choice(NUMBERS)) if random.random() < 0.4 else v
+            for v in getattr(sample, name)
+        ]
         changes[name] = tuple(found)
     elif kind == 1 and numbers:  # millimetres, or a quaternion of another length
         name = str(random.choice(numbers))
@@ -94,7 +116,17 @@ def _hostile(random: Random, sample: Any) -> Any:
         changes[name] = tuple(factor * v for v in getattr(sample, name))
     elif kind == 2:
         stamp = sample.stamp
-        at = [0, -1, 1, stamp, stamp - 1, stamp - 50_000_000, stamp - 3 * 10**9, stamp + 10**9, 2**31 * 10**9 - 1]
+        at = [
+            0,
+            -1,
+            1,
+            stamp,
+            stamp - 1,
+            stamp - 50_000_000,
+            stamp - 3 * 10**9,
+            stamp + 10**9,
+            2**31 * 10**9 - 1,
+        ]
         changes["stamp"] = at[random.integers(len(at))]
     elif isinstance(sample, TransformSample):
         changes[str(random.choice(["parent", "child"]))] = str(random.choice(NAMES))
@@ -113,7 +145,9 @@ def _cloud(random: Random, stamp: int, frame: str) -> Cloud:
         return Cloud(stamp, frame, *(points[:, k].astype(kind) for k in range(3)))
 
 
-def random_samples(random: Random, values: dict[str, Any], count: int, *, hostile: float) -> Iterator[Sample]:
+def random_samples(
+    random: Random, values: dict[str, Any], count: int, *, hostile: float
+) -> Iterator[Sample]:
     """The samples of a tool that goes in and out of the grains; `hostile`: the share of them with a hostile field."""
     start = int(random.choice([1, 10**9, 1_600_000_000 * 10**9, 2**31 * 10**9 - 10**10]))
     scale = 1e3 if random.random() < 0.05 else 1.0  # of a driver that gives millimetres
@@ -150,13 +184,17 @@ def _change(random: Random, estimator: Estimator, values: dict[str, Any]) -> Non
     deeds: list[Callable[[], object]] = [
         lambda: estimator.tare(float(random.choice([0.0, 0.1, 1.0, 1e9]))),
         lambda: estimator.use(settings=settings_of({**values, **_changed(random, values)})),
-        lambda: estimator.use(model=model_of({**values, **_changed(random, values)}, generation=1)),
+        lambda: estimator.use(
+            model=model_of({**values, **_changed(random, values)}, generation=1)
+        ),
         estimator.level_ground,
         estimator.issues,
         estimator.unknown_frames,
         estimator.counted,
         estimator.forget,
-        lambda: estimator.learning and (estimator.learning.belief(), estimator.learning.strength()),
+        lambda: (
+            estimator.learning and (estimator.learning.belief(), estimator.learning.strength())
+        ),
     ]
     try:
         deeds[random.integers(len(deeds))]()

@@ -13,7 +13,9 @@ from mkdocs.structure.pages import Page
 __all__ = ["on_page_content", "on_page_markdown"]
 
 _BLOCK = re.compile(r"^```math\n(?P<block>.*?)\n```$", re.DOTALL | re.MULTILINE)
-_CODE_OR_INLINE = re.compile(r"^```.*?^```|`[^`\n]+`|\$(?P<inline>[^\s$](?:[^$]*[^\s$])?)\$", re.DOTALL | re.MULTILINE)
+_CODE_OR_INLINE = re.compile(
+    r"^```.*?^```|`[^`\n]+`|\$(?P<inline>[^\s$](?:[^$]*[^\s$])?)\$", re.DOTALL | re.MULTILINE
+)
 _TAG = re.compile(r"\\tag\{(\w+)\}")
 _WORD = "EquationNumber{}Here"
 

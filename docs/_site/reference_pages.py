@@ -86,10 +86,14 @@ def _command(name: str, command: argparse.ArgumentParser, described: dict[str, s
         else:
             rows.append(f"- {typed}: {meaning}")
     if as_parameters:
-        rows.append(f"- {', '.join(as_parameters)}: as the node's [parameters](node.md#parameters)")
+        rows.append(
+            f"- {', '.join(as_parameters)}: as the node's [parameters](node.md#parameters)"
+        )
     if as_above:
         rows.append(f"- {', '.join(as_above)}: as above")
-    return "\n\n".join([f"## rft {name}", command.description or "", "\n".join(rows)]).rstrip() + "\n"
+    return (
+        "\n\n".join([f"## rft {name}", command.description or "", "\n".join(rows)]).rstrip() + "\n"
+    )
 
 
 def commands_page() -> str:
@@ -109,7 +113,9 @@ def commands_page() -> str:
         " argument with the same meaning.\n",
     ]
     described: dict[str, str] = {}
-    return "\n".join([*head, *(_command(name, command, described) for name, command in commands.items())])
+    return "\n".join(
+        [*head, *(_command(name, command, described) for name, command in commands.items())]
+    )
 
 
 def _table(*rows: str) -> str:
@@ -125,7 +131,9 @@ def _yaml(value: Value) -> str:
 
 
 def _allowed(p: Parameter) -> str:
-    return ", ".join(p.choices) or ("" if math.isinf(p.bounds[0]) else "{:g} to {:g}".format(*p.bounds))
+    return ", ".join(p.choices) or (
+        "" if math.isinf(p.bounds[0]) else "{:g} to {:g}".format(*p.bounds)
+    )
 
 
 def default_yaml() -> str:
@@ -139,7 +147,10 @@ def default_yaml() -> str:
         unit = f" [{p.unit}]" if p.unit else ""
         allowed = f" Allowed: {_allowed(p)}." if _allowed(p) else ""
         restart = "" if p.applies == "live" else " Needs a restart."
-        lines += [f"    # {p.description}{unit}{allowed}{restart}", f"    {p.name}: {_yaml(p.default)}"]
+        lines += [
+            f"    # {p.description}{unit}{allowed}{restart}",
+            f"    {p.name}: {_yaml(p.default)}",
+        ]
     return _table(*lines)
 
 
@@ -160,9 +171,14 @@ def node_page() -> str:
     """docs/node.md with its lists of reasons and quality flags."""
     tables = {
         "reasons": _table(
-            *(f"- {', '.join(f'`{r.value}`' for r in reasons)}: {when}" for when, reasons in _reasons().items())
+            *(
+                f"- {', '.join(f'`{r.value}`' for r in reasons)}: {when}"
+                for when, reasons in _reasons().items()
+            )
         ),
-        "quality flags": _table(*(f"- `{f.label}`: {sentences(f)}{_TRUST[trust(f)]}" for f in QualityFlag if f)),
+        "quality flags": _table(
+            *(f"- `{f.label}`: {sentences(f)}{_TRUST[trust(f)]}" for f in QualityFlag if f)
+        ),
     }
     return _with_tables(ROOT / "docs" / "node.md", tables)
 

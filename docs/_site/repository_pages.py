@@ -17,7 +17,9 @@ from reference_pages import commands_page
 __all__ = ["on_files", "on_page_markdown", "with_links_from_the_site"]
 
 ROOT = Path(__file__).resolve().parents[2]
-_FENCED_OR_LINK = re.compile(r"^```.*?^```|(?<=\]\()(?![a-z]+:|#)[^)#\s]+", re.DOTALL | re.MULTILINE)
+_FENCED_OR_LINK = re.compile(
+    r"^```.*?^```|(?<=\]\()(?![a-z]+:|#)[^)#\s]+", re.DOTALL | re.MULTILINE
+)
 
 
 def _on_the_site(target: str, folder: str) -> str:
@@ -29,7 +31,9 @@ def _on_the_site(target: str, folder: str) -> str:
 
 def with_links_from_the_site(text: str, folder: str) -> str:
     """Change the links of a page in `folder` of the repository ("" is its top) to their targets on the site."""
-    return _FENCED_OR_LINK.sub(lambda m: m[0] if m[0].startswith("```") else _on_the_site(m[0], folder), text)
+    return _FENCED_OR_LINK.sub(
+        lambda m: m[0] if m[0].startswith("```") else _on_the_site(m[0], folder), text
+    )
 
 
 def on_files(files: Files, config: MkDocsConfig) -> Files:
@@ -37,11 +41,18 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
     home = with_links_from_the_site((ROOT / "README.md").read_text(encoding="utf-8"), "")
     files.append(File.generated(config, "index.md", content=home))
     files.append(File.generated(config, "commands.md", content=commands_page()))
-    pages = [home, *(with_links_from_the_site(f.content_string, "docs") for f in files.documentation_pages())]
-    for path in sorted({p for text in pages for p in re.findall(r"\]\((repository/[^)#\s]+)", text)}):
+    pages = [
+        home,
+        *(with_links_from_the_site(f.content_string, "docs") for f in files.documentation_pages()),
+    ]
+    for path in sorted(
+        {p for text in pages for p in re.findall(r"\]\((repository/[^)#\s]+)", text)}
+    ):
         source = ROOT / path.removeprefix("repository/")
         if source.is_file():  # else mkdocs says which page has the dead link
-            file = File.generated(config, path, abs_src_path=str(source), inclusion=InclusionLevel.NOT_IN_NAV)
+            file = File.generated(
+                config, path, abs_src_path=str(source), inclusion=InclusionLevel.NOT_IN_NAV
+            )
             files.append(file)
     return files
 

@@ -15,8 +15,6 @@ from rft_ros.estimator import Estimate, Estimator, NoEstimate, Reason, flag_name
 from rft_ros.messages import TYPES, stamped_cdr
 from rft_ros.rft import AXES, STATE
 
-__all__ = ["COLUMNS", "LEARNED_COLUMNS", "PHASES", "ROW", "Rows", "Run", "phases_of", "write_estimates"]
-
 _Array = NDArray[np.float64]
 _Numbers = NDArray[np.int64]
 
@@ -27,7 +25,9 @@ _AROUND = 100_000_000  # ns before and after a moment in which its phase must pr
 _STEEP = 0.1  # least share of the tool's speed that counts as down or up
 
 
-def phases_of(stamps: _Numbers, depth: _Array, sinking: _Array, speed: _Array, rest_speed: float) -> _Numbers:
+def phases_of(
+    stamps: _Numbers, depth: _Array, sinking: _Array, speed: _Array, rest_speed: float
+) -> _Numbers:
     """Number in `PHASES` of the phase that prevails within 0.1 s of each of n moments; all shapes [n].
 
     `stamps` [ns]: one that goes back begins another run. `depth` of the lowest point [m], negative above the surface;
@@ -97,7 +97,9 @@ _ESTIMATE = -1  # in place of the number of a reason
 _NO_PHASE = -1
 _PLACED = (_ESTIMATE, _REASONS.index(Reason.AT_REST))  # answers at which state and depth are known
 _NONE = (math.nan,) * len(AXES)
-_EMPTY = np.array((0, 0, _NO_PHASE, 0, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan), ROW)
+_EMPTY = np.array(
+    (0, 0, _NO_PHASE, 0, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan, math.nan), ROW
+)
 _BLOCK = 512  # rows in memory at a time
 
 
@@ -149,12 +151,16 @@ class Run:
             return np.empty(0, ROW)
         rows = np.memmap(self._answers, ROW, "r+")
         if self._measured.tell():
-            rows["compensated"][rows["reason"] == _ESTIMATE] = np.memmap(self._measured, "<f8", "r").reshape(-1, 6)
+            rows["compensated"][rows["reason"] == _ESTIMATE] = np.memmap(
+                self._measured, "<f8", "r"
+            ).reshape(-1, 6)
         known = np.flatnonzero(np.isin(rows["reason"], _PLACED))
         sinking = np.empty(len(known))
         for start in range(0, len(known), _BLOCK):
             block = known[start : start + _BLOCK]
-            height, sinking[start : start + _BLOCK] = estimator.model.tool.lowest_points(rows["state"][block])
+            height, sinking[start : start + _BLOCK] = estimator.model.tool.lowest_points(
+                rows["state"][block]
+            )
             if estimator.ground is None:
                 rows["depth"][block] = estimator.settings.surface_height - height
         rows["phase"][known] = phases_of(
@@ -176,7 +182,10 @@ def write_estimates(run: Run, rows: Rows, folder: Path, *, shift: int = 0) -> No
     generation = run.estimator.model.generation
     in_frame = stamped_cdr(run.estimator.wrench_frame)
     file = folder / "estimates.csv"
-    with BagWriter(folder / "estimates") as bag, file.open("w", encoding="utf-8", newline="\n") as table:
+    with (
+        BagWriter(folder / "estimates") as bag,
+        file.open("w", encoding="utf-8", newline="\n") as table,
+    ):
         table.write(",".join(COLUMNS + learned) + "\n")
         for start in range(0, len(rows), _BLOCK):
             block = rows[start : start + _BLOCK]

@@ -9,8 +9,6 @@ from rft_ros.errors import InputError, shown
 from rft_ros.messages import TOPICS, Role
 from rft_ros.parameters import NODE, Values, section_parameters
 
-__all__ = ["ReplayOptions", "read_replay_options", "topics_of"]
-
 _SECTION = "rft_replay"
 
 
@@ -30,13 +28,17 @@ class ReplayOptions:
     node: str = NODE
 
     def __post_init__(self) -> None:
-        if not isinstance(self.remap, list | tuple) or not all(isinstance(rule, str) for rule in self.remap):
+        if not isinstance(self.remap, list | tuple) or not all(
+            isinstance(rule, str) for rule in self.remap
+        ):
             raise InputError(f"remap is {shown(self.remap)}; it must be a list of strings")
         for name in ("start", "end", "tare"):
             seconds = getattr(self, name)
             is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
             if seconds is not None and not (is_number and 0.0 <= seconds <= 1e9):
-                raise InputError(f"{name} is {shown(seconds)}; it must be a number from 0 to 1e9 [s]")
+                raise InputError(
+                    f"{name} is {shown(seconds)}; it must be a number from 0 to 1e9 [s]"
+                )
         if self.start is not None and self.end is not None and self.end <= self.start:
             raise InputError(f"end is {self.end:g} s; it must be after start, {self.start:g} s")
 
@@ -47,7 +49,9 @@ def read_replay_options(file: Path) -> ReplayOptions:
     try:
         for name, value in section.items():
             if name not in ("remap", "tare", "start", "end"):
-                raise InputError(f"{name} is {shown(value)}; it has remap, and the numbers tare, start and end [s]")
+                raise InputError(
+                    f"{name} is {shown(value)}; it has remap, and the numbers tare, start and end [s]"
+                )
         return ReplayOptions(**section)
     except InputError as error:
         raise InputError(f"parameter file '{file}': {_SECTION} {error}") from None
@@ -64,10 +68,14 @@ def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> di
     for rule in remap:
         left, separator, right = (part.strip() for part in rule.partition(":="))
         if not separator or not right:
-            raise InputError(f"remap '{rule}' is not of the form FROM:=TO, such as ~/pose:=/tool_pose")
+            raise InputError(
+                f"remap '{rule}' is not of the form FROM:=TO, such as ~/pose:=/tool_pose"
+            )
         role = roles.get(_resolved(left, node) if left.startswith(("/", "~")) else "")
         if role is None:
-            raise InputError(f"remap '{rule}': '{left}' is none of {', '.join(TOPICS[role] for role in topics)}")
+            raise InputError(
+                f"remap '{rule}': '{left}' is none of {', '.join(TOPICS[role] for role in topics)}"
+            )
         topics[role] = _resolved(right, node)
     unused: set[Role] = {"pose"} if values["pose_source"] == "tf" else {"tf"}
     if values["twist_source"] != "topic":

@@ -16,8 +16,6 @@ from rft_ros.parameters import LoadCell, Model, Values, settings_of
 from rft_ros.progress import bar
 from rft_ros.rft import FORCE, QUATERNION
 
-__all__ = ["Played", "play", "reasons", "states_of", "world_forces"]
-
 _BAR_PERIOD = 512  # samples between updates of the progress bar
 
 
@@ -75,7 +73,9 @@ def states_of(bag: Path, values: Values, model: Model, options: ReplayOptions) -
             states_of_estimates.append(estimator.state.copy())
             wrenches.append(answer.predicted)
     if not stamps:
-        raise InputError(f"bag '{bag}' has no pose with an estimate ({reasons(recording, estimator)})")
+        raise InputError(
+            f"bag '{bag}' has no pose with an estimate ({reasons(recording, estimator)})"
+        )
     states = np.array(states_of_estimates)
     return Played(
         times=(np.array(stamps) - stamps[0]) * 1e-9,
@@ -85,7 +85,9 @@ def states_of(bag: Path, values: Values, model: Model, options: ReplayOptions) -
     )
 
 
-def world_forces(wrenches: NDArray[np.float64], states: NDArray[np.float64], cell: LoadCell) -> NDArray[np.float64]:
+def world_forces(
+    wrenches: NDArray[np.float64], states: NDArray[np.float64], cell: LoadCell
+) -> NDArray[np.float64]:
     """Rotate the forces of wrenches in sensor axes [N], shape [n, 3 or 6], to world axes. `states`: shape [n, 13]."""
     from scipy.spatial.transform import Rotation
 

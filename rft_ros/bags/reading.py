@@ -19,11 +19,12 @@ from rft_ros.files import resolved
 from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder
 from rft_ros.parameters import Values
 
-__all__ = ["Recording", "bag_name"]
-
 _OPTIONAL: tuple[Role, ...] = ("wrench", "surface")
 _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
-_INSTEAD: dict[Role, str] = {"pose": "pose_source: tf, or ", "twist": "twist_source: pose_difference, or "}
+_INSTEAD: dict[Role, str] = {
+    "pose": "pose_source: tf, or ",
+    "twist": "twist_source: pose_difference, or ",
+}
 _LATEST = 100_000_000  # ns; messages that lie up to this late in their file are put in order, as in split bags
 _TOGETHER = 256  # messages sorted at a time
 
@@ -78,7 +79,9 @@ class Recording:
     def __enter__(self) -> "Recording":
         with file_errors(f"bag '{self.bag}'", "read"), ExitStack() as opened:
             sources = self._opened_sources(opened)
-            self._sources = sorted((source for source in sources if source.count), key=lambda source: source.first)
+            self._sources = sorted(
+                (source for source in sources if source.count), key=lambda source: source.first
+            )
             if not self._sources:
                 why = f" ({'; '.join(self._faults)})" if self._faults else ""
                 raise InputError(f"bag '{self.bag}' has no messages{why}")
@@ -112,7 +115,9 @@ class Recording:
         if self.first > self.last:
             until = "its end" if end is None else f"{end:g} s"
             lasts = f"lasts {(ends - begins) * 1e-9:.3f} s"
-            raise InputError(f"bag '{self.bag}' {lasts}; it has nothing from {start:g} s to {until}")
+            raise InputError(
+                f"bag '{self.bag}' {lasts}; it has nothing from {start:g} s to {until}"
+            )
 
     def _read_fixed(self) -> Iterator[TransformSample]:
         topic = self.topics.get("tf", "/tf") + "_static"
@@ -144,7 +149,9 @@ class Recording:
         if self.fixed:
             yield self.fixed
         ros1 = self._sources[0].ros1
-        decode = {role: decoder(role, ros1=ros1, kind=self._kinds.get(role, "")) for role in self.topics}
+        decode = {
+            role: decoder(role, ros1=ros1, kind=self._kinds.get(role, "")) for role in self.topics
+        }
         in_table = is_table(self.bag)  # whose rows are samples already
         for time, rank, _, data in self._in_order():
             role = _RANK[rank]
@@ -199,7 +206,9 @@ class Recording:
                     f"bag '{self.bag}': {role} topic '{topic}' {_is_not(role, types)} {_advice(role, found)}"
                 )
             elif self._strict and role not in _OPTIONAL:
-                raise InputError(f"bag '{self.bag}' has no {role} topic '{topic}' {_advice(role, found)}")
+                raise InputError(
+                    f"bag '{self.bag}' has no {role} topic '{topic}' {_advice(role, found)}"
+                )
 
 
 def _is_not(role: Role, types: Collection[str]) -> str:
@@ -218,4 +227,6 @@ def _advice(role: Role, found: Mapping[str, Sequence[str]]) -> str:
         there.append(f"{topic} ({' and '.join(types)})")
         if fits == "TOPIC" and len(types) == 1 and types[0] in TYPES[role]:
             fits = topic
-    return f"(use {_INSTEAD.get(role, '')}--remap {TOPICS[role]}:={fits}); it has {', '.join(there)}"
+    return (
+        f"(use {_INSTEAD.get(role, '')}--remap {TOPICS[role]}:={fits}); it has {', '.join(there)}"
+    )

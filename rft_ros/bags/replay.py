@@ -18,8 +18,6 @@ from rft_ros.ground import write_height_map
 from rft_ros.parameters import Model, Settings, Values, model_of, named_files, settings_of
 from rft_ros.rft.frames import Wrench
 
-__all__ = ["replay", "replay_model", "results"]
-
 _SECOND_LAG = 0.005
 _JUDGED = 100_000  # rows on which hypotheses about the set-up are judged, so that a long recording needs no more memory
 _FILES = ("estimates", "estimates.csv", "summary.json", "report.html", "ground.csv")
@@ -66,7 +64,10 @@ def replay(
     check_replaceable(out / "estimates")
     with whole_folder(out, _FILES) as part:
         run = Run(estimator, part)
-        others = {name: Run(Estimator(own, model), part) for name, own in _learning_settings(settings).items()}
+        others = {
+            name: Run(Estimator(own, model), part)
+            for name, own in _learning_settings(settings).items()
+        }
         for sample, answer in play(recording, estimator):
             if answer is not None:
                 run.add(answer)
@@ -93,7 +94,9 @@ def replay(
             bias=settings.load_cell.bias,
             messages={role: recording.counts[role] for role in ("pose", *recording.topics)},
             reasons={reason.value: n for reason, n in sorted(estimator.counts.items())},
-            unknown_frames={reason.value: said for reason, said in sorted(estimator.unknown_frames().items())},
+            unknown_frames={
+                reason.value: said for reason, said in sorted(estimator.unknown_frames().items())
+            },
             duration=(recording.time - recording.first) * 1e-9,
             damage=recording.damage,
             learning={name: statistics(other.rows())[0] for name, other in others.items()},
@@ -139,10 +142,14 @@ def _bias(bag: Path, values: Values, model: Model, options: ReplayOptions) -> Wr
     for sample, answer in play(recording, estimator):
         if isinstance(sample, WrenchSample):
             newest = sample.stamp
-        elif isinstance(answer, Estimate) or (answer is not None and answer.reason is Reason.AT_REST):
+        elif isinstance(answer, Estimate) or (
+            answer is not None and answer.reason is Reason.AT_REST
+        ):
             begin = begin or answer.stamp
     try:
         return estimator.tare((newest - begin) * 1e-9 if 0 < begin < newest else seconds)
     except InputError as error:
         where = f"of the first {seconds:g} s, surface_height {settings.surface_height:g} m"
-        raise InputError(f"bag '{bag}': {error} ({where}; {reasons(recording, estimator)})") from None
+        raise InputError(
+            f"bag '{bag}': {error} ({where}; {reasons(recording, estimator)})"
+        ) from None

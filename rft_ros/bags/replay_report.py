@@ -16,8 +16,6 @@ from rft_ros.parameters import PARAMETERS
 from rft_ros.report import Figure, Table, animate, animation_figure, what_is_shown, write_page
 from rft_ros.rft import AXES, FORCE, TORQUE
 
-__all__ = ["decimated", "draw", "replay_charts"]
-
 _Array = NDArray[np.float64]
 _Place = tuple[int, int]  # row and column of a panel, from 1
 
@@ -36,7 +34,9 @@ class _Panel(NamedTuple):
 
 
 _LEARNED = (
-    _Panel("Strength", 1.0, {"vertical_strength": "vertical", "horizontal_strength": "horizontal"}),
+    _Panel(
+        "Strength", 1.0, {"vertical_strength": "vertical", "horizontal_strength": "horizontal"}
+    ),
     _Panel("Turn [deg]", math.degrees(1.0), {"turn": "turn"}),
     _Panel("Surface [mm]", 1e3, {"surface": "surface"}),
     _Panel("Surprise<br>[std. deviations]", 1.0, {"surprise": "surprise"}),
@@ -60,7 +60,12 @@ def draw(summary: Summary, rows: Rows, estimator: Estimator, file: Path) -> None
     rows = decimated(rows[rows["stamp"] > 0])
     write_page(
         file,
-        [*_tables(summary), *replay_charts(rows), *_animation(rows, estimator), _parameters(summary)],
+        [
+            *_tables(summary),
+            *replay_charts(rows),
+            *_animation(rows, estimator),
+            _parameters(summary),
+        ],
         title=f"Replay of {summary.bag}",
         sentence="Force and torque that the grains put on the tool, in the axes and about the origin of the sensor"
         " frame: measured by the load cell, less bias and tool weight, and predicted by 3D granular Resistive Force"
@@ -99,15 +104,24 @@ def _tables(summary: Summary) -> Iterator[Table]:
             flag = QualityFlag[name.upper()]
             flags.append((name, f"{count:,}", trust(flag).value, sentences(flag)))
     sentence = f"How many estimates have each flag (trust: {trusted})."
-    yield Table("Quality flags", sentence, ("flag", "estimates", "trust", "meaning"), flags or [("none", "0", "", "")])
+    yield Table(
+        "Quality flags",
+        sentence,
+        ("flag", "estimates", "trust", "meaning"),
+        flags or [("none", "0", "", "")],
+    )
     unused = [(name, f"{count:,}") for name, count in summary.reasons.items()] or [("none", "0")]
-    sentence = "Samples that were not used, poses without an estimate and estimates without a residual."
+    sentence = (
+        "Samples that were not used, poses without an estimate and estimates without a residual."
+    )
     yield Table("Not used or unanswered", sentence, ("reason", "count"), unused)
 
 
 def _parameters(summary: Summary) -> Table:
     units = {parameter.name: parameter.unit for parameter in PARAMETERS}
-    values = [(name, str(value), units.get(name, "")) for name, value in summary.parameters.items()]
+    values = [
+        (name, str(value), units.get(name, "")) for name, value in summary.parameters.items()
+    ]
     return Table("Parameters", "", ("parameter", "value", "unit"), values)
 
 
@@ -147,7 +161,15 @@ def _label(panels: Any, at: _Place, *, x: str = "", y: str = "") -> None:
 
 
 def _line(
-    panels: Any, at: _Place, name: str, x: _Array, y: _Array, *, colour: str = "", width: float = 1.5, **look: Any
+    panels: Any,
+    at: _Place,
+    name: str,
+    x: _Array,
+    y: _Array,
+    *,
+    colour: str = "",
+    width: float = 1.5,
+    **look: Any,
 ) -> None:
     """Draw a line with gaps at NaN; those of a name share a legend entry. `colour`: of `_COLOURS` (default: `name`)."""
     panels.add_scatter(
@@ -165,20 +187,26 @@ def _line(
     )
 
 
-def _band(panels: Any, at: _Place, name: str, x: _Array, y: _Array, deviation: _Array, *, colour: str) -> None:
+def _band(
+    panels: Any, at: _Place, name: str, x: _Array, y: _Array, deviation: _Array, *, colour: str
+) -> None:
     """Draw a band from y - deviation to y + deviation, with gaps at NaN."""
     from plotly.colors import hex_to_rgb
 
     known = np.flatnonzero(~np.isnan(x + y + deviation))
     xs = [np.empty(0)]
     ys = [np.empty(0)]
-    for part in np.split(known, np.flatnonzero(np.diff(known) > 1) + 1):  # closed around each unbroken segment
+    for part in np.split(
+        known, np.flatnonzero(np.diff(known) > 1) + 1
+    ):  # closed around each unbroken segment
         xs += [x[part], x[part[::-1]], np.array([np.nan])]
         ys += [(y - deviation)[part], (y + deviation)[part[::-1]], np.array([np.nan])]
     red, green, blue = hex_to_rgb(_COLOURS[colour])
     fill = f"rgba({red}, {green}, {blue}, {_BAND})"
     look = {"fill": "toself", "fillcolor": fill, "hoverinfo": "skip"}
-    _line(panels, at, name, np.concatenate(xs), np.concatenate(ys), colour=colour, width=0.0, **look)
+    _line(
+        panels, at, name, np.concatenate(xs), np.concatenate(ys), colour=colour, width=0.0, **look
+    )
 
 
 def _wrench(rows: Rows, x: _Array, *, over: str, x_label: str) -> Figure:
@@ -188,14 +216,27 @@ def _wrench(rows: Rows, x: _Array, *, over: str, x_label: str) -> Figure:
         at = (k % 3 + 1, 2 if is_torque else 1)
         measured = rows["compensated"][:, k]
         predicted = rows["predicted"][:, k]
-        _band(panels, at, "± standard deviation", x, predicted, rows["sigma"][:, k], colour="predicted")
+        _band(
+            panels,
+            at,
+            "± standard deviation",
+            x,
+            predicted,
+            rows["sigma"][:, k],
+            colour="predicted",
+        )
         for code, phase in enumerate(PHASES):
             chosen = (rows["phase"] == code) & ~np.isnan(measured + x)
             if chosen.any():
                 y = np.where(chosen, measured, math.nan)
                 _line(panels, at, f"measured, {phase}", x, y, colour=phase, width=2.0)
         _line(panels, at, "predicted", x, predicted)
-        _label(panels, at, x=x_label if at[0] == 3 else "", y=f"{axis} [{'N m' if is_torque else 'N'}]")
+        _label(
+            panels,
+            at,
+            x=x_label if at[0] == 3 else "",
+            y=f"{axis} [{'N m' if is_torque else 'N'}]",
+        )
     sentence = (
         f"Measured, in the colour of the phase, and predicted, with a band of one standard deviation on each side, over"
         f" {over}. A line breaks where there is no estimate."
@@ -211,7 +252,9 @@ def _residual(rows: Rows, time: _Array) -> Figure:
         _line(panels, (2, 1), axis, time, residual[:, TORQUE][:, k], width=1.2)
     _label(panels, (1, 1), y="Force residual [N]")
     _label(panels, (2, 1), x=_TIME, y="Torque residual [N m]")
-    return Figure("residual", "Residual", "Measured minus predicted, by sensor axis, over time.", panels)
+    return Figure(
+        "residual", "Residual", "Measured minus predicted, by sensor axis, over time.", panels
+    )
 
 
 def _flags(rows: Rows, time: _Array) -> Figure:
@@ -226,8 +269,12 @@ def _flags(rows: Rows, time: _Array) -> Figure:
     _label(panels, (1, 1), x=_TIME)
     panels.update_xaxes(range=[time.min(), time.max()])
     labels = [flag.label for flag in flags]
-    panels.update_yaxes(tickvals=list(range(len(flags))), ticktext=labels, range=[len(flags) - 0.5, -0.5])
-    return Figure("quality_flags", "Quality flags over time", "When the prediction had which flag.", panels)
+    panels.update_yaxes(
+        tickvals=list(range(len(flags))), ticktext=labels, range=[len(flags) - 0.5, -0.5]
+    )
+    return Figure(
+        "quality_flags", "Quality flags over time", "When the prediction had which flag.", panels
+    )
 
 
 def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
@@ -276,5 +323,7 @@ def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
         ground=estimator.ground,
     )
     colours = what_is_shown(model.law, learned=estimator.settings.learning_mode == "apply")
-    where = "World axes; the surface is the one at the end. The slider selects a moment in the grains."
+    where = (
+        "World axes; the surface is the one at the end. The slider selects a moment in the grains."
+    )
     yield Figure("tool", title, f"{colours} {where}", animation_figure(drawn))

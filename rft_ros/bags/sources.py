@@ -24,8 +24,6 @@ from rosbags.rosbag2 import Reader as Reader2
 from rft_ros.errors import InputError, reason_of
 from rft_ros.files import checked_file, read_text
 
-__all__ = ["SUFFIXES", "Messages", "Source", "fault_of", "sources_of"]
-
 _REPAIRS = {".mcap": "mcap recover", ".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
 SUFFIXES = tuple(_REPAIRS)
 _PACKED = (".zstd", ".zst")
@@ -176,7 +174,11 @@ def _unpacked(file: Path, opened: ExitStack) -> Path:
 
 def _merged(file: Path, opened: ExitStack) -> Path:
     """The file, or a copy with what a recorder that was killed left in the log or the journal beside it."""
-    beside = [log for log in (Path(f"{file}-wal"), Path(f"{file}-journal")) if log.is_file() and log.stat().st_size]
+    beside = [
+        log
+        for log in (Path(f"{file}-wal"), Path(f"{file}-journal"))
+        if log.is_file() and log.stat().st_size
+    ]
     if not beside:
         return file
     folder = Path(opened.enter_context(TemporaryDirectory()))
@@ -216,7 +218,9 @@ def _read_by_record(file: Path, opened: ExitStack) -> tuple[Source, bool]:
                 if topic in topics and begin <= message.log_time <= end:
                     yield message.log_time, topic, message.data
 
-    source = Source(name=file.name, types=[*types.items()], count=count, first=first, last=last, read=read)
+    source = Source(
+        name=file.name, types=[*types.items()], count=count, first=first, last=last, read=read
+    )
     return source, is_whole
 
 

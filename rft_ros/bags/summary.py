@@ -22,16 +22,15 @@ from rft_ros.parameters.sections import flat
 from rft_ros.rft import AXES, FORCE, TORQUE
 from rft_ros.yaml_file import read_yaml
 
-__all__ = ["METRIC_HEADS", "Group", "PhaseGroup", "Summary", "check", "metric_rows", "read_limits", "statistics"]
-__all__ += ["summary_of"]
-
 _Array = NDArray[np.float64]
 
 _COMPONENTS = (*AXES, "force", "torque")
 _SIZE_OF_FORCE = _COMPONENTS.index("force")
 _BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
 _MOST_BINS = 10
-_TOUCHES = 1e-3  # m: least depth of a first pose in the grains, beyond the noise of a pose at the surface
+_TOUCHES = (
+    1e-3  # m: least depth of a first pose in the grains, beyond the noise of a pose at the surface
+)
 _WRONG = 0.5  # a larger median error is likely due to the set-up
 
 
@@ -106,16 +105,22 @@ class Summary(Group):
             within = f"{_percent(group.within_sigma)}, {_percent(group.within_two_sigma)}"
             text.append(f"  learning {name}: {errors}, within 1, 2 sigma {within}")
         rows = [("force on the tool", *METRIC_HEADS), *metric_rows(self)]
-        return text + [f"  {title:<18}" + "".join(f"{cell:>12}" for cell in cells) for title, *cells in rows]
+        return text + [
+            f"  {title:<18}" + "".join(f"{cell:>12}" for cell in cells) for title, *cells in rows
+        ]
 
     def json(self) -> str:
         """The text of summary.json; the same bag and parameters give the same text."""
         content = asdict(self)
-        content |= {field.name: content.pop(field.name) for field in fields(Group)}  # statistics come last
+        content |= {
+            field.name: content.pop(field.name) for field in fields(Group)
+        }  # statistics come last
         return json.dumps(content, indent=2, allow_nan=False) + "\n"
 
 
-def summary_of(rows: Rows, *, issues: Counter[str], faults: Sequence[str] = (), **about: Any) -> Summary:
+def summary_of(
+    rows: Rows, *, issues: Counter[str], faults: Sequence[str] = (), **about: Any
+) -> Summary:
     """The summary of rows, shape [n]. `about`: the other fields of `Summary`.
 
     `issues`: for each issue of the estimator, the number of poses at which it was present. `faults`: sentences on
@@ -127,9 +132,18 @@ def summary_of(rows: Rows, *, issues: Counter[str], faults: Sequence[str] = (), 
     levels = Counter(map(trust, flags.tolist()))
     by_trust = {level.value: levels[level] for level in Trust}
     # a fault of the load cell's zero says more, and is judged on the whole recording
-    warnings = [f"{issue} (at {n:,} poses)" for issue, n in issues.items() if issue != OFFSET_SENTENCE]
+    warnings = [
+        f"{issue} (at {n:,} poses)" for issue, n in issues.items() if issue != OFFSET_SENTENCE
+    ]
     warnings += [*_warnings(whole, rows[rows["reason"] < 0]), *faults]
-    return Summary(**vars(whole), quality_flags=by_flag, trust=by_trust, warnings=warnings, phases=phases, **about)
+    return Summary(
+        **vars(whole),
+        quality_flags=by_flag,
+        trust=by_trust,
+        warnings=warnings,
+        phases=phases,
+        **about,
+    )
 
 
 def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
@@ -232,7 +246,9 @@ def metric_rows(summary: Summary) -> list[tuple[str, ...]]:
         if phase.poses:
             rows.append((name, *_metrics(phase)))
         if name == "penetration":
-            rows += [(f"  {depths}", *_metrics(group)) for depths, group in phase.depth_bins.items()]
+            rows += [
+                (f"  {depths}", *_metrics(group)) for depths, group in phase.depth_bins.items()
+            ]
     return rows
 
 
@@ -264,13 +280,19 @@ def read_limits(file: Path) -> dict[str, tuple[float, float]]:
     """
     tree = read_yaml(file, "limits file")
     if not isinstance(tree, dict) or not tree:
-        raise InputError(f"limits file '{file}' has no metrics; write lines such as 'estimates: {{min: 1000}}'")
+        raise InputError(
+            f"limits file '{file}' has no metrics; write lines such as 'estimates: {{min: 1000}}'"
+        )
     limits = {}
     for metric, given in tree.items():
         bounds = given if isinstance(given, dict) and given else {"": given}
         low = bounds.get("min", -math.inf)
         high = bounds.get("max", math.inf)
-        if bounds.keys() - {"min", "max"} or not all(map(_is_finite, bounds.values())) or low > high:
+        if (
+            bounds.keys() - {"min", "max"}
+            or not all(map(_is_finite, bounds.values()))
+            or low > high
+        ):
             must = "it must be {min: NUMBER, max: NUMBER} or one of them, of finite numbers, min not above max"
             raise InputError(f"limits file '{file}': {metric} is {shown(given)}; {must}")
         limits[metric] = (low, high)
@@ -278,7 +300,11 @@ def read_limits(file: Path) -> dict[str, tuple[float, float]]:
 
 
 def _is_finite(value: object) -> bool:
-    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) <= sys.float_info.max
+    return (
+        isinstance(value, int | float)
+        and not isinstance(value, bool)
+        and abs(value) <= sys.float_info.max
+    )
 
 
 def check(limits: dict[str, tuple[float, float]], summary: Summary) -> list[tuple[bool, str]]:

@@ -16,9 +16,11 @@ from rft_ros.parameters import Values
 from rft_ros.rft import AXES, POSE, STATE, TWIST
 from rft_ros.table_file import Rows, columns_named, read_table
 
-__all__ = ["COLUMNS", "is_table", "read_recorded_table", "source_of_table", "values_for_table"]
-
-_GROUPS: dict[Role, tuple[str, ...]] = {"pose": tuple(STATE[POSE]), "twist": tuple(STATE[TWIST]), "wrench": AXES}
+_GROUPS: dict[Role, tuple[str, ...]] = {
+    "pose": tuple(STATE[POSE]),
+    "twist": tuple(STATE[TWIST]),
+    "wrench": AXES,
+}
 _TIME_AND_POSE = columns_named(("t", *_GROUPS["pose"]))
 _TWIST = columns_named(_GROUPS["twist"])
 _WRENCH = columns_named(_GROUPS["wrench"])
@@ -51,7 +53,9 @@ def values_for_table(rows: Rows, values: Values) -> Values:
     return {**values, "pose_source": "topic", "twist_source": twist_source}
 
 
-def source_of_table(file: Path, rows: Rows, topics: Mapping[Role, str], values: Values) -> tuple[Source, int]:
+def source_of_table(
+    file: Path, rows: Rows, topics: Mapping[Role, str], values: Values
+) -> tuple[Source, int]:
     """The samples of a table as messages on the topics of their roles, and how much their stamps are shifted [ns].
 
     In ROS a stamp of 0 means none: stamps that begin at 0 or below are shifted by whole seconds. Raises InputError,
@@ -62,8 +66,12 @@ def source_of_table(file: Path, rows: Rows, topics: Mapping[Role, str], values: 
     shift = 0 if times[0] > 0.0 else 1 + math.ceil(-times[0])
     stamps = np.round((times + shift) * 1e9).astype(np.int64).tolist()
     sample_of: dict[Role, Callable[[int, Any], Sample]] = {
-        "pose": lambda stamp, numbers: PoseSample(stamp, values["world_frame"], numbers[:3], numbers[3:]),
-        "twist": lambda stamp, numbers: TwistSample(stamp, values["world_frame"], numbers[:3], numbers[3:]),
+        "pose": lambda stamp, numbers: PoseSample(
+            stamp, values["world_frame"], numbers[:3], numbers[3:]
+        ),
+        "twist": lambda stamp, numbers: TwistSample(
+            stamp, values["world_frame"], numbers[:3], numbers[3:]
+        ),
         "wrench": lambda stamp, numbers: WrenchSample(stamp, values["sensor_frame"], numbers),
     }
     columns: dict[Role, NDArray[np.float64]] = {}
@@ -93,7 +101,9 @@ def _check_times(times: NDArray[np.float64], lines: NDArray[np.int64], named: st
     step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
     for unit, least in _UNITS.items():
         if step >= least:
-            raise InputError(f"{named}: t looks like {unit} ({step:.3g} s between rows); give seconds")
+            raise InputError(
+                f"{named}: t looks like {unit} ({step:.3g} s between rows); give seconds"
+            )
     wrong = np.flatnonzero(~(np.abs(times) < _LAST) | (np.diff(times, prepend=-np.inf) < 0.0))
     if len(wrong):
         must = "it must be a time [s] that does not go back; write a file for each run"

@@ -10,9 +10,9 @@ from rosbags.typesys import Stores, get_typestore
 from rft_ros.errors import InputError
 from rft_ros.files import read_text
 
-__all__ = ["BagWriter", "check_replaceable"]
-
-_MARK = {"written_by": "rft_ros"}  # custom data that marks bags which rft_ros wrote and may replace
+_MARK = {
+    "written_by": "rft_ros"
+}  # custom data that marks bags which rft_ros wrote and may replace
 
 
 def check_replaceable(path: Path) -> None:
@@ -25,7 +25,9 @@ def check_replaceable(path: Path) -> None:
     except (InputError, yaml.YAMLError, LookupError, TypeError):
         ours = False
     if not ours:
-        raise InputError(f"'{path}' already exists and was not written by rft_ros; give another folder")
+        raise InputError(
+            f"'{path}' already exists and was not written by rft_ros; give another folder"
+        )
 
 
 class BagWriter(Writer):

@@ -24,8 +24,6 @@ from rft_ros.errors import InputError
 from rft_ros.parameters import LoadCell, Settings, Values, model_of, settings_of
 from rft_ros.rft import FORCE, Law, wrenches
 
-__all__ = ["PARTS", "calibrate"]
-
 PARTS = ("sensor", "surface", "zeta", "mobilization")
 """What can be fitted: delay, bias, mass and centre of mass; surface height; ζ; λ."""
 
@@ -48,7 +46,9 @@ class _Surface(NamedTuple):
     contacts: list[Contact]
 
 
-def calibrate(tracks_sent: Sequence[Track], values: Values, *, parts: Collection[str] = PARTS) -> FitResults:
+def calibrate(
+    tracks_sent: Sequence[Track], values: Values, *, parts: Collection[str] = PARTS
+) -> FitResults:
     """Fit `parts` to the tracks. Other values, and those that are not identifiable, are taken from `values`.
 
     `values`: the node's parameters. Raises InputError for no recordings, for one that `refuse_implausible` or
@@ -69,20 +69,26 @@ def calibrate(tracks_sent: Sequence[Track], values: Values, *, parts: Collection
     length = float(values["medium.mobilization_length"])
     law_with_memory = replace(laws.slow, mobilization_length=length)
     for sent, placed in zip(tracks_sent, tracks_placed, strict=True):
-        result.warnings += suspicions(sent, placed, settings, law_with_memory, surface=surface_placed.height)
+        result.warnings += suspicions(
+            sent, placed, settings, law_with_memory, surface=surface_placed.height
+        )
 
     tracks_aligned = tracks_placed
     delay_error = 0.0
     if "sensor" in parts:
         with result.or_reason("sensor.delay"):
-            tracks_aligned, delay_error = _aligned(result, tracks_placed, laws, surface_placed, settings)
+            tracks_aligned, delay_error = _aligned(
+                result, tracks_placed, laws, surface_placed, settings
+            )
     surface = _surface(result, tracks_aligned, laws, settings, parts)
     tracks_slow = [_without_inertia(track, laws, surface.height) for track in tracks_aligned]
     tracks_weighed = tracks_slow
     zero_error = 0.0
     if "sensor" in parts:
         with result.or_reason("sensor.bias"):
-            weighed_cell, zero_error = fit_tool_weight(result, tracks_slow, air=surface.air + _CLEAR)
+            weighed_cell, zero_error = fit_tool_weight(
+                result, tracks_slow, air=surface.air + _CLEAR
+            )
             tracks_weighed = [replace(track, cell=weighed_cell) for track in tracks_slow]
 
     given = Given(
@@ -109,14 +115,18 @@ def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
     for track in tracks:
         if track.mount is None:
             link = f"tool_frame '{settings.tool_frame}' and sensor_frame '{settings.sensor_frame}'"
-            raise InputError(f"{track.name}: no fixed transforms link {link}, as sensor.frame_source tf needs")
+            raise InputError(
+                f"{track.name}: no fixed transforms link {link}, as sensor.frame_source tf needs"
+            )
         if first.mount is not None and not first.mount.is_at(track.mount):
             raise InputError(
                 f"{first.name} and {track.name}: their transforms place the load cell differently; calibrate each of "
                 "the two mountings on its own"
             )
     assert first.mount is not None
-    return replace(settings.load_cell, position=first.mount.position, quaternion=first.mount.quaternion)
+    return replace(
+        settings.load_cell, position=first.mount.position, quaternion=first.mount.quaternion
+    )
 
 
 def _laws_of(values: Values, track: Track) -> _Laws:
@@ -127,7 +137,11 @@ def _laws_of(values: Values, track: Track) -> _Laws:
 
 
 def _surface(
-    result: FitResults, tracks: Sequence[Track], laws: _Laws, settings: Settings, parts: Collection[str]
+    result: FitResults,
+    tracks: Sequence[Track],
+    laws: _Laws,
+    settings: Settings,
+    parts: Collection[str],
 ) -> _Surface:
     """The surface from the first contacts, or the given one if there are none or it is not to be fitted."""
     given = settings.surface_height
@@ -162,9 +176,13 @@ def _without_inertia(track: Track, laws: _Laws, surface: float) -> Track:
     """The recording without the force of the grains' inertia, which ζ does not scale; surface at this height [m]."""
     if not laws.full.has_inertia:
         return track
-    full, slow = (wrenches(track.tool.plates, law, track.states, surface_height=surface) for law in laws)
+    full, slow = (
+        wrenches(track.tool.plates, law, track.states, surface_height=surface) for law in laws
+    )
     force = np.einsum("nji,nj->ni", track.sensor_rotations, (full - slow)[:, FORCE])
-    return replace(track, readings=track.readings - track.cell.sign * np.pad(force, ((0, 0), (0, 3))))
+    return replace(
+        track, readings=track.readings - track.cell.sign * np.pad(force, ((0, 0), (0, 3)))
+    )
 
 
 def _aligned(
@@ -180,5 +198,7 @@ def _aligned(
     delay = fit_delay(recordings, surface.height, given=given)
     result.fitted.append(delay)
     late = delay.values[0] - given
-    aligned = [replace(track, readings=moved_back(track.time, track.readings, late)) for track in tracks]
+    aligned = [
+        replace(track, readings=moved_back(track.time, track.readings, late)) for track in tracks
+    ]
     return aligned, delay.errors[0]

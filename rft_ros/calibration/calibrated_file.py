@@ -15,12 +15,12 @@ from rft_ros.parameters.file import tree_for
 from rft_ros.rft.motion_kinds import MOTIONS
 from rft_ros.yaml_file import yaml_text
 
-__all__ = ["SECTION", "rounded", "write_calibrated"]
-
 SECTION = "rft_calibration"
 """Top-level key of the record, which the node ignores."""
 
-_BEDS_DIFFER = 0.1  # relative standard deviation of ζ between beds of the same grains (docs/accuracy.md)
+_BEDS_DIFFER = (
+    0.1  # relative standard deviation of ζ between beds of the same grains (docs/accuracy.md)
+)
 
 
 def rounded(value: float, error: float) -> float:
@@ -43,18 +43,24 @@ def write_calibrated(
     for fit in result.fitted:
         numbers = _rounded_values(fit)
         parameters[fit.name] = numbers if len(numbers) > 1 else numbers[0]
-        if fit.name == "medium.zeta":  # of another bed of the same grains, and of each tool that was recorded
+        if (
+            fit.name == "medium.zeta"
+        ):  # of another bed of the same grains, and of each tool that was recorded
             relative = max(fit.errors[0] / fit.values[0], _BEDS_DIFFER, fit.spread)
             parameters["medium.zeta_error"] = float(f"{relative:.3g}")
         if fit.name == "sensor.bias":
             _remove_tare(tree)
     if result.motions:
-        parameters["medium.calibrated_motions"] = ", ".join(m.kind for m in result.motions if m.kind in MOTIONS)
+        parameters["medium.calibrated_motions"] = ", ".join(
+            m.kind for m in result.motions if m.kind in MOTIONS
+        )
     tree[SECTION] = {"ros__parameters": _record(result, tracks)}
     head = f"# {source.name} calibrated by rft calibrate; bags, sources and standard errors: {SECTION} below.\n"
     text = head + yaml_text(tree)
     with whole(file, "calibrated file") as part:
-        part.write_text(text, encoding="utf-8", errors="backslashreplace")  # the source's name may not be UTF-8
+        part.write_text(
+            text, encoding="utf-8", errors="backslashreplace"
+        )  # the source's name may not be UTF-8
 
 
 def _rounded_values(fitted: FittedValue) -> list[float]:
@@ -80,7 +86,9 @@ def _record(result: FitResults, tracks: Iterable[Track]) -> dict[str, Any]:
     if result.fitted:
         record["fitted"] = {fit.name.replace(".", "_"): _entry(fit) for fit in result.fitted}
     if result.not_identifiable:
-        record["not_identifiable"] = [f"{name}: {why}" for name, why in result.not_identifiable.items()]
+        record["not_identifiable"] = [
+            f"{name}: {why}" for name, why in result.not_identifiable.items()
+        ]
     if result.motions:
         record["motions"] = {motion.kind: _motion(motion) for motion in result.motions}
     if result.warnings:

@@ -15,8 +15,6 @@ from rft_ros.calibration.smoothing import GAP
 from rft_ros.calibration.track import FEWEST, Turn, turns_in_grains
 from rft_ros.rft import FORCE
 
-__all__ = ["fit_delay"]
-
 _DELAYS = np.linspace(-LATEST, LATEST, 26)  # tried before the best one is refined
 _UNSURE = 0.05  # greatest accepted standard error of the delay of one turn [s]
 _SEEN = 2.0  # standard errors: a smaller delay is not told from the given one
@@ -37,9 +35,13 @@ def _part_of(recording: Recorded, turn: Turn) -> Part:
     rows = within[np.minimum(since, until) <= LATEST]
     if len(rows) < FEWEST or np.diff(time[about]).max() > GAP:
         where = turn.where(recording.track)
-        raise NotIdentifiable(f"{where}: {len(rows)} samples around a turn; the delay needs {FEWEST} without a gap")
+        raise NotIdentifiable(
+            f"{where}: {len(rows)} samples around a turn; the delay needs {FEWEST} without a gap"
+        )
     ahead = int(about[-1] - rows[-1])
-    return Part(recording=recording, first=turn.first, rows=rows, axes=FORCE, zeros=True, ahead=ahead)
+    return Part(
+        recording=recording, first=turn.first, rows=rows, axes=FORCE, zeros=True, ahead=ahead
+    )
 
 
 def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Measurement, float]:
@@ -47,7 +49,9 @@ def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Me
     part = _part_of(recording, turn)
     starts = [(float(delay), float(log_length)) for log_length in LOG_LENGTHS for delay in _DELAYS]
     found = fitted(part, BedValues(surface, log_length=0.0), ("delay", "log_length"), starts)
-    between_poses = float(np.median(np.diff(recording.track.time[part.rows]))) / 12.0**0.5  # where the turn lies
+    between_poses = (
+        float(np.median(np.diff(recording.track.time[part.rows]))) / 12.0**0.5
+    )  # where the turn lies
     by_friction = found.by_force(recording.friction)
     error = float(np.linalg.norm([found.error, _RESOLUTION, between_poses, by_friction]))
     misfit = found.fit.rms / max(float(np.ptp(part.observed, axis=0).max()), 1e-300)
@@ -69,7 +73,9 @@ def fit_delay(recordings: Iterable[Recorded], surface: float, *, given: float) -
 
     Raises NotIdentifiable if no turn determines it.
     """
-    turns = ((one, turn, surface) for one in recordings for turn in turns_in_grains(one.track, surface))
+    turns = (
+        (one, turn, surface) for one in recordings for turn in turns_in_grains(one.track, surface)
+    )
     none = "the tool never turns in the grains, and no recording begins at rest there"
     of_turns = fit_each(_turn_for_delay, turns, none=none)
     found = [measurement for measurement, _ in of_turns]

@@ -17,9 +17,6 @@ from scipy.signal import lfilter
 from rft_ros.errors import InputError
 from rft_ros.parameters import checked
 
-__all__ = ["Fit", "FitResults", "FittedValue", "Measurement", "MotionFit", "NotIdentifiable"]
-__all__ += ["Parameter", "fit_curve", "fit_each", "fit_linear", "listed"]
-
 Array = NDArray[np.float64]
 
 _MOST_STEPS = 12  # of least squares
@@ -106,11 +103,21 @@ class FitResults:
     warnings: list[str] = field(default_factory=list)
 
     def add(
-        self, name: str, value: float, error: float, *, unit: str, goodness: str, source: str, spread: float = 0.0
+        self,
+        name: str,
+        value: float,
+        error: float,
+        *,
+        unit: str,
+        goodness: str,
+        source: str,
+        spread: float = 0.0,
     ) -> None:
         """Add a fitted number, or the reason why the parameter does not take it."""
         with self.or_reason(name):
-            self.fitted.append(FittedValue(name, (value,), (error,), unit, goodness, source, spread))
+            self.fitted.append(
+                FittedValue(name, (value,), (error,), unit, goodness, source, spread)
+            )
 
     @contextmanager
     def or_reason(self, name: str) -> Iterator[None]:
@@ -162,7 +169,10 @@ def fit_linear(columns: Array, observed: Array) -> Fit:
 
 
 def fit_curve(
-    columns: Callable[[Array], Array], parameters: Sequence[Parameter], observed: Array, starts: Iterable[Array]
+    columns: Callable[[Array], Array],
+    parameters: Sequence[Parameter],
+    observed: Array,
+    starts: Iterable[Array],
 ) -> Fit:
     """Fit a curve to a time series, shape [n, axes], any unit, by least squares from the best of the `starts` on.
 
@@ -198,7 +208,9 @@ def fit_curve(
         has_room = at + one <= high
         return slopes(at, np.where(has_room, one, none), np.where(has_room, none, one))
 
-    best = min((start / step for start in starts), key=lambda start: float(np.sum(misfit(start) ** 2)))
+    best = min(
+        (start / step for start in starts), key=lambda start: float(np.sum(misfit(start) ** 2))
+    )
     found = least_squares(
         misfit,
         np.clip(best, low, high),
@@ -214,8 +226,12 @@ def fit_curve(
 
     def fit_with(width: Array) -> Fit:
         """The fit, with slopes over this width to either side."""
-        influence = (np.linalg.pinv(slopes(found.x, width, width))[0] * step[0]).reshape(observed.shape)
-        return Fit(coefficients, _error(influence, residuals, len(coefficients)), residuals, influence)
+        influence = (np.linalg.pinv(slopes(found.x, width, width))[0] * step[0]).reshape(
+            observed.shape
+        )
+        return Fit(
+            coefficients, _error(influence, residuals, len(coefficients)), residuals, influence
+        )
 
     # With memory the curve is not smooth. The standard error needs the slope over a step as wide as itself.
     narrow = fit_with(one)
@@ -236,7 +252,12 @@ def _error(influence: Array, residuals: Array, free: int) -> float:
     noise = residuals - residuals.mean(axis=0)
     alike = (noise[1:] * noise[:-1]).sum(axis=0) / np.maximum((noise**2).sum(axis=0), 1e-300)
     return float(
-        np.sqrt(max(_by_moment(influence, residuals, alike, free), _stationary(influence, residuals, alike, free)))
+        np.sqrt(
+            max(
+                _by_moment(influence, residuals, alike, free),
+                _stationary(influence, residuals, alike, free),
+            )
+        )
     )
 
 
@@ -258,14 +279,18 @@ def _stationary(influence: Array, residuals: Array, alike: Array, free: int) -> 
     """The variance where the residuals are a stationary process of first order."""
     variances = (residuals**2).sum(axis=0) / max(len(residuals) - free, 1)
     total = 0.0
-    for rho, own, variance in zip(np.clip(alike, -0.5, _SMOOTH), influence.T, variances, strict=True):
+    for rho, own, variance in zip(
+        np.clip(alike, -0.5, _SMOOTH), influence.T, variances, strict=True
+    ):
         after = lfilter([1.0], [1.0, -rho], own)
         before = lfilter([1.0], [1.0, -rho], own[::-1])[::-1]
         total += variance * float(own @ (after + before - own))
     return total
 
 
-def fit_each(fit: Callable[..., _Result], parts: Iterable[tuple[Any, ...]], *, none: str) -> list[_Result]:
+def fit_each(
+    fit: Callable[..., _Result], parts: Iterable[tuple[Any, ...]], *, none: str
+) -> list[_Result]:
     """`fit(*part)` for each part of the recordings in which it is identifiable.
 
     If there is none, raises NotIdentifiable with the first one's reason, or with `none` if there are no parts.

@@ -34,8 +34,6 @@ from rft_ros.calibration.phases import (
 from rft_ros.calibration.recorded import SHAKEN, BedValues, Recorded
 from rft_ros.calibration.track import down_strokes, turns_in_grains
 
-__all__ = ["GIVEN_SURFACE_ERROR", "Given", "difference", "fit_grains", "spread_of"]
-
 Array = NDArray[np.float64]
 
 GIVEN_SURFACE_ERROR = 0.002
@@ -43,7 +41,9 @@ GIVEN_SURFACE_ERROR = 0.002
 
 _ROUNDS = 8  # of fits with each other's results
 _SETTLED = 1e-6  # change of the surface [m] below which another round changes nothing
-_UNKNOWN_LENGTH = 0.7  # standard deviation of log λ where the recordings do not determine it: half to double
+_UNKNOWN_LENGTH = (
+    0.7  # standard deviation of log λ where the recordings do not determine it: half to double
+)
 _NOTEWORTHY = 0.25  # greatest relative difference of ζ between penetrations without a note
 _GROWS = 0.8  # least correlation of ζ with the size of the tool that is reported
 
@@ -90,7 +90,9 @@ def fit_grains(
     if contacts:
         begin = begin._replace(surface=float(np.mean([contact.surface for contact in contacts])))
     turns: list[Phase] = []
-    own_errors = np.array([given.surface_error, 0.0, 0.0])  # of the surface [m], log λ and ζ, without each other's
+    own_errors = np.array(
+        [given.surface_error, 0.0, 0.0]
+    )  # of the surface [m], log λ and ζ, without each other's
     if "mobilization" in parts:
         try:
             turns = _fitted_turns(recordings, begin)
@@ -102,7 +104,9 @@ def fit_grains(
             else:
                 own_errors[1] = _UNKNOWN_LENGTH
     at_contacts = [
-        first_contact(recordings[contact.number], contact.rows, begin._replace(surface=contact.surface))
+        first_contact(
+            recordings[contact.number], contact.rows, begin._replace(surface=contact.surface)
+        )
         for contact in contacts
     ]
     fits = _settled(_Fits(at_contacts, turns, begin))
@@ -122,19 +126,29 @@ def fit_grains(
         with result.or_reason("medium.zeta"):
             kept = fit_each(check_strength, ((way, zeta_error) for way in ways_down), none="")
             _add_zeta(result, kept, shared_error=zeta_error, surface_error=surface_error)
-            _add_motions(result, recordings, fits.values, zeta=_mean(kept), errors=errors, given=given)
+            _add_motions(
+                result, recordings, fits.values, zeta=_mean(kept), errors=errors, given=given
+            )
     if turns:
         _add_length(result, fits, length_error)
 
 
 def _fitted_turns(recordings: Sequence[Recorded], values: BedValues) -> list[Phase]:
-    turns = ((one, turn, values) for one in recordings for turn in turns_in_grains(one.track, values.surface))
+    turns = (
+        (one, turn, values)
+        for one in recordings
+        for turn in turns_in_grains(one.track, values.surface)
+    )
     none = "the tool never turns in the grains, and no recording begins with it at rest there"
     return fit_each(turn_for_length, turns, none=none)
 
 
 def _fitted_ways_down(recordings: Sequence[Recorded], values: BedValues) -> list[Phase]:
-    ways = ((one, way, values) for one in recordings for way in down_strokes(one.track, below=values.surface))
+    ways = (
+        (one, way, values)
+        for one in recordings
+        for way in down_strokes(one.track, below=values.surface)
+    )
     return fit_each(way_down, ways, none="no vertical penetration in the grains")
 
 
@@ -182,7 +196,9 @@ def _errors(fits: _Fits, ways_down: Sequence[Phase], own_errors: Array, given: G
     effects = np.zeros((3, 7 + SHAKEN))
     for row, phases in enumerate((fits.contacts, fits.turns, ways_down)):
         if phases:
-            effects[row] = np.mean([_effects(phase, own_errors, given) for phase in phases], axis=0)
+            effects[row] = np.mean(
+                [_effects(phase, own_errors, given) for phase in phases], axis=0
+            )
     by_others = np.zeros((3, 3))
     by_others[:, :2] = effects[:, :2]
     sources = np.hstack([np.diag(own_errors), effects[:, 2:]])
@@ -205,7 +221,9 @@ def _effects(phase: Phase, own_errors: Array, given: Given) -> Array:
             continue
         # a step as large as the error of what is changed: in a smaller one a fit may not move at all
         step = float(np.clip(own_error, least, most))
-        slopes.append((phase.change(**{name: at + step}) - phase.change(**{name: at - step})) / (2.0 * step))
+        slopes.append(
+            (phase.change(**{name: at + step}) - phase.change(**{name: at - step})) / (2.0 * step)
+        )
     by_zero = [given.zero_error * phase.by_force(axis) for axis in np.eye(3)]
     by_delay = phase.by_force(recording.by_delay(given.delay_error))
     by_friction = phase.by_force(recording.friction)
@@ -215,7 +233,9 @@ def _effects(phase: Phase, own_errors: Array, given: Given) -> Array:
     return np.array([*slopes, *by_zero, by_delay, by_friction, *by_noise])
 
 
-def _add_surface(result: FitResults, fits: _Fits, contacts: Sequence[Contact], error: float) -> None:
+def _add_surface(
+    result: FitResults, fits: _Fits, contacts: Sequence[Contact], error: float
+) -> None:
     result.add(
         "surface_height",
         fits.values.surface,
@@ -242,7 +262,9 @@ def _add_length(result: FitResults, fits: _Fits, log_error: float) -> None:
     )
 
 
-def _add_zeta(result: FitResults, ways_down: Sequence[Phase], *, shared_error: float, surface_error: float) -> None:
+def _add_zeta(
+    result: FitResults, ways_down: Sequence[Phase], *, shared_error: float, surface_error: float
+) -> None:
     """Add ζ, as the mean over the ways down, what makes it doubtful, and the depth of the deepest way."""
     zeta = _mean(ways_down)
     surface = ways_down[0].values.surface
@@ -270,13 +292,21 @@ def _add_zeta(result: FitResults, ways_down: Sequence[Phase], *, shared_error: f
 
 
 def _add_motions(
-    result: FitResults, recordings: Sequence[Recorded], values: BedValues, *, zeta: float, errors: Array, given: Given
+    result: FitResults,
+    recordings: Sequence[Recorded],
+    values: BedValues,
+    *,
+    zeta: float,
+    errors: Array,
+    given: Given,
 ) -> None:
     """Add what each kind of motion tells. `errors`: of the surface [m], log λ and the ζ of the ways down."""
     for kind, phases in motion_phases(recordings, values).items():
         effects = np.mean([_effects(phase, errors, given) for phase in phases], axis=0)
         by_causes = np.concatenate([effects[:2] * errors[:2], effects[2:]])
-        fit = motion_fit(kind, phases, written_zeta=zeta, own_error=_own_error(phases), by_causes=by_causes)
+        fit = motion_fit(
+            kind, phases, written_zeta=zeta, own_error=_own_error(phases), by_causes=by_causes
+        )
         result.motions.append(fit)
     sentence = sentence_on(result.motions)
     if sentence:

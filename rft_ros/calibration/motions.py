@@ -18,8 +18,6 @@ from rft_ros.rft import FORCE
 from rft_ros.rft.frames import ANGULAR_VELOCITY, VELOCITY
 from rft_ros.rft.motion_kinds import LEAST_PATH, MOTIONS, kinds_of_motion
 
-__all__ = ["OF_ZETA", "REST", "motion_fit", "motion_phases", "sentence_on"]
-
 Array = NDArray[np.float64]
 
 REST = "rest"
@@ -105,7 +103,9 @@ def sentence_on(motions: Sequence[MotionFit]) -> str:
     apart = [motion for motion in motions if _differs(motion, press)]
     if not apart:
         return ""
-    others = " and ".join(f"{motion.zeta:.3g} ± {motion.error:.2g} in {motion.kind}" for motion in apart)
+    others = " and ".join(
+        f"{motion.zeta:.3g} ± {motion.error:.2g} in {motion.kind}" for motion in apart
+    )
     return (
         f"ζ is {press.zeta:.3g} ± {press.error:.2g} in {OF_ZETA}, but {others}: medium.zeta is for {OF_ZETA}; for a job"
         " of another motion set medium.zeta to the ζ of that motion, or learn from the load cell (learning.mode)"
@@ -116,5 +116,7 @@ def _differs(motion: MotionFit, press: MotionFit) -> bool:
     ratio = motion.zeta / press.zeta
     # a cause that both share, such as the surface, changes the ratio by less than either
     by_causes = motion.by_causes - ratio * press.by_causes
-    error = float(np.linalg.norm([motion.own_error, ratio * press.own_error, *by_causes])) / press.zeta
+    error = (
+        float(np.linalg.norm([motion.own_error, ratio * press.own_error, *by_causes])) / press.zeta
+    )
     return abs(ratio - 1.0) > max(_APART * error, _NOTEWORTHY)

@@ -19,13 +19,18 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import Fit, Measurement, NotIdentifiable, Parameter, fit_curve, fit_each, fit_linear
+from rft_ros.calibration.fitting import (
+    Fit,
+    Measurement,
+    NotIdentifiable,
+    Parameter,
+    fit_curve,
+    fit_each,
+    fit_linear,
+)
 from rft_ros.calibration.recorded import BedValues, Recorded
 from rft_ros.calibration.track import FEWEST, Indices, Track, Turn, down_strokes
 from rft_ros.rft import FORCE, Law
-
-__all__ = ["LATEST", "LOG_LENGTHS", "MOST_UNLIKE", "SHORTEST", "Contact", "Part", "Phase", "TooShortToResolve"]
-__all__ += ["check_strength", "find_contacts", "first_contact", "fitted", "turn_for_length", "way_down"]
 
 Array = NDArray[np.float64]
 
@@ -45,9 +50,13 @@ MOST_UNLIKE = 0.15
 
 _VERTICAL = slice(2, 3)
 _AIR = 0.02  # height [m] up to which the force in the air is used: further up the load cell may have drifted
-_SHALLOW = 0.25  # share of the stroke's depth to which first contact is fitted, and at least `_AT_LEAST`.
+_SHALLOW = (
+    0.25  # share of the stroke's depth to which first contact is fitted, and at least `_AT_LEAST`.
+)
 _AT_LEAST = 0.004  # m. Over the whole depth, a pressure that grows faster than linearly would shift the surface down.
-_MOST_WINDOWS = 6  # of a first contact that are tried, each with the surface found in the one before
+_MOST_WINDOWS = (
+    6  # of a first contact that are tried, each with the surface found in the one before
+)
 _HEIGHTS = 24  # heights that are tried before the best one is refined
 _DEPTHS = 256  # at which the force of a first contact is computed
 _LEAST_RISE = 6.0  # least rise of the force at a first contact, relative to the RMS residual
@@ -156,11 +165,15 @@ class Phase:
 
     def measurement(self, shared_error: float = 0.0) -> Measurement:
         """The value, with its own error and one that it shares with others."""
-        return Measurement(self.recording.track.name, self.value, float(np.hypot(self.error, shared_error)))
+        return Measurement(
+            self.recording.track.name, self.value, float(np.hypot(self.error, shared_error))
+        )
 
     def by_force(self, force: Array) -> float:
         """Change of the value by a force that is added to the measured one: shape [3], or [n, 3] of the recording."""
-        added = np.broadcast_to(force, self.recording.track.forces.shape)[self.part.rows, self.part.axes]
+        added = np.broadcast_to(force, self.recording.track.forces.shape)[
+            self.part.rows, self.part.axes
+        ]
         return float(np.sum(self.fit.influence * added))
 
     def change(self, recording: Recorded | None = None, **others: float) -> float:
@@ -168,7 +181,9 @@ class Phase:
         values = self.values._replace(**others)
         course = self.part.course(recording or self.recording, values)
         modelled = self.part.columns(course, values) @ self.fit.coefficients[len(self.free) :]
-        return float(np.sum(self.fit.influence * (self.part.observed - modelled - self.fit.residuals)))
+        return float(
+            np.sum(self.fit.influence * (self.part.observed - modelled - self.fit.residuals))
+        )
 
     def again(self, values: BedValues) -> "Phase":
         """The phase fitted again with other values; those that are free from the fitted ones on."""
@@ -176,7 +191,9 @@ class Phase:
         return fitted(self.part, values._replace(**own), self.free)
 
 
-def fitted(part: Part, values: BedValues, free: tuple[str, ...], starts: Sequence[tuple[float, ...]] = ()) -> Phase:
+def fitted(
+    part: Part, values: BedValues, free: tuple[str, ...], starts: Sequence[tuple[float, ...]] = ()
+) -> Phase:
     """Fit the `free` values to a part, from the best of the `starts` on, or from `values`."""
     if not free:
         columns = part.columns(part.course(part.recording, values), values)
@@ -224,7 +241,9 @@ def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Cont
             return np.stack([force_of_law, np.ones_like(z)], axis=-1)[:, None]
 
         starts = np.linspace(least, most, _HEIGHTS)[:, None]
-        found = fit_curve(columns, [Parameter(1e-4 * (most - least), least, most)], force[used][:, None], starts)
+        found = fit_curve(
+            columns, [Parameter(1e-4 * (most - least), least, most)], force[used][:, None], starts
+        )
         surface = float(found.coefficients[0])
         least = surface - max(_SHALLOW * (surface - low), min(_AT_LEAST, surface - low))
         most = min(high, surface + 0.5 * _AIR)
@@ -245,7 +264,9 @@ def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Cont
 
 def find_contacts(tracks: Sequence[Track], law: Law) -> list[Contact]:
     """The first contacts, by fits without memory. Raises NotIdentifiable if there are none."""
-    strokes = ((k, track, stroke, law) for k, track in enumerate(tracks) for stroke in down_strokes(track))
+    strokes = (
+        (k, track, stroke, law) for k, track in enumerate(tracks) for stroke in down_strokes(track)
+    )
     return fit_each(_found_contact, strokes, none="the tool never goes straight down")
 
 
@@ -265,7 +286,9 @@ def turn_for_length(recording: Recorded, turn: Turn, values: BedValues) -> Phase
     part = Part(recording=recording, first=turn.first, rows=turn.rows, axes=FORCE)
     if not part.observed.any():
         raise NotIdentifiable(f"{where}: the load cell measures no force of the grains")
-    found = fitted(part, values, ("log_length",), [(float(log_length),) for log_length in LOG_LENGTHS])
+    found = fitted(
+        part, values, ("log_length",), [(float(log_length),) for log_length in LOG_LENGTHS]
+    )
     length = found.values.length
     if found.value < LOG_LENGTHS[0] + 0.02 * np.ptp(LOG_LENGTHS):
         raise TooShortToResolve(

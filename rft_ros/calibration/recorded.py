@@ -7,12 +7,16 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.smoothing import GAP, FineMotion, fine_motion, shaken_states, smoothed_states
+from rft_ros.calibration.smoothing import (
+    GAP,
+    FineMotion,
+    fine_motion,
+    shaken_states,
+    smoothed_states,
+)
 from rft_ros.calibration.track import Track, moved_back
 from rft_ros.rft import FORCE, Law, Memory, displacements_followed, wrenches, wrenches_in_time
 from rft_ros.rft.frames import TWIST, VELOCITY
-
-__all__ = ["SHAKEN", "BedValues", "Recorded", "recorded"]
 
 Array = NDArray[np.float64]
 
@@ -20,7 +24,9 @@ SHAKEN = 2
 """Number of motions with more noise, to which each fit is compared."""
 
 _LOST_MOTION = 5e-6  # m: path that an arm loses when it turns back, by backlash or in the dead band of noisy poses
-_CLEAR = 0.001  # m: at this height above the surface the memory is empty, despite noise of the poses
+_CLEAR = (
+    0.001  # m: at this height above the surface the memory is empty, despite noise of the poses
+)
 
 
 class BedValues(NamedTuple):
@@ -65,7 +71,9 @@ class Recorded:
         if values.length == 0.0:
             # smooth velocities: without memory there is no force at rest, and an arm guided by hand stops in between
             states = self.track.smooth[first : last + 1]
-            return wrenches(plates, self.law, states, surface_height=values.surface, threads=1)[:, FORCE]
+            return wrenches(plates, self.law, states, surface_height=values.surface, threads=1)[
+                :, FORCE
+            ]
         law = replace(self.law, mobilization_length=values.length)
         rows = self.motion.rows[first : last + 1]
         states = self.motion.states[rows[0] : rows[-1] + 1]
@@ -111,7 +119,9 @@ def _friction(track: Track, in_air: NDArray[np.bool_]) -> Array:
         return np.zeros_like(way)
     weight = np.broadcast_to([[0.0], [0.0], [1.0]], (len(way), 3, 1))
     columns = np.concatenate([track.sensor_rotations, weight, way[:, :, None]], axis=2)
-    found = np.linalg.lstsq(columns[in_air].reshape(-1, 5), track.forces[in_air].ravel(), rcond=None)[0]
+    found = np.linalg.lstsq(
+        columns[in_air].reshape(-1, 5), track.forces[in_air].ravel(), rcond=None
+    )[0]
     return np.asarray(found[-1] * way)
 
 

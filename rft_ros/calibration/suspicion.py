@@ -16,12 +16,15 @@ from rft_ros.errors import InputError
 from rft_ros.parameters import Settings
 from rft_ros.rft import POSE, POSITION, Law
 
-__all__ = ["refuse_implausible", "suspicions", "without_repeats"]
-
 Array = NDArray[np.float64]
 
 _REFUSED = ("units", "zero that moves")
-_FITTED = {"surface_height", "sensor.bias", "sensor.delay", "medium.zeta"}  # a finding that only these mend is none
+_FITTED = {
+    "surface_height",
+    "sensor.bias",
+    "sensor.delay",
+    "medium.zeta",
+}  # a finding that only these mend is none
 _LARGEST = 1e6  # reading [N], [N m] that the fits can square, and limit of sensor.bias
 _FROZEN = 0.5  # share of the path; a load cell that repeats one reading over more is stuck
 
@@ -39,7 +42,11 @@ def refuse_implausible(track: Track) -> None:
     frozen_path, start = max((float(steps[a : b - 1].sum()), a) for a, b in pairwise(edges))
     if path > 0.0 and frozen_path > _FROZEN * path:
         reading = track.readings[start]
-        wrong = "reads 0 N and 0 N m" if not reading.any() else f"repeats one reading ({reading[2]:g} N along its z)"
+        wrong = (
+            "reads 0 N and 0 N m"
+            if not reading.any()
+            else f"repeats one reading ({reading[2]:g} N along its z)"
+        )
         share = 100.0 * frozen_path / path
         raise InputError(
             f"{track.name}: the load cell {wrong} from {track.time[start]:.1f} s on, over {share:.0f} % of the"
@@ -56,12 +63,18 @@ def without_repeats(track: Track) -> Track:
     if often <= REPEATED:
         return track
     new = np.isin(np.arange(len(track.time)), changed)
-    moves = np.append(np.append(False, moving), False)[np.cumsum(new)]  # between two changes that follow each other
+    moves = np.append(np.append(False, moving), False)[
+        np.cumsum(new)
+    ]  # between two changes that follow each other
     rows = np.flatnonzero(new | ~moves)
-    return replace(track, time=track.time[rows], states=track.states[rows], readings=track.readings[rows])
+    return replace(
+        track, time=track.time[rows], states=track.states[rows], readings=track.readings[rows]
+    )
 
 
-def suspicions(sent: Track, track: Track, settings: Settings, law: Law, *, surface: float) -> list[str]:
+def suspicions(
+    sent: Track, track: Track, settings: Settings, law: Law, *, surface: float
+) -> list[str]:
     """What is probably wrong with a recording, as sentences. `sent`: with the repeats that `track` is without.
 
     `law`: of the parameters, with their λ. Raises InputError for poses in millimetres, and if the force in the air
@@ -85,4 +98,6 @@ def suspicions(sent: Track, track: Track, settings: Settings, law: Law, *, surfa
     for finding in wrong:
         if finding.name in _REFUSED:
             raise InputError(f"{track.name}: {finding.text}")
-    return [f"{track.name}: {finding.text}" for finding in wrong if not finding.remedy.keys() & _FITTED]
+    return [
+        f"{track.name}: {finding.text}" for finding in wrong if not finding.remedy.keys() & _FITTED
+    ]

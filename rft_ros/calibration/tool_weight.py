@@ -18,19 +18,23 @@ from rft_ros.estimator import GRAVITY
 from rft_ros.parameters import LoadCell
 from rft_ros.rft import FORCE, TORQUE
 
-__all__ = ["fit_tool_weight"]
-
 Array = NDArray[np.float64]
 
 _WIDEST = 30.0  # least turn of gravity in the sensor frame that separates mass from bias [deg]
 _LEAST = 1e-6  # kg; a smaller mass is rounding
 _SURE = 3.0  # a mass is accepted if it exceeds 0 by this many standard errors
 _EXPLAINED = 0.5  # least share of the readings' variance that the mass explains
-_NOTHING = 0.01  # kg; a mass near 0 with a smaller error is no mass: the driver subtracts the weight
+_NOTHING = (
+    0.01  # kg; a mass near 0 with a smaller error is no mass: the driver subtracts the weight
+)
 _USUAL_MASS = 1.0  # kg: standard deviation of a tool's mass if the poses do not tell
 _LEVER = 0.1  # m: the same of its centre
-_FARTHEST = 1.0  # m: a centre of mass that is farther from the load cell is a torque in another unit
-_ALIKE = np.deg2rad(10.0)  # greatest angle between two directions of gravity that count as one attitude
+_FARTHEST = (
+    1.0  # m: a centre of mass that is farther from the load cell is a torque in another unit
+)
+_ALIKE = np.deg2rad(
+    10.0
+)  # greatest angle between two directions of gravity that count as one attitude
 _SPREAD = 0.15  # least RMS spread of gravity's unit vector in a second direction that identifies the centre of mass
 
 _BIAS = slice(0, 6)
@@ -55,7 +59,9 @@ class _Poses(NamedTuple):
         columns = np.zeros((len(self.gravity), 6, 10))
         columns[:, :, _BIAS] = np.eye(6)
         columns[:, FORCE, _MASS] = sign * self.gravity
-        columns[:, TORQUE, _MOMENT] = sign * np.cross(np.eye(3), self.gravity[:, None]).transpose(0, 2, 1)
+        columns[:, TORQUE, _MOMENT] = sign * np.cross(np.eye(3), self.gravity[:, None]).transpose(
+            0, 2, 1
+        )
         return columns
 
     @property
@@ -106,7 +112,9 @@ def _fitted(design: Array, readings: Array, errors: Array) -> _Fit:
     return _Fit(values, np.sqrt(inverse**2 @ variance), residuals, inverse)
 
 
-def fit_tool_weight(result: FitResults, tracks: Sequence[Track], *, air: float) -> tuple[LoadCell, float]:
+def fit_tool_weight(
+    result: FitResults, tracks: Sequence[Track], *, air: float
+) -> tuple[LoadCell, float]:
     """Fit bias, mass and centre of mass, as far as the poses above z = `air` [m] determine them, into `result`.
 
     Returns the load cell, and the standard error of its compensated force along any axis [N].
@@ -139,7 +147,9 @@ def fit_tool_weight(result: FitResults, tracks: Sequence[Track], *, air: float) 
     if not is_center_known:
         free[_MOMENT] = False
         taken[_MOMENT] = cell.mass * np.array(cell.center_of_mass)
-        taken_errors[_MOMENT] = _LEVER * (cell.mass if cell.mass > 0.0 or is_mass_known else _USUAL_MASS)
+        taken_errors[_MOMENT] = _LEVER * (
+            cell.mass if cell.mass > 0.0 or is_mass_known else _USUAL_MASS
+        )
         if taken_errors[_MOMENT].any():
             notes = "; the bias torques include those of the weight at these attitudes"
     if not is_mass_known:
@@ -157,19 +167,29 @@ def fit_tool_weight(result: FitResults, tracks: Sequence[Track], *, air: float) 
     bias = (fx, fy, fz, tx, ty, tz)
     bias_errors = np.hypot(fit.errors, by_taken)[_BIAS]
     goodness = f"RMS {scatter:.3f} N between poses{notes}"
-    found = [FittedValue("sensor.bias", bias, tuple(bias_errors.tolist()), "N, N m", goodness, source)]
+    found = [
+        FittedValue("sensor.bias", bias, tuple(bias_errors.tolist()), "N, N m", goodness, source)
+    ]
     if is_mass_known:
         goodness = f"R² {whole.explained(poses, FORCE):.5f}"
-        found.append(FittedValue("sensor.mass", (cell.mass,), (mass_error,), "kg", goodness, source))
+        found.append(
+            FittedValue("sensor.mass", (cell.mass,), (mass_error,), "kg", goodness, source)
+        )
     if is_center_known:
         x, y, z = (fit.values[_MOMENT] / mass).tolist()
         if np.linalg.norm((x, y, z)) > _FARTHEST:
             far = f"the torques in the air are those of a centre of mass at {x:.3g}, {y:.3g}, {z:.3g} m"
-            raise InputError(f"{tracks[0].name}: {far}; the load cell's driver must give N m, and not N mm")
+            raise InputError(
+                f"{tracks[0].name}: {far}; the load cell's driver must give N m, and not N mm"
+            )
         cell = replace(cell, center_of_mass=(x, y, z))
         errors = np.hypot(fit.errors[_MOMENT], np.array((x, y, z)) * mass_error) / mass
         goodness = f"R² {fit.explained(poses, TORQUE):.5f}"
-        found.append(FittedValue("sensor.center_of_mass", (x, y, z), tuple(errors.tolist()), "m", goodness, source))
+        found.append(
+            FittedValue(
+                "sensor.center_of_mass", (x, y, z), tuple(errors.tolist()), "m", goodness, source
+            )
+        )
     result.fitted += found
     result.not_identifiable |= reasons
     by_weight = GRAVITY * mass_error if is_mass_known else 0.0
@@ -187,18 +207,24 @@ def _reasons(poses: _Poses, fit: _Fit, cell: LoadCell) -> dict[str, str]:
     if poses.turned < _WIDEST:
         unknown = f"gravity turns by {poses.turned:.1f}° in the sensor frame over {count} poses; it needs {_WIDEST:g}°"
     elif _is_negative(poses, mass, error):
-        too_much = f"the driver subtracts {-mass:.2g} kg more than the tool weighs (correct its payload)"
+        too_much = (
+            f"the driver subtracts {-mass:.2g} kg more than the tool weighs (correct its payload)"
+        )
         unknown = f"{fitted_mass}: {too_much}, or sensor.sign or sensor.quaternion is wrong"
     elif error > _NOTHING and (mass <= _SURE * error or share < _EXPLAINED):
         needs = f"it needs {_SURE:g} times its error and R² {_EXPLAINED:g}"
-        unknown = (
-            f"{fitted_mass} (R² {share:.3f}); {needs}: check sensor.quaternion, and that nothing pulls at the tool"
-        )
+        advice = "check sensor.quaternion, and that nothing pulls at the tool"
+        unknown = f"{fitted_mass} (R² {share:.3f}); {needs}: {advice}"
     if unknown:
-        return {"sensor.mass": f"{unknown} (kept: {cell.mass:g} kg)", "sensor.center_of_mass": "mass unknown"}
+        return {
+            "sensor.mass": f"{unknown} (kept: {cell.mass:g} kg)",
+            "sensor.center_of_mass": "mass unknown",
+        }
     if poses.spread >= _SPREAD and mass > max(_SURE * error, _LEAST):
         return {}
-    directions = f"{count} directions of gravity spread by {poses.spread:.3f} in a second direction"
+    directions = (
+        f"{count} directions of gravity spread by {poses.spread:.3f} in a second direction"
+    )
     needs = f"it needs a mass over {_SURE:g} times its error and a spread of {_SPREAD:g}"
     return {"sensor.center_of_mass": f"{fitted_mass}, and {directions}; {needs}"}
 
@@ -227,18 +253,31 @@ def _poses_at_rest(tracks: Sequence[Track], air: float) -> _Poses:
                 series = track.readings[rows]
                 gravity.append(track.gravity[rows].mean(axis=0))
                 readings.append(series.mean(axis=0))
-                errors.append([_error_of_rest(column, step) for column, step in zip(series.T, steps, strict=True)])
+                errors.append(
+                    [
+                        _error_of_rest(column, step)
+                        for column, step in zip(series.T, steps, strict=True)
+                    ]
+                )
     if not gravity:
-        raise NotIdentifiable("the tool never rests in the air for 0.5 s; the bias needs one such pose")
+        raise NotIdentifiable(
+            "the tool never rests in the air for 0.5 s; the bias needs one such pose"
+        )
     return _Poses(np.array(gravity), np.array(readings), np.array(errors))
 
 
 def _resolution(readings: Array) -> float:
     """The smallest difference of two readings, shape [n], in their unit; 0 if all are the same."""
-    return float(np.diff(np.unique(readings)).min(initial=np.inf)) if np.ptp(readings) > 0.0 else 0.0
+    return (
+        float(np.diff(np.unique(readings)).min(initial=np.inf)) if np.ptp(readings) > 0.0 else 0.0
+    )
 
 
 def _error_of_rest(readings: Array, resolution: float) -> float:
     """Standard error of the mean reading at rest. Noise below half of the resolution does not average its steps out."""
     error = fit_linear(np.ones((len(readings), 1, 1)), readings[:, None]).error
-    return error if np.std(readings) > 0.5 * resolution else float(np.hypot(error, resolution / 12.0**0.5))
+    return (
+        error
+        if np.std(readings) > 0.5 * resolution
+        else float(np.hypot(error, resolution / 12.0**0.5))
+    )

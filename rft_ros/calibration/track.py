@@ -18,11 +18,16 @@ from rft_ros.errors import InputError
 from rft_ros.estimator import GRAVITY, Estimate, Estimator
 from rft_ros.parameters import LoadCell, Values, model_of, settings_of
 from rft_ros.rft import FORCE, STATE, Law, wrenches
-from rft_ros.rft.frames import ANGULAR_VELOCITY, POSE, POSITION, QUATERNION, TWIST, VELOCITY, Placement
+from rft_ros.rft.frames import (
+    ANGULAR_VELOCITY,
+    POSE,
+    POSITION,
+    QUATERNION,
+    TWIST,
+    VELOCITY,
+    Placement,
+)
 from rft_ros.tool import Tool
-
-__all__ = ["FEWEST", "Indices", "Track", "Turn", "down_strokes", "moved_back", "read_track"]
-__all__ += ["still_intervals", "turns_in_grains"]
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -39,7 +44,9 @@ _SHORTEST_STILL = 0.25  # shortest time at rest, after settling [s]
 _UP = 0.002  # shortest movement up that ends a stroke down [m]
 _TILT = np.deg2rad(3.0)  # greatest difference of orientations that count as one [rad]
 _STEEP = np.tan(np.deg2rad(15.0))
-_TURNING = 0.2  # greatest speed from rotation in a straight motion, relative to that from translation
+_TURNING = (
+    0.2  # greatest speed from rotation in a straight motion, relative to that from translation
+)
 _CHORD = 0.001  # path over which the directions before and after a turn are taken [m]
 _TURNED = 0.5  # cosine of the least angle of a turn, 60°
 _BEFORE = 0.003  # path used before a turn [m]
@@ -80,9 +87,13 @@ class Track:
     def smooth(self) -> Array:
         """The states with velocities averaged over 0.1 s, shape [n, 13], units of `STATE`: noise averages out."""
         step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
-        count = max(1, round(_SMOOTHING / max(step, 1e-4)))  # stamps may lie closer than any driver's
+        count = max(
+            1, round(_SMOOTHING / max(step, 1e-4))
+        )  # stamps may lie closer than any driver's
         # uniform_filter1d would leave 1e-18 in place of 0, and walls along the motion would count as leading
-        mean = correlate1d(self.states[:, TWIST], np.full(count, 1.0 / count), axis=0, mode="nearest")
+        mean = correlate1d(
+            self.states[:, TWIST], np.full(count, 1.0 / count), axis=0, mode="nearest"
+        )
         return np.hstack([self.states[:, POSE], mean])
 
     def speeds(self, states: Array) -> tuple[Array, Array]:
@@ -109,13 +120,17 @@ class Track:
     @property
     def compensated(self) -> Array:
         """Measured wrench on the tool, minus bias and weight, sensor axes [N], [N m], shape [n, 6]."""
-        weight = self.cell.mass * np.hstack([self.gravity, np.cross(self.cell.center_of_mass, self.gravity)])
+        weight = self.cell.mass * np.hstack(
+            [self.gravity, np.cross(self.cell.center_of_mass, self.gravity)]
+        )
         return np.asarray(self.cell.sign * (self.readings - np.array(self.cell.bias)) - weight)
 
     @cached_property
     def forces(self) -> Array:
         """Measured force of the grains on the tool, world axes [N], shape [n, 3]."""
-        return np.asarray(np.einsum("nij,nj->ni", self.sensor_rotations, self.compensated[:, FORCE]))
+        return np.asarray(
+            np.einsum("nij,nj->ni", self.sensor_rotations, self.compensated[:, FORCE])
+        )
 
     def forces_over_depth(self, law: Law, row: int, depths: Array) -> Array:
         """The law's force [N] at depths of the lowest point [m] straight down, world axes, shape [len(depths), 3].
@@ -163,9 +178,8 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     }
     stamps = np.array(sorted(usable), dtype=np.int64)
     if len(stamps) < 2:
-        found = (
-            f"{len(stamps)} poses with a velocity and a load-cell sample (topics {', '.join(recording.topics.values())}"
-        )
+        topics = ", ".join(recording.topics.values())
+        found = f"{len(stamps)} poses with a velocity and a load-cell sample (topics {topics}"
         raise InputError(f"bag '{bag}' has {found}; {reasons(recording, estimator)})")
     return Track(
         name=bag_name(bag),
@@ -217,14 +231,18 @@ def still_intervals(track: Track) -> list[Indices]:
 
 def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
     """Rows of straight motion down in each movement to a point below a height [m], in the orientation of that point."""
-    from scipy.signal import find_peaks  # takes 0.5 s, which rft doctor, demo and warm-up need not wait
+    from scipy.signal import (
+        find_peaks,
+    )  # takes 0.5 s, which rft doctor, demo and warm-up need not wait
 
     heights = track.heights
     rotations = track.rotations
     sinking = -track.smooth[:, STATE.index("vz")]
     aside = np.linalg.norm(track.smooth[:, VELOCITY][:, :2], axis=1)
     _, turning = track.speeds(track.smooth)
-    straight = (aside < _STEEP * sinking) & (turning < _TURNING * sinking) & (sinking >= track.rest_speed)
+    straight = (
+        (aside < _STEEP * sinking) & (turning < _TURNING * sinking) & (sinking >= track.rest_speed)
+    )
     # padded, so that the ends may be bottoms, too; movements up of over 2 mm separate the bottoms
     bottoms, _ = find_peaks(np.pad(-heights, 1, constant_values=-np.inf), prominence=_UP)
     found = []
@@ -233,7 +251,9 @@ def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
         top = begin + int(np.argmax(heights[begin:end]))
         begin = top + int(np.argmin(heights[top:end]))
         rows = np.arange(top, begin + 1)
-        alike = np.einsum("nij,ij->n", rotations[rows], rotations[begin]) > 1.0 + 2.0 * np.cos(_TILT)
+        alike = np.einsum("nij,ij->n", rotations[rows], rotations[begin]) > 1.0 + 2.0 * np.cos(
+            _TILT
+        )
         stroke = rows[alike & straight[rows]]
         if len(stroke) >= FEWEST and heights[stroke].min() < below:
             found.append(stroke)

@@ -21,10 +21,14 @@ def calibrate_options(command: argparse.ArgumentParser) -> None:
     params = "the node's own parameter file"
     command.add_argument("--params", type=Path, required=True, metavar="FILE.yaml", help=params)
     options.share(command, *options.OF_RECORDING[1:])
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="CALIBRATED.yaml", help="file to write")
+    command.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="CALIBRATED.yaml", help="file to write"
+    )
     fit = f"fit only {', '.join(PARTS[:-1])} or {PARTS[-1]}, and exit with 1 if it is not identifiable; may be"
     every = "repeated (default: all that are identifiable)"
-    command.add_argument("--fit", choices=PARTS, action="append", metavar="PART", help=f"{fit} {every}")
+    command.add_argument(
+        "--fit", choices=PARTS, action="append", metavar="PART", help=f"{fit} {every}"
+    )
     mesh = "mesh of the tool in the bag of that name, if not the parameter file's; may be repeated"
     command.add_argument("--mesh", action="append", default=[], metavar="BAG=FILE", help=mesh)
 
@@ -37,16 +41,23 @@ def calibrate(arguments: argparse.Namespace) -> int:
     parts = arguments.fit or PARTS
     if chosen.tare and "sensor" not in parts and arguments.fit != ["surface"]:
         file = f"parameter file '{arguments.params}'"
-        raise InputError(f"{file}: no fit uses its tare of {chosen.tare:g} s; add --fit sensor, which replaces it")
+        raise InputError(
+            f"{file}: no fit uses its tare of {chosen.tare:g} s; add --fit sensor, which replaces it"
+        )
     meshes = dict.fromkeys(bags.values(), str(values["mesh.file"]))
     for rule in arguments.mesh:
         bag, _, file = rule.partition("=")
         if not file or bag not in meshes:
-            raise InputError(f"--mesh '{rule}' is not BAG=FILE with one of the bags {', '.join(meshes)}")
+            raise InputError(
+                f"--mesh '{rule}' is not BAG=FILE with one of the bags {', '.join(meshes)}"
+            )
         meshes[bag] = file
     inputs = {*named_files(values), *map(locate_mesh, meshes.values())}
     options.refuse_inputs(arguments, output, also=inputs)
-    tracks = [read_track(bag, {**values, "mesh.file": meshes[name]}, chosen) for bag, name in bags.items()]
+    tracks = [
+        read_track(bag, {**values, "mesh.file": meshes[name]}, chosen)
+        for bag, name in bags.items()
+    ]
     for track in tracks:
         if track.damage:
             print(f"warning: {track.name}: {track.damage}", file=sys.stderr, flush=True)
@@ -57,7 +68,9 @@ def calibrate(arguments: argparse.Namespace) -> int:
     if chosen.tare and "sensor.bias" in result.not_identifiable:
         result.not_identifiable["sensor.bias"] += f"; no fit uses the tare of {chosen.tare:g} s"
     for f in result.fitted:
-        numbers = ", ".join(f"{rounded(v, e):.9g} ± {e:.2g}" for v, e in zip(f.values, f.errors, strict=True))
+        numbers = ", ".join(
+            f"{rounded(v, e):.9g} ± {e:.2g}" for v, e in zip(f.values, f.errors, strict=True)
+        )
         how = "; from ".join(filter(None, (f.goodness, f.source)))
         print(f"{f.name}: {' '.join(filter(None, (numbers, f.unit)))} ({how})")
     for motion in result.motions:
@@ -72,9 +85,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
     write_calibrated(output, arguments.params, result, tracks, node=chosen.node)
     print(f"-> {output}")
     if not arguments.fit and {f.name for f in result.fitted} == {"sensor.bias"}:
-        lacks = (
-            "push the tool straight down into the grains and pull it out, and tilt it in the air, as calibrate.md says"
-        )
-        print(f"only sensor.bias is identifiable from these bags; for the others {lacks}")
+        advice = "push the tool straight down into the grains, pull it out, and tilt it in the air"
+        print(f"only sensor.bias is identifiable from these bags; for the others {advice}")
         return 1
     return 1 if arguments.fit and result.not_identifiable else 0

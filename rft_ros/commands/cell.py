@@ -17,8 +17,12 @@ from rft_ros.progress import busy
 
 
 def doctor_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("params", type=Path, metavar="FILE.yaml", help="the node's own parameter file")
-    command.add_argument("--bag", type=Path, metavar="BAG", help=f"{options.RECORDING} (default: listen to ROS)")
+    command.add_argument(
+        "params", type=Path, metavar="FILE.yaml", help="the node's own parameter file"
+    )
+    command.add_argument(
+        "--bag", type=Path, metavar="BAG", help=f"{options.RECORDING} (default: listen to ROS)"
+    )
     options.share(command, "--node", "--remap")
     seconds = "time to listen to ROS [s] (default 5)"
     command.add_argument("--seconds", type=options.number, default=5.0, metavar="S", help=seconds)
@@ -64,7 +68,9 @@ def doctor(arguments: argparse.Namespace) -> int:
 def demo_options(command: argparse.ArgumentParser) -> None:
     out = "folder for bag and report (default out/demo)"
     seconds = "how long the arm moves [s] (default 12)"
-    command.add_argument("-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help=out)
+    command.add_argument(
+        "-o", "--output", type=Path, default=Path("out/demo"), metavar="DIR", help=out
+    )
     command.add_argument("--seconds", type=options.number, default=12.0, metavar="S", help=seconds)
 
 
@@ -83,9 +89,13 @@ def demo(arguments: argparse.Namespace) -> int:
     bag = arguments.output / "bag"
     out = arguments.output / "replay"
     run(bag, parameters, seconds=arguments.seconds)
-    same = shlex.join(["replay", str(bag), "--params", str(parameters), "--tare", f"{tare:g}", "-o", str(out)])
+    same = shlex.join(
+        ["replay", str(bag), "--params", str(parameters), "--tare", f"{tare:g}", "-o", str(out)]
+    )
     print(f"the same offline: {program()} {same}")
-    summary = replay(bag, out, read_parameter_file(parameters), ReplayOptions(tare=tare), report=True)
+    summary = replay(
+        bag, out, read_parameter_file(parameters), ReplayOptions(tare=tare), report=True
+    )
     print("\n".join([*summary.lines(), f"-> {out / 'report.html'}"]))
     return 0
 

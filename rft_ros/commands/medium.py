@@ -19,7 +19,9 @@ def fit_medium_options(command: argparse.ArgumentParser) -> None:
     columns = "measured map: header beta_deg,gamma_deg,alpha_x,alpha_z [N/cm³], conventions of docs/method.md"
     command.add_argument("map", type=Path, metavar="MAP.csv", help=columns)
     medium = "file to write: the nine coefficients, for medium.file and --medium"
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="MEDIUM.yaml", help=medium)
+    command.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="MEDIUM.yaml", help=medium
+    )
     figure = "picture to write: measured, fitted and their difference (PNG, SVG or PDF; needs matplotlib)"
     command.add_argument("--figure", type=Path, metavar="MAP.png", help=figure)
 

@@ -19,12 +19,22 @@ BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, also with .zstd, or
 RECORDING = f"{BAG}; or a .csv table with the columns t,px..qw, and if known vx..wz and fx..tz"
 
 PLACED = ("--scale", "--origin", "--rotate", "--hull")
-OF_LAW = ("--law", "--medium", "--zeta", "--alpha-y", "--density", "--inertia", "--surface-friction")
+OF_LAW = (
+    "--law",
+    "--medium",
+    "--zeta",
+    "--alpha-y",
+    "--density",
+    "--inertia",
+    "--surface-friction",
+)
 OF_RECORDING = ("--params", "--node", "--remap", "--start", "--end")
 
 _ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
 _BY_NAME = ", ".join(name for name in ALPHA_Y_MODELS if name != "table")
-_ALPHA_Y = f"{_BY_NAME} or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default linear)"
+_ALPHA_Y = (
+    f"{_BY_NAME} or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default linear)"
+)
 _TOLERANCE = (
     "reduce the tool to the fewest plates whose force and torque deviate by at most this share, such as 0.01, in 95 of"
     " 100 random motions (default 0: full tool)"
@@ -50,8 +60,16 @@ _SHARED: dict[str, dict[str, Any]] = {
     "--params": {"type": Path, "metavar": "FILE.yaml", "help": _PARAMS},
     "--node": {"metavar": "NAME", "help": f"the node with its namespace (default {NODE})"},
     "--remap": {"action": "append", "default": [], "metavar": "FROM:=TO", "help": _REMAP},
-    "--start": {"type": number, "metavar": "S", "help": "begin S seconds into the recording (default: its beginning)"},
-    "--end": {"type": number, "metavar": "S", "help": "stop S seconds into the recording (default: its end)"},
+    "--start": {
+        "type": number,
+        "metavar": "S",
+        "help": "begin S seconds into the recording (default: its beginning)",
+    },
+    "--end": {
+        "type": number,
+        "metavar": "S",
+        "help": "stop S seconds into the recording (default: its end)",
+    },
 }
 
 
@@ -78,12 +96,21 @@ def _of_parameter(option: str) -> dict[str, Any]:
         return {"type": number, "metavar": "X", "help": f"{meaning}{unit} (default {value:g})"}
     default = " ".join(f"{v:g}" for v in value)
     metavar = ("X", "Y", "Z") if len(value) == 3 else ("QX", "QY", "QZ", "QW")
-    return {"type": number, "nargs": len(value), "metavar": metavar, "help": f"{meaning}{unit} (default {default})"}
+    return {
+        "type": number,
+        "nargs": len(value),
+        "metavar": metavar,
+        "help": f"{meaning}{unit} (default {default})",
+    }
 
 
 def values_of(arguments: argparse.Namespace) -> Values:
     """The node's parameters, checked: those that options of `share` set, and the defaults of the others."""
-    given = {name: value for name, value in vars(arguments).items() if name in SHORT_NAMES and value is not None}
+    given = {
+        name: value
+        for name, value in vars(arguments).items()
+        if name in SHORT_NAMES and value is not None
+    }
     table = given.get("alpha_y", "")
     if Path(table).suffix:
         return {**parameters_of(given | {"alpha_y": "table"}), "alpha_y.table": table}
@@ -103,7 +130,9 @@ def recording(arguments: argparse.Namespace) -> tuple[Values, ReplayOptions]:
     """The node's parameters and the replay options. Those on the command line override the parameter file."""
     node = "/" + (arguments.node or NODE).strip("/")
     if not _ROS_NAME.fullmatch(node):
-        raise InputError(f"--node is '{node}'; a ROS name has letters, digits and underscores, such as /rft")
+        raise InputError(
+            f"--node is '{node}'; a ROS name has letters, digits and underscores, such as /rft"
+        )
     values = defaults()
     written = ReplayOptions()
     if arguments.params:

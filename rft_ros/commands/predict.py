@@ -18,13 +18,17 @@ _OF_EVALUATION = ("--surface-height", "--integration", "--tolerance")
 
 def predict_options(command: argparse.ArgumentParser) -> None:
     header = "header t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz [s, m, quaternion, m/s, rad/s]; world axes, z up"
-    command.add_argument("states", type=Path, metavar="STATES.csv", help=f"{header}; velocities may be missing")
+    command.add_argument(
+        "states", type=Path, metavar="STATES.csv", help=f"{header}; velocities may be missing"
+    )
     command.add_argument("--mesh", required=True, metavar="FILE", help=MESH)
     options.share(command, *options.PLACED, *options.OF_LAW)
     options.share(command, *_OF_EVALUATION)
     _add_memory(command)
     header = "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin"
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.csv", help=header)
+    command.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="OUT.csv", help=header
+    )
 
 
 def _add_memory(command: argparse._ActionsContainer) -> None:
@@ -37,7 +41,10 @@ def _add_memory(command: argparse._ActionsContainer) -> None:
 
 def _values_for_states(arguments: argparse.Namespace) -> Values:
     """The parameters. Memory only if its option is given: states may be in any order, unlike a recording's poses."""
-    return {**options.values_of(arguments), "medium.mobilization_length": arguments.mobilization_length or 0.0}
+    return {
+        **options.values_of(arguments),
+        "medium.mobilization_length": arguments.mobilization_length or 0.0,
+    }
 
 
 def predict(arguments: argparse.Namespace) -> int:
@@ -56,11 +63,15 @@ def predict(arguments: argparse.Namespace) -> int:
     with busy("computing"):  # the first call compiles
         result = wrenches_along(model, times, states, surface_height=height, where=where)
     warnings.warn_of_motion(tool, times, states, result[:, FORCE], surface_height=height)
-    if "concave" in tool.issues:  # only here, where wrenches are written: other commands need not repeat it
+    if (
+        "concave" in tool.issues
+    ):  # only here, where wrenches are written: other commands need not repeat it
         print(f"note: {tool.name}: {tool.issues['concave']}", file=sys.stderr, flush=True)
     write_wrenches(arguments.output, times, result)
     wet = int((result[:, SUBMERGED_AREA] > 0.0).sum())
-    print(f"{len(states)} states, {wet} in the grains, {len(tool.plates)} plates of {tool.name} -> {arguments.output}")
+    print(
+        f"{len(states)} states, {wet} in the grains, {len(tool.plates)} plates of {tool.name} -> {arguments.output}"
+    )
     grains = described(model.law)
     if not model.law.has_memory:
         usual = f"--mobilization-length {defaults()['medium.mobilization_length']:g}"
@@ -81,7 +92,9 @@ def view_options(command: argparse.ArgumentParser) -> None:
     options.share(states, *_SHARED_FOR_STATES)
     _add_memory(states)
     options.share(command.add_argument_group("for a bag"), *options.OF_RECORDING)
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.html", help="page to write")
+    command.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="OUT.html", help="page to write"
+    )
 
 
 def view(arguments: argparse.Namespace) -> int:
@@ -95,7 +108,9 @@ def view(arguments: argparse.Namespace) -> int:
     of_states = source.suffix.lower() == ".csv"
     for option in options.OF_RECORDING if of_states else _FOR_STATES:
         if getattr(arguments, option.strip("-").replace("-", "_")) not in (None, []):
-            raise InputError(f"{option} is for {'a bag' if of_states else 'states'}, not for '{source}'")
+            raise InputError(
+                f"{option} is for {'a bag' if of_states else 'states'}, not for '{source}'"
+            )
     if of_states and arguments.mesh is None:
         raise InputError(f"states file '{source}' needs --mesh, the tool that moves")
     values, chosen = options.recording(arguments)
@@ -109,7 +124,9 @@ def view(arguments: argparse.Namespace) -> int:
             played = _played(source, model, surface_height=height)
     else:
         played = states_of(source, values, model, chosen)
-    warnings.warn_of_motion(model.tool, played.times, played.states, played.forces, surface_height=height)
+    warnings.warn_of_motion(
+        model.tool, played.times, played.states, played.forces, surface_height=height
+    )
     learned = not of_states and values["learning.mode"] == "apply"
     with busy("drawing"):
         drawn = animate(
@@ -122,7 +139,9 @@ def view(arguments: argparse.Namespace) -> int:
             surface_height=height,
             ground=played.ground,
         )
-        figure = Figure("tool", "", what_is_shown(model.law, learned=learned), animation_figure(drawn))
+        figure = Figure(
+            "tool", "", what_is_shown(model.law, learned=learned), animation_figure(drawn)
+        )
         write_page(output, [figure], title=drawn.title)
     print(f"{len(drawn.labels)} moments of {drawn.title} -> {output}")
     return 0
@@ -132,5 +151,7 @@ def _played(file: Path, model: Model, *, surface_height: float) -> Played:
     """The motion of a states file, with its forces."""
     times, states = read_states(file)
     where = f"states file '{file}'"
-    forces = wrenches_along(model, times, states, surface_height=surface_height, where=where)[:, FORCE]
+    forces = wrenches_along(model, times, states, surface_height=surface_height, where=where)[
+        :, FORCE
+    ]
     return Played(times=times, states=states, forces=forces, ground=None)

@@ -18,7 +18,9 @@ from rft_ros.progress import busy
 def replay_options(command: argparse.ArgumentParser) -> None:
     several = f"{options.RECORDING}; with several bags, each gets a folder below DIR"
     command.add_argument("bag", type=Path, nargs="+", metavar="BAG", help=several)
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results")
+    command.add_argument(
+        "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results"
+    )
     options.share(command, *options.OF_RECORDING)
     tare = "take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)"
     command.add_argument("--tare", type=options.number, metavar="S", help=tare)
@@ -53,7 +55,9 @@ def replay(arguments: argparse.Namespace) -> int:
             status = 1
             continue
         print("\n".join(summary.lines()))
-        print(f"-> {folder / ('summary.json' if arguments.no_report else 'report.html')}", flush=True)
+        print(
+            f"-> {folder / ('summary.json' if arguments.no_report else 'report.html')}", flush=True
+        )
         status |= _status(summary, limits)
     return status
 
@@ -82,6 +86,8 @@ def _status(summary: Summary, limits: dict[str, tuple[float, float]]) -> int:
             reason = max(summary.reasons, key=summary.reasons.__getitem__)
             in_words = f"{reason}: {Reason(reason).sentence}"
             why = f"; most often {summary.unknown_frames.get(reason, in_words)}"
-        none = f"bag '{summary.bag}' has no estimate for its {summary.messages['pose']:,} poses{why}"
+        none = (
+            f"bag '{summary.bag}' has no estimate for its {summary.messages['pose']:,} poses{why}"
+        )
         print(f"rft replay: {none}", file=sys.stderr, flush=True)
     return status

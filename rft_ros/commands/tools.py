@@ -50,8 +50,17 @@ def reduce_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("mesh", metavar="MESH", help=MESH)
     options.share(command, *options.PLACED, "--integration")
     usual = defaults()["tolerance"]
-    allowed = f"greatest error of force and torque, as a share, in 95 of 100 motions (default {usual:g})"
-    command.add_argument("--tolerance", dest="share", type=options.number, default=usual, metavar="SHARE", help=allowed)
+    allowed = (
+        f"greatest error of force and torque, as a share, in 95 of 100 motions (default {usual:g})"
+    )
+    command.add_argument(
+        "--tolerance",
+        dest="share",
+        type=options.number,
+        default=usual,
+        metavar="SHARE",
+        help=allowed,
+    )
     file = "file to write; accepted wherever a mesh is"
     command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.npz", help=file)
 
@@ -63,16 +72,27 @@ def reduce(arguments: argparse.Namespace) -> int:
     if not 0.0 < tolerance <= 1.0:
         raise InputError(f"--tolerance is {tolerance:g}; it must be over 0, and at most 1")
     if output.suffix.lower() != REDUCED_SUFFIX:
-        raise InputError(f"output '{output}' must end in {REDUCED_SUFFIX}, the suffix of reduced tools")
+        raise InputError(
+            f"output '{output}' must end in {REDUCED_SUFFIX}, the suffix of reduced tools"
+        )
     values = options.values_of(arguments)
     options.refuse_inputs(arguments, output, also=named_files(values))
     tool = tool_of(values)
     if tool.reduction:
-        raise InputError(f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from")
+        raise InputError(
+            f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from"
+        )
     warnings.warn_of(tool)
     with busy("choosing plates"):
         plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance)
-    save_reduced(output, tool.frame, vertices=tool.vertices, faces=tool.faces, plates=plates, reduction=reduction)
+    save_reduced(
+        output,
+        tool.frame,
+        vertices=tool.vertices,
+        faces=tool.faces,
+        plates=plates,
+        reduction=reduction,
+    )
     print(f"{tool.name}, {plates.integration}: {reduction} -> {output}")
     print(_same_options(tool, values))
     return 0
@@ -104,7 +124,9 @@ def sweep(arguments: argparse.Namespace) -> int:
     design = read_design(arguments.study)
     table = arguments.output / "results.csv"
     options.refuse_inputs(arguments, table, also=design.files())
-    computed, failed = run(design, arguments.output, scheduler=arguments.scheduler, workers=arguments.workers)
+    computed, failed = run(
+        design, arguments.output, scheduler=arguments.scheduler, workers=arguments.workers
+    )
     rows = len(design.variants)
     print(f"{rows:,} variants, {computed:,} computed, {failed:,} without numbers -> {table}")
     return 1 if failed == rows else 0

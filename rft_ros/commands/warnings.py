@@ -27,7 +27,9 @@ def warn_of(tool: Tool) -> None:
             print(f"warning: {tool.name}: {issue}", file=sys.stderr, flush=True)
 
 
-def warn_of_motion(tool: Tool, times: _Array, states: _Array, forces: _Array, *, surface_height: float) -> None:
+def warn_of_motion(
+    tool: Tool, times: _Array, states: _Array, forces: _Array, *, surface_height: float
+) -> None:
     """Print warnings on stderr: of implausible depths and forces in a motion, and of a first state in the grains.
 
     `times` [s], shape [n], `states`, shape [n, 13], `forces` [N], shape [n, 3]; `surface_height` [m].

@@ -22,18 +22,26 @@ _ELLIPSOID = "an ellipsoid on a virtual arm pitches into virtual grains; a real 
 def demo(bag: Path, parameters: Path, *, seconds: float) -> None:
     """Move and record a virtual arm for `seconds` [s]. Raises InputError if no estimates come."""
     if not seconds > PAUSE:
-        raise InputError(f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air")
+        raise InputError(
+            f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air"
+        )
     check_replaceable(bag)
     console = Console(highlight=False)
     console.print(f"[bold]rft demo[/bold]: {_ELLIPSOID}")
-    with whole_folder(bag.parent, [bag.name]) as part, BagWriter(part / bag.name) as writer, ros_outlives_signals():
+    with (
+        whole_folder(bag.parent, [bag.name]) as part,
+        BagWriter(part / bag.name) as writer,
+        ros_outlives_signals(),
+    ):
         node = RecordedNode(parameters, writer)
         try:
             console.print("waiting for the node, which may have to compile first ...")
             node.wait()
             start = time.monotonic()
             tare_at = PAUSE / 2.0
-            with Live(console=console, refresh_per_second=8, get_renderable=lambda: _table(node)) as live:
+            with Live(
+                console=console, refresh_per_second=8, get_renderable=lambda: _table(node)
+            ) as live:
                 for t, state, reading in virtual_arm.moments(seconds):
                     start = max(start, time.monotonic() - t)
                     node.spin(start + t)
@@ -41,7 +49,9 @@ def demo(bag: Path, parameters: Path, *, seconds: float) -> None:
                     if t > tare_at:
                         tared, said = node.call("tare")
                         live.console.print(f"t = {t:4.1f} s  tare: {said}", soft_wrap=True)
-                        tare_at = math.inf if tared else t + 0.3  # try again: a busy machine may have delayed a twist
+                        tare_at = (
+                            math.inf if tared else t + 0.3
+                        )  # try again: a busy machine may have delayed a twist
             node.spin(time.monotonic() + 0.5)  # the last answers
         finally:
             node.end()

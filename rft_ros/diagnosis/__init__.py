@@ -11,7 +11,13 @@ from rft_ros.diagnosis.attitude import OF_POSES, attitude, mount
 from rft_ros.diagnosis.delay import delay_of_load_cell
 from rft_ros.diagnosis.evidence import Evidence, evidence_of, predicted
 from rft_ros.diagnosis.finding import Finding, in_words
-from rft_ros.diagnosis.poses import noise_of_poses, repeated_poses, size_of_tool, surface, unit_of_poses
+from rft_ros.diagnosis.poses import (
+    noise_of_poses,
+    repeated_poses,
+    size_of_tool,
+    surface,
+    unit_of_poses,
+)
 from rft_ros.diagnosis.readings import push, saturation, strength, torque
 from rft_ros.diagnosis.zero import threshold, zero, zero_that_moves
 
@@ -45,14 +51,20 @@ def _of_forces(e: Evidence) -> Iterator[Finding]:
     at_contact = e.at_contact() if contact and abs(contact.above) > contact.allowed else e
     told, mended = attitude(at_contact)
     for moves in zero_that_moves(e):
-        if told is None or told.ok or moves.evidence["left"] < told.evidence["left"] / told.evidence["own"]:
+        if (
+            told is None
+            or told.ok
+            or moves.evidence["left"] < told.evidence["left"] / told.evidence["own"]
+        ):
             yield moves
             return
     if told is not None and told.name in OF_POSES:
         yield told
         return
     cell = mended or at_contact
-    yield surface(e, cell.settings.surface_height if contact else None, contact.allowed if contact else 0.0)
+    yield surface(
+        e, cell.settings.surface_height if contact else None, contact.allowed if contact else 0.0
+    )
     if told is not None:
         yield told
     yield from zero(cell)

@@ -20,8 +20,6 @@ from rft_ros.parameters import Value
 from rft_ros.rft import FORCE, POSITION, QUATERNION, TORQUE, VELOCITY
 from rft_ros.rft.frames import ANGULAR_VELOCITY, Placement
 
-__all__ = ["LEAST_ZETA", "MOST_ZETA", "OF_POSES", "attitude", "mesh_turns", "mount", "residual", "zeta_of"]
-
 LEAST_ZETA = 0.05
 MOST_ZETA = 5.0
 """Range of ζ of dry grains."""
@@ -32,14 +30,18 @@ OF_POSES = ("world frame", "quaternions")
 _POWERS = np.linspace(-0.3, 0.6, 10)  # of depth by which the force may differ from the model's
 _FAINT = 0.05  # of the greatest predicted force: the direction of a smaller one is not compared
 _TURNED = 0.15  # least RMS change of gravity's direction in the cell that shows the tool's weight
-_OF_PEAK = 0.02  # of the greatest predicted force: a smaller change of the force in the air counts little
+_OF_PEAK = (
+    0.02  # of the greatest predicted force: a smaller change of the force in the air counts little
+)
 _BETTER = 0.5  # greatest residual, of that of the set-up as given, of an explanation that is told
 _SURER = 0.3  # the same for angles that are not multiples of 90 degrees
 _SUREST = 0.1  # the same of a turned mesh: grains unlike the model change the growth, too
 _TOLD = 0.02  # least decrease of the residual that is told
 _TOLD_OF_MESH = 0.005  # the same of a turned mesh, which changes the growth
 _ANGLE = np.radians(4.0)  # real grains push plates up to 3 degrees out of the model's direction
-_LEAST_ANGLE = np.radians(1.5)  # between measured and predicted force, where a tilted world is tried
+_LEAST_ANGLE = np.radians(
+    1.5
+)  # between measured and predicted force, where a tilted world is tried
 _AS_GOOD = 1.5  # residuals up to this factor of the smallest one, plus a share of the set-up's as given, are alike
 _SLACK = 0.02
 _SLACK_OF_ANGLES = 0.15  # the same of angles, whose smallest residual is not found exactly
@@ -53,8 +55,12 @@ _AXES = [
     for order in permutations(range(3))
     for signs in product((1.0, -1.0), repeat=3)
 ]  # the 48 ways in which three axes can be named and signed
-_TURNS = sorted((Rotation.from_matrix(a) for a in _AXES if np.linalg.det(a) > 0.0), key=Rotation.magnitude)[1:]
-_MIRRORS = sorted((a for a in _AXES if np.linalg.det(a) < 0.0), key=np.trace)[:0:-1]  # but for the turn of all signs
+_TURNS = sorted(
+    (Rotation.from_matrix(a) for a in _AXES if np.linalg.det(a) > 0.0), key=Rotation.magnitude
+)[1:]
+_MIRRORS = sorted((a for a in _AXES if np.linalg.det(a) < 0.0), key=np.trace)[
+    :0:-1
+]  # but for the turn of all signs
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -160,7 +166,9 @@ def _of_axes(e: Evidence) -> Iterator[_Explanation]:
         return growth + 1.0 - float((axes * alike).sum()) + _of_weight(e, axes)
 
     def turned(turn: Rotation) -> _Explanation:
-        x, y, z, w = (Rotation.from_quat(e.load_cell.quaternion) * turn).as_quat(canonical=True).tolist()
+        x, y, z, w = (
+            (Rotation.from_quat(e.load_cell.quaternion) * turn).as_quat(canonical=True).tolist()
+        )
         return _Explanation(
             name="turn",
             residual=left(turn.as_matrix()),
@@ -195,7 +203,9 @@ def _of_axes(e: Evidence) -> Iterator[_Explanation]:
     handed = np.diag([1.0, 1.0, np.linalg.det(left_vectors @ right_vectors)])
     turn = Rotation.from_matrix(left_vectors @ handed @ right_vectors)
     if turn.magnitude() > _LEAST_ANGLE:
-        yield replace(turned(turn), name="angle", least=0.5 * _ANGLE**2, share=_SURER, slack=_SLACK_OF_ANGLES)
+        yield replace(
+            turned(turn), name="angle", least=0.5 * _ANGLE**2, share=_SURER, slack=_SLACK_OF_ANGLES
+        )
 
 
 def _read_in_other_axes(e: Evidence) -> Evidence:
@@ -216,7 +226,9 @@ def _of_quaternions(e: Evidence) -> Iterator[_Explanation]:
         return e.seen(state, e.load_cell)
 
     advice = "give the poses' quaternions as x y z w: as if w came first, the tool is upside down"
-    yield _Explanation(name="quaternions", residual=residual(mended(e)), mended=mended, advice=advice)
+    yield _Explanation(
+        name="quaternions", residual=residual(mended(e)), mended=mended, advice=advice
+    )
 
 
 def _in_world(e: Evidence, turn: Rotation) -> _Explanation:
@@ -257,12 +269,18 @@ def _tilted_world(e: Evidence) -> Iterator[_Explanation]:
     few = e.thinned(_FEWER_ROWS)
 
     ways = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
-    starts = [size * np.array([np.cos(way), np.sin(way)]) for size in (0.1, 0.25, 0.5) for way in ways]
+    starts = [
+        size * np.array([np.cos(way), np.sin(way)]) for size in (0.1, 0.25, 0.5) for way in ways
+    ]
     start = min(starts, key=misfit)
     simplex = start + np.array([(0.0, 0.0), (0.1, 0.0), (0.0, 0.1)])
-    tilt = fmin(misfit, start, xtol=2e-3, ftol=1e-5, maxfun=60, disp=False, initial_simplex=simplex)
+    tilt = fmin(
+        misfit, start, xtol=2e-3, ftol=1e-5, maxfun=60, disp=False, initial_simplex=simplex
+    )
     if float(np.linalg.norm(tilt)) > _ANGLE:
-        yield replace(_in_world(e, turn(tilt)), least=0.5 * _ANGLE**2, share=_SURER, slack=_SLACK_OF_ANGLES)
+        yield replace(
+            _in_world(e, turn(tilt)), least=0.5 * _ANGLE**2, share=_SURER, slack=_SLACK_OF_ANGLES
+        )
 
 
 def mesh_turns(e: Evidence) -> Iterator[_Explanation]:
@@ -277,9 +295,13 @@ def mesh_turns(e: Evidence) -> Iterator[_Explanation]:
             state[:, QUATERNION] = (Rotation.from_quat(state[:, QUATERNION]) * turn).as_quat()
             back = Placement((0.0, 0.0, 0.0), tuple(turn.inv().as_quat(canonical=True).tolist()))
             place = back.of(Placement(e.load_cell.position, e.load_cell.quaternion))
-            return e.seen(state, replace(e.load_cell, position=place.position, quaternion=place.quaternion))
+            return e.seen(
+                state, replace(e.load_cell, position=place.position, quaternion=place.quaternion)
+            )
 
-        x, y, z, w = (turn * Rotation.from_matrix(e.tool.frame.rotation)).as_quat(canonical=True).tolist()
+        x, y, z, w = (
+            (turn * Rotation.from_matrix(e.tool.frame.rotation)).as_quat(canonical=True).tolist()
+        )
         as_if = mended(e)
         if as_if.push_is_seen and LEAST_ZETA <= zeta_of(as_if) <= MOST_ZETA:
             yield _Explanation(
@@ -312,7 +334,11 @@ def attitude(e: Evidence) -> tuple[Finding | None, Evidence | None]:
             found += mesh_turns(few)
     if any(x.name == "angle" for x in found) and (own < _OPPOSED or least > _TOLD):
         found += _tilted_world(few)
-    told = [x for x in found if x.residual <= min(x.share * own, _OPPOSED) and own - x.residual >= x.least]
+    told = [
+        x
+        for x in found
+        if x.residual <= min(x.share * own, _OPPOSED) and own - x.residual >= x.least
+    ]
     if not told:
         return _unexplained(few, own), e
     best = min(x.residual for x in told)
@@ -335,7 +361,9 @@ def _by_torque(e: Evidence, alike: list[_Explanation]) -> list[_Explanation]:
         cell = x.mended(e)
         model = cell.predicted[cell.pushed, TORQUE]
         torque = cell.clean[cell.pushed, TORQUE]
-        return float((model * torque).sum() / max(np.sqrt((model**2).sum() * (torque**2).sum()), 1e-12))
+        return float(
+            (model * torque).sum() / max(np.sqrt((model**2).sum() * (torque**2).sum()), 1e-12)
+        )
 
     found = [correlation(x) for x in alike]
     return [x for x, r in zip(alike, found, strict=True) if r > max(found) - _TORQUE_ALIKE]
@@ -345,7 +373,9 @@ def _told(e: Evidence, main: _Explanation, others: list[_Explanation], own: floa
     remedies = [x.remedy for x in (main, *others) if x.remedy]
     advice = [x.advice for x in (main, *others) if x.advice]
     if e.place_parameter and remedies and "sensor.quaternion" in remedies[0]:
-        advice.append(f"correct {e.place_parameter} to the quaternion {in_words(remedies.pop(0)['sensor.quaternion'])}")
+        advice.append(
+            f"correct {e.place_parameter} to the quaternion {in_words(remedies.pop(0)['sensor.quaternion'])}"
+        )
     if others:
         advice.append("drag it along x and y, and push at another attitude, to see which")
     said = "measured and predicted force do not agree (residual {own:.2g}; with the remedy {left:.2g})"
@@ -368,7 +398,11 @@ def _unexplained(e: Evidence, own: float) -> Finding | None:
     if not e.push_is_seen:
         return None
     apart = 1.0 - float(np.trace(_directions(e)))
-    evidence = {"own": own, "left": own, "degrees": float(np.degrees(np.arccos(np.clip(1.0 - apart, -1.0, 1.0))))}
+    evidence = {
+        "own": own,
+        "left": own,
+        "degrees": float(np.degrees(np.arccos(np.clip(1.0 - apart, -1.0, 1.0)))),
+    }
     said = "measured and predicted force point {degrees:.0f} degrees apart on average"
     if apart < _OPPOSED:
         return Finding(name="sign", ok=True, said=said, evidence=evidence)
@@ -384,7 +418,9 @@ def _is_unsure(e: Evidence) -> bool:
     if not e.in_air.any() or not e.push_is_seen:
         return False
     down = e.down[e.in_air]
-    if np.linalg.norm(np.std(down, axis=0)) > 2.0 * _TURNED:  # the attitudes tell a weight from a bias
+    if (
+        np.linalg.norm(np.std(down, axis=0)) > 2.0 * _TURNED
+    ):  # the attitudes tell a weight from a bias
         return False
     turned = np.linalg.norm(e.down[e.pushed] - down.mean(axis=0), axis=1).mean()
     unknown = np.linalg.norm(e.force[e.in_air].mean(axis=0)) * turned

@@ -7,15 +7,17 @@ import numpy as np
 from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence
 from rft_ros.diagnosis.finding import Finding
 
-__all__ = ["delay_of_load_cell"]
-
 _LONGEST = 0.25  # s
 _DELAYS = np.linspace(-_LONGEST, _LONGEST, 251)  # that are tried
-_LAGS = np.linspace(0.0, 0.2, 41)[1:]  # time constants of a filter of first order that are tried [s]
+_LAGS = np.linspace(0.0, 0.2, 41)[
+    1:
+]  # time constants of a filter of first order that are tried [s]
 _WINDOW = 0.4  # s before and after a change of the motion
 _SHARP = 0.05  # s in which such a change takes place
 _LEAST = 0.012  # s: a smaller delay is not told from the time between two samples
-_EXPLAINED = 0.3  # of the changes of the force: a greater misfit at every delay tells nothing about it
+_EXPLAINED = (
+    0.3  # of the changes of the force: a greater misfit at every delay tells nothing about it
+)
 _BETTER = 0.5  # of the misfit without a delay: the greatest one with it
 _FILTERED = 0.3  # of the misfit with a delay: the greatest one with a filter in its place
 _NEAR = 0.35  # of the delay: events within this share agree with it
@@ -30,7 +32,11 @@ def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
     errors of strength, surface and λ then change the fit of a single event, and hardly the time that all agree on.
     An event near which samples are missing for longer than twice the delay does not tell it.
     """
-    known = [found for at in _events(e) if (found := _misfits(e, at)) is not None and found[0].min() < _EXPLAINED]
+    known = [
+        found
+        for at in _events(e)
+        if (found := _misfits(e, at)) is not None and found[0].min() < _EXPLAINED
+    ]
     if len(known) < 2:
         return
     both = np.array([misfits for misfits, _ in known])
@@ -55,7 +61,11 @@ def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
         "left": float(100.0 * np.sqrt(total[best] / total[none])),
         "delay": 1e3 * abs(delay),
     }
-    said = "the load cell's stamps are {delay:.0f} ms " + ("later" if delay > 0.0 else "earlier") + " than its events"
+    said = (
+        "the load cell's stamps are {delay:.0f} ms "
+        + ("later" if delay > 0.0 else "earlier")
+        + " than its events"
+    )
     advice = "fit it with rft calibrate"
     if of_lags.min() < _FILTERED * total[best]:
         evidence |= {"lag": float(1e3 * _LAGS[of_lags.argmin()])}
@@ -63,7 +73,9 @@ def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
         advice = "raise the cut-off frequency in the load cell's driver"
     said += ", by {stops} stops (the misfit there falls to {left:.0f} % with it)"
     set_to = round(e.load_cell.delay + delay, 3)
-    yield Finding(name="delay", said=said, evidence=evidence, remedy={"sensor.delay": set_to}, advice=advice)
+    yield Finding(
+        name="delay", said=said, evidence=evidence, remedy={"sensor.delay": set_to}, advice=advice
+    )
 
 
 def _events(e: Evidence) -> list[float]:
@@ -73,7 +85,8 @@ def _events(e: Evidence) -> list[float]:
         return []
     velocity = e.velocity
     before, after = (
-        np.column_stack([np.interp(e.time + shift, e.time, axis) for axis in velocity.T]) for shift in (-_SHARP, _SHARP)
+        np.column_stack([np.interp(e.time + shift, e.time, axis) for axis in velocity.T])
+        for shift in (-_SHARP, _SHARP)
     )
     large = np.where(wet, np.linalg.norm(after - before, axis=1), 0.0)
     fastest = float(np.quantile(np.linalg.norm(velocity[wet], axis=1), 0.95))
@@ -96,8 +109,14 @@ def _misfits(e: Evidence, at: float) -> tuple[Array, float] | None:
         return None
     time = e.time[rows]
     wide = np.flatnonzero(np.abs(e.time - at) <= _WINDOW + _LONGEST)
-    gap = float(np.diff(e.time[wide]).max())  # a busy machine leaves gaps; beyond `max_input_age` nothing lies between
-    if time.min() > at - 0.5 * _WINDOW or time.max() < at + 0.5 * _WINDOW or gap > e.settings.max_input_age:
+    gap = float(
+        np.diff(e.time[wide]).max()
+    )  # a busy machine leaves gaps; beyond `max_input_age` nothing lies between
+    if (
+        time.min() > at - 0.5 * _WINDOW
+        or time.max() < at + 0.5 * _WINDOW
+        or gap > e.settings.max_input_age
+    ):
         return None
     line = np.linalg.qr(np.stack([np.ones_like(time), time - at], axis=1))[0]
 

@@ -28,9 +28,6 @@ from rft_ros.rft import (
 from rft_ros.rft.frames import Placement
 from rft_ros.tool import Tool
 
-__all__ = ["ENOUGH", "LEAST_FORCE", "Array", "Contact", "Evidence", "Rows", "cross", "evidence_of", "predicted"]
-__all__ += ["solved"]
-
 Array = NDArray[np.float64]
 Rows = NDArray[np.bool_]
 
@@ -42,7 +39,9 @@ LEAST_FORCE = 0.2
 
 _SAME = 0.95  # correlation beyond which a tiny reading is that of the grains in another unit, such as kN
 _BEGUN = 0.05  # of the greatest force of a descent: a larger one shows that the tool has touched the grains
-_CONTACT_ERROR = 0.005  # m, and this share of the depth: together the greatest error of surface_height
+_CONTACT_ERROR = (
+    0.005  # m, and this share of the depth: together the greatest error of surface_height
+)
 _CONTACT_SHARE = 0.1
 _DEPTHS = 50  # depths at which the force of a contact is computed
 _ALIKE = 0.94  # cosine of the angle by which the tool may turn on its way down
@@ -73,7 +72,9 @@ def predicted(tool: Tool, law: Law, cell: LoadCell, states: Array, surface: floa
     plates = tool.plates
     if law.mobilization_length > 0.0:
         moved = displacements_followed(states, reach=plates.reach, dead_band=SLACK)
-        found = wrenches_in_time(plates, law, states, Memory(plates), displacements=moved, surface_height=surface)
+        found = wrenches_in_time(
+            plates, law, states, Memory(plates), displacements=moved, surface_height=surface
+        )
     else:
         found = wrenches(plates, law, states, surface_height=surface)
     rotation = Rotation.from_quat(states[:, QUATERNION])
@@ -129,7 +130,10 @@ class Evidence:
     @cached_property
     def to_cell(self) -> Rotation:
         """The n turns from world axes to the axes of the load cell."""
-        return (Rotation.from_quat(self.state[:, QUATERNION]) * Rotation.from_quat(self.load_cell.quaternion)).inv()
+        return (
+            Rotation.from_quat(self.state[:, QUATERNION])
+            * Rotation.from_quat(self.load_cell.quaternion)
+        ).inv()
 
     @cached_property
     def down(self) -> Array:
@@ -215,7 +219,9 @@ class Evidence:
         if self.in_air.sum() < ENOUGH:
             return self.measured
         force = self.force - self.of_zero @ self.zero_from(self.in_air)
-        return np.hstack([force, self.measured[:, TORQUE] - self.measured[self.in_air, TORQUE].mean(axis=0)])
+        return np.hstack(
+            [force, self.measured[:, TORQUE] - self.measured[self.in_air, TORQUE].mean(axis=0)]
+        )
 
     @cached_property
     def pushed(self) -> Rows:
@@ -269,7 +275,9 @@ class Evidence:
         """As if the states and the load cell's place were these, and the surface where the measured force begins."""
         heights = self.tool.lowest_points(state)[0]
         in_air = heights.min(initial=np.inf) - heights
-        as_if = replace(self, state=state, load_cell=cell, depth=in_air, predicted=0.0 * self.predicted)
+        as_if = replace(
+            self, state=state, load_cell=cell, depth=in_air, predicted=0.0 * self.predicted
+        )
         return as_if.at_contact(heights)
 
     def at_contact(self, heights: Array | None = None) -> "Evidence":
@@ -286,7 +294,9 @@ class Evidence:
         way = np.repeat(self.state[[contact.row]], len(depths), axis=0)
         way[:, VELOCITY] = (0.0, 0.0, -1.0)
         way[:, STATE.index("pz")] -= heights[contact.row] + depths
-        force = np.linalg.norm(predicted(self.tool, self.law, self.load_cell, way, 0.0)[:, FORCE], axis=1)
+        force = np.linalg.norm(
+            predicted(self.tool, self.law, self.load_cell, way, 0.0)[:, FORCE], axis=1
+        )
         begun = force[: _DEPTHS + 1] >= contact.share * force[_DEPTHS:]
         height = float(heights[contact.row] + contact.rise + depths[int(np.argmax(begun[1:])) + 1])
         return replace(
@@ -306,7 +316,9 @@ def _onset(force: Array, share: float) -> int | None:
     return row if ENOUGH // 2 <= row <= len(force) - ENOUGH // 2 else None
 
 
-def evidence_of(rows: NDArray[np.void], estimator: Estimator, *, poses: Array | None = None) -> Evidence:
+def evidence_of(
+    rows: NDArray[np.void], estimator: Estimator, *, poses: Array | None = None
+) -> Evidence:
     """The evidence of a run: `rows` of its estimates, `rft_ros.bags.estimates.ROW`, and its estimator.
 
     `poses`: stamp [ns], position and quaternion of every pose, shape [m, 8]; without them, those of the rows. Where
@@ -333,7 +345,9 @@ def evidence_of(rows: NDArray[np.void], estimator: Estimator, *, poses: Array | 
         predicted=np.array(rows["predicted"]),
         measured=np.array(rows["compensated"]),
         place_on_tf=transforms.fixed(s.tool_frame, s.sensor_frame),
-        links=", ".join(transforms.links(s.tool_frame, s.sensor_frame)) if s.sensor_source == "tf" else "",
+        links=", ".join(transforms.links(s.tool_frame, s.sensor_frame))
+        if s.sensor_source == "tf"
+        else "",
     )
 
 

@@ -6,9 +6,6 @@ from dataclasses import dataclass, field
 
 from rft_ros.parameters import Value
 
-__all__ = ["Finding", "in_words"]
-
-
 _FIELD = re.compile(r"\{(\w+):?([^{}]*)\}")
 
 

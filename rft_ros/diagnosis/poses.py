@@ -10,16 +10,6 @@ from rft_ros.diagnosis.finding import Finding
 from rft_ros.estimator import NOISY, PoseNoise, PoseSample, sentence_on
 from rft_ros.rft import POSITION
 
-__all__ = [
-    "REPEATED",
-    "noise_of_poses",
-    "repeated_poses",
-    "repeats",
-    "size_of_tool",
-    "surface",
-    "unit_of_poses",
-]
-
 _FASTEST = 5.0  # m/s: no arm moves a tool faster
 _FAR = 10.0  # m: no arm exceeds both this extent and the next mean speed [m/s] in grains
 _FAST = 1.0
@@ -41,10 +31,15 @@ def unit_of_poses(e: Evidence) -> Iterator[Finding]:
     speed = float(np.median(steps[moving] / seconds[moving])) if moving.any() else 0.0
     extent = float(np.ptp(place, axis=0).max())
     mean = float(steps[moving].sum() / max(seconds[moving].sum(), 1e-12))
-    given = np.linalg.norm(e.velocity, axis=1) if e.settings.twist_source == "topic" else np.zeros(0)
+    given = (
+        np.linalg.norm(e.velocity, axis=1) if e.settings.twist_source == "topic" else np.zeros(0)
+    )
     twist = float(np.median(given[given > 0.0])) if (given > 0.0).any() else speed
     evidence = {"extent": extent, "mean": mean, "speed": speed, "twist": twist}
-    far = [sentence_on(e.tool, depth=float(d), force=0.0) for d in (e.depth.max(initial=0.0), e.depth.min(initial=0.0))]
+    far = [
+        sentence_on(e.tool, depth=float(d), force=0.0)
+        for d in (e.depth.max(initial=0.0), e.depth.min(initial=0.0))
+    ]
     far = [sentence for sentence in far if "poses" in sentence]
     advice = "the poses' driver must give metres, and not millimetres (factor 0.001)"
     if extent > _FAR and mean > _FAST:
@@ -83,7 +78,9 @@ def noise_of_poses(e: Evidence) -> Iterator[Finding]:
     reach = e.tool.plates.reach
     gap = round(1e9 * e.settings.max_input_age)
     found = list[float]()
-    for seconds, (x, y, z, *quaternion) in zip(e.pose_time.tolist(), e.poses.tolist(), strict=True):
+    for seconds, (x, y, z, *quaternion) in zip(
+        e.pose_time.tolist(), e.poses.tolist(), strict=True
+    ):
         stamp = 1 + round(1e9 * seconds)
         if follower.add(PoseSample(stamp, "", (x, y, z), tuple(quaternion)), gap=gap):
             found.append(follower.at_tip(reach))
@@ -132,13 +129,23 @@ def surface(e: Evidence, height: float | None, allowed: float) -> Finding:
         known = "surface_height" in e.named
         said = f"{given:g} m" if known else f"{given:g} m, the default, since it is not set"
         return Finding(
-            name="surface_height", ok=known, said=said, advice="" if known else "measure it, or run rft calibrate"
+            name="surface_height",
+            ok=known,
+            said=said,
+            advice="" if known else "measure it, or run rft calibrate",
         )
     above = height - given
     if abs(above) <= allowed:
         said = f"{given:g} m; the measured force begins within {1e3 * allowed:.0f} mm of it"
         return Finding(name="surface_height", ok=True, said=said)
     side = "above" if above > 0.0 else "below"
-    said = f"the measured force begins {{millimetres:.0f}} mm {side} where it should with {given:g} m"
+    said = (
+        f"the measured force begins {{millimetres:.0f}} mm {side} where it should with {given:g} m"
+    )
     evidence = {"millimetres": 1e3 * abs(above)}
-    return Finding(name="surface_height", said=said, evidence=evidence, remedy={"surface_height": round(height, 4)})
+    return Finding(
+        name="surface_height",
+        said=said,
+        evidence=evidence,
+        remedy={"surface_height": round(height, 4)},
+    )

@@ -13,15 +13,15 @@ from rft_ros.parameters import Value
 from rft_ros.rft import FORCE, TORQUE
 from rft_ros.rft.frames import Placement
 
-__all__ = ["push", "saturation", "strength", "torque"]
-
 _WEAKEST = 0.5  # measured over predicted: beds differ by less once they are calibrated
 _STRONGEST = 2.0
 _UNITS = {"kgf": 9.80665, "lbf": 4.44822, "kN": 1e3, "mN": 1e-3, "gf": 9.80665e-3}  # N
 _TURNED_AS_GOOD = 2.0  # residual of a turned mesh over the given one's, whose ζ no dry grains have
 _SLACK = 0.002
 _FEW_ROWS = 400  # on which turned meshes are compared
-_LEVER = 0.01  # m, and this share of the tool's size: the model does not give the lever more exactly
+_LEVER = (
+    0.01  # m, and this share of the tool's size: the model does not give the lever more exactly
+)
 _LEVER_OF_SIZE = 0.25
 _LONGEST_LEVER = 2.0  # m: a longer one comes from a torque in another unit
 _NOISE_OF_LEVER = 0.1  # of the misfit of the torque; with more, no lever is judged
@@ -66,7 +66,10 @@ def saturation(e: Evidence) -> Iterator[Finding]:
                 name="saturation",
                 said=f"the force along {'xyz'[axis]}"
                 + " stays at {limit:.3g} N; the model's grows to {beyond:.2g} times it",
-                evidence={"limit": side * top + zero[axis], "beyond": float(ratio * expected[at].max() / top)},
+                evidence={
+                    "limit": side * top + zero[axis],
+                    "beyond": float(ratio * expected[at].max() / top),
+                },
                 advice="set a larger range in the load cell or its driver, or press less",
             )
 
@@ -162,7 +165,9 @@ def strength(e: Evidence) -> Iterator[Finding]:
     if not LEAST_ZETA <= zeta <= MOST_ZETA:
         said += f", a ζ of {{zeta:.2g}}; dry grains have {LEAST_ZETA:g} to {MOST_ZETA:g}"
         few = e.thinned(_FEW_ROWS)
-        turns = [x for x in mesh_turns(few) if x.residual <= _TURNED_AS_GOOD * residual(few) + _SLACK]
+        turns = [
+            x for x in mesh_turns(few) if x.residual <= _TURNED_AS_GOOD * residual(few) + _SLACK
+        ]
         remedy = min(turns, key=lambda x: x.residual).remedy if turns else {}
     yield Finding(
         name="strength",

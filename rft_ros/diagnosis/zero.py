@@ -10,8 +10,6 @@ from rft_ros.estimator import GRAVITY, is_offset
 from rft_ros.parameters import Value
 from rft_ros.rft import TORQUE
 
-__all__ = ["threshold", "zero", "zero_that_moves"]
-
 _SHOWS = 0.01  # of the greatest force: over a whole approach a smaller offset shows than in live readings
 _MOVES = 0.03  # of the greatest force: a smaller change of the zero is that of a usual load cell, or grains on the tool
 _EXPLAINED = 0.4  # of the square of the readings about a constant zero: the greatest rest of one that changes
@@ -20,7 +18,9 @@ _STEPS = 40  # moments at which the zero may step
 _TURNED = 0.15  # least RMS spread of gravity's direction in the cell, along two axes, that shows the tool's weight
 _LIGHT = 0.01  # kg: a smaller mass is none
 _UPRIGHT = 4.0  # degrees: the weight's direction is not known better
-_LONGEST_CENTER = 1.0  # m: a centre of mass that is further away comes from a torque in another unit
+_LONGEST_CENTER = (
+    1.0  # m: a centre of mass that is further away comes from a torque in another unit
+)
 
 
 def threshold(e: Evidence) -> Iterator[Finding]:
@@ -30,7 +30,11 @@ def threshold(e: Evidence) -> Iterator[Finding]:
         return
     if max(len(np.unique(axis)) for axis in e.raw[rest].T) > ENOUGH // 2:
         advice = "turn the threshold off in the driver; without it the measured contact comes late"
-        yield Finding(name="threshold", said="the force in the air is exactly 0, with no noise", advice=advice)
+        yield Finding(
+            name="threshold",
+            said="the force in the air is exactly 0, with no noise",
+            advice=advice,
+        )
 
 
 def zero_that_moves(e: Evidence) -> Iterator[Finding]:
@@ -49,13 +53,19 @@ def zero_that_moves(e: Evidence) -> Iterator[Finding]:
 
     def fitted(course: Array) -> tuple[float, Array]:
         """The square of the residual where the zero follows a course in time, shape [n], and the change by it [N]."""
-        columns = np.concatenate([known, np.eye(3) * course[:, None, None]], axis=2).reshape(force.size, -1)
+        columns = np.concatenate([known, np.eye(3) * course[:, None, None]], axis=2).reshape(
+            force.size, -1
+        )
         found = solved(columns, force.ravel(), least=1e-3)
         return float(((force.ravel() - columns @ found) ** 2).sum()), np.ptp(course) * found[-3:]
 
     size = np.linalg.norm(velocity, axis=1, keepdims=True)
-    main = np.linalg.svd(velocity / np.maximum(size, e.settings.rest_speed), full_matrices=False)[2][0]
-    way = np.where(e.speed[rows] > e.settings.rest_speed, np.sign(np.round(velocity @ main, 6)), 0.0)
+    main = np.linalg.svd(velocity / np.maximum(size, e.settings.rest_speed), full_matrices=False)[
+        2
+    ][0]
+    way = np.where(
+        e.speed[rows] > e.settings.rest_speed, np.sign(np.round(velocity @ main, 6)), 0.0
+    )
     both_ways = min((way > 0.0).sum(), (way < 0.0).sum()) >= ENOUGH or (way == 0.0).sum() >= ENOUGH
     courses = {"friction": way} if np.ptp(way) > 0.0 and both_ways else {}
     courses["drift"] = time - time[0]
@@ -70,7 +80,11 @@ def zero_that_moves(e: Evidence) -> Iterator[Finding]:
     spread = np.sqrt(rest / len(rows))
     greatest = float(np.linalg.norm(e.model, axis=1).max(initial=0.0))
     still = fitted(np.zeros(len(rows)))[0]
-    if rest > _EXPLAINED * still or spread > 0.5 * moved or not is_offset(moved, greatest, share=_MOVES):
+    if (
+        rest > _EXPLAINED * still
+        or spread > 0.5 * moved
+        or not is_offset(moved, greatest, share=_MOVES)
+    ):
         return
     evidence = {"moved": moved, "left": rest / max(still, 1e-12)}
     if name == "friction":
@@ -107,14 +121,20 @@ def zero(e: Evidence) -> Iterator[Finding]:
     if e.tare or not is_offset(load, greatest, share=_SHOWS):
         yield Finding(name="load cell", ok=True, said=said, evidence=evidence)
         return
-    spread = np.linalg.svd(e.down[air] - e.down[air].mean(axis=0), compute_uv=False) / np.sqrt(air.sum())
+    spread = np.linalg.svd(e.down[air] - e.down[air].mean(axis=0), compute_uv=False) / np.sqrt(
+        air.sum()
+    )
     if spread[1] >= _TURNED:
         yield from _weight(e, evidence)
         return
     bias = np.array(e.load_cell.bias) + e.load_cell.sign * e.measured[air].mean(axis=0)
     advice = "tare it there (~/tare, --tare)"
     yield Finding(
-        name="load cell", said=said, evidence=evidence, remedy={"sensor.bias": tuple(bias.tolist())}, advice=advice
+        name="load cell",
+        said=said,
+        evidence=evidence,
+        remedy={"sensor.bias": tuple(bias.tolist())},
+        advice=advice,
     )
 
 
@@ -122,7 +142,9 @@ def _weight(e: Evidence, evidence: dict[str, float]) -> Iterator[Finding]:
     """Bias, mass and centre of mass, which the attitudes in the air separate; and which way the weight hangs."""
     cell = e.load_cell
     air = e.in_air
-    columns = np.concatenate([np.broadcast_to(np.eye(3), (air.sum(), 3, 3)), e.to_cell[air].as_matrix()], axis=2)
+    columns = np.concatenate(
+        [np.broadcast_to(np.eye(3), (air.sum(), 3, 3)), e.to_cell[air].as_matrix()], axis=2
+    )
     found = np.linalg.lstsq(columns.reshape(-1, 6), e.force[air].ravel(), rcond=None)[0]
     weight = found[3:] - (0.0, 0.0, GRAVITY * cell.mass)
     mass = float(-weight[2] / GRAVITY)
@@ -151,7 +173,10 @@ def _weight(e: Evidence, evidence: dict[str, float]) -> Iterator[Finding]:
         evidence |= {"far": far}
         said = "the torque in the air is that of a centre of mass {far:.3g} m away"
         yield Finding(
-            name="units of torque", said=said, evidence=evidence, advice="the driver must give N m, and not N mm"
+            name="units of torque",
+            said=said,
+            evidence=evidence,
+            advice="the driver must give N m, and not N mm",
         )
         return
     yield Finding(name=name, said=said, evidence=evidence, remedy=remedy, advice=advice)

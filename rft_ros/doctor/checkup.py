@@ -30,8 +30,6 @@ from rft_ros.ground import Cloud
 from rft_ros.messages import Role
 from rft_ros.parameters import Model, Values, settings_of
 
-__all__ = ["Cell", "Checkup", "compiled", "delayed", "examine_bag"]
-
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
@@ -52,7 +50,9 @@ def compiled() -> Finding:
     """The finding on the cache: whether it has the machine code."""
 
     def stop() -> None:
-        raise InputError("run rft warm-up, or the node's first start compiles for some ten seconds")
+        raise InputError(
+            "run rft warm-up, or the node's first start compiles for some ten seconds"
+        )
 
     try:
         prepare(on_cold_cache=stop)
@@ -62,13 +62,25 @@ def compiled() -> Finding:
 
 
 _SOONEST = 0.02  # quantile of the ages at arrival: due to clocks and drivers alone, without delays on the way
-_LEAST_SPAN = 1_500_000_000  # ns on both sides of a step of the clock: a busy machine stands still for less
+_LEAST_SPAN = (
+    1_500_000_000  # ns on both sides of a step of the clock: a busy machine stands still for less
+)
 _RARE = 0.01  # share of poses: rarer reasons are not reported
 _AHEAD = 1.5  # s: senders of transforms that change slowly date them ahead by up to this
 _PLAYED = 60.0  # s: stamps in a recording that are older come from one that was played
 _START = 1_000_000_000  # ns in which the first transforms and twists may be missing
-_EXPECTED = {Reason.AT_REST, Reason.POSE_HISTORY_SHORT, Reason.POSE_RATE_LIMITED, Reason.SURFACE_RATE_LIMITED}
-_ROLES: dict[type, Role] = {PoseSample: "pose", TwistSample: "twist", WrenchSample: "wrench", Cloud: "surface"}
+_EXPECTED = {
+    Reason.AT_REST,
+    Reason.POSE_HISTORY_SHORT,
+    Reason.POSE_RATE_LIMITED,
+    Reason.SURFACE_RATE_LIMITED,
+}
+_ROLES: dict[type, Role] = {
+    PoseSample: "pose",
+    TwistSample: "twist",
+    WrenchSample: "wrench",
+    Cloud: "surface",
+}
 _ADVICE: dict[Role, str] = {
     "pose": "start the driver, remap ~/pose, or set pose_source: tf",
     "tf": "start the robot's state publisher, or set pose_source: topic",
@@ -126,11 +138,17 @@ def _clock_findings(arrivals: _Arrivals, *, limit: float, live: bool) -> Iterato
         if live:
             said = f"messages on {topic} arrive {least:.0f} to {most:.0f} ms after their stamps"
             busy = "this machine is too busy to judge, or the driver sends in bursts"
-            yield Finding(name="machine", said=f"{said}: {busy}", advice="end other work, and run again")
+            yield Finding(
+                name="machine", said=f"{said}: {busy}", advice="end other work, and run again"
+            )
         else:
             said = f"messages on {topic} were recorded {least:.0f} to {most:.0f} ms after their stamps"
             cause = "the recorder or the network was behind, or the driver sends in bursts"
-            yield Finding(name="recording", said=f"{said}: {cause}", advice="record again, on a machine with less work")
+            yield Finding(
+                name="recording",
+                said=f"{said}: {cause}",
+                advice="record again, on a machine with less work",
+            )
 
 
 def _clock_step(arrivals: _Arrivals, limit: float) -> int | None:
@@ -166,7 +184,9 @@ class Checkup:
         self._tare = tare
         self._live = live
         # learning is off, since it would compensate a wrong sign or unit
-        self._estimator = Estimator(settings_of({**cell.values, "learning.mode": "off"}), cell.model)
+        self._estimator = Estimator(
+            settings_of({**cell.values, "learning.mode": "off"}), cell.model
+        )
         self._run = Run(self._estimator)
         self._heard: dict[Role, list[_Heard]] = {role: [] for role in cell.topics}
         self._poses: list[tuple[float, ...]] = []  # stamp [ns], position and quaternion
@@ -179,7 +199,11 @@ class Checkup:
         if isinstance(sample, Stamped):
             heard = [(_ROLES[type(sample)], sample.stamp, sample.frame, "")]
         else:
-            heard = [("tf", transform.stamp, "", transform.child) for transform in sample if not transform.fixed]
+            heard = [
+                ("tf", transform.stamp, "", transform.child)
+                for transform in sample
+                if not transform.fixed
+            ]
         for role, stamp, frame, child in heard:
             if role in self._heard:
                 self._heard[role].append(_Heard(time, stamp, frame, child))
@@ -197,7 +221,9 @@ class Checkup:
         """
         rows = self._run.rows()
         late = list(self._of_clocks())
-        whole = complete and not late  # otherwise the node may have received samples that are missing here
+        whole = (
+            complete and not late
+        )  # otherwise the node may have received samples that are missing here
         poses = np.array(self._poses).reshape(-1, 8)
         evidence = evidence_of(rows, self._estimator, poses=poses)
         evidence = replace(evidence, named=self._cell.named, tare=self._tare, complete=whole)
@@ -217,7 +243,10 @@ class Checkup:
         for message in self._heard[role]:
             if message.stamp > 0:
                 times.setdefault(message.child, []).append((message.arrival, message.stamp))
-        return {child: _Arrivals(self._cell.topics[role], *np.array(times[child]).T) for child in sorted(times)}
+        return {
+            child: _Arrivals(self._cell.topics[role], *np.array(times[child]).T)
+            for child in sorted(times)
+        }
 
     def _of_clocks(self) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
@@ -233,7 +262,13 @@ class Checkup:
             if not heard:
                 remedy = {"twist_source": "pose_difference"} if role == "twist" else {}
                 nothing = f"nothing on {topic}"
-                yield Finding(name=role, ok=role == "surface", said=nothing, remedy=remedy, advice=_ADVICE[role])
+                yield Finding(
+                    name=role,
+                    ok=role == "surface",
+                    said=nothing,
+                    remedy=remedy,
+                    advice=_ADVICE[role],
+                )
                 continue
             unstamped = sum(1 for message in heard if message.stamp <= 0)
             if unstamped:
@@ -241,14 +276,20 @@ class Checkup:
                 yield Finding(name=role, said=said, advice="the driver must set it")
                 continue
             senders = self._arrivals(role)
-            off = [(child, age) for child, sent in senders.items() if abs(age := _age_of(sent.ages)) > limit]
+            off = [
+                (child, age)
+                for child, sent in senders.items()
+                if abs(age := _age_of(sent.ages)) > limit
+            ]
             wrong = [(child, age) for child, age in off if not self._is_harmless(role, age)]
             if wrong:
                 child, age = wrong[0]
                 of = f" of '{child}'" if child else ""
                 side = "old" if age > 0.0 else "ahead"
                 said = f"stamps{of} on {topic} are {abs(age):.3g} s {side} when they arrive, over max_input_age"
-                yield Finding(name=role, said=f"{said} {limit:g} s", advice="synchronise the clocks")
+                yield Finding(
+                    name=role, said=f"{said} {limit:g} s", advice="synchronise the clocks"
+                )
                 continue
             seconds = (heard[-1].arrival - heard[0].arrival) * 1e-9
             arrivals = len({message.arrival for message in heard}) if role == "tf" else len(heard)
@@ -256,22 +297,33 @@ class Checkup:
             named = " and ".join(sorted({message.frame for message in heard}))
             frame = f", frame {named}" if named else ""
             ages = np.concatenate([sent.ages for sent in senders.values()])
-            ahead = "".join(f"; '{child}' is dated {-age:.2g} s ahead, as it may be" for child, age in off if child)
+            ahead = "".join(
+                f"; '{child}' is dated {-age:.2g} s ahead, as it may be"
+                for child, age in off
+                if child
+            )
             said = f"{rate} on {topic}{frame}, stamps {1e3 * np.median(ages):.0f} ms old{ahead}"
             yield Finding(name=role, ok=True, said=said)
 
     def _is_harmless(self, role: Role, age: float) -> bool:
         """Whether an offset of stamps against the times of arrival [s] changes no estimate."""
-        if role == "surface" or (role == "tf" and -_AHEAD < age < 0.0):  # as of localisation with a tolerance
+        if role == "surface" or (
+            role == "tf" and -_AHEAD < age < 0.0
+        ):  # as of localisation with a tolerance
             return True
-        return not self._live and age > _PLAYED  # all messages of a recording that was played and recorded again
+        return (
+            not self._live and age > _PLAYED
+        )  # all messages of a recording that was played and recorded again
 
     def _of_frames(self) -> Iterator[Finding]:
         unknown = self._estimator.unknown_frames()
         world = self._estimator.settings.world_frame
         of_poses = {message.frame for message in self._heard.get("pose", ())}
         of_twists = {message.frame for message in self._heard.get("twist", ())}
-        if unknown.keys() >= {Reason.POSE_FRAME_UNKNOWN, Reason.TWIST_FRAME_UNKNOWN} and of_poses == of_twists:
+        if (
+            unknown.keys() >= {Reason.POSE_FRAME_UNKNOWN, Reason.TWIST_FRAME_UNKNOWN}
+            and of_poses == of_twists
+        ):
             del unknown[Reason.POSE_FRAME_UNKNOWN], unknown[Reason.TWIST_FRAME_UNKNOWN]
             named = " and ".join(map(repr, sorted(of_poses)))
             yield Finding(
@@ -304,7 +356,9 @@ class Checkup:
             if reason is Reason.WRENCH_MISSING:  # of the poses before the first reading
                 count -= sum(1 for stamp, *_ in self._poses if stamp - self._poses[0][0] < _START)
             if not told and count > _RARE * max(poses, 1):
-                yield Finding(name=reason.value, said=f"{count} times at {poses} poses: {reason.sentence}")
+                yield Finding(
+                    name=reason.value, said=f"{count} times at {poses} poses: {reason.sentence}"
+                )
 
 
 def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:

@@ -16,8 +16,6 @@ from rft_ros.messages import UNREADABLE, decoder
 from rft_ros.node.listen import Message, Topic, listener
 from rft_ros.parameters import FILES, Value, Values
 
-__all__ = ["examine_running"]
-
 _MOST_LOST = 0.01  # share of a topic's messages
 
 
@@ -38,9 +36,13 @@ def examine_running(cell: Cell, node: str, *, seconds: float) -> list[Finding]:
         advice = "start it with ros2 launch rft_ros rft.launch.py, or give --node"
         of_node = Finding(name="node", said=f"no node {node} was found", advice=advice)
     # the estimates are computed after listening, so that they take no CPU time while messages arrive
-    values = {**cell.values, "sensor.bias": running["sensor.bias"]} if running else cell.values  # a tare changes it
+    values = (
+        {**cell.values, "sensor.bias": running["sensor.bias"]} if running else cell.values
+    )  # a tare changes it
     checkup = Checkup(replace(cell, values=values))
-    for sample, received in _as_if_in_time(list(_samples(messages)), limit=values["max_input_age"]):
+    for sample, received in _as_if_in_time(
+        list(_samples(messages)), limit=values["max_input_age"]
+    ):
         checkup.push(sample, received)
     of_topics = [finding for topic in topics for finding in _of_topic(topic)]
     lost = [finding for topic in topics for finding in _of_losses(topic, messages)]
@@ -56,7 +58,9 @@ def _samples(messages: Sequence[Message]) -> Iterator[tuple[Sample, int]]:
             yield decode[message.role](message.data), message.received
 
 
-def _as_if_in_time(received: list[tuple[Sample, int]], *, limit: float) -> list[tuple[Sample, int]]:
+def _as_if_in_time(
+    received: list[tuple[Sample, int]], *, limit: float
+) -> list[tuple[Sample, int]]:
     """The same samples, sorted by their stamps if a busy machine has delayed them."""
     ages = defaultdict[type, list[float]](list)  # [s], by the kind of sample
     for sample, time in received:
@@ -76,9 +80,15 @@ def _as_if_in_time(received: list[tuple[Sample, int]], *, limit: float) -> list[
 
 def _of_losses(topic: Topic, messages: Sequence[Message]) -> Iterator[Finding]:
     """A finding if messages of a topic were lost, by the sequence numbers that its publisher gave them."""
-    if len(topic.publishers) != 1:  # each publisher counts for itself, and a message does not name its publisher
+    if (
+        len(topic.publishers) != 1
+    ):  # each publisher counts for itself, and a message does not name its publisher
         return
-    numbers = [message.number for message in messages if message.role == topic.role and message.number is not None]
+    numbers = [
+        message.number
+        for message in messages
+        if message.role == topic.role and message.number is not None
+    ]
     sent = max(numbers) - min(numbers) + 1 if numbers else 0
     lost = sent - len(numbers)
     if lost > _MOST_LOST * sent:
@@ -95,8 +105,14 @@ def _of_node(node: str, running: Values, values: Values, file: Path) -> Finding:
     ]
     if not differs:
         bias = running["sensor.bias"]
-        note = f"; its sensor.bias differs, as after a tare: {bias}" if bias != values["sensor.bias"] else ""
-        return Finding(name="node", ok=True, said=f"{node} runs with the parameters of {file}{note}")
+        note = (
+            f"; its sensor.bias differs, as after a tare: {bias}"
+            if bias != values["sensor.bias"]
+            else ""
+        )
+        return Finding(
+            name="node", ok=True, said=f"{node} runs with the parameters of {file}{note}"
+        )
     advice = "restart it with the file, whose section must be for its name, or set them"
     return Finding(name="node", said=f"{node} runs with {', '.join(differs)}", advice=advice)
 
@@ -117,8 +133,12 @@ def _of_topic(topic: Topic) -> Iterator[Finding]:
             yield Finding(name=topic.role, said=f"{topic.name} is {publisher.type}", advice=must)
         for node, why in publisher.unheard:
             right = False
-            said = f"{publisher.node} publishes {topic.name} so that {node} cannot receive it ({why})"
-            yield Finding(name=topic.role, said=said, advice="change qos_overrides or the publisher")
+            said = (
+                f"{publisher.node} publishes {topic.name} so that {node} cannot receive it ({why})"
+            )
+            yield Finding(
+                name=topic.role, said=said, advice="change qos_overrides or the publisher"
+            )
     if right and topic.publishers:
         count = len(topic.publishers)
         number = "1 publisher" if count == 1 else f"{count} publishers"

@@ -31,8 +31,40 @@ from rft_ros.estimator.samples import (
 from rft_ros.estimator.sigma import is_withdrawn, predict_without_learning
 from rft_ros.estimator.tare import OFFSET_SENTENCE, is_offset
 
-__all__ = ["GRAVITY", "NOISY", "OFFSET_SENTENCE", "OF_TRANSFORMS", "STAMP_ZERO", "Answer", "Estimate", "Estimator"]
-__all__ += ["LoadCellFrame", "Measurement", "NoEstimate", "PoseDifference", "PoseNoise", "PoseSample", "QualityFlag"]
-__all__ += ["Reason", "Sample", "Stamped", "TransformSample", "Trust", "TwistSample", "WrenchSample"]
-__all__ += ["begins_in_grains", "flag_names", "is_offset", "is_withdrawn", "predict_without_learning", "sentence_on"]
+__all__ = [
+    "GRAVITY",
+    "NOISY",
+    "OFFSET_SENTENCE",
+    "OF_TRANSFORMS",
+    "STAMP_ZERO",
+    "Answer",
+    "Estimate",
+    "Estimator",
+]
+__all__ += [
+    "LoadCellFrame",
+    "Measurement",
+    "NoEstimate",
+    "PoseDifference",
+    "PoseNoise",
+    "PoseSample",
+    "QualityFlag",
+]
+__all__ += [
+    "Reason",
+    "Sample",
+    "Stamped",
+    "TransformSample",
+    "Trust",
+    "TwistSample",
+    "WrenchSample",
+]
+__all__ += [
+    "begins_in_grains",
+    "flag_names",
+    "is_offset",
+    "is_withdrawn",
+    "predict_without_learning",
+    "sentence_on",
+]
 __all__ += ["sentences", "trust"]

@@ -119,7 +119,11 @@ class Estimator:
         If it does not, `tool_frame`, whose axes they then have if `LoadCell.quaternion` is the identity; the torque is
         about the sensor's origin all the same.
         """
-        return self.settings.tool_frame if self._intake.sensor_is_in_world else self.settings.sensor_frame
+        return (
+            self.settings.tool_frame
+            if self._intake.sensor_is_in_world
+            else self.settings.sensor_frame
+        )
 
     def unknown_frames(self) -> dict[Reason, str]:
         """For each reason that concerns frames, a sentence that names the frame refused last, and says what to do.
@@ -131,7 +135,10 @@ class Estimator:
     def counted(self) -> list[str]:
         """`counts` as text, such as ``pose_stamp_zero: 3``; a reason for an unknown frame names the frame."""
         frames = self.unknown_frames()
-        return [f"{r}: {n} ({frames[r]})" if r in frames else f"{r}: {n}" for r, n in sorted(self.counts.items())]
+        return [
+            f"{r}: {n} ({frames[r]})" if r in frames else f"{r}: {n}"
+            for r, n in sorted(self.counts.items())
+        ]
 
     # --- settings and model
 
@@ -226,7 +233,9 @@ class Estimator:
             reach=self.model.tool.plates.reach,
         )
         _, offset, _ = frame.into_sensor(self.state[QUATERNION], np.zeros(12))
-        fx, fy, fz, tx, ty, tz = (mean - frame.sign * np.array(offset) + self.load_cell.bias).tolist()
+        fx, fy, fz, tx, ty, tz = (
+            mean - frame.sign * np.array(offset) + self.load_cell.bias
+        ).tolist()
         return fx, fy, fz, tx, ty, tz
 
     # --- poses
@@ -238,7 +247,9 @@ class Estimator:
         except RefusedError as refused:
             self.counts[refused.reason] += 1
             if refused.reason in UNKNOWN_VELOCITY:
-                self.run.poses.append(PastPose(sample, f"the tool's velocity was unknown ({refused.reason})"))
+                self.run.poses.append(
+                    PastPose(sample, f"the tool's velocity was unknown ({refused.reason})")
+                )
             return samples.NoEstimate(sample.stamp, refused.reason)
         self.estimates += 1
         return estimate
@@ -268,7 +279,9 @@ class Estimator:
             raise RefusedError(Reason.AT_REST)
         wrench, offset, sigma = frame.into_sensor(state[QUATERNION], with_sigma)
         # the reading at this pose may have come already; it decides flags
-        prediction = Prediction(pose, wrench, offset, frame, in_air=not in_grains, max_age=settings.max_age)
+        prediction = Prediction(
+            pose, wrench, offset, frame, in_air=not in_grains, max_age=settings.max_age
+        )
         self._comparison.add(prediction, run.readings)
         learning = run.learning
         flags = run.quality.flags(
@@ -305,7 +318,9 @@ class Estimator:
             self._restart(Change.RUN)
         run.pose = pose
         if run.mapper is not None:
-            run.mapper.add_place(ToolPlace(pose.stamp, pose.position, pose.quaternion, self.model.tool.corners))
+            run.mapper.add_place(
+                ToolPlace(pose.stamp, pose.position, pose.quaternion, self.model.tool.corners)
+            )
         self._comparison.settle(pose.stamp, run.readings)
         return pose
 
@@ -319,7 +334,9 @@ class Estimator:
             raise RefusedError(velocity)
         run.pace.count(pose.stamp)
         reach = self.model.tool.plates.reach
-        return run.kinematics.motion(pose, velocity, reach=reach, rest_speed=self.settings.rest_speed)
+        return run.kinematics.motion(
+            pose, velocity, reach=reach, rest_speed=self.settings.rest_speed
+        )
 
     def _model_wrench(self, motion: Motion) -> tuple[Array, Vector, float]:
         """Evaluate the model: its result, shape [19], its force [N] and the submerged area [m²]. Advances the memory.
@@ -328,7 +345,9 @@ class Estimator:
         """
         surface = self.surface
         state = motion.with_direction if self.model.law.has_memory else motion.state
-        self.run.step(self._law, state, surface.height, surface.slope, motion.displacement, self._result)
+        self.run.step(
+            self._law, state, surface.height, surface.slope, motion.displacement, self._result
+        )
         row: Array = self._result[0]
         numbers = row.tolist()
         area = numbers[SUBMERGED_AREA]
@@ -345,7 +364,9 @@ class Estimator:
         learning = self.learning
         if learning is None:
             with_sigma = np.empty(12)
-            predict_without_learning(row, self.settings.strength_error, self.model.tool.plates.reach, with_sigma)
+            predict_without_learning(
+                row, self.settings.strength_error, self.model.tool.plates.reach, with_sigma
+            )
             return with_sigma
         is_fast = math.hypot(*motion.velocity) > self.model.law.speed_limits.inertial
         return learning.predict(

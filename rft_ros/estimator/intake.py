@@ -7,15 +7,34 @@ from dataclasses import replace
 from rft_ros.estimator import samples
 from rft_ros.estimator.load_cell import Comparison, LoadCellFrame
 from rft_ros.estimator.run import Run
-from rft_ros.estimator.samples import PoseSample, Reason, RefusedError, TransformSample, TwistSample, WrenchSample
-from rft_ros.estimator.timeline import LATE, NEW_RUN, NEXT, PATIENCE, REPEATED, S, Succession, Timeline, succession
+from rft_ros.estimator.samples import (
+    PoseSample,
+    Reason,
+    RefusedError,
+    TransformSample,
+    TwistSample,
+    WrenchSample,
+)
+from rft_ros.estimator.timeline import (
+    LATE,
+    NEW_RUN,
+    NEXT,
+    PATIENCE,
+    REPEATED,
+    S,
+    Succession,
+    Timeline,
+    succession,
+)
 from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import DELAY, Cloud
 from rft_ros.parameters import Settings
 from rft_ros.rft import unit_quaternion
 from rft_ros.rft.frames import Placement
 
-_CLOUD_PERIOD = 190_000_000  # ns; a cloud that follows another one sooner is dropped: 5 Hz are enough
+_CLOUD_PERIOD = (
+    190_000_000  # ns; a cloud that follows another one sooner is dropped: 5 Hz are enough
+)
 _MOST_WANTED = 4096  # stamps that wait for transforms
 
 _LINK = "set the parameter to an existing frame, or publish the transform between the two on /tf_static"
@@ -36,14 +55,18 @@ class Intake:
     place.
     """
 
-    def __init__(self, settings: Settings, counts: Counter[Reason], comparison: Comparison) -> None:
+    def __init__(
+        self, settings: Settings, counts: Counter[Reason], comparison: Comparison
+    ) -> None:
         self.transforms = Transforms()
         self._counts = counts
         self._comparison = comparison
         self._pose_stamp = 0  # of the last pose
         self._wanted: deque[int] = deque()  # stamps whose poses wait for transforms
         self._scheduled = 0  # stamp up to which poses were scheduled
-        self._unknown: dict[Reason, tuple[str, ...]] = {}  # the frame refused last, and those expected
+        self._unknown: dict[
+            Reason, tuple[str, ...]
+        ] = {}  # the frame refused last, and those expected
         self.use(settings)
 
     def use(self, settings: Settings) -> None:
@@ -58,7 +81,8 @@ class Intake:
         """Find the sensor in the world and on the tool. With `sensor_source` tf its place comes from transforms."""
         s = self._settings
         self.sensor_is_in_world = (
-            s.sensor_frame == s.world_frame or self.transforms.fixed(s.world_frame, s.sensor_frame) is not None
+            s.sensor_frame == s.world_frame
+            or self.transforms.fixed(s.world_frame, s.sensor_frame) is not None
         )
         """Whether `sensor_frame` is the world frame, or fixed in it, and so does not turn with the tool."""
         self.load_cell = s.load_cell
@@ -113,11 +137,15 @@ class Intake:
         if self._settings.twist_source != "topic":
             return  # a replay does not read this topic either, so that both give the same result
         world = self._settings.world_frame
-        into, axes = self._linked("twist", sample.stamp, sample.frame, world, self._settings.tool_frame)
+        into, axes = self._linked(
+            "twist", sample.stamp, sample.frame, world, self._settings.tool_frame
+        )
         if not _are_finite(*sample.linear, *sample.angular):
             raise RefusedError(Reason.TWIST_NOT_FINITE)
         if axes is not None:
-            sample = TwistSample(sample.stamp, into, axes.rotate(sample.linear), axes.rotate(sample.angular))
+            sample = TwistSample(
+                sample.stamp, into, axes.rotate(sample.linear), axes.rotate(sample.angular)
+            )
         self._keep(sample, run.twists, run, late=Reason.TWIST_OUT_OF_ORDER)
 
     def _add_wrench(self, sample: WrenchSample, run: Run) -> None:
@@ -130,8 +158,12 @@ class Intake:
             there = self.transforms.fixed(s.world_frame, sample.frame)
         in_world = s.sensor_source == "world" or into == s.world_frame
         wrench = sample.wrench
-        if there is not None:  # in world axes the torque is about the sensor's origin, not that of its frame
-            wrench = (there._replace(position=(0.0, 0.0, 0.0)) if in_world else there).wrench(wrench)
+        if (
+            there is not None
+        ):  # in world axes the torque is about the sensor's origin, not that of its frame
+            wrench = (there._replace(position=(0.0, 0.0, 0.0)) if in_world else there).wrench(
+                wrench
+            )
         if not _are_finite(*wrench):
             raise RefusedError(Reason.WRENCH_NOT_FINITE)
         reading = WrenchSample(stamp, s.world_frame if in_world else s.sensor_frame, wrench)
@@ -164,7 +196,9 @@ class Intake:
             raise RefusedError(Reason.SURFACE_RATE_LIMITED)
         mapper.add(cloud, camera)
 
-    def _linked(self, role: str, stamp: int, frame: str, *expected: str) -> tuple[str, Placement | None]:
+    def _linked(
+        self, role: str, stamp: int, frame: str, *expected: str
+    ) -> tuple[str, Placement | None]:
         """The first of the expected frames to which fixed transforms link a frame, and the frame's placement there.
 
         The placement is None if the frame is an expected one. Raises `RefusedError` if none is linked. `role`: as the
@@ -217,7 +251,9 @@ class Intake:
                 newest = self.transforms.newest(s.world_frame, s.tool_frame)
                 if newest is None and not self.transforms.links(s.world_frame, s.tool_frame):
                     # without a link the stamps of other frames say when the wait for one ends
-                    moving = max((transform.stamp for transform in sample if not transform.fixed), default=0)
+                    moving = max(
+                        (transform.stamp for transform in sample if not transform.fixed), default=0
+                    )
                     newest = max(moving, self._scheduled)
         elif isinstance(sample, WrenchSample):
             now = sample.stamp - self._delay
@@ -259,7 +295,9 @@ class Intake:
             place = self.transforms.at(s.world_frame, s.tool_frame, stamp, s.max_age)
             if isinstance(place, Placement):
                 found.append(PoseSample(stamp, s.world_frame, *place))
-            elif place in may_come and now <= stamp + PATIENCE and len(self._wanted) < _MOST_WANTED:
+            elif (
+                place in may_come and now <= stamp + PATIENCE and len(self._wanted) < _MOST_WANTED
+            ):
                 break
             else:
                 self._counts[place] += 1

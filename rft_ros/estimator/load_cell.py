@@ -23,7 +23,9 @@ GRAVITY = 9.80665
 HISTORY = 8192
 """Load-cell samples kept: 8 s of a 1 kHz stream. A pose that is older than all of them has no measurement."""
 
-_MOST_PENDING = 4096  # estimates that wait for samples; if there are more, the oldest is compared early
+_MOST_PENDING = (
+    4096  # estimates that wait for samples; if there are more, the oldest is compared early
+)
 
 _MOUNT = np.dtype(
     [
@@ -60,8 +62,12 @@ def _into_sensor(mounts, quaternion, with_sigma, outs):
     turned = 0.0, 0.0, 0.0
     for i in range(6):
         wrench[i] = sigma[i] = 0.0
-    for k in range(3):  # `turned`: a world axis, in sensor axes; `lever`: the torque of a unit force along it
-        x, y, z = into_frame(tool, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0)
+    for k in range(
+        3
+    ):  # `turned`: a world axis, in sensor axes; `lever`: the torque of a unit force along it
+        x, y, z = into_frame(
+            tool, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0
+        )
         turned = into_frame(sensor, x, y, z)
         lever = into_frame(sensor, pz * y - py * z, px * z - pz * x, py * x - px * y)
         for i in range(3):
@@ -89,7 +95,9 @@ class LoadCellFrame:
         self._mount = np.array([mount], _MOUNT)
         self._out = np.zeros(1, _IN_SENSOR)
         self._rows = self._out.view(np.float64).reshape(3, 6)  # wrench, offset, sigma
-        self._into_sensor = machine_code(_into_sensor, (self._mount, np.zeros(4), np.zeros(12), self._out))
+        self._into_sensor = machine_code(
+            _into_sensor, (self._mount, np.zeros(4), np.zeros(12), self._out)
+        )
 
     def into_sensor(self, quaternion: Array, with_sigma: Array) -> tuple[Wrench, Wrench, Wrench]:
         """The wrench, the offset and one standard deviation of each component of the wrench, in the sensor frame.
@@ -148,7 +156,9 @@ class Comparison:
     bit.
     """
 
-    def __init__(self, counts: Counter[Reason], on_compared: Callable[[Prediction, Vector, bool], None]) -> None:
+    def __init__(
+        self, counts: Counter[Reason], on_compared: Callable[[Prediction, Vector, bool], None]
+    ) -> None:
         self._counts = counts
         self._on_compared = on_compared
         self._pending: deque[Prediction] = deque()
@@ -189,14 +199,20 @@ class Comparison:
             self._counts[reason] += 1
             return Measurement(pose.stamp, None, None, reason)
         raw = before
-        if after and after.stamp - pose.stamp <= prediction.max_age and after.frame == before.frame:
+        if (
+            after
+            and after.stamp - pose.stamp <= prediction.max_age
+            and after.frame == before.frame
+        ):
             fx, fy, fz, tx, ty, tz = between(before.wrench, after.wrench, share)
             raw = before._replace(wrench=(fx, fy, fz, tx, ty, tz))
         is_repeated = raw.wrench == self._last_raw
         self._last_raw = raw.wrench
         compensated = _difference(cell.sign, cell.in_own_axes(raw, pose), prediction.offset)
         self._on_compared(prediction, cell.into_world(pose, compensated[:3]), is_repeated)
-        return Measurement(pose.stamp, compensated, _difference(1.0, compensated, prediction.wrench), None)
+        return Measurement(
+            pose.stamp, compensated, _difference(1.0, compensated, prediction.wrench), None
+        )
 
 
 def _difference(factor: float, a: Wrench, b: Wrench) -> Wrench:

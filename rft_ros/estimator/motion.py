@@ -75,9 +75,13 @@ class Kinematics:
     def __init__(self) -> None:
         self._difference = PoseDifference()
         self._followed = np.zeros(1, FOLLOWED)
-        self._direction = np.zeros(6)  # of the last twist along the displacement, scaled to a speed of 1 m/s
+        self._direction = np.zeros(
+            6
+        )  # of the last twist along the displacement, scaled to a speed of 1 m/s
         states = np.zeros((1, len(STATE)))
-        self._follow: Any = machine_code(_follow, (self._followed, states, 0.0, 0.0, np.zeros((1, DISPLACEMENT))))
+        self._follow: Any = machine_code(
+            _follow, (self._followed, states, 0.0, 0.0, np.zeros((1, DISPLACEMENT)))
+        )
 
     @property
     def noise(self) -> PoseNoise:
@@ -94,7 +98,9 @@ class Kinematics:
         max_age = settings.max_age
         if settings.twist_source == "pose_difference":
             is_known = self._difference.push(pose, window=settings.twist_window, gap=max_age)
-            return tuple(self._difference.twist.tolist()) if is_known else Reason.POSE_HISTORY_SHORT
+            return (
+                tuple(self._difference.twist.tolist()) if is_known else Reason.POSE_HISTORY_SHORT
+            )
         self.noise.add(pose, gap=max_age)
         twist, _, _ = twists.around(pose.stamp)
         if twist is None:
@@ -106,7 +112,9 @@ class Kinematics:
         to_world = Placement(pose.position, pose.quaternion)
         return *to_world.rotate(twist.linear), *to_world.rotate(twist.angular)
 
-    def motion(self, pose: PoseSample, velocity: tuple[float, ...], *, reach: float, rest_speed: float) -> Motion:
+    def motion(
+        self, pose: PoseSample, velocity: tuple[float, ...], *, reach: float, rest_speed: float
+    ) -> Motion:
         """The motion of the tool to a pose, at which it has this `velocity`. `reach`: of its plates [m]."""
         vx, vy, vz, wx, wy, wz = velocity
         bound = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * reach
@@ -153,6 +161,10 @@ def _follow(followed, states, reach, dead_band, displacements):
     spin = 0.0
     for c in range(3, DISPLACEMENT):
         spin += moved[c] * moved[c]
-    turned = (moved[10] - moved[8]) * state[10] + (moved[5] - moved[9]) * state[11] + (moved[6] - moved[4]) * state[12]
+    turned = (
+        (moved[10] - moved[8]) * state[10]
+        + (moved[5] - moved[9]) * state[11]
+        + (moved[6] - moved[4]) * state[12]
+    )
     path = math.sqrt(shift) + reach * math.sqrt(0.5 * spin)
     return path, moved[2], along + 0.5 * reach * reach * turned

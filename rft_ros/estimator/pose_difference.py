@@ -20,9 +20,15 @@ _FEWEST = 3
 _FEWEST_OF_PARABOLA = 5
 _UNLIKELY = 8.0  # standard deviations of chi-squared; beyond, the window is shortened, and the slope is noisier
 _BENDS = 16.3  # chi-squared with probability 1e-3: a smaller bend of the parabola is left out
-_MOVES = 40.0  # chi-squared with probability 1e-8: false motion at rest would release the held force
-_THIN = 1.0 / 64.0  # of the window: in its older part, poses closer than this to the one before are skipped
-_POSITIONS, _ROTATIONS = range(2)  # the two kinds of coordinates of a pose, which have noise of their own
+_MOVES = (
+    40.0  # chi-squared with probability 1e-8: false motion at rest would release the held force
+)
+_THIN = (
+    1.0 / 64.0
+)  # of the window: in its older part, poses closer than this to the one before are skipped
+_POSITIONS, _ROTATIONS = range(
+    2
+)  # the two kinds of coordinates of a pose, which have noise of their own
 
 
 class PoseDifference:
@@ -39,7 +45,14 @@ class PoseDifference:
         self._variances = np.zeros(2)  # of positions and of rotations
         times = np.zeros(_CAPACITY)
         coordinates = np.zeros((2, 3, _CAPACITY))
-        self._arrays = self._stamps, self._ring, self._variances, times, coordinates, self.twist.reshape(2, 3)
+        self._arrays = (
+            self._stamps,
+            self._ring,
+            self._variances,
+            times,
+            coordinates,
+            self.twist.reshape(2, 3),
+        )
         self._count = 0
         self._fitted = 0
 
@@ -143,7 +156,9 @@ def _end_slopes(t, x, n, noise, slopes, squares, factors):
             squares[kind] += square
             square_of_bend += c * c * qq
         factors[kind] = 1.0 / uu
-        if not square_of_bend <= _BENDS * noise[kind] < np.inf:  # the noise is infinite until it is estimated
+        if (
+            not square_of_bend <= _BENDS * noise[kind] < np.inf
+        ):  # the noise is infinite until it is estimated
             factors[kind] += bend * bend / qq
             for axis in range(3):
                 slopes[kind, axis] += curved[axis]
@@ -165,7 +180,9 @@ def _fit(stamps, ring, noise, t, x, twist, newest, window, gap):
     while unlike and n >= _FEWEST_OF_PARABOLA:
         _end_slopes(t, x, n, noise, twist, squares, factors)
         free = 3.0 * (n - 3)
-        excess = max(squares[_POSITIONS] / noise[_POSITIONS], squares[_ROTATIONS] / noise[_ROTATIONS])
+        excess = max(
+            squares[_POSITIONS] / noise[_POSITIONS], squares[_ROTATIONS] / noise[_ROTATIONS]
+        )
         unlike = excess > free + _UNLIKELY * math.sqrt(2.0 * free)
         n = 4 * n // 5
     if unlike:

@@ -17,7 +17,9 @@ from rft_ros.rft.frames import Vector
 from rft_ros.rft.grains import WITH_INERTIA, WITHOUT_INERTIA
 from rft_ros.tool import LARGEST, SMALLEST, Tool
 
-_LARGEST_FORCE = 5e5  # N: more than that of any arm, and than the breakout force of an excavator of 50 t
+_LARGEST_FORCE = (
+    5e5  # N: more than that of any arm, and than the breakout force of an excavator of 50 t
+)
 _HIGHEST = 50.0  # m: greatest plausible height of a tool frame above the surface
 _DEEPEST = 0.3  # m: greatest plausible depth, plus the next number times the tool's largest extent
 _DEEPEST_OF_SIZE = 10.0  # small probes go deep
@@ -35,7 +37,9 @@ def _is_plausible(tool: Tool) -> bool:
 
 def begins_in_grains(depth: float) -> str:
     """A sentence on a first estimate that is at this depth in the grains [m]."""
-    advice = "if the tool was in the air there, check mesh.origin, mesh.quaternion and surface_height"
+    advice = (
+        "if the tool was in the air there, check mesh.origin, mesh.quaternion and surface_height"
+    )
     return f"the first estimate is {1e3 * depth:.1f} mm deep in the grains: {advice}"
 
 
@@ -67,10 +71,18 @@ def sentence_on(tool: Tool, *, depth: float, force: float) -> str:
     return ""
 
 
-_FROUDE = 0.4  # Kumar et al., arXiv:1712.09057: drag depends on the speed from v / sqrt(g D) = 0.35 on
-_FEWEST_GRAINS = 5.0  # across the tool; with fewer the force rises: Paume et al., doi:10.1039/D3SM01242E
+_FROUDE = (
+    0.4  # Kumar et al., arXiv:1712.09057: drag depends on the speed from v / sqrt(g D) = 0.35 on
+)
+_FEWEST_GRAINS = (
+    5.0  # across the tool; with fewer the force rises: Paume et al., doi:10.1039/D3SM01242E
+)
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
-_HARMLESS = {"concave", "size", "degenerate_facets"}  # kinds of issues that are no fault of the mesh
+_HARMLESS = {
+    "concave",
+    "size",
+    "degenerate_facets",
+}  # kinds of issues that are no fault of the mesh
 _DEEPER = 1.02  # times the calibrated depth, so that the bag of the calibration is not flagged
 _STEEP = 15.0  # degrees
 _STEEP_SLOPE = math.tan(math.radians(_STEEP))
@@ -115,7 +127,10 @@ class QualityFlag(IntFlag):
         "a hollow tool: the model computes each facet as if no other were near; rft check-mesh says whether to set"
         " mesh.hull",
     )
-    WITHDRAWAL = 32, "the tool moves up: the force of real grains vanishes sooner than the predicted one"
+    WITHDRAWAL = (
+        32,
+        "the tool moves up: the force of real grains vanishes sooner than the predicted one",
+    )
     DEEP = 128, "deeper than medium.calibrated_depth"
     SURPRISE = 256, "the grains are harder or softer than the filter has estimated"
     STEEP = 512, f"the ground is tilted by over {_STEEP:g} degrees"
@@ -127,14 +142,20 @@ class QualityFlag(IntFlag):
         2048,
         "the load cell's readings are not plausible, or the model is wrong; /diagnostics or the report names the fault",
     )
-    MESH = 4096, "the mesh has faults, such as repeated or inverted facets, that make the force wrong"
+    MESH = (
+        4096,
+        "the mesh has faults, such as repeated or inverted facets, that make the force wrong",
+    )
     IMPOSSIBLE = (
         8192,
         f"not plausible: deeper than {_DEEPEST:g} m + {_DEEPEST_OF_SIZE:g} times the tool's size, over {_HIGHEST:g} m"
         f" above the grains, a tool over {LARGEST:g} m or under {1e3 * SMALLEST:g} mm, or a force over"
         f" {1e-3 * _LARGEST_FORCE:g} kN, as with poses in millimetres or a wrong mesh.scale",
     )
-    NOISY = (16384, f"the poses have a noise of over {1e3 * NOISY:g} mm at the tool's farthest point: forces come late")
+    NOISY = (
+        16384,
+        f"the poses have a noise of over {1e3 * NOISY:g} mm at the tool's farthest point: forces come late",
+    )
     FEW_GRAINS = (
         32768,
         f"the tool's width is under {_FEWEST_GRAINS:g} times medium.grain_diameter: the force of real grains is larger"
@@ -212,7 +233,9 @@ class QualityMonitor:
         if not in_grains:
             self._wake.clear()
             self._countdown = 0
-            return _joined(surprise=surprises, disagreement=disagrees, impossible=origin_depth < -_HIGHEST)
+            return _joined(
+                surprise=surprises, disagreement=disagrees, impossible=origin_depth < -_HIGHEST
+            )
         if self._countdown == 0:  # these take long to find, and change slowly
             self._countdown = _EVERY
             self._wake.extend(motion.state[0])
@@ -233,7 +256,8 @@ class QualityMonitor:
             impossible=is_deep or not self._is_plausible or math.hypot(*force) > _LARGEST_FORCE,
             noisy=motion.is_noisy,
             withdrawal=withdrawn,
-            inertial=speed > limits.inertial or (limits == WITHOUT_INERTIA and speed > self._fastest),
+            inertial=speed > limits.inertial
+            or (limits == WITHOUT_INERTIA and speed > self._fastest),
             fast=speed > limits.checked,
             near_rest=speed < min(_NEAR_REST_FACTOR * settings.rest_speed, limits.checked),
             steep=math.hypot(*surface.slope) > _STEEP_SLOPE,

@@ -21,7 +21,9 @@ from rft_ros.parameters import LoadCell, Model, Settings
 from rft_ros.rft import Memory
 from rft_ros.rft.wrench import prepared
 
-_TWISTS = 256  # a pose that waited in a queue of 200 messages still finds the twist of its own time
+_TWISTS = (
+    256  # a pose that waited in a queue of 200 messages still finds the twist of its own time
+)
 
 
 class Change(Flag):
@@ -59,7 +61,9 @@ RESTARTS: dict[str, Change] = {
     "unseen": _TOOL,
     "air": _TOOL | Change.LOAD_CELL,
     "learning": Change.LAW | Change.PRIOR,
-    "place": _TOOL | Change.GROUND | Change.HEIGHT,  # of `learning`: all but the strength of the grains
+    "place": _TOOL
+    | Change.GROUND
+    | Change.HEIGHT,  # of `learning`: all but the strength of the grains
 }
 """For each part of `Run`, the changes after which it begins anew."""
 
@@ -76,7 +80,12 @@ def compared(settings: Settings, load_cell: LoadCell, model: Model) -> dict[Chan
         Change.MEMORY: model.law.has_memory,
         Change.PRIOR: (s.learning_mode == "off", s.strength_error),
         Change.LOAD_CELL: load_cell,
-        Change.READINGS: (s.world_frame, s.sensor_frame, s.load_cell.delay, s.sensor_source == "world"),
+        Change.READINGS: (
+            s.world_frame,
+            s.sensor_frame,
+            s.load_cell.delay,
+            s.sensor_source == "world",
+        ),
         Change.RATE: s.max_rate,
     }
 

@@ -91,14 +91,26 @@ class Reason(str, Enum):
         "the bytes are not a message of the topic's type, or its stamp is not a valid time",
     )
     POSE_NOT_FINITE = "pose_not_finite", _NOT_FINITE
-    POSE_QUATERNION_NOT_UNIT = "pose_quaternion_not_unit", "the quaternion's length differs from 1 by more than 1 %"
+    POSE_QUATERNION_NOT_UNIT = (
+        "pose_quaternion_not_unit",
+        "the quaternion's length differs from 1 by more than 1 %",
+    )
     POSE_FRAME_UNKNOWN = "pose_frame_unknown", _FRAME_UNKNOWN
     POSE_STAMP_ZERO = "pose_stamp_zero", _STAMP_ZERO
     POSE_REPEATED = "pose_repeated", "the stamp is the same as that of the last pose"
     POSE_OUT_OF_ORDER = "pose_out_of_order", _OUT_OF_ORDER
-    POSE_RATE_LIMITED = "pose_rate_limited", "the pose came sooner after the last estimate than `max_rate` allows"
-    POSE_HISTORY_SHORT = "pose_history_short", "`twist_source: pose_difference` does not have enough poses yet"
-    TIME_JUMP = "time_jump", "the pose's stamp is 1 s or more before the last one's; the estimator starts a new run"
+    POSE_RATE_LIMITED = (
+        "pose_rate_limited",
+        "the pose came sooner after the last estimate than `max_rate` allows",
+    )
+    POSE_HISTORY_SHORT = (
+        "pose_history_short",
+        "`twist_source: pose_difference` does not have enough poses yet",
+    )
+    TIME_JUMP = (
+        "time_jump",
+        "the pose's stamp is 1 s or more before the last one's; the estimator starts a new run",
+    )
     TWIST_MISSING = "twist_missing", _MISSING
     TWIST_STALE = "twist_stale", _STALE
     TWIST_NOT_FINITE = "twist_not_finite", _NOT_FINITE
@@ -120,7 +132,10 @@ class Reason(str, Enum):
         "sensor_frame_unknown",
         "with `sensor.frame_source: tf`: no fixed transforms between tool and sensor have arrived yet",
     )
-    TF_INVALID = "tf_invalid", "a transform has NaN, infinity, a quaternion whose length is not 1, no name or no stamp"
+    TF_INVALID = (
+        "tf_invalid",
+        "a transform has NaN, infinity, a quaternion whose length is not 1, no name or no stamp",
+    )
     TF_OUT_OF_ORDER = "tf_out_of_order", "a transform's stamp is not after the frame's last one"
     TF_TWO_PARENTS = (
         "tf_two_parents",
@@ -134,14 +149,23 @@ class Reason(str, Enum):
         "the stamp of the pose is before the oldest transform that the node keeps; it keeps the last 1,024 of each "
         "frame",
     )
-    TF_STALE = ("tf_stale", "no transform stamped after the pose has come, although other inputs are stamped 1 s later")
-    TF_GAP = "tf_gap", "the transform before the pose's stamp, or the one after it, is over `max_input_age` away"
+    TF_STALE = (
+        "tf_stale",
+        "no transform stamped after the pose has come, although other inputs are stamped 1 s later",
+    )
+    TF_GAP = (
+        "tf_gap",
+        "the transform before the pose's stamp, or the one after it, is over `max_input_age` away",
+    )
     SURFACE_OFF = "surface_off", "Python code pushed a cloud, but `ground.cell` is 0"
     SURFACE_LATE = "surface_late", "a cloud's stamp is 0.5 s or more before the last pose"
     SURFACE_FRAME_UNKNOWN = "surface_frame_unknown", _FRAME_UNKNOWN
     SURFACE_STAMP_ZERO = "surface_stamp_zero", _STAMP_ZERO
     SURFACE_OUT_OF_ORDER = "surface_out_of_order", _OUT_OF_ORDER
-    SURFACE_RATE_LIMITED = "surface_rate_limited", "a cloud came less than 0.19 s after the last one"
+    SURFACE_RATE_LIMITED = (
+        "surface_rate_limited",
+        "a cloud came less than 0.19 s after the last one",
+    )
 
     __str__ = str.__str__
 

@@ -44,7 +44,9 @@ def parts_of_prediction(with_sigma):
 
 
 @compiled
-def predict_without_learning(row: Array, strength_error: float, reach: float, with_sigma: Array) -> None:
+def predict_without_learning(
+    row: Array, strength_error: float, reach: float, with_sigma: Array
+) -> None:
     """Write a prediction without learning, (L6), to `with_sigma`, shape [12]: wrench and deviations.
 
     `row`: the model, begins with force and torque; world axes. `strength_error`: relative standard error of
@@ -59,11 +61,17 @@ def predict_without_learning(row: Array, strength_error: float, reach: float, wi
     whole = flat + vertical
     horizontally = strength_error**2 + _HORIZONTAL_ERROR**2
     vertically = strength_error**2 + _VERTICAL_ERROR**2
-    force_sigma[0] = force_sigma[1] = math.sqrt(horizontally * flat + _HORIZONTAL_SHARE**2 * whole + _NOISE_FLOOR**2)
-    force_sigma[2] = math.sqrt(vertically * vertical + _VERTICAL_SHARE**2 * whole + _NOISE_FLOOR**2)
+    force_sigma[0] = force_sigma[1] = math.sqrt(
+        horizontally * flat + _HORIZONTAL_SHARE**2 * whole + _NOISE_FLOOR**2
+    )
+    force_sigma[2] = math.sqrt(
+        vertically * vertical + _VERTICAL_SHARE**2 * whole + _NOISE_FLOOR**2
+    )
     of_point = (LEVER * reach) ** 2 * whole
     for i in range(3):
-        torque_sigma[i] = math.sqrt((strength_error**2 + _TORQUE_ERROR**2) * torque[i] ** 2 + of_point)
+        torque_sigma[i] = math.sqrt(
+            (strength_error**2 + _TORQUE_ERROR**2) * torque[i] ** 2 + of_point
+        )
 
 
 def is_withdrawn(rise: float, path: float, force: Vector) -> bool:

@@ -40,7 +40,9 @@ class AirReading:
     """The mean of the last compensated forces in the air, and whether it is an offset."""
 
     def __init__(self) -> None:
-        self._waiting: deque[tuple[Prediction, Vector]] = deque()  # until no late reading can come before it
+        self._waiting: deque[tuple[Prediction, Vector]] = (
+            deque()
+        )  # until no late reading can come before it
         self._mean = (0.0, 0.0, 0.0)
         self._count = 0
         self._greatest = 0.0  # predicted force in the grains so far [N]
@@ -129,13 +131,19 @@ def mean_in_air(
     if len(recent) < 2:
         raise InputError(f"{refused} no pose has shown the tool at rest")
     time = np.array([past.pose.stamp - start for past in recent]) * 1e-9
-    speed = drift(time, np.array([(*past.pose.position, *past.pose.quaternion) for past in recent]), reach)
+    speed = drift(
+        time, np.array([(*past.pose.position, *past.pose.quaternion) for past in recent]), reach
+    )
     if speed >= rest_speed:
         raise InputError(f"{refused} the tool moved at {speed:.4f} m/s")
     if len(poses) == HISTORY:
         start = max(start, recent[0].pose.stamp)
-    used = [cell.in_own_axes(reading, poses[-1].pose) for reading in readings if reading.stamp > start]
+    used = [
+        cell.in_own_axes(reading, poses[-1].pose) for reading in readings if reading.stamp > start
+    ]
     if len(used) < _FEWEST_FOR_TARE:
-        raise InputError(f"{refused} {len(used)} load-cell samples came; it needs {_FEWEST_FOR_TARE}")
+        raise InputError(
+            f"{refused} {len(used)} load-cell samples came; it needs {_FEWEST_FOR_TARE}"
+        )
     mean: Array = np.mean(used, axis=0)
     return mean

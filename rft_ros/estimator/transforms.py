@@ -3,7 +3,16 @@
 import math
 
 from rft_ros.estimator.samples import ABSURD, Reason, TransformSample
-from rft_ros.estimator.timeline import LATE, NEW_RUN, NEXT, REPEATED, Timeline, between, succession, turned_between
+from rft_ros.estimator.timeline import (
+    LATE,
+    NEW_RUN,
+    NEXT,
+    REPEATED,
+    Timeline,
+    between,
+    succession,
+    turned_between,
+)
 from rft_ros.rft import unit_quaternion
 from rft_ros.rft.frames import Placement
 
@@ -20,7 +29,9 @@ class Transforms:
 
     def __init__(self) -> None:
         self.sentences: dict[Reason, str] = {}
-        self._frames: dict[str, Timeline[TransformSample]] = {}  # by child; a fixed frame has one transform
+        self._frames: dict[
+            str, Timeline[TransformSample]
+        ] = {}  # by child; a fixed frame has one transform
         self._ends: tuple[str, str] | None = None
         self._kept: set[str] | None = None
         """Frames between the ends, whose history is kept; None: not linked yet, every history is kept."""
@@ -48,8 +59,16 @@ class Transforms:
         child = sample.child
         frame = self._frames.get(child)
         last = frame.last if frame else None
-        is_same_link = last is not None and (last.parent, last.fixed) == (sample.parent, sample.fixed)
-        if is_same_link and not sample.fixed and self._kept is not None and child not in self._kept:
+        is_same_link = last is not None and (last.parent, last.fixed) == (
+            sample.parent,
+            sample.fixed,
+        )
+        if (
+            is_same_link
+            and not sample.fixed
+            and self._kept is not None
+            and child not in self._kept
+        ):
             return None  # the history of this frame is not needed
         quaternion = unit_quaternion(*sample.quaternion)
         if quaternion is None:
@@ -62,7 +81,10 @@ class Transforms:
         goes_on = last is not None and not last.fixed and not sample.fixed
         follows = self._frames[child].follows(sample.stamp) if goes_on else NEXT
         if last is not None and follows in (REPEATED, LATE):
-            return fault or (Reason.TF_OUT_OF_ORDER, f"{last.stamp - sample.stamp} ns before the last one")
+            return fault or (
+                Reason.TF_OUT_OF_ORDER,
+                f"{last.stamp - sample.stamp} ns before the last one",
+            )
         if follows is NEW_RUN:
             self.start_run(sample.stamp)
         if not goes_on or follows is NEW_RUN:
@@ -112,8 +134,12 @@ class Transforms:
         from_target = self._climbed(down, stamp, max_age)
         if isinstance(from_source, Placement) and isinstance(from_target, Placement):
             return from_target.inverse().of(from_source)
-        reasons = [found for found in (from_source, from_target) if not isinstance(found, Placement)]
-        return next((reason for reason in reasons if reason is not Reason.TF_STALE), Reason.TF_STALE)
+        reasons = [
+            found for found in (from_source, from_target) if not isinstance(found, Placement)
+        ]
+        return next(
+            (reason for reason in reasons if reason is not Reason.TF_STALE), Reason.TF_STALE
+        )
 
     def _climbed(self, frames: list[str], stamp: int, max_age: int) -> Placement | Reason:
         """Placement of the first frame in the parent of the last one; a reason that is not `TF_STALE` goes first."""
@@ -138,7 +164,11 @@ class Transforms:
 
     def newest(self, target: str, source: str) -> int | None:
         """The last stamp [ns] at which all moving transforms between two frames are known; None if there are none."""
-        lasts = [self._frames[frame].last for frames in self._way(target, source) or () for frame in frames]
+        lasts = [
+            self._frames[frame].last
+            for frames in self._way(target, source) or ()
+            for frame in frames
+        ]
         return min((last.stamp for last in lasts if last and not last.fixed), default=None)
 
     # --- for users
@@ -150,7 +180,9 @@ class Transforms:
             return found
         return [*found[:_MOST_LISTED], f"{len(found) - _MOST_LISTED:,} more"]
 
-    def unlinked(self, parameter: str, frame: str, other: str, *, fixed: bool = False) -> str | None:
+    def unlinked(
+        self, parameter: str, frame: str, other: str, *, fixed: bool = False
+    ) -> str | None:
         """A sentence if no transforms link `frame`, the value of `parameter`, and `other`; None if some do.
 
         `fixed`: only fixed transforms count.
@@ -167,7 +199,11 @@ class Transforms:
     def links(self, target: str, source: str) -> list[str]:
         """The transforms on the way between two frames, such as ``'tool' in 'flange' (fixed)``; none if not linked."""
         links = self._links()
-        return [_described(links[name]) for frames in self._way(target, source) or () for name in frames]
+        return [
+            _described(links[name])
+            for frames in self._way(target, source) or ()
+            for name in frames
+        ]
 
     # --- the tree
 
@@ -179,7 +215,9 @@ class Transforms:
         """A frame and its ancestors at a stamp [ns]."""
         found = [frame]
         parent = self._parent(frame, stamp)
-        while parent is not None and parent not in found:  # transforms of several stamps may make a loop
+        while (
+            parent is not None and parent not in found
+        ):  # transforms of several stamps may make a loop
             found.append(parent)
             parent = self._parent(parent, stamp)
         return found
@@ -192,7 +230,9 @@ class Transforms:
         link = before or after
         return link.parent if link else None
 
-    def _way(self, target: str, source: str, stamp: float = math.inf) -> tuple[list[str], list[str]] | None:
+    def _way(
+        self, target: str, source: str, stamp: float = math.inf
+    ) -> tuple[list[str], list[str]] | None:
         """The frames from `source`, and those from `target`, up to their nearest common ancestor, which is left out.
 
         None if there is no common ancestor.

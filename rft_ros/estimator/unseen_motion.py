@@ -38,7 +38,9 @@ class UnseenMotion:
         if self._place is not None:
             cosine = 0.5 * (np.sum(rotation * self._rotation) - 1.0)
             angle = float(np.arccos(np.clip(cosine, -1.0, 1.0)))
-            kind = str(kinds_of_motion((place - self._place)[None], np.array([self._radius * angle]))[0])
+            kind = str(
+                kinds_of_motion((place - self._place)[None], np.array([self._radius * angle]))[0]
+            )
             self._paths[kind] += self._path
         self._path = 0.0
         self._place = place

@@ -68,7 +68,9 @@ def needed(values: Values) -> frozenset[str]:
     return PARTS - unused
 
 
-def prepare(parts: frozenset[str] = PARTS, on_cold_cache: Callable[[], None] = lambda: None) -> None:
+def prepare(
+    parts: frozenset[str] = PARTS, on_cold_cache: Callable[[], None] = lambda: None
+) -> None:
     """Load machine code from the cache on disk, so that nothing compiles when samples come.
 
     If some is missing in the cache, `on_cold_cache` is called, and child processes compile it. The 100 MB of the
@@ -79,7 +81,9 @@ def prepare(parts: frozenset[str] = PARTS, on_cold_cache: Callable[[], None] = l
     on_cold_cache()
     children = []
     try:
-        with suppress(OSError):  # the system starts no more processes; then this process compiles below
+        with suppress(
+            OSError
+        ):  # the system starts no more processes; then this process compiles below
             children.append(start_child(_compile_forces))
             children.append(start_child(_compile_others, *sorted(parts - {"forces"})))
         for child in children:

@@ -7,5 +7,14 @@ from rft_ros.ground.height_map import MOST_CELLS, HeightMap, read_height_map, wr
 from rft_ros.ground.mapper import DELAY, Cloud, GroundMapper, ToolPlace
 from rft_ros.ground.support import LAST_SURFACE, Footing, LocalSurface, Support
 
-__all__ = ["DELAY", "LAST_SURFACE", "MOST_CELLS", "Cloud", "Footing", "GroundMapper", "HeightMap", "LocalSurface"]
+__all__ = [
+    "DELAY",
+    "LAST_SURFACE",
+    "MOST_CELLS",
+    "Cloud",
+    "Footing",
+    "GroundMapper",
+    "HeightMap",
+    "LocalSurface",
+]
 __all__ += ["Support", "ToolPlace", "read_height_map", "write_height_map"]

@@ -26,7 +26,9 @@ _HIGHEST = 1e6  # greatest |height| [m]
 _MARGIN = 2.0  # cells around the tool in which points may be the tool's own
 _REACH = 700.0  # cells; points further from the tool are left out, so that a stray one does not use up `MOST_CELLS`
 _JUMP = 3.0  # cells; grains cannot be this steep, so a cell that differs more from its neighbours is an outlier
-_CLOSE = 2  # cells; the plane around a tool is fitted to the known cells within this radius, or more
+_CLOSE = (
+    2  # cells; the plane around a tool is fitted to the known cells within this radius, or more
+)
 _LEFT_OUT = np.iinfo(np.int64).min
 _COLUMNS = ("x", "y", "h")
 
@@ -49,13 +51,19 @@ class HeightMap:
     def __post_init__(self) -> None:
         number("cell", self.cell, positive=True)
         if not (abs(numbers("corner", self.corner, rows=2)) <= _FARTHEST).all():
-            raise ValueError(f"corner is {self.corner}; it must be two numbers of at most {_FARTHEST:g} cells")
+            raise ValueError(
+                f"corner is {self.corner}; it must be two numbers of at most {_FARTHEST:g} cells"
+            )
         with np.errstate(over="ignore"):
             heights = np.array(self.heights, dtype=np.float32, order="C")
         if heights.ndim != 2 or not heights.size:
-            raise ValueError(f"heights has shape {list(heights.shape)}; it must be [n, m], with at least one cell")
+            raise ValueError(
+                f"heights has shape {list(heights.shape)}; it must be [n, m], with at least one cell"
+            )
         if (np.abs(heights) > _HIGHEST).any():
-            raise ValueError(f"heights has values beyond {_HIGHEST:g} m; give NaN where nothing is known")
+            raise ValueError(
+                f"heights has values beyond {_HIGHEST:g} m; give NaN where nothing is known"
+            )
         object.__setattr__(self, "heights", heights)
 
     @classmethod
@@ -67,7 +75,9 @@ class HeightMap:
         """Centres of the known cells, or of every nth, and their heights: x, y, h [m], shape [k, 3]."""
         known = np.argwhere(~np.isnan(self.heights))
         known = known[:: max(1, math.ceil(len(known) / at_most))]
-        return np.column_stack([self.cell * (known + self.corner + 0.5), self.heights[tuple(known.T)]])
+        return np.column_stack(
+            [self.cell * (known + self.corner + 0.5), self.heights[tuple(known.T)]]
+        )
 
     def filled(self) -> "HeightMap":
         """A map in which each unknown cell has the height of its nearest known one; the same if nothing is known."""
@@ -94,7 +104,9 @@ class HeightMap:
         j = np.floor(y / self.cell - first_j).astype(int) + 1
         return np.asarray(around[i.clip(0, n - 1), j.clip(0, m - 1)], dtype=np.float64)
 
-    def with_points(self, x: Numbers, y: Numbers, z: Numbers, tool: _Tool | None = None) -> "HeightMap":
+    def with_points(
+        self, x: Numbers, y: Numbers, z: Numbers, tool: _Tool | None = None
+    ) -> "HeightMap":
         """A new map, in which each cell that has points takes their median height. Releases the GIL while it computes.
 
         `x`, `y`, `z` [m], shape [n] each. `tool`: position [m], rotation to world, shape [3, 3], and corners in its own
@@ -102,7 +114,9 @@ class HeightMap:
         corners or within two cells of it, or that would enlarge the map over `MOST_CELLS`. Outliers are left out, too:
         cells whose height differs from the median of their neighbours by more than three sides of a cell.
         """
-        phase = np.append(np.mod(self.corner, 1.0), 0.0)  # distance of the cells from multiples of `cell`, in cells
+        phase = np.append(
+            np.mod(self.corner, 1.0), 0.0
+        )  # distance of the cells from multiples of `cell`, in cells
         offset = self.cell * phase
         box = _NO_BOX if tool is None else _box_of(tool, offset, self.cell)
         p = np.vstack([x, y, z]).astype(np.float64) - offset[:, None]
@@ -228,7 +242,9 @@ def _medians(z, index, i0, j0, seen):
     for k in range(z.shape[0]):
         if index[0, k] != _LEFT_OUT:
             c = (index[0, k] - i0) * m + index[1, k] - j0
-            end[c] -= 1  # a cell is filled from its end, so that this becomes the index of its first point
+            end[c] -= (
+                1  # a cell is filled from its end, so that this becomes the index of its first point
+            )
             ordered[end[c]] = z[k]
     for c in range(seen.size):
         n = (end[c + 1] if c + 1 < seen.size else len(ordered)) - end[c]
@@ -245,7 +261,9 @@ def _take_plausible(seen, heights, jump):
             if np.isnan(seen[i, j]):
                 continue
             count = 0
-            alike = True  # if all neighbours are near this height, so is their median: no need to sort
+            alike = (
+                True  # if all neighbours are near this height, so is their median: no need to sort
+            )
             for a in range(max(i - 1, 0), min(i + 2, seen.shape[0])):
                 for b in range(max(j - 1, 0), min(j + 2, seen.shape[1])):
                     if not np.isnan(seen[a, b]) and (a != i or b != j):
@@ -267,17 +285,23 @@ def read_height_map(file: Path | str, cell: float) -> HeightMap:
     x, y, h = _points_of(Path(file), what)
     if not len(x) or not len(x) == len(y) == len(h):
         counts = f"{len(x)} x, {len(y)} y and {len(h)} h"
-        raise InputError(f"{what} has {counts}; it needs the same number of each, and at least one")
+        raise InputError(
+            f"{what} has {counts}; it needs the same number of each, and at least one"
+        )
     limit = min(_FARTHEST * cell, _HIGHEST)
     if not np.less(np.abs([x, y, h]), limit).all():  # NaN, too
-        raise InputError(f"{what} has values that are not finite or not below {limit:g} m; remove their rows")
+        raise InputError(
+            f"{what} has values that are not finite or not below {limit:g} m; remove their rows"
+        )
     # The first point lies in the middle of its cell. The points of a grid then lie far from the borders of cells.
     corner = round(x.min() / cell - 0.5, 6) % 1.0, round(y.min() / cell - 0.5, 6) % 1.0
     first_i, first_j = corner
     n = np.ptp(np.floor(x / cell - first_i)) + 1.0
     m = np.ptp(np.floor(y / cell - first_j)) + 1.0
     if n * m > MOST_CELLS:
-        raise InputError(f"{what} spans {n:.0f} x {m:.0f} cells of ground.cell {cell:g} m; the limit is {MOST_CELLS:,}")
+        raise InputError(
+            f"{what} spans {n:.0f} x {m:.0f} cells of ground.cell {cell:g} m; the limit is {MOST_CELLS:,}"
+        )
     ground = HeightMap.unknown(cell, corner).with_points(x, y, h)
     return replace(ground, issue=_issue_of(ground, what))
 
@@ -289,7 +313,9 @@ def _points_of(file: Path, what: str) -> tuple[Array, Array, Array]:
         return x, y, h
     x, y, h = read_arrays(file, "ground.file", _COLUMNS)
     if any(v.dtype.kind not in "fiu" for v in (x, y, h)):
-        raise InputError(f"{what} has arrays that are not numbers; write x, y and h as numbers [m]")
+        raise InputError(
+            f"{what} has arrays that are not numbers; write x, y and h as numbers [m]"
+        )
     if h.ndim == 2 and h.shape == (*x.shape, *y.shape):
         known = ~np.isnan(h)
         i, j = np.nonzero(known)
@@ -309,7 +335,9 @@ def _issue_of(ground: HeightMap, what: str) -> str:
         return ""
     spacing = ground.cell * math.sqrt(known.size / count)
     sparse = f"has heights about {spacing:.2g} m apart, sparser than ground.cell {ground.cell:g} m"
-    return f"{what} {sparse}: between them surface_height is used; set ground.cell to {spacing:.2g}"
+    return (
+        f"{what} {sparse}: between them surface_height is used; set ground.cell to {spacing:.2g}"
+    )
 
 
 def write_height_map(file: Path, ground: HeightMap) -> None:
@@ -322,4 +350,11 @@ def write_height_map(file: Path, ground: HeightMap) -> None:
             y = ground.cell * (first_j + 0.5 + np.arange(m))
             np.savez(part, x=x, y=y, h=ground.heights)
         else:
-            np.savetxt(part, ground.points(), fmt="%.9g", delimiter=",", header=",".join(_COLUMNS), comments="")
+            np.savetxt(
+                part,
+                ground.points(),
+                fmt="%.9g",
+                delimiter=",",
+                header=",".join(_COLUMNS),
+                comments="",
+            )

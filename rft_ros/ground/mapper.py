@@ -57,7 +57,9 @@ class GroundMapper:
         self._thread = ThreadPoolExecutor(1)
         self._clouds: deque[tuple[Cloud, Placement | None]] = deque(maxlen=_CLOUDS)
         self._places: deque[ToolPlace] = deque(maxlen=_PLACES)
-        self._waiting: deque[tuple[int, Future[HeightMap]]] = deque()  # the stamp at which a map is due, and the map
+        self._waiting: deque[tuple[int, Future[HeightMap]]] = (
+            deque()
+        )  # the stamp at which a map is due, and the map
         self.cloud_stamp = 0
         self.pose_stamp = 0
 
@@ -87,9 +89,13 @@ class GroundMapper:
             cloud, camera = self._clouds.popleft()
             place = next(place for place in self._places if place.stamp >= cloud.stamp)
             tool = np.array(place.position), rotation_matrix(place.quaternion), place.corners
-            self._waiting.append((cloud.stamp + DELAY, self._thread.submit(self._with, cloud, camera, tool)))
+            self._waiting.append(
+                (cloud.stamp + DELAY, self._thread.submit(self._with, cloud, camera, tool))
+            )
 
-    def _with(self, cloud: Cloud, camera: Placement | None, tool: tuple[Array, Array, Array]) -> HeightMap:
+    def _with(
+        self, cloud: Cloud, camera: Placement | None, tool: tuple[Array, Array, Array]
+    ) -> HeightMap:
         points = np.array([cloud.x, cloud.y, cloud.z], dtype=np.float64)
         if camera is not None:
             with np.errstate(invalid="ignore", over="ignore"):  # points that are not finite

@@ -21,7 +21,10 @@ Array = NDArray[np.float64]
 
 LAST_SURFACE = np.dtype(
     [
-        ("known", np.int64),  # 0 or 1; a Boolean would leave padding bytes, which a copy does not set
+        (
+            "known",
+            np.int64,
+        ),  # 0 or 1; a Boolean would leave padding bytes, which a copy does not set
         ("position", float, 3),  # of the body, where the surface was found
         ("quaternion", float, 4),
         ("level", float),
@@ -141,7 +144,9 @@ def _fit(grid, x, y, radius):
     determinant = uu * vv - uv * uv
     by_u = 0.0
     by_v = 0.0
-    if determinant > 0.01 * whole * whole:  # 0.06 of the square of `whole` for a disc that is known everywhere
+    if (
+        determinant > 0.01 * whole * whole
+    ):  # 0.06 of the square of `whole` for a disc that is known everywhere
         by_u = (vv * uh - uv * vh) / determinant
         by_v = (uu * vh - uv * uh) / determinant
     rest = max(hh - by_u * uh - by_v * vh, 0.0) / whole
@@ -195,7 +200,9 @@ def _wet_part(placed, height, slope_x, slope_y, bottom):
     mx /= whole
     my /= whole
     mz /= whole
-    spread = max(square / whole - mx * mx - my * my, 0.0)  # half of the squared radius of an even disc
+    spread = max(
+        square / whole - mx * mx - my * my, 0.0
+    )  # half of the squared radius of an even disc
     return mx, my, mz, deepest, np.sqrt(2.0 * spread)
 
 
@@ -229,7 +236,9 @@ def _find_plane(grid, placed, state, last):
     least = _LEAST_RADIUS * grid.cell
     fitted, slope_x, slope_y, roughness = _fit(grid, px + x, py + y, least)
     height = fitted - slope_x * x - slope_y * y  # at the tool frame's origin
-    bottom = placed[lowest, 2] + least  # in the air the disc is placed by the lowest part of the tool
+    bottom = (
+        placed[lowest, 2] + least
+    )  # in the air the disc is placed by the lowest part of the tool
     for _ in range(_ROUNDS):
         mx, my, mz, deepest, wide = _wet_part(placed, height - pz, slope_x, slope_y, bottom)
         radius = max(wide, deepest, least)
@@ -262,7 +271,11 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, last
     last = lasts[0]
     position, quaternion, _, _ = parts_of_state(state)
     placed = _placed(corners, quaternion)
-    rests = last.known == 1 and last.level == grid.level and _way(last, position, quaternion, reach) <= _MOVED
+    rests = (
+        last.known == 1
+        and last.level == grid.level
+        and _way(last, position, quaternion, reach) <= _MOVED
+    )
     if not rests:
         _find_plane(grid, placed, state, last)
     deepest = -np.inf
@@ -283,11 +296,18 @@ class Support:
         z = 1.0 - 2.0 * area
         flat = np.sqrt(1.0 - z * z)
         directions = np.column_stack([flat * x, flat * y, z])
-        self._corners = np.ascontiguousarray(corners[np.unique((directions @ corners.T).argmax(axis=1))])
+        self._corners = np.ascontiguousarray(
+            corners[np.unique((directions @ corners.T).argmax(axis=1))]
+        )
         self._reach = float(np.linalg.norm(self._corners, axis=1).max())
 
     def local_surface(
-        self, ground: HeightMap | None, state: Array, *, level: float, last: NDArray[np.void] | None = None
+        self,
+        ground: HeightMap | None,
+        state: Array,
+        *,
+        level: float,
+        last: NDArray[np.void] | None = None,
     ) -> LocalSurface:
         """The surface at a state, shape [13], columns `rft_ros.rft.STATE`; `level` [m] without a map.
 
@@ -306,7 +326,9 @@ class Support:
         height = float(found["height"])
         roughness = float(found["roughness"])
         sx, sy = found["slope"].tolist()
-        if not math.isfinite(height + sx + sy + roughness):  # a pose so far away that its squares overflow
+        if not math.isfinite(
+            height + sx + sy + roughness
+        ):  # a pose so far away that its squares overflow
             return LocalSurface(level, depth=level - float(state[STATE.index("pz")]))
         return LocalSurface(height, (sx, sy), roughness, depth)
 

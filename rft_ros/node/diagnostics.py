@@ -38,10 +38,14 @@ class Diagnostics:
         self._reported = Counter[Reason]()  # until the last report, as the next
         self._reported_estimates = 0
         self._newest: dict[Role, int] = {}  # stamp [ns] of the last message
-        self._ongoing: dict[str, int] = {}  # for each problem, the number of reports since it was last present
+        self._ongoing: dict[
+            str, int
+        ] = {}  # for each problem, the number of reports since it was last present
         self._idle = True  # no pose came in the second before the last report
         self._answered = False  # whether an estimate has come
-        self._first_depth: float | None = None  # of a first estimate that is in the grains [m], until it is logged
+        self._first_depth: float | None = (
+            None  # of a first estimate that is in the grains [m], until it is logged
+        )
         self._start_period()
 
     def _start_period(self) -> None:
@@ -71,7 +75,9 @@ class Diagnostics:
         message = f"generation {model.generation}: tool {model.tool.name} in force"
         if self._swap.preparing:
             message += f"; preparing {self._swap.preparing}"
-        problems = [f"the last swap failed: {self._swap.last_failure}"] if self._swap.last_failure else []
+        problems = (
+            [f"the last swap failed: {self._swap.last_failure}"] if self._swap.last_failure else []
+        )
         problems += ["no poses come"] if self._idle else []
         problems += map(self._sentence, sorted(self._ongoing))
         if problems:
@@ -92,8 +98,14 @@ class Diagnostics:
         learning = self._estimator.learning
         issues = self._estimator.issues()
         array.header.stamp = now.to_msg()
-        of_inputs = bad if learning is not None else bad + issues  # with learning, the status of the medium has them
-        array.status = [self._inputs(now.nanoseconds, of_inputs), self._estimates(new_estimates), self._model()]
+        of_inputs = (
+            bad if learning is not None else bad + issues
+        )  # with learning, the status of the medium has them
+        array.status = [
+            self._inputs(now.nanoseconds, of_inputs),
+            self._estimates(new_estimates),
+            self._model(),
+        ]
         bad += issues
         if learning is not None:
             if learning.change:
@@ -109,7 +121,9 @@ class Diagnostics:
 
     def _sentence(self, problem: str) -> str:
         """The problem; for an unknown frame, with a sentence that names it."""
-        sentences = {str(reason): sentence for reason, sentence in self._estimator.unknown_frames().items()}
+        sentences = {
+            str(reason): sentence for reason, sentence in self._estimator.unknown_frames().items()
+        }
         return f"{problem} ({sentences[problem]})" if problem in sentences else problem
 
     def _log_changes(self, problems: list[str]) -> None:
@@ -117,7 +131,9 @@ class Diagnostics:
         for problem in problems:
             if problem not in self._ongoing:
                 logger.warning(f"began: {self._sentence(problem)}")
-        self._ongoing = {problem: n + 1 for problem, n in self._ongoing.items()} | dict.fromkeys(problems, 0)
+        self._ongoing = {problem: n + 1 for problem, n in self._ongoing.items()} | dict.fromkeys(
+            problems, 0
+        )
         for problem in [problem for problem, n in self._ongoing.items() if n >= _QUIET_REPORTS]:
             del self._ongoing[problem]
             logger.info(f"ended: {problem}")
@@ -132,7 +148,10 @@ class Diagnostics:
         level: bytes = DiagnosticStatus.WARN,
     ) -> DiagnosticStatus:
         """A status of this `level` with the `problem`; if there is none, OK with the message `fine`."""
-        pairs = [KeyValue(key=k, value=f"{v:.6g}" if isinstance(v, float) else str(v)) for k, v in values.items()]
+        pairs = [
+            KeyValue(key=k, value=f"{v:.6g}" if isinstance(v, float) else str(v))
+            for k, v in values.items()
+        ]
         if not problem:
             level = DiagnosticStatus.OK
         name = f"{self._node.get_fully_qualified_name()}: {component}"
@@ -140,7 +159,9 @@ class Diagnostics:
 
     def _inputs(self, now: int, bad: list[str]) -> DiagnosticStatus:
         roles: tuple[Role, ...] = ("pose", "twist", "wrench")
-        values: dict[str, object] = {f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD for role in roles}
+        values: dict[str, object] = {
+            f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD for role in roles
+        }
         values |= {f"{role}_age_s": (now - stamp) * 1e-9 for role, stamp in self._newest.items()}
         values |= {f"count.{k}": n for k, n in self._estimator.counts.items()}
         problems = list(map(self._sentence, bad))
@@ -148,7 +169,9 @@ class Diagnostics:
         if not self._received["pose"]:
             problems = ["no poses", *problems]
             level = DiagnosticStatus.ERROR
-        return self._status("inputs", values, problem=", ".join(problems), fine="inputs arrive", level=level)
+        return self._status(
+            "inputs", values, problem=", ".join(problems), fine="inputs arrive", level=level
+        )
 
     def _estimates(self, new: int) -> DiagnosticStatus:
         flags = self._quality_flags
@@ -160,8 +183,12 @@ class Diagnostics:
             "quality_flags": ", ".join(flag_names(flags)),
         }
         if self._latencies:
-            values["latency_median_us"], values["latency_p99_us"] = 1e6 * np.percentile(self._latencies, (50, 99))
-        speed = f"{self._fastest:.3f} m/s is " if flags & QualityFlag.FAST else ""  # completes the sentence of FAST
+            values["latency_median_us"], values["latency_p99_us"] = 1e6 * np.percentile(
+                self._latencies, (50, 99)
+            )
+        speed = (
+            f"{self._fastest:.3f} m/s is " if flags & QualityFlag.FAST else ""
+        )  # completes the sentence of FAST
         problem = speed + sentences(flags) if new else "no estimates"
         return self._status("estimates", values, problem=problem, fine=f"{new} estimates")
 
@@ -169,13 +196,23 @@ class Diagnostics:
         model = self._estimator.model
         swap = self._swap
         tool = model.tool
-        values: dict[str, object] = {"tool": tool.name, "facets": len(tool.facets), "plates": len(tool.plates)}
+        values: dict[str, object] = {
+            "tool": tool.name,
+            "facets": len(tool.facets),
+            "plates": len(tool.plates),
+        }
         values |= {"law": model.law.name, **model.law.stresses, "zeta": model.law.zeta}
         values |= {"mobilization_length": model.law.mobilization_length}
-        values |= {"generation": model.generation, "preparing": swap.preparing, "last_swap_failure": swap.last_failure}
+        values |= {
+            "generation": model.generation,
+            "preparing": swap.preparing,
+            "last_swap_failure": swap.last_failure,
+        }
         problems = swap.last_failure or "; ".join(tool.issues.values())
         return self._status("model", values, problem=problems, fine="in force")
 
     def _medium(self, learning: Learning, issues: list[str]) -> DiagnosticStatus:
         problem = "; ".join(issues) or learning.surprise_sentence()
-        return self._status("medium", learning.belief()._asdict(), problem=problem, fine="as learned")
+        return self._status(
+            "medium", learning.belief()._asdict(), problem=problem, fine="as learned"
+        )

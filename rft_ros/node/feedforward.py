@@ -21,7 +21,9 @@ from rft_ros.rft.frames import Placement, Wrench
 _PERIOD = 0.01  # s, between two outputs while there are no estimates
 _ZERO: Wrench = (0.0,) * 6
 _LONGEST_STEP = 2.0 * _PERIOD  # longest time of one step of the ramp, also after a pause
-_LEAST = 1e-9  # N, N m: least rate times rise time; with a limit of 0 the ramp to zero would not end
+_LEAST = (
+    1e-9  # N, N m: least rate times rise time; with a limit of 0 the ramp to zero would not end
+)
 _END = 0.25  # s: the longest ramp when the node ends
 
 
@@ -96,7 +98,11 @@ class FeedForward:
         """Publish the wrench for an estimate, with its stamp."""
         if self._gain == 0.0:
             return
-        target = _ZERO if trust(estimate.quality_flags) is Trust.NO else self._target(estimate.predicted)
+        target = (
+            _ZERO
+            if trust(estimate.quality_flags) is Trust.NO
+            else self._target(estimate.predicted)
+        )
         with self._lock:
             self._active = True
             self._estimated = time.monotonic()

@@ -22,7 +22,14 @@ _DISCOVERY = 6.0  # s: DDS announces a node after 3 s at most, on a busy machine
 _OURS = "rft_doctor"
 _DEPTH = 20_000  # length of a topic's queue: 20 s at 1 kHz, since a busy machine may stop this process for seconds
 _PERIOD = 0.05  # s between two readings of the queues
-_ORDER: tuple[Role, ...] = ("tf_static", "tf", "wrench", "twist", "surface", "pose")  # of messages that arrive together
+_ORDER: tuple[Role, ...] = (
+    "tf_static",
+    "tf",
+    "wrench",
+    "twist",
+    "surface",
+    "pose",
+)  # of messages that arrive together
 
 
 class Message(NamedTuple):
@@ -92,18 +99,27 @@ class Listener:
         rclpy.spin_until_future_complete(self._node, future, timeout_sec=_DISCOVERY)
         found = (future.result().values if future.done() else None) or []
         try:
-            return {n: checked(n, parameter_value_to_python(v)) for n, v in zip(names, found, strict=True)}
+            return {
+                n: checked(n, parameter_value_to_python(v))
+                for n, v in zip(names, found, strict=True)
+            }
         except (InputError, ValueError):  # another kind of node, or no answer
             return None
 
-    def listen(self, topics: Mapping[Role, str], seconds: float) -> tuple[list[Message], list[Topic]]:
+    def listen(
+        self, topics: Mapping[Role, str], seconds: float
+    ) -> tuple[list[Message], list[Topic]]:
         """All messages within `seconds` [s], in the order of arrival, and the topics with their publishers."""
         wanted = dict(topics)
         if has_tf2_msgs() or "tf" in topics:
             wanted["tf_static"] = f"{topics.get('tf', '/tf')}_static"
         kinds = {role: TYPES[role][0] for role in wanted}
-        subscriptions = {role: self._subscribe(role, kinds[role], topic) for role, topic in wanted.items()}
-        while time.monotonic() < self._discovered and not all(map(self._node.count_publishers, wanted.values())):
+        subscriptions = {
+            role: self._subscribe(role, kinds[role], topic) for role, topic in wanted.items()
+        }
+        while time.monotonic() < self._discovered and not all(
+            map(self._node.count_publishers, wanted.values())
+        ):
             time.sleep(_PERIOD)
         for role, topic in wanted.items():
             kind = type_on(self._node, role, topic, usual=kinds[role])
@@ -125,23 +141,34 @@ class Listener:
         qos = INPUTS[role]
         depth = _DEPTH if role != "surface" else INPUTS[role].depth
         longer = QoSProfile(depth=depth, reliability=qos.reliability, durability=qos.durability)
-        return self._node.create_subscription(message_class(kind), topic, lambda _: None, longer, raw=True)
+        return self._node.create_subscription(
+            message_class(kind), topic, lambda _: None, longer, raw=True
+        )
 
     def _topic(self, role: Role, name: str) -> Topic:
         """The topic with its publishers, and which of the node and this listener cannot receive from them."""
         names = self._name, f"/{_OURS}"
         others = self._node.get_subscriptions_info_by_topic(name)
-        subscriptions = [s for s in others if f"{s.node_namespace.rstrip('/')}/{s.node_name}" in names]
+        subscriptions = [
+            s for s in others if f"{s.node_namespace.rstrip('/')}/{s.node_name}" in names
+        ]
         publishers = []
         for publisher in self._node.get_publishers_info_by_topic(name):
             unheard = []
             for subscription in subscriptions:
-                compatible, why = qos_check_compatible(publisher.qos_profile, subscription.qos_profile)
+                compatible, why = qos_check_compatible(
+                    publisher.qos_profile, subscription.qos_profile
+                )
                 if compatible != QoSCompatibility.OK:
                     unheard.append((subscription.node_name, why.strip()))
             publishers.append(Publisher(publisher.node_name, publisher.topic_type, tuple(unheard)))
         # the names that the classes have, since tests put another message in place of that of tf2_msgs
-        return Topic(role, name, tuple(type_name(message_class(kind)) for kind in TYPES[role]), tuple(publishers))
+        return Topic(
+            role,
+            name,
+            tuple(type_name(message_class(kind)) for kind in TYPES[role]),
+            tuple(publishers),
+        )
 
 
 def _waiting(role: Role, kind: str, subscription: Subscription) -> Iterator[Message]:
@@ -149,4 +176,6 @@ def _waiting(role: Role, kind: str, subscription: Subscription) -> Iterator[Mess
     with subscription.handle:
         while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
             data, info = taken
-            yield Message(role, kind, data, info["received_timestamp"], info["publication_sequence_number"])
+            yield Message(
+                role, kind, data, info["received_timestamp"], info["publication_sequence_number"]
+            )

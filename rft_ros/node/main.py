@@ -67,17 +67,26 @@ def _run(stop: threading.Event) -> None:
             from rclpy.exceptions import ParameterException
             from rclpy.signals import SignalHandlerOptions
         except ImportError as error:
-            raise InputError(f"the node needs ROS 2 ({error}); source a ROS 2 setup file") from None
+            raise InputError(
+                f"the node needs ROS 2 ({error}); source a ROS 2 setup file"
+            ) from None
         from rft_ros.node.node_parameters import given_sections
         from rft_ros.node.rft_node import RftNode, executor_of
         from rft_ros.node.topics import start_ros
 
-        given_sections(sys.argv[1:])  # raises the errors of a replay; ROS would say more, and block on a pipe
+        given_sections(
+            sys.argv[1:]
+        )  # raises the errors of a replay; ROS would say more, and block on a pipe
         running.callback(rclpy.try_shutdown)
         try:
-            start_ros(signal_handler_options=SignalHandlerOptions.NO)  # first: it checks arguments before code compiles
+            start_ros(
+                signal_handler_options=SignalHandlerOptions.NO
+            )  # first: it checks arguments before code compiles
             node = RftNode(worker)
-        except (ParameterException, RuntimeError) as error:  # of arguments, qos_overrides and use_sim_time
+        except (
+            ParameterException,
+            RuntimeError,
+        ) as error:  # of arguments, qos_overrides and use_sim_time
             raise InputError(str(error).partition(", at ")[0]) from None
         gc.collect()
         gc.freeze()  # collecting the objects of numba takes 22 ms and frees none
@@ -86,7 +95,9 @@ def _run(stop: threading.Event) -> None:
         node.announce("ready")
         try:
             while not stop.is_set():
-                executor.spin_once(timeout_sec=0.1)  # EventsExecutor.spin hangs in the PyPI wheel of rclpy 7.1.5
+                executor.spin_once(
+                    timeout_sec=0.1
+                )  # EventsExecutor.spin hangs in the PyPI wheel of rclpy 7.1.5
         finally:
             node.feedforward.end()
         executor.shutdown()

@@ -44,7 +44,9 @@ def _spliced(marker: Marker, points: Array, rgb: Array) -> bytes:
     end = 4 + (lifetime - 4 + 8 + 1 + 3) // 4 * 4
     head = template[:lifetime] + b"\x00\x00\x00\x00" + template[lifetime + 4 : end]
     count = struct.pack("<I", len(points))
-    padding = b"\x00" * (-len(head) % 8)  # the doubles start at a multiple of 8 from byte 4, after a length of 4 bytes
+    padding = b"\x00" * (
+        -len(head) % 8
+    )  # the doubles start at a multiple of 8 from byte 4, after a length of 4 bytes
     rgba = np.column_stack([rgb, np.ones(len(rgb))])
     places = points.astype("<f8").tobytes()
     colours = rgba.astype("<f4").tobytes()
@@ -63,7 +65,9 @@ class Markers:
         self._estimator = estimator
         self._publisher = node.create_publisher(MarkerArray, "~/markers", 1)
         self._answer: Estimate | None = None
-        self.measured: Wrench | None = None  # the last compensated wrench; None if there was no measurement
+        self.measured: Wrench | None = (
+            None  # the last compensated wrench; None if there was no measurement
+        )
         self._drawn: tuple[HeightMap, Array] | None = None
         self._state = estimator.state.copy()
 
@@ -85,7 +89,10 @@ class Markers:
             return
         self._answer = None
         self._publish_tool(answer.stamp)
-        markers = [self._surface_around(answer.stamp), self._arrow(answer.stamp, 1, answer.predicted, _PREDICTED)]
+        markers = [
+            self._surface_around(answer.stamp),
+            self._arrow(answer.stamp, 1, answer.predicted, _PREDICTED),
+        ]
         if self.measured is not None:
             markers.append(self._arrow(answer.stamp, 2, self.measured, _MEASURED))
         self._publisher.publish(MarkerArray(markers=markers))
@@ -96,10 +103,14 @@ class Markers:
         plane = self._surface
         drawn = slice(None, None, 1 + (len(tool.faces) - 1) // _MOST_FACETS)
         law = self._model.law
-        forces = plate_forces(tool.facets, law, self._state, surface_height=plane.height, slope=plane.slope)
+        forces = plate_forces(
+            tool.facets, law, self._state, surface_height=plane.height, slope=plane.slope
+        )
         traction = np.linalg.norm(forces[drawn], axis=1) / tool.facets.areas[drawn]
         share = traction[:, None] / max(traction.max(), 1e-12)
-        rgb = np.where(share > 0.0, _YELLOW + share * (_RED - _YELLOW), 0.8)  # light grey without traction
+        rgb = np.where(
+            share > 0.0, _YELLOW + share * (_RED - _YELLOW), 0.8
+        )  # light grey without traction
         marker = self._marker(stamp, 0, Marker.TRIANGLE_LIST, Vector3(x=1.0, y=1.0, z=1.0))
         qx, qy, qz, qw = self._state[QUATERNION].tolist()
         marker.pose.position = _point(self._state[POSITION])
@@ -116,13 +127,17 @@ class Markers:
         start = self._model.ground
         if ground is None or start is None:
             return
-        if self._drawn is None or self._drawn[0] is not ground:  # to find the cells of the largest maps takes 0.2 s
+        if (
+            self._drawn is None or self._drawn[0] is not ground
+        ):  # to find the cells of the largest maps takes 0.2 s
             self._drawn = ground, ground.points(at_most=_MOST_FACETS)
         cells = self._drawn[1]
         moved = np.nan_to_num(cells[:, 2] - start.heights_at(cells[:, 0], cells[:, 1]))[:, None]
         share = np.clip(moved / 0.02, -1.0, 1.0)
         rgb = _SAND + np.abs(share) * (np.where(share > 0.0, _RISEN, _SUNK) - _SAND)
-        marker = self._marker(stamp, 4, Marker.CUBE_LIST, Vector3(x=ground.cell, y=ground.cell, z=1e-4))
+        marker = self._marker(
+            stamp, 4, Marker.CUBE_LIST, Vector3(x=ground.cell, y=ground.cell, z=1e-4)
+        )
         self._publisher.publish(_spliced(marker, cells, rgb))
 
     def _surface_around(self, stamp: int) -> Marker:
@@ -137,7 +152,9 @@ class Markers:
     def _arrow(self, stamp: int, number: int, wrench: Wrench, colour: ColorRGBA) -> Marker:
         """An arrow from the tool frame's origin along the force of a wrench, which has the sensor's axes."""
         position = self._state[POSITION]
-        to_world = rotation_matrix(self._state[QUATERNION]) @ rotation_matrix(self._load_cell.quaternion)
+        to_world = rotation_matrix(self._state[QUATERNION]) @ rotation_matrix(
+            self._load_cell.quaternion
+        )
         force = to_world @ np.array(wrench[FORCE])
         arrow = self._marker(stamp, number, Marker.ARROW, Vector3(x=0.003, y=0.006, z=0.008))
         arrow.color = colour

@@ -64,7 +64,9 @@ class RefusedChangeError(ParameterNotDeclaredException):
     """Refuses a change of parameters. rclpy answers a client with its sentence; other exceptions would end the node."""
 
     def __init__(self, sentence: str) -> None:
-        Exception.__init__(self, sentence)  # rclpy's own names no parameter: "undeclared parameter(s): []"
+        Exception.__init__(
+            self, sentence
+        )  # rclpy's own names no parameter: "undeclared parameter(s): []"
 
 
 class NodeParameters:
@@ -93,7 +95,9 @@ class NodeParameters:
         """The current checked values. When parameters are set, this mapping is replaced and not changed."""
         for p in PARAMETERS:
             # Not with the value that ROS has read: after a name that is given twice it would mix up their types.
-            node.declare_parameter(p.name, _plain(self.values[p.name]), _descriptor(p), ignore_override=True)
+            node.declare_parameter(
+                p.name, _plain(self.values[p.name]), _descriptor(p), ignore_override=True
+            )
         node.add_pre_set_parameters_callback(self._on_pre_set)
         node.add_post_set_parameters_callback(self._on_post_set)
 
@@ -112,9 +116,15 @@ class NodeParameters:
                 self._node.get_logger().warning(warning)
             for section in sections:
                 found = by_section.setdefault(section.key, {})
-                found |= {name: (value, file) for name, value in section.parameters.items() if section in own}
+                found |= {
+                    name: (value, file)
+                    for name, value in section.parameters.items()
+                    if section in own
+                }
         values: dict[str, Value] = {}
-        for name, (value, file) in [item for found in by_section.values() for item in found.items()]:
+        for name, (value, file) in [
+            item for found in by_section.values() for item in found.items()
+        ]:
             if file:
                 values |= absolute(checked_in_file(file, {name: value}))
             elif name in defaults():
@@ -152,7 +162,10 @@ class NodeParameters:
                 self._accepted = changes, self._prepare({**self.values, **changes})
         except ValueError as error:
             raise RefusedChangeError(str(error)) from None
-        return [RosParameter(p.name, value=_plain(new[p.name])) if p.name in new else p for p in parameters]
+        return [
+            RosParameter(p.name, value=_plain(new[p.name])) if p.name in new else p
+            for p in parameters
+        ]
 
     def _on_post_set(self, parameters: list[RosParameter]) -> None:
         accepted = self._accepted
@@ -163,8 +176,12 @@ class NodeParameters:
         if not changes.keys() <= {p.name for p in parameters}:  # rclpy has refused the change
             return
         before = self.values
-        said = ", ".join([f"{name} {before[name]!r} -> {value!r}" for name, value in sorted(changes.items())])
-        self._node.get_logger().info(f"parameters set: {said}" + (f" ({self._why})" if self._why else ""))
+        said = ", ".join(
+            [f"{name} {before[name]!r} -> {value!r}" for name, value in sorted(changes.items())]
+        )
+        self._node.get_logger().info(
+            f"parameters set: {said}" + (f" ({self._why})" if self._why else "")
+        )
         self.values = {**before, **changes}
         self._apply(prepared)
 

@@ -58,12 +58,25 @@ class RecordedNode:
         self._peer = rclpy.create_node("rft_demo")
         self._newest: dict[str, bytes] = {}
         self._decoded = decoder("wrench", ros1=False)
-        self._publishers = {n: self._peer.create_publisher(kind, f"/rft/{n}", _QOS) for n, kind in _INPUTS.items()}
+        self._publishers = {
+            n: self._peer.create_publisher(kind, f"/rft/{n}", _QOS) for n, kind in _INPUTS.items()
+        }
         for name, kind in _OUTPUTS.items():
-            self._peer.create_subscription(kind, f"/rft/{name}", partial(self._on_answer, name), _QOS, raw=True)
+            self._peer.create_subscription(
+                kind, f"/rft/{name}", partial(self._on_answer, name), _QOS, raw=True
+            )
         self._begin = self._stamp = 0
-        command = [sys.executable, "-m", "rft_ros.node.main", "--ros-args", "--params-file", str(parameters)]
-        self._process = subprocess.Popen(command, start_new_session=True)  # Ctrl-C in the terminal does not reach it
+        command = [
+            sys.executable,
+            "-m",
+            "rft_ros.node.main",
+            "--ros-args",
+            "--params-file",
+            str(parameters),
+        ]
+        self._process = subprocess.Popen(
+            command, start_new_session=True
+        )  # Ctrl-C in the terminal does not reach it
 
     def _on_answer(self, name: str, data: bytes) -> None:
         self._newest[name] = data
@@ -93,7 +106,11 @@ class RecordedNode:
     def send(self, t: float, state: _Array, reading: Wrench) -> None:
         """Publish and record a state, shape [13], and a reading of the load cell at a time from the start [s]."""
         self._stamp = self._begin + round(t * 1e9)
-        inputs = {"wrench_measured": reading, "twist": state[TWIST].tolist(), "pose": state[POSE].tolist()}
+        inputs = {
+            "wrench_measured": reading,
+            "twist": state[TWIST].tolist(),
+            "pose": state[POSE].tolist(),
+        }
         for name, numbers in inputs.items():
             frame = "ft_sensor" if name == "wrench_measured" else "world"
             data = stamped_cdr(frame, len(numbers))(self._stamp, numbers)
@@ -106,7 +123,9 @@ class RecordedNode:
             rclpy.spin_once(self._peer, timeout_sec=left)
         status = self._process.poll()
         if status is not None:
-            raise InputError(f"the node ended with status {status} before the demo was over; see its messages above")
+            raise InputError(
+                f"the node ended with status {status} before the demo was over; see its messages above"
+            )
 
     def _until(self, condition: Callable[[], bool]) -> None:
         while not condition():

@@ -88,7 +88,9 @@ class RftNode(Node):
         options = QoSOverridingOptions.with_default_policies()
         message = message_class(kind or TYPES[role][0])
         callback = partial(self._on_message, role)
-        return self.create_subscription(message, TOPICS[role], callback, qos, raw=True, qos_overriding_options=options)
+        return self.create_subscription(
+            message, TOPICS[role], callback, qos, raw=True, qos_overriding_options=options
+        )
 
     def _follow_pose_type(self) -> None:
         """Subscribe to the other type of poses once someone publishes that one, as motion capture does."""
@@ -232,5 +234,7 @@ def executor_of(node: RftNode) -> Executor:
 
             return EventsExecutor()
         except ImportError:
-            node.get_logger().warning("this rclpy has no events executor (new in 7.1.4); using the single-threaded one")
+            node.get_logger().warning(
+                "this rclpy has no events executor (new in 7.1.4); using the single-threaded one"
+            )
     return SingleThreadedExecutor()

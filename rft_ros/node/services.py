@@ -25,11 +25,21 @@ class Services:
     """Answers each service with a sentence. An InputError becomes an answer without success."""
 
     def __init__(
-        self, node: Node, estimator: Estimator, parameters: NodeParameters, *, status: Callable[[], str]
+        self,
+        node: Node,
+        estimator: Estimator,
+        parameters: NodeParameters,
+        *,
+        status: Callable[[], str],
     ) -> None:
         self._estimator = estimator
         self._parameters = parameters
-        answers = {"tare": self._tare, "status": status, "forget": self._forget, "save_medium": self._save_medium}
+        answers = {
+            "tare": self._tare,
+            "status": status,
+            "forget": self._forget,
+            "save_medium": self._save_medium,
+        }
         answers |= {"level_ground": self._level_ground, "save_ground": self._save_ground}
         for name, answer in answers.items():
             node.create_service(Trigger, f"~/{name}", partial(_respond, answer))
@@ -63,7 +73,9 @@ class Services:
         new = {**values, "medium.zeta": zeta, "medium.zeta_error": min(error / strength, 2.0)}
         doubts = [f"doubtful, since it was learned while {doubt}" for doubt in learning.doubts()]
         comment = "; ".join(["rft_node: medium.zeta learned from the load cell", *doubts])
-        path = _save("rft_medium_{}.yaml", lambda file: write_parameter_file(file, new, comment=comment))
+        path = _save(
+            "rft_medium_{}.yaml", lambda file: write_parameter_file(file, new, comment=comment)
+        )
         return "; ".join([path, *doubts])
 
     def _level_ground(self) -> str:
@@ -81,7 +93,9 @@ class Services:
         return _save("rft_ground_{}.npz", lambda file: write_height_map(file, ground))
 
 
-def _respond(answer: Callable[[], str], _request: Trigger.Request, response: Trigger.Response) -> Trigger.Response:
+def _respond(
+    answer: Callable[[], str], _request: Trigger.Request, response: Trigger.Response
+) -> Trigger.Response:
     try:
         response.message = answer()
         response.success = True

@@ -15,10 +15,21 @@ from rft_ros.estimator.warm_up import PARTS, needed, prepare, prepare_later
 from rft_ros.files import checked_file
 from rft_ros.messages import decoder
 from rft_ros.node.tool_worker import ToolWorker, named
-from rft_ros.parameters import FILES, Model, Settings, Values, model_of, parts_of, settings_of, unused
+from rft_ros.parameters import (
+    FILES,
+    Model,
+    Settings,
+    Values,
+    model_of,
+    parts_of,
+    settings_of,
+    unused,
+)
 from rft_ros.tool import checked_mesh
 
-_ANSWERS_WITHIN = 0.05  # s; a tick waits so long for a drive that does not say whether a file exists
+_ANSWERS_WITHIN = (
+    0.05  # s; a tick waits so long for a drive that does not say whether a file exists
+)
 
 
 class _InForce(NamedTuple):
@@ -65,7 +76,9 @@ class Swap:
     100,000 plates would delay a tick by 30 ms; in this one 50,000 plates delay it by 3 to 15 ms.
     """
 
-    def __init__(self, worker: ToolWorker, values: Values, *, on_cold_cache: Callable[[], None]) -> None:
+    def __init__(
+        self, worker: ToolWorker, values: Values, *, on_cold_cache: Callable[[], None]
+    ) -> None:
         self._worker = worker
         self._file_thread = ThreadPoolExecutor(1)
         self._check_thread = ThreadPoolExecutor(1)
@@ -73,7 +86,9 @@ class Swap:
         prepare(self._code, on_cold_cache)
         self._code_thread = prepare_later(PARTS - self._code)
         wanted = parts_of(values)
-        loaded = worker.load(wanted)  # after the code is in the cache; otherwise the worker compiles it, too
+        loaded = worker.load(
+            wanted
+        )  # after the code is in the cache; otherwise the worker compiles it, too
         in_force = {part: _InForce(wanted[part], content) for part, content in loaded.items()}
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
@@ -87,7 +102,9 @@ class Swap:
         before = self.prepared
         made = self._made(values, before.in_force, generation=before.model.generation + 1)
         check = self._check_thread.submit(_check_files, parts_of(values), made.in_force)
-        if wait([check], _ANSWERS_WITHIN).done:  # otherwise the drive stalls, and the worker finds what is wrong
+        if wait(
+            [check], _ANSWERS_WITHIN
+        ).done:  # otherwise the drive stalls, and the worker finds what is wrong
             check.result()
         return made
 
@@ -95,21 +112,34 @@ class Swap:
         """Raise InputError if machine code for these parts still compiles, as in the seconds after a first start."""
         compiles = self._code_thread is not None and self._code_thread.is_alive()
         if compiles and not parts <= self._code:
-            raise InputError(f"{' and '.join(sorted(parts - self._code))} still compiles; try again in ten seconds")
+            raise InputError(
+                f"{' and '.join(sorted(parts - self._code))} still compiles; try again in ten seconds"
+            )
 
     def _made(self, values: Values, in_force: dict[str, _InForce], *, generation: int) -> Prepared:
-        at_once = {part: _InForce(wanted, None) for part, wanted in parts_of(values).items() if unused(part, wanted)}
+        at_once = {
+            part: _InForce(wanted, None)
+            for part, wanted in parts_of(values).items()
+            if unused(part, wanted)
+        }
         in_force = in_force | at_once
-        parameters = {name: value for part in in_force.values() for name, value in part.values.items()}
+        parameters = {
+            name: value for part in in_force.values() for name, value in part.values.items()
+        }
         contents = {part: loaded.content for part, loaded in in_force.items()}
         model = model_of({**values, **parameters}, **contents, generation=generation)
-        return Prepared(values=values, settings=settings_of(values), model=model, in_force=in_force)
+        return Prepared(
+            values=values, settings=settings_of(values), model=model, in_force=in_force
+        )
 
     @property
     def preparing(self) -> str:
         """A description of what is being loaded, and for how long; empty if nothing is."""
         now = time.monotonic()
-        loads = [f"{named({part: load.wanted})} for {now - load.since:.0f} s" for part, load in self._loads.items()]
+        loads = [
+            f"{named({part: load.wanted})} for {now - load.since:.0f} s"
+            for part, load in self._loads.items()
+        ]
         return " and ".join(loads)
 
     def want(self, prepared: Prepared) -> None:
@@ -120,15 +150,21 @@ class Swap:
             if load is not None and load.wanted == wanted:
                 continue
             if load is not None:
-                self._loads.pop(part).future.cancel()  # one that has begun sees that it is no longer wanted
+                self._loads.pop(
+                    part
+                ).future.cancel()  # one that has begun sees that it is no longer wanted
             if wanted != prepared.in_force[part].values:
                 future = self._file_thread.submit(self._load, part, wanted)
                 self._loads[part] = _Load(wanted=wanted, future=future, since=time.monotonic())
 
     def _load(self, part: str, wanted: Values) -> dict[str, Any]:
         if part == "ground":
-            decoder("surface", ros1=False)  # takes 0.3 s the first time; in this thread no tick waits for it
-        return self._worker.load({part: wanted}, lambda: parts_of(self.prepared.values)[part] == wanted)
+            decoder(
+                "surface", ros1=False
+            )  # takes 0.3 s the first time; in this thread no tick waits for it
+        return self._worker.load(
+            {part: wanted}, lambda: parts_of(self.prepared.values)[part] == wanted
+        )
 
     def poll(self) -> Prepared | Failed | None:
         """Takes a load that has ended: returns the new `prepared`, or why it failed; None while all still run."""
@@ -153,4 +189,6 @@ def _check_files(wanted: Mapping[str, Values], in_force: Mapping[str, _InForce])
     for part, values in wanted.items():
         for name in FILES if values != in_force[part].values else ():
             if values.get(name):
-                checked_mesh(values[name]) if name == "mesh.file" else checked_file(Path(values[name]), name)
+                checked_mesh(values[name]) if name == "mesh.file" else checked_file(
+                    Path(values[name]), name
+                )

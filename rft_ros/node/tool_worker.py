@@ -33,13 +33,19 @@ class ToolWorker:
         ours, theirs = Pipe()
         self._connection = ours
         with theirs:
-            self.process = start_child(_serve, theirs.fileno(), low_priority, pass_fds=[theirs.fileno()])
+            self.process = start_child(
+                _serve, theirs.fileno(), low_priority, pass_fds=[theirs.fileno()]
+            )
 
-    def load(self, files: Mapping[str, Values], is_wanted: Callable[[], bool] = lambda: True) -> dict[str, Any]:
+    def load(
+        self, files: Mapping[str, Values], is_wanted: Callable[[], bool] = lambda: True
+    ) -> dict[str, Any]:
         """Load parts of `parts_of`. Raises InputError if they cannot be used, do not end, or are no longer wanted."""
         try:
             answer = self._answer(files, is_wanted)
-        except Exception as error:  # of any kind: no process or descriptor is left, or the answer is damaged
+        except (
+            Exception
+        ) as error:  # of any kind: no process or descriptor is left, or the answer is damaged
             self._kill()
             if isinstance(error, InputError):
                 raise
@@ -48,7 +54,9 @@ class ToolWorker:
             raise InputError(answer)
         return answer
 
-    def _answer(self, files: Mapping[str, Values], is_wanted: Callable[[], bool]) -> dict[str, Any] | str:
+    def _answer(
+        self, files: Mapping[str, Values], is_wanted: Callable[[], bool]
+    ) -> dict[str, Any] | str:
         """The answer of the process. One that has ended, perhaps long ago, is replaced once."""
         for _ in range(2):
             if self._ended:
@@ -61,7 +69,9 @@ class ToolWorker:
             self._kill()
         raise RuntimeError(f"the process that loads {named(files)} ended")
 
-    def _wait(self, files: Mapping[str, Values], is_wanted: Callable[[], bool]) -> dict[str, Any] | str:
+    def _wait(
+        self, files: Mapping[str, Values], is_wanted: Callable[[], bool]
+    ) -> dict[str, Any] | str:
         """Wait for the answer to a request that was sent."""
         moved = time.monotonic()
         used_then = self._cpu_time()
@@ -74,7 +84,9 @@ class ToolWorker:
                 moved = now
                 used_then = used
             elif now - moved > _BLOCKED_AFTER:
-                raise InputError(f"{named(files)} could not be read for {_BLOCKED_AFTER:g} s; give a regular file")
+                raise InputError(
+                    f"{named(files)} could not be read for {_BLOCKED_AFTER:g} s; give a regular file"
+                )
         answer: dict[str, Any] | str = self._connection.recv()
         return answer
 
@@ -82,7 +94,9 @@ class ToolWorker:
         """CPU time that the process has used [s]; 0 where the system does not tell."""
         with suppress(OSError):
             fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
-            return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")  # utime and stime
+            return (int(fields[11]) + int(fields[12])) / os.sysconf(
+                "SC_CLK_TCK"
+            )  # utime and stime
         return 0.0
 
     def end(self) -> None:
@@ -117,11 +131,18 @@ def _loaded(files: Mapping[str, Values]) -> dict[str, Any] | str:
         return load_parts(files)
     except InputError as error:
         return str(error)
-    except Exception as error:  # whatever a mesh library raises at a damaged file; its words may quote the file
+    except (
+        Exception
+    ) as error:  # whatever a mesh library raises at a damaged file; its words may quote the file
         return f"{named(files)} cannot be loaded: {type(error).__name__}"
 
 
 def named(files: Mapping[str, Values]) -> str:
     """The files that parts of `parts_of` name, with their parameters."""
-    given = {name: value for part in files.values() for name, value in part.items() if name in FILES and value}
+    given = {
+        name: value
+        for part in files.values()
+        for name, value in part.items()
+        if name in FILES and value
+    }
     return " and ".join(f"{name} '{file}'" for name, file in given.items()) or "ground.cell"

@@ -16,7 +16,9 @@ from rft_ros.messages import TYPES, Role
 _SENSOR_DATA = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 INPUTS: dict[Role, QoSProfile] = {
     **dict.fromkeys(("pose", "twist", "wrench", "tf"), _SENSOR_DATA),
-    "surface": QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT),  # a cloud has megabytes
+    "surface": QoSProfile(
+        depth=2, reliability=ReliabilityPolicy.BEST_EFFORT
+    ),  # a cloud has megabytes
     # latched: publishers send it to late subscribers, too
     "tf_static": QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL),
 }

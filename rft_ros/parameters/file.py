@@ -13,10 +13,6 @@ from rft_ros.parameters.table import checked, defaults
 from rft_ros.tool import is_mesh_path, locate_mesh
 from rft_ros.yaml_file import yaml_text
 
-__all__ = ["FILES", "NODE", "absolute", "checked_in_file", "named_files", "node_parameters", "path_beside"]
-__all__ += ["read_parameter_file", "section_parameters", "sections_for", "write_changed", "write_parameter_file"]
-__all__ += ["tree_for"]
-
 NODE = "/rft"
 """The node's full name, without a namespace."""
 
@@ -144,6 +140,8 @@ def tree_for(source: Path, file: Path, node: str = NODE) -> tuple[Tree, dict[str
 def write_changed(file: Path, source: Path, changes: Values, *, node: str = NODE) -> None:
     """Write a parameter file `source` with other values of some parameters of a node; comments are lost."""
     tree, parameters = tree_for(source, file, node)
-    parameters |= {name: list(value) if isinstance(value, tuple) else value for name, value in changes.items()}
+    parameters |= {
+        name: list(value) if isinstance(value, tuple) else value for name, value in changes.items()
+    }
     with whole(file, "parameter file") as part:
         part.write_text(yaml_text(tree), encoding="utf-8")

@@ -13,13 +13,12 @@ from rft_ros.parameters.table import checked, defaults
 from rft_ros.rft import LAW_NUMBERS, Medium, Table, alpha_y_model, law_named, medium_named
 from rft_ros.tool import Tool, load_tool
 
-__all__ = ["OF_MEDIUM", "OF_TOOL", "SHORT_NAMES", "ground_of", "load_parts", "medium_of", "model_of", "parameters_of"]
-__all__ += ["parts_of", "settings_of", "tool_of", "unused"]
-
 
 def settings_of(values: Values) -> Settings:
     """The estimator's settings from checked values."""
-    return Settings(**values_of(Settings, values), load_cell=LoadCell(**values_of(LoadCell, values)))
+    return Settings(
+        **values_of(Settings, values), load_cell=LoadCell(**values_of(LoadCell, values))
+    )
 
 
 def tool_of(values: Values) -> Tool:
@@ -40,7 +39,9 @@ def ground_of(values: Values) -> HeightMap | None:
     cell = values["ground.cell"]
     file = values["ground.file"]
     if file and not cell:
-        raise InputError(f"ground.file '{file}' needs ground.cell, the side of a cell [m]; it is 0")
+        raise InputError(
+            f"ground.file '{file}' needs ground.cell, the side of a cell [m]; it is 0"
+        )
     if not cell:
         return None
     return read_height_map(Path(file), cell) if file else HeightMap.unknown(cell)
@@ -59,13 +60,25 @@ class _Part(NamedTuple):
 
 _PARTS = {
     "tool": _Part(
-        ("mesh.file", "mesh.scale", "mesh.origin", "mesh.quaternion", "mesh.hull", "integration", "tolerance"),
+        (
+            "mesh.file",
+            "mesh.scale",
+            "mesh.origin",
+            "mesh.quaternion",
+            "mesh.hull",
+            "integration",
+            "tolerance",
+        ),
         tool_of,
         lambda _: False,
     ),
-    "ground": _Part(("ground.cell", "ground.file"), ground_of, lambda values: not values["ground.cell"]),
+    "ground": _Part(
+        ("ground.cell", "ground.file"), ground_of, lambda values: not values["ground.cell"]
+    ),
     "medium": _Part(
-        ("medium.file",), lambda values: read_medium(values["medium.file"]), lambda values: not values["medium.file"]
+        ("medium.file",),
+        lambda values: read_medium(values["medium.file"]),
+        lambda values: not values["medium.file"],
     ),
     "table": _Part(
         ("alpha_y.model", "alpha_y.table"),
@@ -90,12 +103,19 @@ def unused(part: str, values: Values) -> bool:
 
 def load_parts(parts: Mapping[str, Values]) -> dict[str, Any]:
     """Load parts of `parts_of`. Raises InputError for what cannot be used."""
-    return {name: None if unused(name, values) else _PARTS[name].load(values) for name, values in parts.items()}
+    return {
+        name: None if unused(name, values) else _PARTS[name].load(values)
+        for name, values in parts.items()
+    }
 
 
 def medium_of(values: Values) -> Medium:
     """The medium from checked values: of medium.file if it is set, otherwise of medium.name. Raises InputError."""
-    return read_medium(values["medium.file"]) if values["medium.file"] else medium_named(values["medium.name"])
+    return (
+        read_medium(values["medium.file"])
+        if values["medium.file"]
+        else medium_named(values["medium.name"])
+    )
 
 
 def model_of(

@@ -16,9 +16,6 @@ from rft_ros.rft import MEDIA, Medium, Table
 from rft_ros.table_file import Column, Rows, read_table
 from rft_ros.yaml_file import read_yaml, yaml_text
 
-__all__ = ["GREATEST", "LEAST", "is_medium_file", "read_alpha_y_table", "read_medium", "read_stress_map"]
-__all__ += ["write_medium"]
-
 LEAST = 1e-3
 GREATEST = 50.0
 """Plausible range of the greatest stress per depth [N/cm³]; loose poppy seeds have 0.25, the generic medium 1."""
@@ -31,8 +28,23 @@ _WIDEST_DEGREES = 720.0
 
 _DEGREES = dict.fromkeys(("", "deg", "degree", "degrees", "°"), 1.0)
 _DEGREES |= dict.fromkeys(("rad", "radian", "radians"), float(np.rad2deg(1.0)))
-_NEWTONS_PER_CM3 = {"": 1.0, "n/cm3": 1.0, "ncm3": 1.0, "ncm-3": 1.0, "n/m3": 1e-6, "nm3": 1e-6, "nm-3": 1e-6}
-_NEWTONS_PER_CM3 |= {"pa/m": 1e-6, "pam-1": 1e-6, "kpa/m": 1e-3, "mpa/m": 1.0, "kpa/cm": 0.1, "kn/m3": 1e-3}
+_NEWTONS_PER_CM3 = {
+    "": 1.0,
+    "n/cm3": 1.0,
+    "ncm3": 1.0,
+    "ncm-3": 1.0,
+    "n/m3": 1e-6,
+    "nm3": 1e-6,
+    "nm-3": 1e-6,
+}
+_NEWTONS_PER_CM3 |= {
+    "pa/m": 1e-6,
+    "pam-1": 1e-6,
+    "kpa/m": 1e-3,
+    "mpa/m": 1.0,
+    "kpa/cm": 0.1,
+    "kn/m3": 1e-3,
+}
 _NEWTONS_PER_CM3 |= {"n/mm3": 1e3}
 
 
@@ -60,7 +72,9 @@ def read_stress_map(file: Path) -> StressMap:
     rows = _read(file, "stress map", _MAP)
     count = len(rows.lines)
     if count > _MOST_CELLS:
-        raise InputError(f"{named} has {count:,} rows; the limit is {_MOST_CELLS:,}: take the mean of repeated cells")
+        raise InputError(
+            f"{named} has {count:,} rows; the limit is {_MOST_CELLS:,}: take the mean of repeated cells"
+        )
     _check_angles(rows, named)
     beta, gamma, alpha_x, alpha_z = rows.numbers.T
     widest = max(float(np.abs(beta).max()), float(np.abs(gamma).max()))
@@ -69,12 +83,18 @@ def read_stress_map(file: Path) -> StressMap:
         raise InputError(f"{named} has no angle beyond {widest:.3g} degrees; {advice}")
     stresses = np.abs([alpha_x, alpha_z])
     if np.isnan(stresses).all():
-        raise InputError(f"{named} has no stress in any row; give alpha_x and alpha_z at some angles")
+        raise InputError(
+            f"{named} has no stress in any row; give alpha_x and alpha_z at some angles"
+        )
     greatest = float(np.nanmax(stresses))
     if not LEAST <= greatest <= GREATEST:
         unit = "1 N/cm³ = 1e6 Pa/m; a pressure in Pa must be divided by the depth"
-        raise InputError(f"{named} has stresses per depth of up to {greatest:.3g} N/cm³; no grains have that ({unit})")
-    return StressMap(beta=np.deg2rad(beta), gamma=np.deg2rad(gamma), alpha_x=alpha_x, alpha_z=alpha_z)
+        raise InputError(
+            f"{named} has stresses per depth of up to {greatest:.3g} N/cm³; no grains have that ({unit})"
+        )
+    return StressMap(
+        beta=np.deg2rad(beta), gamma=np.deg2rad(gamma), alpha_x=alpha_x, alpha_z=alpha_z
+    )
 
 
 def read_alpha_y_table(file: str) -> Table:
@@ -83,15 +103,21 @@ def read_alpha_y_table(file: str) -> Table:
     Units are as in `read_stress_map`. Raises InputError.
     """
     if not file:
-        raise InputError("alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first")
+        raise InputError(
+            "alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first"
+        )
     named = f"alpha_y.table '{file}'"
     rows = _read(Path(file), "alpha_y.table", (_BETA, _ALPHA_Y), (_GAMMA,))
     stresses = rows.column("alpha_y")
     if stresses.min() < 0.0:
-        raise InputError(f"{named} has a negative alpha_y ({stresses.min():g}); give the size of a stress that resists")
+        raise InputError(
+            f"{named} has a negative alpha_y ({stresses.min():g}); give the size of a stress that resists"
+        )
     if stresses.max() > GREATEST:
         unit = f"over {GREATEST:g} N/cm³, which no grains have; check the order of the columns, and the unit"
-        raise InputError(f"{named} has alpha_y up to {stresses.max():.4g}, {unit} (1 N/cm³ = 1e6 Pa/m)")
+        raise InputError(
+            f"{named} has alpha_y up to {stresses.max():.4g}, {unit} (1 N/cm³ = 1e6 Pa/m)"
+        )
     _check_angles(rows, named)
     gammas = rows.column("gamma") if "gamma" in rows.factors else np.zeros(len(stresses))
     beta, row = np.unique(rows.column("beta"), return_inverse=True)
@@ -105,7 +131,9 @@ def read_alpha_y_table(file: str) -> Table:
     values[row, column] = stresses
     table = Table.sampled(np.deg2rad(beta), np.deg2rad(gamma), values)
     if not np.isfinite([table.beta_nodes, table.gamma_nodes]).all():
-        raise InputError(f"{named} has angles that are too close together; space them further apart")
+        raise InputError(
+            f"{named} has angles that are too close together; space them further apart"
+        )
     return table
 
 
@@ -118,7 +146,9 @@ def _read(file: Path, what: str, *columns: Sequence[Column]) -> Rows:
             wrong = np.flatnonzero(np.isinf(values) if column.gaps else ~np.isfinite(values))
             if len(wrong):
                 where = f"{what} '{file}' line {rows.lines[wrong[0]]}"
-                raise InputError(f"{where}: {column.name} is {values[wrong[0]]:g}; it must be a finite number")
+                raise InputError(
+                    f"{where}: {column.name} is {values[wrong[0]]:g}; it must be a finite number"
+                )
     return rows
 
 
@@ -136,7 +166,9 @@ def _check_angles(rows: Rows, named: str) -> None:
             raise InputError(f"{named} has {name} up to {widest:.4g} degrees; {advice}")
         if widest <= _WIDEST_RADIANS and different >= _FEW_ANGLES and not in_radians:
             found = f"{different} different {name}, none beyond {widest:.3g} degrees"
-            raise InputError(f"{named} has {found}; these seem to be radians: name the column {name}_rad")
+            raise InputError(
+                f"{named} has {found}; these seem to be radians: name the column {name}_rad"
+            )
 
 
 _YAML = (".yaml", ".yml")
@@ -167,24 +199,42 @@ def _of_yaml(file: Path) -> Medium:
     what = f"medium.file '{file}'"
     content = read_yaml(file, "medium.file")
     if not isinstance(content, Mapping):
-        raise InputError(f"{what} has no coefficients; it needs {', '.join(MEDIA['generic'].coefficients)}")
+        raise InputError(
+            f"{what} has no coefficients; it needs {', '.join(MEDIA['generic'].coefficients)}"
+        )
     given = content.get("coefficients", content)
     if not isinstance(given, Mapping):
-        raise InputError(f"{what}: coefficients is {shown(given)}; it must have names and numbers [N/cm³]")
-    given = {str(name).replace("-", "m"): value for name, value in given.items()}  # Li et al. write B-11
+        raise InputError(
+            f"{what}: coefficients is {shown(given)}; it must have names and numbers [N/cm³]"
+        )
+    given = {
+        str(name).replace("-", "m"): value for name, value in given.items()
+    }  # Li et al. write B-11
     found = {}
     for name in MEDIA["generic"].coefficients:
         value = given.get(name)
         if value is None:
-            raise InputError(f"{what} has no coefficient {name}; give all nine, and 0.0 for one that is zero")
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= GREATEST:
-            raise InputError(f"{what}: {name} is {shown(value)}; it must be a number of at most {GREATEST:g} N/cm³")
+            raise InputError(
+                f"{what} has no coefficient {name}; give all nine, and 0.0 for one that is zero"
+            )
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not abs(value) <= GREATEST
+        ):
+            raise InputError(
+                f"{what}: {name} is {shown(value)}; it must be a number of at most {GREATEST:g} N/cm³"
+            )
         found[name] = float(value)
     medium = Medium.of(str(content.get("name", file.stem)), found)
     if max(map(abs, found.values())) < 0.1 * LEAST:
-        raise InputError(f"{what}: its coefficients are below {0.1 * LEAST:g}; they must be in N/cm³")
+        raise InputError(
+            f"{what}: its coefficients are below {0.1 * LEAST:g}; they must be in N/cm³"
+        )
     if medium.strength <= 0.0:
-        raise InputError(f"{what}: with these coefficients the force points along the motion; check the signs")
+        raise InputError(
+            f"{what}: with these coefficients the force points along the motion; check the signs"
+        )
     return medium
 
 

@@ -11,8 +11,6 @@ from rft_ros.errors import InputError, shown
 from rft_ros.rft.frames import UNIT_TOLERANCE
 from rft_ros.rft.motion_kinds import MOTIONS
 
-__all__ = ["LONGEST_NAME", "Parameter", "Value", "Values", "parameters_of", "values_of"]
-
 Value = str | bool | float | tuple[float, ...]
 """A parameter's value, in the parameter's type."""
 
@@ -21,7 +19,9 @@ Values = Mapping[str, Any]
 
 LONGEST_NAME = 256  # characters, of a frame or a parameter
 _LONGEST = 4096  # characters, of a path
-_LARGEST = sys.float_info.max  # a comparison with it also refuses large integers, for which math.isfinite raises
+_LARGEST = (
+    sys.float_info.max
+)  # a comparison with it also refuses large integers, for which math.isfinite raises
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,12 +54,16 @@ class Parameter:
 
         A field whose default is None is None where the parameter has its default.
         """
-        return field(**{"default": self.default, **options}, metadata={"parameter": self.means(description)})
+        return field(
+            **{"default": self.default, **options}, metadata={"parameter": self.means(description)}
+        )
 
     def checked(self, value: object) -> Value:
         """The value in the parameter's type. Raises InputError that names parameter and value, and what is allowed."""
         if isinstance(self.default, str):
-            is_off = value is False and "off" in self.choices  # YAML reads an unquoted off as false
+            is_off = (
+                value is False and "off" in self.choices
+            )  # YAML reads an unquoted off as false
             return self._text("off" if is_off else value)
         if isinstance(self.default, bool):
             if not isinstance(value, bool):
@@ -72,7 +76,11 @@ class Parameter:
             if self.kind == "sign" and abs(number) != 1.0:
                 self._refuse(number, "1.0 or -1.0")
             return number
-        if isinstance(value, str) or not isinstance(value, Sequence) or len(value) != len(self.default):
+        if (
+            isinstance(value, str)
+            or not isinstance(value, Sequence)
+            or len(value) != len(self.default)
+        ):
             self._refuse(value, f"{len(self.default)} numbers")
         numbers = tuple(self._number(v) for v in value)
         return self._unit(numbers) if self.kind == "quaternion" else numbers
@@ -86,14 +94,21 @@ class Parameter:
         limit = LONGEST_NAME if self.kind == "frame" else _LONGEST
         if len(value) > limit:
             raise InputError(f"{self.name} has {len(value):,} characters; the limit is {limit:,}")
-        if self.kind == "motions" and not {motion.strip() for motion in value.split(",")} <= {"", *MOTIONS}:
+        if self.kind == "motions" and not {motion.strip() for motion in value.split(",")} <= {
+            "",
+            *MOTIONS,
+        }:
             self._refuse(value, f"some of {', '.join(MOTIONS)}, with commas")
         if self.choices and value not in self.choices:
             self._refuse(value, f"one of {', '.join(self.choices)}")
         return value
 
     def _number(self, value: object) -> float:
-        if isinstance(value, bool) or not isinstance(value, int | float) or not abs(value) <= _LARGEST:
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not abs(value) <= _LARGEST
+        ):
             self._refuse(value, "a finite number (such as 1.0)")
         low, high = self.bounds
         if not low <= value <= high:

@@ -12,8 +12,6 @@ from typing import Any
 from rft_ros.errors import InputError, shown
 from rft_ros.yaml_file import read_yaml, yaml_content
 
-__all__ = ["Given", "Section", "flat", "read_sections", "read_value"]
-
 Given = bool | int | float | str | list[bool] | list[int] | list[float] | list[str]
 """A value in a parameter file, of the type that ROS reads."""
 
@@ -62,7 +60,9 @@ def read_sections(file: Path) -> list[Section]:
         sections: dict[str, Section] = {}
         for section in _sections(tree, ""):
             if section.key in sections:
-                raise InputError(f"'{section.key}' stands twice; put its parameters into one section")
+                raise InputError(
+                    f"'{section.key}' stands twice; put its parameters into one section"
+                )
             sections[section.key] = section
     except InputError as error:
         raise InputError(f"parameter file '{file}': {error}") from None
@@ -84,12 +84,16 @@ def _sections(tree: Mapping[str, Any], parent: str) -> Iterator[Section]:
             raise InputError(f"'{name}' stands below '{parent}'; write both in one: '{key}'")
         if not isinstance(content, Mapping) or not content:
             where = key if content == {} else parent or key
-            raise InputError(f"'{where}' has no '{_KEY}'; write '{_KEY}:' below it, and the parameters below that")
+            raise InputError(
+                f"'{where}' has no '{_KEY}'; write '{_KEY}:' below it, and the parameters below that"
+            )
         if _KEY not in content:
             yield from _sections(content, key)
             continue
         if len(content) > 1:
-            raise InputError(f"'{key}' has more than '{_KEY}'; write the rest as a section of its own")
+            raise InputError(
+                f"'{key}' has more than '{_KEY}'; write the rest as a section of its own"
+            )
         if not _NODE.fullmatch(key):
             raise InputError(f"'{key}' is no name of a node to ROS; correct it")
         yield Section(key, _parameters(content[_KEY], key))
@@ -110,10 +114,18 @@ def _parameters(tree: Any, key: str) -> dict[str, Given]:
 def _checked(name: str, value: Any) -> Given:
     """A value of a type that ROS has."""
     if value is None:
-        raise InputError(f"{name} has no value, where ROS stops or reads text; give it one, or quotes around text")
-    if isinstance(value, Mapping) or (isinstance(value, list) and any(isinstance(v, list | Mapping) for v in value)):
-        raise InputError(f"{name} has a list or a mapping in a list; ROS takes lists of values only")
+        raise InputError(
+            f"{name} has no value, where ROS stops or reads text; give it one, or quotes around text"
+        )
+    if isinstance(value, Mapping) or (
+        isinstance(value, list) and any(isinstance(v, list | Mapping) for v in value)
+    ):
+        raise InputError(
+            f"{name} has a list or a mapping in a list; ROS takes lists of values only"
+        )
     if isinstance(value, list) and len({type(v) for v in value}) > 1:
-        raise InputError(f"{name} is {shown(value)}; ROS takes lists of one type only, such as [0.0, 0.5]")
+        raise InputError(
+            f"{name} is {shown(value)}; ROS takes lists of one type only, such as [0.0, 0.5]"
+        )
     given: Given = value
     return given

@@ -11,8 +11,6 @@ from rft_ros.rft.frames import Quaternion, Vector, Wrench
 from rft_ros.rft.motion_kinds import MOTIONS
 from rft_ros.tool import Tool
 
-__all__ = ["CALIBRATED_ERROR", "LoadCell", "Model", "Settings"]
-
 CALIBRATED_ERROR = 0.15
 """Relative standard error that a ζ from a calibration is taken to have, if the calibration does not say."""
 
@@ -27,19 +25,21 @@ class LoadCell:
     position: Vector = Parameter("sensor.position", (0.0, 0.0, 0.0), "m", (-1e3, 1e3)).field(
         "Origin of sensor_frame in tool_frame."
     )
-    quaternion: Quaternion = Parameter("sensor.quaternion", (0.0, 0.0, 0.0, 1.0), "xyzw", kind="quaternion").field(
-        "Orientation of sensor_frame in tool_frame, unit length."
-    )
+    quaternion: Quaternion = Parameter(
+        "sensor.quaternion", (0.0, 0.0, 0.0, 1.0), "xyzw", kind="quaternion"
+    ).field("Orientation of sensor_frame in tool_frame, unit length.")
     sign: float = Parameter("sensor.sign", 1.0, bounds=(-1.0, 1.0), kind="sign").field(
         "1.0: the driver reports the force that acts on the tool. -1.0: the force with which the tool pushes."
     )
-    bias: Wrench = Parameter("sensor.bias", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), "N, N m", (-1e6, 1e6)).field(
-        "Reading of the load cell without load: fx, fy, fz, tx, ty, tz."
+    bias: Wrench = Parameter(
+        "sensor.bias", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), "N, N m", (-1e6, 1e6)
+    ).field("Reading of the load cell without load: fx, fy, fz, tx, ty, tz.")
+    mass: float = Parameter("sensor.mass", 0.0, "kg", (0.0, 1e3)).field(
+        "Mass that hangs below the load cell."
     )
-    mass: float = Parameter("sensor.mass", 0.0, "kg", (0.0, 1e3)).field("Mass that hangs below the load cell.")
-    center_of_mass: Vector = Parameter("sensor.center_of_mass", (0.0, 0.0, 0.0), "m", (-1e3, 1e3)).field(
-        "Centre of that mass in sensor_frame."
-    )
+    center_of_mass: Vector = Parameter(
+        "sensor.center_of_mass", (0.0, 0.0, 0.0), "m", (-1e3, 1e3)
+    ).field("Centre of that mass in sensor_frame.")
     delay: float = Parameter("sensor.delay", 0.0, "s", (-10.0, 10.0)).field(
         "How much later than the poses' stamps those of the load cell are for one event; negative: earlier."
     )
@@ -58,7 +58,9 @@ class Settings:
     zeta_error: float | None = Parameter("medium.zeta_error", 0.0, bounds=(0.0, 2.0)).field(
         "Relative standard error of medium.zeta. 0.0: not known.", default=None
     )
-    calibrated_depth: float | None = Parameter("medium.calibrated_depth", 0.0, "m", (0.0, 1e3)).field(
+    calibrated_depth: float | None = Parameter(
+        "medium.calibrated_depth", 0.0, "m", (0.0, 1e3)
+    ).field(
         "Greatest depth reached in the calibration. Estimates at greater depth get the flag deep. 0.0: not known.",
         default=None,
     )
@@ -81,21 +83,25 @@ class Settings:
     surface_height: float = Parameter("surface_height", 0.0, "m", (-1e6, 1e6)).field(
         "z of the undisturbed surface in world_frame."
     )
-    world_frame: str = Parameter("world_frame", "world", kind="frame").field("frame_id of poses; z up.")
+    world_frame: str = Parameter("world_frame", "world", kind="frame").field(
+        "frame_id of poses; z up."
+    )
     tool_frame: str = Parameter("tool_frame", "tool", kind="frame").field(
         "Frame of the mesh; twists may be in its axes."
     )
     sensor_frame: str = Parameter("sensor_frame", "ft_sensor", kind="frame").field(
         "frame_id of the load cell, and of all published wrenches."
     )
-    sensor_source: Literal["parameters", "tf", "world"] = Parameter("sensor.frame_source", "parameters").field(
+    sensor_source: Literal["parameters", "tf", "world"] = Parameter(
+        "sensor.frame_source", "parameters"
+    ).field(
         "Source of the sensor's place on the tool. parameters: sensor.position and sensor.quaternion. tf: fixed "
         "transforms. world: as parameters, but the readings are in the axes of world_frame, whatever their "
         "frame_id says."
     )
-    pose_source: Literal["topic", "tf"] = Parameter("pose_source", "topic", applies="restart").field(
-        "Source of the pose. topic: ~/pose. tf: the transforms of TF."
-    )
+    pose_source: Literal["topic", "tf"] = Parameter(
+        "pose_source", "topic", applies="restart"
+    ).field("Source of the pose. topic: ~/pose. tf: the transforms of TF.")
     tf_rate: float = Parameter("tf_rate", 0.0, "Hz", (0.0, 1e4)).field(
         "Rate of the poses from TF. 0.0: a pose at each stamp of the load cell."
     )
@@ -118,11 +124,15 @@ class Settings:
 
     def __post_init__(self) -> None:
         if self.world_frame == self.tool_frame:
-            raise InputError(f"world_frame and tool_frame are both '{self.tool_frame}'; name two different frames")
+            raise InputError(
+                f"world_frame and tool_frame are both '{self.tool_frame}'; name two different frames"
+            )
         for name in ("calibrated_depth", "grain_diameter", "zeta_error"):
             value = getattr(self, name)
             if value is not None and not value > 0.0:
-                raise InputError(f"{name} is {value}; it must be positive, or None if it is not known")
+                raise InputError(
+                    f"{name} is {value}; it must be positive, or None if it is not known"
+                )
 
     @property
     def max_age(self) -> int:

@@ -13,8 +13,6 @@ from numpy.typing import NDArray
 
 from rft_ros.rft.media import MEDIA, OF_ALPHA_X, OF_ALPHA_Z, Medium, stress_terms
 
-__all__ = ["MediumFit", "StressMap", "fit_medium"]
-
 Array = NDArray[np.float64]
 
 _OPEN = 0.04  # a combination of terms whose RMS over the cells is below this is not determined by the map
@@ -76,7 +74,9 @@ class _OneStress(NamedTuple):
         """Sentences on the coefficients that the generic medium times ζ fills in."""
         filled = f"the generic medium times {zeta:.3g}"
         if not self.is_measured:
-            return [f"no {self.stress} was measured: {_listed([*self.coefficients])} are those of {filled}"]
+            return [
+                f"no {self.stress} was measured: {_listed([*self.coefficients])} are those of {filled}"
+            ]
         sentences = []
         for group in self.open:
             if len(group) == 1:
@@ -127,7 +127,9 @@ def _units(zeta: float) -> list[str]:
     if _WEAKEST <= zeta <= _STRONGEST:
         return []
     stresses = f"the stresses are {zeta:.3g} times those of the generic medium"
-    return [f"{stresses}, outside of {_WEAKEST:g} to {_STRONGEST:g}; they must be in N/cm³, a pressure over its depth"]
+    return [
+        f"{stresses}, outside of {_WEAKEST:g} to {_STRONGEST:g}; they must be in N/cm³, a pressure over its depth"
+    ]
 
 
 def _far_cells(fitted: Medium, measured: StressMap) -> list[str]:
@@ -136,7 +138,9 @@ def _far_cells(fitted: Medium, measured: StressMap) -> list[str]:
     Both come of swapped columns, of copied cells, of wrong signs and of angles that are counted from elsewhere.
     """
     of_x, of_z = fitted.stresses(measured.beta, measured.gamma)
-    residual = np.hypot(np.nan_to_num(measured.alpha_x - of_x), np.nan_to_num(measured.alpha_z - of_z))
+    residual = np.hypot(
+        np.nan_to_num(measured.alpha_x - of_x), np.nan_to_num(measured.alpha_z - of_z)
+    )
     size = _misfit(_scaled(0.0), measured)
     misfit = _misfit(fitted, measured)
     most = max(_OUTLIER * float(np.median(residual)), _NO_MEDIUM * size)
@@ -147,16 +151,22 @@ def _far_cells(fitted: Medium, measured: StressMap) -> list[str]:
         beta, gamma = np.rad2deg([measured.beta[k], measured.gamma[k]])
         cells.append(f"beta {beta:.4g}, gamma {gamma:.4g} (by {residual[k]:.3g} N/cm³)")
     left = f"the fit leaves {misfit:.3g} of {size:.3g} N/cm³ (RMS)"
-    check = "check these, the order of the columns, and the signs and angles against docs/method.md"
+    check = (
+        "check these, the order of the columns, and the signs and angles against docs/method.md"
+    )
     return [f"{left}; it is furthest from the cells {', '.join(cells)}: {check}"]
 
 
 def _scaled(zeta: float) -> Medium:
     """The generic medium times ζ."""
-    return Medium.of("generic", {name: zeta * value for name, value in MEDIA["generic"].coefficients.items()})
+    return Medium.of(
+        "generic", {name: zeta * value for name, value in MEDIA["generic"].coefficients.items()}
+    )
 
 
-def _fit(stress: str, names: tuple[str, ...], *, terms: Array, values: Array, start: Medium) -> _OneStress:
+def _fit(
+    stress: str, names: tuple[str, ...], *, terms: Array, values: Array, start: Medium
+) -> _OneStress:
     """The coefficients of one stress; in combinations that the cells leave open, those of the medium `start`.
 
     `terms`: of each cell, shape [n, names]; `values`: the stress of each cell, shape [n], NaN where missing.
@@ -166,7 +176,9 @@ def _fit(stress: str, names: tuple[str, ...], *, terms: Array, values: Array, st
     terms_there = terms[there]
     values_there = values[there]
     first = np.array([getattr(start, name) for name in names])
-    mean_squares, combinations = np.linalg.eigh(terms_there.T @ terms_there / count)  # combinations: a column each
+    mean_squares, combinations = np.linalg.eigh(
+        terms_there.T @ terms_there / count
+    )  # combinations: a column each
     known = mean_squares > _OPEN**2
     determined = combinations[:, known]
     inverse = determined / mean_squares[known] @ determined.T / count

@@ -8,8 +8,6 @@ from rft_ros.parameters.parameter import LONGEST_NAME, Parameter, Value, paramet
 from rft_ros.parameters.settings import LoadCell, Settings
 from rft_ros.rft import ALPHA_Y_MODELS, INERTIA, INTEGRATIONS, LAWS, MEDIA, SURFACE_FRICTION
 
-__all__ = ["MESH", "PARAMETERS", "checked", "defaults", "unknown_parameter"]
-
 MESH = (
     "path, package:// or file:// URI, robot.urdf#link, or name of a shipped mesh (plate, ellipsoid, root_tip, sphere,"
     " abb_plate, scoop)"
@@ -17,7 +15,9 @@ MESH = (
 """The forms of a value of mesh.file, for help texts."""
 
 _OTHERS = (
-    Parameter("mesh.file", "plate").means(f"Tool mesh: {MESH}; a path is relative to the parameter file."),
+    Parameter("mesh.file", "plate").means(
+        f"Tool mesh: {MESH}; a path is relative to the parameter file."
+    ),
     Parameter("mesh.scale", 0.0, "m", (0.0, 1e6), least=1e-9).means(
         "Metres per mesh unit. 0.0: the unit that the file declares (COLLADA, glTF, URDF), or a millimetre."
     ),
@@ -39,7 +39,9 @@ _OTHERS = (
     Parameter("medium.file", "", "N/cm3").means(
         "A medium of your own in place of medium.name: nine coefficients (YAML), or a measured stress map (CSV)."
     ),
-    Parameter("medium.zeta", 1.0, bounds=(1e-6, 1e6)).means("Scale factor of the medium, from calibration."),
+    Parameter("medium.zeta", 1.0, bounds=(1e-6, 1e6)).means(
+        "Scale factor of the medium, from calibration."
+    ),
     Parameter("medium.mobilization_length", 0.003, "m", (0.0, 1e3)).means(
         "Memory of the grains: displacement over which the force at 30 mm depth reaches 63 % of its full value. "
         "With memory the force holds at rest. 0.0: no memory, as published."
@@ -74,7 +76,10 @@ _OTHERS = (
         "grains. 0.0: publish no such wrench."
     ),
     Parameter(
-        "feedforward.frame", "sensor_frame", choices=("sensor_frame", "tool_frame", "world_frame"), applies="restart"
+        "feedforward.frame",
+        "sensor_frame",
+        choices=("sensor_frame", "tool_frame", "world_frame"),
+        applies="restart",
     ).means(
         "Axes of ~/wrench_feedforward. Its torque is about the sensor's origin in sensor_frame, otherwise about "
         "the tool frame's origin."

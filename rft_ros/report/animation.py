@@ -17,7 +17,9 @@ _MOST_FACES = 10_000  # of a mesh that is drawn as it is
 _FEWER = 5000, 20_000, 80_000  # numbers of faces that are tried for a finer one
 _EXTENT_ERROR = 0.01  # of the largest extent: how far a face of the bounding box may move
 _AREA_ERROR = 0.02  # of the area: error of the area that faces +x, -x, ..., -z
-_TURN = 0.1  # of the largest extent: the distance that is as bad as an error of the normal by 1 rad
+_TURN = (
+    0.1  # of the largest extent: the distance that is as bad as an error of the normal by 1 rad
+)
 
 
 class DrawnMesh(NamedTuple):
@@ -40,7 +42,9 @@ def drawn_mesh(tool: Tool, *, most_faces: int = _MOST_FACES) -> DrawnMesh:
     import trimesh
     from scipy.spatial import KDTree
 
-    vertices, merged = np.unique(tool.vertices, axis=0, return_inverse=True)  # each face of an STL file has its own
+    vertices, merged = np.unique(
+        tool.vertices, axis=0, return_inverse=True
+    )  # each face of an STL file has its own
     full = trimesh.Trimesh(vertices, merged.reshape(-1)[tool.faces], process=False)
     for count in _FEWER if len(full.faces) > most_faces else ():
         if count < len(full.faces):
@@ -48,8 +52,14 @@ def drawn_mesh(tool: Tool, *, most_faces: int = _MOST_FACES) -> DrawnMesh:
             fewer.update_faces(fewer.area_faces > 0.0)
             if len(fewer.faces) and _keeps_shape(full, fewer):
                 facets = _places(full, full.triangles_center, full.face_normals)
-                nearest = KDTree(facets).query(_places(full, fewer.triangles_center, fewer.face_normals))[1]
-                return DrawnMesh(np.array(fewer.vertices), np.array(fewer.faces), np.asarray(nearest, dtype=np.int64))
+                nearest = KDTree(facets).query(
+                    _places(full, fewer.triangles_center, fewer.face_normals)
+                )[1]
+                return DrawnMesh(
+                    np.array(fewer.vertices),
+                    np.array(fewer.faces),
+                    np.asarray(nearest, dtype=np.int64),
+                )
     return DrawnMesh(vertices, np.array(full.faces), np.arange(len(full.faces)))
 
 
@@ -121,7 +131,9 @@ def animate(
     facets, without memory and without learned corrections.
     """
     vertices, faces, facet = drawn_mesh(tool)
-    moments = min(len(states), _MOMENTS, max(_NUMBERS // (vertices.size + len(faces)), _FEWEST_MOMENTS))
+    moments = min(
+        len(states), _MOMENTS, max(_NUMBERS // (vertices.size + len(faces)), _FEWEST_MOMENTS)
+    )
     greatest = np.linalg.norm(forces, axis=1).argmax()
     used = np.linspace(0, len(states) - 1, moments).round().astype(int)
     used[np.abs(used - greatest).argmin()] = greatest
@@ -133,7 +145,9 @@ def animate(
     grid = None
     for state in states:
         surface = support.local_surface(ground, state, level=surface_height)
-        by_facet = plate_forces(tool.facets, law, state, surface_height=surface.height, slope=surface.slope)
+        by_facet = plate_forces(
+            tool.facets, law, state, surface_height=surface.height, slope=surface.slope
+        )
         traction.append((np.linalg.norm(by_facet, axis=1) / tool.facets.areas)[facet])
     if ground is not None:  # around the tool's path
         around = 3.0 * tool.plates.reach
@@ -144,7 +158,10 @@ def animate(
         title=title,
         labels=tuple(f"t = {time:.2f} s" for time in times),
         placed=np.array(
-            [1e3 * (vertices @ rotation_matrix(state[QUATERNION]).T + state[POSITION]) for state in states]
+            [
+                1e3 * (vertices @ rotation_matrix(state[QUATERNION]).T + state[POSITION])
+                for state in states
+            ]
         ),
         faces=faces,
         traction=1e-3 * np.array(traction),
@@ -180,7 +197,9 @@ def animation_figure(drawn: Animation) -> Any:
     sizes = np.linalg.norm(drawn.forces, axis=1)
     starts = drawn.placed.mean(axis=1)
     ends = starts + 0.4 * (high - low).max() / (sizes.max() or 1.0) * drawn.forces
-    captions = [f"{drawn.title}   {s}   |F| = {f:.2f} N" for s, f in zip(drawn.labels, sizes, strict=True)]
+    captions = [
+        f"{drawn.title}   {s}   |F| = {f:.2f} N" for s, f in zip(drawn.labels, sizes, strict=True)
+    ]
 
     def moving(n: int, tool: dict[str, Any], line: dict[str, Any]) -> list[Any]:
         """The tool and the line of the force at a moment, with the rest of how they look."""
@@ -197,13 +216,18 @@ def animation_figure(drawn: Animation) -> Any:
     }  # fmt: skip
     force = {"mode": "lines", "line": {"color": _FORCE, "width": 8}, "name": "force on the tool"}
     path = {"mode": "lines", "line": {"color": _PATH, "width": 3}, "name": "path"}
-    x, y, heights = drawn.ground or (*np.array([low, high]).T[:2], np.full((2, 2), drawn.surface_height))
+    x, y, heights = drawn.ground or (
+        *np.array([low, high]).T[:2],
+        np.full((2, 2), drawn.surface_height),
+    )
     ground = go.Surface(
         x=x, y=y, z=heights.T, name="surface",
         colorscale=[[0, _SURFACE], [1, _SURFACE]], showscale=False, opacity=0.35, hoverinfo="skip",
     )  # fmt: skip
     frames = [
-        go.Frame(data=moving(n, {}, {}), traces=[0, 1], name=str(n), layout={"title": {"text": caption}})
+        go.Frame(
+            data=moving(n, {}, {}), traces=[0, 1], name=str(n), layout={"title": {"text": caption}}
+        )
         for n, caption in enumerate(captions)
     ]
     data = [*moving(drawn.first, tool, force), go.Scatter3d(**_points(starts), **path), ground]
@@ -237,7 +261,10 @@ def _scene(low: Array, high: Array, *, force_points_up: bool) -> dict[str, Any]:
     """The axes, their proportions and the camera of a scene between two points."""
     size = high - low
     zoom = np.interp(size[2] / size.max(), (_FLAT, 1.0), (_ZOOM_FLAT, _ZOOM_TALL))
-    axes = {f"{a}axis": {"title": {"text": f"{a} [mm]"}, "range": [low[n], high[n]]} for n, a in enumerate("xyz")}
+    axes = {
+        f"{a}axis": {"title": {"text": f"{a} [mm]"}, "range": [low[n], high[n]]}
+        for n, a in enumerate("xyz")
+    }
     return {
         **axes,
         "aspectmode": "manual",  # with "data", a wide scene is larger than the page
@@ -249,7 +276,11 @@ def _scene(low: Array, high: Array, *, force_points_up: bool) -> dict[str, Any]:
 
 def _controls(drawn: Animation) -> dict[str, Any]:
     """The slider over the moments, and the buttons."""
-    each = {"frame": {"duration": _PERIOD, "redraw": True}, "fromcurrent": True, "mode": "immediate"}
+    each = {
+        "frame": {"duration": _PERIOD, "redraw": True},
+        "fromcurrent": True,
+        "mode": "immediate",
+    }
     at_once = {"mode": "immediate"}
 
     def button(label: str, *arguments: object) -> dict[str, object]:
@@ -258,6 +289,8 @@ def _controls(drawn: Animation) -> dict[str, Any]:
     steps = [button(label, [str(n)], at_once) for n, label in enumerate(drawn.labels)]
     menu = {"type": "buttons", "direction": "left", "x": 0.0, "y": -0.02, "yanchor": "top"}
     return {
-        "updatemenus": [{**menu, "buttons": [button("Play", None, each), button("Pause", [None], at_once)]}],
+        "updatemenus": [
+            {**menu, "buttons": [button("Play", None, each), button("Pause", [None], at_once)]}
+        ],
         "sliders": [{"x": 0.14, "len": 0.84, "active": drawn.first, "steps": steps}],
     }

@@ -22,7 +22,11 @@ th { color: #555; font-weight: 600; }
 """
 
 
-_CONFIG = {"responsive": True, "displaylogo": False, "showSendToCloud": False}  # no upload of a cell's data
+_CONFIG = {
+    "responsive": True,
+    "displaylogo": False,
+    "showSendToCloud": False,
+}  # no upload of a cell's data
 _LOADER = """
 const packed = Uint8Array.from(atob(document.getElementById("plotly").textContent), (c) => c.charCodeAt(0));
 const plotly = new Blob([packed]).stream().pipeThrough(new DecompressionStream("gzip"));
@@ -44,7 +48,9 @@ class Figure(NamedTuple):
 
     def html(self) -> str:
         """The HTML of the section below its title and sentence."""
-        text = json.dumps({**json.loads(self.drawn.to_json()), "config": _CONFIG}).replace("<", "\\u003c")
+        text = json.dumps({**json.loads(self.drawn.to_json()), "config": _CONFIG}).replace(
+            "<", "\\u003c"
+        )
         return f'<div id="figure-{self.name}"></div><script class="figure" type="application/json">{text}</script>'
 
 
@@ -64,7 +70,12 @@ class Table(NamedTuple):
 
 
 def write_page(
-    file: Path, sections: Iterable[Figure | Table], *, title: str, sentence: str = "", warnings: Iterable[str] = ()
+    file: Path,
+    sections: Iterable[Figure | Table],
+    *,
+    title: str,
+    sentence: str = "",
+    warnings: Iterable[str] = (),
 ) -> None:
     """Write a page. The same content gives the same bytes. Raises InputError if this fails."""
     parts = [
@@ -73,10 +84,16 @@ def write_page(
         f"<title>{escape(title)}</title><style>{_STYLE}</style>",
         '<link rel="icon" href="data:,"></head><body>',
         f"<h1>{escape(title)}</h1><p>{escape(sentence)}</p>",
-        *(f'<p class="warning">{escape(warning[:1].upper() + warning[1:])}.</p>' for warning in warnings),
+        *(
+            f'<p class="warning">{escape(warning[:1].upper() + warning[1:])}.</p>'
+            for warning in warnings
+        ),
     ]
     for section in sections:
-        parts += [f"<h2>{escape(section.title)}</h2><p>{escape(section.sentence)}</p>", section.html()]
+        parts += [
+            f"<h2>{escape(section.title)}</h2><p>{escape(section.sentence)}</p>",
+            section.html(),
+        ]
     parts += ['<p id="loading">The figures need a browser of 2023 or later, with JavaScript.</p>']
     parts += [f'<script id="plotly" type="text/plain">{_packed_plotly()}</script>']
     parts += [f'<script type="module">{_LOADER}</script></body></html>\n']

@@ -32,17 +32,26 @@ def write_stress_figure(file: Path, measured: StressMap, fit: MediumFit) -> None
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     panels = figure.subplots(2, 3, sharex=True, sharey=True)
     modelled = fit.medium.stresses(measured.beta, measured.gamma)
-    quantities = ((r"$\alpha_x$", measured.alpha_x, modelled[0]), (r"$\alpha_z$", measured.alpha_z, modelled[1]))
+    quantities = (
+        (r"$\alpha_x$", measured.alpha_x, modelled[0]),
+        (r"$\alpha_z$", measured.alpha_z, modelled[1]),
+    )
     beta = np.rad2deg(measured.beta)
     gamma = np.rad2deg(measured.gamma)
     style = {"cmap": "RdBu_r", "marker": "s", "s": _PANEL / len(beta), "linewidths": 0.0}
     for (name, stress, model), row in zip(reversed(quantities), panels, strict=True):
         seen = np.isfinite(stress)
         most = float(np.abs(np.concatenate([stress[seen], model])).max())
-        pictures = {"measured": stress, "fitted": np.where(seen, model, np.nan), "measured - fitted": stress - model}
+        pictures = {
+            "measured": stress,
+            "fitted": np.where(seen, model, np.nan),
+            "measured - fitted": stress - model,
+        }
         for axes, (title, values) in zip(row, pictures.items(), strict=True):
             there = np.isfinite(values)
-            drawn = axes.scatter(beta[there], gamma[there], c=values[there], vmin=-most, vmax=most, **style)
+            drawn = axes.scatter(
+                beta[there], gamma[there], c=values[there], vmin=-most, vmax=most, **style
+            )
             rms = f", RMS {np.sqrt(np.nanmean(values**2)):.3f}" if seen.any() else ""
             axes.set_title(f"{name} {title}{rms} N/cm³", fontsize=9)
             axes.set_facecolor("#d0d0d0")  # of missing cells
@@ -52,6 +61,10 @@ def write_stress_figure(file: Path, measured: StressMap, fit: MediumFit) -> None
         axes.set_xlabel(r"attack angle $\beta$ [deg]")
         axes.xaxis.set_major_locator(MultipleLocator(45.0))
         axes.yaxis.set_major_locator(MultipleLocator(45.0))
-    figure.suptitle(f"{fit.medium.name}: RMS of the fit {fit.misfit:.3f} N/cm³; grey: no cell", fontsize=10)
+    figure.suptitle(
+        f"{fit.medium.name}: RMS of the fit {fit.misfit:.3f} N/cm³; grey: no cell", fontsize=10
+    )
     with whole(file, "figure") as part:
-        figure.savefig(part, dpi=120, metadata={"Date": None} if file.suffix.lower() == ".svg" else None)
+        figure.savefig(
+            part, dpi=120, metadata={"Date": None} if file.suffix.lower() == ".svg" else None
+        )

@@ -67,11 +67,57 @@ from rft_ros.rft.traction import (
 )
 from rft_ros.rft.wrench import LEVEL, plate_forces, wrenches, wrenches_in_time
 
-__all__ = ["ALPHA_Y_MODELS", "ANGULAR_VELOCITY", "AXES", "BY_HEIGHT", "COLUMNS", "FORCE", "INERTIA", "INTEGRATIONS"]
-__all__ += ["LAWS", "LAW_NUMBERS", "LEVEL", "MEDIA", "MOMENTS", "POSE", "POSITION", "QUATERNION", "SENSITIVITIES"]
-__all__ += ["SLACK", "STATE", "SUBMERGED_AREA", "SURFACE_FRICTION", "TORQUE", "TWIST", "VELOCITY", "WRENCH"]
-__all__ += ["Agarwal2023", "AlphaY", "Constant", "Integration", "Law", "Linear", "Medium", "Memory", "Plates"]
-__all__ += ["SpeedLimits", "Table", "Treers2021", "agarwal2023", "alpha_y_model", "checked_states", "described"]
+__all__ = [
+    "ALPHA_Y_MODELS",
+    "ANGULAR_VELOCITY",
+    "AXES",
+    "BY_HEIGHT",
+    "COLUMNS",
+    "FORCE",
+    "INERTIA",
+    "INTEGRATIONS",
+]
+__all__ += [
+    "LAWS",
+    "LAW_NUMBERS",
+    "LEVEL",
+    "MEDIA",
+    "MOMENTS",
+    "POSE",
+    "POSITION",
+    "QUATERNION",
+    "SENSITIVITIES",
+]
+__all__ += [
+    "SLACK",
+    "STATE",
+    "SUBMERGED_AREA",
+    "SURFACE_FRICTION",
+    "TORQUE",
+    "TWIST",
+    "VELOCITY",
+    "WRENCH",
+]
+__all__ += [
+    "Agarwal2023",
+    "AlphaY",
+    "Constant",
+    "Integration",
+    "Law",
+    "Linear",
+    "Medium",
+    "Memory",
+    "Plates",
+]
+__all__ += [
+    "SpeedLimits",
+    "Table",
+    "Treers2021",
+    "agarwal2023",
+    "alpha_y_model",
+    "checked_states",
+    "described",
+]
 __all__ += ["displacements_between", "displacements_followed"]
 __all__ += ["law_named", "medium_named", "plate_forces", "rotation_matrix", "traction_per_depth"]
 __all__ += ["treers2021", "unit_quaternion", "wrenches", "wrenches_in_time"]

@@ -61,7 +61,9 @@ class Agarwal2023(GranularLaw):
         GranularLaw.__post_init__(self)
         numbers = {
             **self.shared(self.stiffness),
-            "surface_friction": number("medium.surface_friction", self.surface_friction, least=0.0),
+            "surface_friction": number(
+                "medium.surface_friction", self.surface_friction, least=0.0
+            ),
         }
         object.__setattr__(self, "packed", packed(AGARWAL2023, numbers))
 
@@ -89,7 +91,28 @@ def agarwal2023(**numbers: float) -> Agarwal2023:
 @inlined
 def _even_and_odd(c, x1, x2, square):
     """The polynomial's parts even in x3, and odd in x3 divided by x3. `square`: x3²."""
-    one, c1, c2, c3, c11, c22, c33, c12, c23, c31, c111, c222, c333, c122, c112, c233, c223, c113, c133, c123 = c
+    (
+        one,
+        c1,
+        c2,
+        c3,
+        c11,
+        c22,
+        c33,
+        c12,
+        c23,
+        c31,
+        c111,
+        c222,
+        c333,
+        c122,
+        c112,
+        c233,
+        c223,
+        c113,
+        c133,
+        c123,
+    ) = c
     even = (
         (one + c1 * x1 + c2 * x2)
         + (c11 * x1 * x1 + c22 * x2 * x2 + c12 * x1 * x2)
@@ -97,7 +120,9 @@ def _even_and_odd(c, x1, x2, square):
         + (c222 * x2 + c122 * x1) * (x2 * x2)
         + (c33 + c233 * x2 + c133 * x1) * square
     )
-    odd = (c3 + c23 * x2 + c31 * x1) + (c223 * x2 + c123 * x1) * x2 + c113 * x1 * x1 + c333 * square
+    odd = (
+        (c3 + c23 * x2 + c31 * x1) + (c223 * x2 + c123 * x1) * x2 + c113 * x1 * x1 + c333 * square
+    )
     return even, odd
 
 
@@ -121,7 +146,9 @@ def agarwal2023_traction(law, normal, velocity):
     back = f1 - across
     ax, ay, az = back * nx + f2 * vx, back * ny + f2 * vy, back * nz + f2 * vz - f3
     pressure = max(-across, 0.0)  # grains do not pull
-    share = min(law.surface_friction * pressure / sqrt(max(ax * ax + ay * ay + az * az, _TINY)), 1.0)
+    share = min(
+        law.surface_friction * pressure / sqrt(max(ax * ax + ay * ay + az * az, _TINY)), 1.0
+    )
     stiffness = law.stiffness if vx * vx + vy * vy + vz * vz > 0.0 else 0.0
     return (
         stiffness * (share * ax - pressure * nx),

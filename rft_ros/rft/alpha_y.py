@@ -47,7 +47,11 @@ class Table(NamedTuple):
     values: NDArray[np.float64]
 
     def __eq__(self, other: object) -> bool:
-        return isinstance(other, Table) and self[:4] == other[:4] and np.array_equal(self.values, other.values)
+        return (
+            isinstance(other, Table)
+            and self[:4] == other[:4]
+            and np.array_equal(self.values, other.values)
+        )
 
     def __ne__(self, other: object) -> bool:  # that of tuples would take the truth of an array
         return not self == other
@@ -68,7 +72,9 @@ class Table(NamedTuple):
         v = numbers("values", values, (len(g),), rows=len(b))
         for name, knots in (("beta", b), ("gamma", g)):
             if len(knots) == 0 or not np.isfinite(knots).all() or not (np.diff(knots) > 0.0).all():
-                raise ValueError(f"{name} is {knots}; it must be finite and ascending, with at least one value")
+                raise ValueError(
+                    f"{name} is {knots}; it must be finite and ascending, with at least one value"
+                )
         if not np.isfinite(v).all():
             raise ValueError("values has a number that is not finite")
         beta_nodes, v = _uniform(b, v)
@@ -86,16 +92,24 @@ PAPER_LINEAR = Linear(0.2035, -0.0015)
 """The paper's line, found in grains like the generic medium."""
 
 
-def _uniform(knots: NDArray[np.float64], values: NDArray[np.float64]) -> tuple[float, NDArray[np.float64]]:
+def _uniform(
+    knots: NDArray[np.float64], values: NDArray[np.float64]
+) -> tuple[float, NDArray[np.float64]]:
     """Nodes per radian of a uniform grid over the knots, and the rows of values there by linear interpolation."""
     if len(knots) == 1:
         return 0.0, np.repeat(values, 2, axis=0)
     span = knots[-1] - knots[0]
     place = (knots - knots[0]) / span
-    on_nodes = (n for n in range(len(knots) - 1, FINEST) if np.abs(place - np.round(place * n) / n).max() < 1e-9)
+    on_nodes = (
+        n
+        for n in range(len(knots) - 1, FINEST)
+        if np.abs(place - np.round(place * n) / n).max() < 1e-9
+    )
     steps = next(on_nodes, FINEST)
     nodes = np.linspace(0.0, 1.0, steps + 1)
-    return float(steps / span), np.column_stack([np.interp(nodes, place, column) for column in values.T])
+    return float(steps / span), np.column_stack(
+        [np.interp(nodes, place, column) for column in values.T]
+    )
 
 
 _DEGREES = 180.0 / math.pi
@@ -110,11 +124,16 @@ def _atan2(y: float, x: float) -> float:
     z = (ax if steep else ay) / (high if high > 0.0 else 1.0)
     t = z * z
     p = 0.9999999999999283 + t * (
-        1.8181909718019935 + t * (1.0484966104272653 + t * (0.2084748631867935 + t * 0.010064531527009144))
+        1.8181909718019935
+        + t * (1.0484966104272653 + t * (0.2084748631867935 + t * 0.010064531527009144))
     )
     q = 1.0 + t * (
         2.151524305115005
-        + t * (1.5656713797337238 + t * (0.4429175882067973 + t * (0.04081911121290752 + t * 0.0005401519946349882)))
+        + t
+        * (
+            1.5656713797337238
+            + t * (0.4429175882067973 + t * (0.04081911121290752 + t * 0.0005401519946349882))
+        )
     )
     a = z * p / q
     a = 0.5 * math.pi - a if steep else a
@@ -242,7 +261,9 @@ def _model_or(place: int, model: Any, function: Any, otherwise: Any) -> Any:
             if refined:  # a model that does not use γ leaves no code of this
                 vx, vy, vz = triple(chunk, row.VELOCITY, i)
                 sin_g, cos_g = _directed(sin_b, cos_b, ex, ey, vx, vy, vz)
-                if not has_values:  # a table takes the angle by `_atan2`, which does without the unit length
+                if (
+                    not has_values
+                ):  # a table takes the angle by `_atan2`, which does without the unit length
                     sin_g, cos_g = _unit(sin_g, cos_g)
             alpha_y = alpha_y_of(fields, sin_b, cos_b, sin_g, cos_g)
             along = chunk[at(row.ALONG, i)] * (max(alpha_y, 0.0) if refined else alpha_y)

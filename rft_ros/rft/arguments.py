@@ -10,7 +10,12 @@ _FLOAT = np.dtype(np.float64)  # of all numbers in the compiled loops, in native
 
 def number(name: str, value: float, *, positive: bool = False, least: float = -inf) -> float:
     """A finite number as float, of at least `least`, in the unit of `value`. Raises ValueError that names it."""
-    if value.__class__ is float and isfinite(value) and value >= least and (value > 0.0 or not positive):
+    if (
+        value.__class__ is float
+        and isfinite(value)
+        and value >= least
+        and (value > 0.0 or not positive)
+    ):
         return value
     try:
         x = float("nan" if isinstance(value, str | bytes) else value)
@@ -32,7 +37,9 @@ def whole_number(name: str, value: float, *, most: int) -> int:
     return int(x)
 
 
-def numbers(name: str, values: ArrayLike, row: tuple[int, ...] = (), *, rows: int | None = None) -> NDArray[np.float64]:
+def numbers(
+    name: str, values: ArrayLike, row: tuple[int, ...] = (), *, rows: int | None = None
+) -> NDArray[np.float64]:
     """Values as a C-contiguous float64 array, shape [n, *row], in the unit of `values`; not copied if already one.
 
     `row`: shape of one row; a single row becomes shape [1, *row]. `rows`: the required n. Raises ValueError
@@ -45,7 +52,9 @@ def numbers(name: str, values: ArrayLike, row: tuple[int, ...] = (), *, rows: in
     try:
         given = np.asarray(values)
     except ValueError:
-        raise ValueError(f"{name} has rows of different lengths; it must be an array of numbers") from None
+        raise ValueError(
+            f"{name} has rows of different lengths; it must be an array of numbers"
+        ) from None
     if given.dtype.kind not in "fiub":
         raise ValueError(f"{name} has values of type {given.dtype}; they must be real numbers")
     array = np.array(given, dtype=_FLOAT, order="C", ndmin=1 + len(row))

@@ -64,8 +64,16 @@ def _reduce(moved, state, reach, dead_band):
     Its component along the velocity is scaled by 1 - b / |D|. The component across it is scaled by 1 - b / |across|, so
     it counts only where it exceeds b by itself: noise of the poses then hardly changes the direction.
     """
-    vx, vy, vz = min(max(state[7], -FAR), FAR), min(max(state[8], -FAR), FAR), min(max(state[9], -FAR), FAR)
-    wx, wy, wz = min(max(state[10], -FAR), FAR), min(max(state[11], -FAR), FAR), min(max(state[12], -FAR), FAR)
+    vx, vy, vz = (
+        min(max(state[7], -FAR), FAR),
+        min(max(state[8], -FAR), FAR),
+        min(max(state[9], -FAR), FAR),
+    )
+    wx, wy, wz = (
+        min(max(state[10], -FAR), FAR),
+        min(max(state[11], -FAR), FAR),
+        min(max(state[12], -FAR), FAR),
+    )
     square = 0.0
     for c in range(3):
         square += moved[c] * moved[c]
@@ -147,7 +155,11 @@ def moved_by(motion, place):
     """The displacement of a place by that of a tool, as origin and matrix; both in world or in tool axes."""
     (dx, dy, dz), (xx, xy, xz, yx, yy, yz, zx, zy, zz) = motion
     x, y, z = place
-    return dx + xx * x + xy * y + xz * z, dy + yx * x + yy * y + yz * z, dz + zx * x + zy * y + zz * z
+    return (
+        dx + xx * x + xy * y + xz * z,
+        dy + yx * x + yy * y + yz * z,
+        dz + zx * x + zy * y + zz * z,
+    )
 
 
 @compiled

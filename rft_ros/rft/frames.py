@@ -30,7 +30,17 @@ def rotation(qx, qy, qz, qw):
     xx, yy, zz = 2.0 * qx * qx, 2.0 * qy * qy, 2.0 * qz * qz
     xy, xz, yz = 2.0 * qx * qy, 2.0 * qx * qz, 2.0 * qy * qz
     wx, wy, wz = 2.0 * qw * qx, 2.0 * qw * qy, 2.0 * qw * qz
-    return 1.0 - yy - zz, xy - wz, xz + wy, xy + wz, 1.0 - xx - zz, yz - wx, xz - wy, yz + wx, 1.0 - xx - yy
+    return (
+        1.0 - yy - zz,
+        xy - wz,
+        xz + wy,
+        xy + wz,
+        1.0 - xx - zz,
+        yz - wx,
+        xz - wy,
+        yz + wx,
+        1.0 - xx - yy,
+    )
 
 
 @inlined
@@ -65,7 +75,9 @@ def rotation_matrix(quaternion: ArrayLike) -> NDArray[np.float64]:
     return np.array(rotation(qx, qy, qz, qw)).reshape(3, 3)
 
 
-def unit_quaternion(qx: float, qy: float, qz: float, qw: float) -> tuple[float, float, float, float] | None:
+def unit_quaternion(
+    qx: float, qy: float, qz: float, qw: float
+) -> tuple[float, float, float, float] | None:
     """The quaternion made unit length, or None if its norm differs from 1 by more than `UNIT_TOLERANCE`, or is NaN."""
     norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
     if not abs(norm - 1.0) <= UNIT_TOLERANCE:
@@ -82,12 +94,16 @@ def checked_states(states: ArrayLike) -> NDArray[np.float64]:
     finite = np.isfinite(s)
     if not finite.all():
         row, column = np.argwhere(~finite)[0]
-        raise ValueError(f"row {row}: {STATE[column]} is {s[row, column]}; it must be a finite number")
+        raise ValueError(
+            f"row {row}: {STATE[column]} is {s[row, column]}; it must be a finite number"
+        )
     with np.errstate(over="ignore"):
         norm = np.sqrt(np.square(s[:, QUATERNION]).sum(axis=1))  # half the time of numpy's norm
     if not abs(norm - 1.0).max(initial=0.0) <= UNIT_TOLERANCE:
         row = np.argmax(abs(norm - 1.0) > UNIT_TOLERANCE)
-        raise ValueError(f"row {row}: the quaternion qx, qy, qz, qw has norm {norm[row]:g}; it must be 1")
+        raise ValueError(
+            f"row {row}: the quaternion qx, qy, qz, qw has norm {norm[row]:g}; it must be 1"
+        )
     s[:, QUATERNION] /= norm[:, None]
     return s
 

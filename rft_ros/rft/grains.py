@@ -74,7 +74,11 @@ class PackedLaw(NamedTuple):
 
 
 def packed(
-    law: int, fields: Mapping[str, float], *, alpha_y: Mapping[str, float] | None = None, table: ArrayLike = NO_TABLE
+    law: int,
+    fields: Mapping[str, float],
+    *,
+    alpha_y: Mapping[str, float] | None = None,
+    table: ArrayLike = NO_TABLE,
 ) -> PackedLaw:
     """A law for the compiled loop, in arrays of the types that it takes, which no caller can change.
 
@@ -83,7 +87,9 @@ def packed(
     """
     values = np.array(numbers("alpha_y.values of the law", table, np.shape(table)[1:]))
     if values.ndim != 2 or min(values.shape) < 2 or not np.isfinite(values).all():
-        raise ValueError(f"a table of shape {values.shape} is not finite, or not [2, 2] or larger: use Table.sampled")
+        raise ValueError(
+            f"a table of shape {values.shape} is not finite, or not [2, 2] or larger: use Table.sampled"
+        )
     record = np.zeros(1, LAW)
     record["law"] = law
     for name, value in fields.items():

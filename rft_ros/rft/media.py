@@ -20,8 +20,19 @@ def stress_terms(beta: Array, gamma: Array) -> tuple[Array, Array]:
 
     `beta`, `gamma`: angles of attack and intrusion [rad], shape [n]. Columns: `OF_ALPHA_Z` and `OF_ALPHA_X`.
     """
-    of_z = np.ones_like(beta), np.cos(2.0 * beta), np.sin(2.0 * beta + gamma), np.sin(gamma), np.sin(gamma - 2.0 * beta)
-    of_x = np.cos(2.0 * beta + gamma), np.cos(gamma), np.cos(gamma - 2.0 * beta), np.sin(2.0 * beta)
+    of_z = (
+        np.ones_like(beta),
+        np.cos(2.0 * beta),
+        np.sin(2.0 * beta + gamma),
+        np.sin(gamma),
+        np.sin(gamma - 2.0 * beta),
+    )
+    of_x = (
+        np.cos(2.0 * beta + gamma),
+        np.cos(gamma),
+        np.cos(gamma - 2.0 * beta),
+        np.sin(2.0 * beta),
+    )
     return np.column_stack(of_z), np.column_stack(of_x)
 
 
@@ -46,7 +57,9 @@ class Medium:
     doubts: tuple[str, ...] = field(default=(), compare=False)
 
     @classmethod
-    def of(cls, name: str, coefficients: Mapping[str, float], *, doubts: tuple[str, ...] = ()) -> "Medium":
+    def of(
+        cls, name: str, coefficients: Mapping[str, float], *, doubts: tuple[str, ...] = ()
+    ) -> "Medium":
         """The medium with these coefficients [N/cm³], by their names. Raises KeyError for one that is missing."""
         c = coefficients
         return cls(

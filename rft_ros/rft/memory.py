@@ -80,7 +80,12 @@ BLOCK_STATE = np.dtype(
 )
 """What the plates of a block keep."""
 
-STIFFNESS = np.dtype((np.record, [(name, float) for name in ("k", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")]))
+STIFFNESS = np.dtype(
+    (
+        np.record,
+        [(name, float) for name in ("k", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")],
+    )
+)
 """Sums Σ k L [N/m], Σ k L x [N] and Σ k L x x [N m] over plates at x from the tool frame's origin, world axes.
 
 L is the load of a plate [m³], and k its modulus [N/m⁴]: of Eq. (10a) in the elastic part of the last step; where the
@@ -110,7 +115,9 @@ class Memory:
 
     def __post_init__(self) -> None:
         bodies = whole_number("bodies", self.bodies, most=MOST_BODIES)
-        object.__setattr__(self, "blocks", np.zeros((bodies, self.plates.bounds.shape[1]), BLOCK_STATE))
+        object.__setattr__(
+            self, "blocks", np.zeros((bodies, self.plates.bounds.shape[1]), BLOCK_STATE)
+        )
         object.__setattr__(self, "stiffness", np.zeros(bodies, STIFFNESS))
         object.__setattr__(self, "last", np.zeros((bodies, len(STATE))))
 
@@ -249,7 +256,9 @@ def advance(past, normal, moved, target, span, strength):
     cx, cy, cz = tx - tau_x, ty - tau_y, tz - tau_z
     change = sqrt(cx * cx + cy * cy + cz * cz)
     tried = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
-    falls = max(-(cx * tau_x + cy * tau_y + cz * tau_z), 0.0) / max(change * max(change, tried), _TINY)
+    falls = max(-(cx * tau_x + cy * tau_y + cz * tau_z), 0.0) / max(
+        change * max(change, tried), _TINY
+    )
     approach = 1.0 - _exp_minus(plastic * per_span * (1.0 + falls))
     tau_x, tau_y, tau_z = tau_x + approach * cx, tau_y + approach * cy, tau_z + approach * cz
     size = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
@@ -260,7 +269,9 @@ def advance(past, normal, moved, target, span, strength):
     tangent = modulus + plastic * per_way * (max(size, change) * per_span - modulus)
     tangent *= 1.0 if keeps * size > 0.0 else 0.0  # without traction nothing is stiff
     traction = keeps * tau_x, keeps * tau_y, keeps * tau_z
-    return PlateState(tau=traction, radius=radius, gap=past.gap - closed + OPEN * beyond, worn=worn), tangent
+    return PlateState(
+        tau=traction, radius=radius, gap=past.gap - closed + OPEN * beyond, worn=worn
+    ), tangent
 
 
 def _add_memory(chunk, count, blocks, motion, below, slope, law):

@@ -92,7 +92,9 @@ class Plates:
         if len(r) == ROWS_OF_REFINED:
             first = r[FIRST_CORNER]
             second = r[SECOND_CORNER]
-            far = np.sqrt(np.max([(e * e).sum(axis=0) for e in (first, second, first + second)], axis=0))
+            far = np.sqrt(
+                np.max([(e * e).sum(axis=0) for e in (first, second, first + second)], axis=0)
+            )
         self._set(r, float((np.linalg.norm(r[CENTROID], axis=0) + far).max()), *_in_blocks(r, far))
 
     def _set(self, *values: object) -> None:
@@ -162,7 +164,9 @@ class Plates:
         t = np.asarray(triangles, dtype=np.float64)
         theta = np.asarray(half_angles, dtype=np.float64)
         if t.ndim != 3 or t.shape[1:] != (3, 3) or theta.shape != t.shape[:1]:
-            raise ValueError(f"plates need triangles [n, 3, 3] and half_angles [n]; got {t.shape}, {theta.shape}")
+            raise ValueError(
+                f"plates need triangles [n, 3, 3] and half_angles [n]; got {t.shape}, {theta.shape}"
+            )
         if not ((theta > 0.0) & (theta <= 0.5 * np.pi)).all():
             raise ValueError("half_angles must lie over 0 and up to π/2")
         center = t.mean(axis=1)
@@ -249,6 +253,10 @@ def _bounds(rows: Array, extents: Array) -> Array:
         high = (vectors + more).max(axis=2)
         return np.vstack([0.5 * (low + high), 0.5 * (high - low) * (1.0 + ROUNDING)])
 
-    fade = 0.5 / by_block[HALF_ANGLE].min(axis=1) if len(rows) == ROWS_OF_REFINED else np.zeros(by_block.shape[1])
+    fade = (
+        0.5 / by_block[HALF_ANGLE].min(axis=1)
+        if len(rows) == ROWS_OF_REFINED
+        else np.zeros(by_block.shape[1])
+    )
     boxes = box(normal, np.zeros_like(far)), box(moment, far), box(place, far)
     return np.ascontiguousarray(np.vstack([*boxes, area.sum(axis=1), fade]))

@@ -47,17 +47,24 @@ def f1_and_f23(u, w):
     x = A2 * min(u, 1.0) - A3
     y = x * x
     # tanh on [-2.02, 2.02] is x p / q
-    p = 0.9999999999999886 + y * (0.13302099960519095 + y * (0.003381084867620261 + y * 1.7142159321202105e-05))
+    p = 0.9999999999999886 + y * (
+        0.13302099960519095 + y * (0.003381084867620261 + y * 1.7142159321202105e-05)
+    )
     q = 1.0 + y * (
-        0.46635433293806744 + y * (0.02549919584996656 + y * (0.0003045503448204258 + y * 4.6455496565101557e-07))
+        0.46635433293806744
+        + y * (0.02549919584996656 + y * (0.0003045503448204258 + y * 4.6455496565101557e-07))
     )
     # atanh on [-B3, B3] is z m / n in s = 1 - z², so that every term is positive and nothing cancels
     z = B2 * min(w, 1.0) - B3
     s = 1.0 - z * z
-    m = 12300803.010922123 + s * (9560971.1590504 + s * (2056962.9007124235 + s * 53230.14975437819))
+    m = 12300803.010922123 + s * (
+        9560971.1590504 + s * (2056962.9007124235 + s * 53230.14975437819)
+    )
     m = 942294.1898347555 + s * (5548958.519711758 + s * m)
     m = 4.289115687171275 + s * (1132.1464818246257 + s * (58434.8494029061 + s * m))
-    n = 10390843.33103938 + s * (11547977.837189073 + s * (4209592.087113166 + s * 331184.6682444988))
+    n = 10390843.33103938 + s * (
+        11547977.837189073 + s * (4209592.087113166 + s * 331184.6682444988)
+    )
     n = 23508.22782228692 + s * (473971.42322102754 + s * (3545352.247192668 + s * n))
     n = 1.0 + s * (360.39315043415434 + s * n)
     reciprocal = 1.0 / (q * n * max(w, 1e-290))  # one division for three
@@ -136,7 +143,10 @@ class Treers2021(GranularLaw):
         if self.alpha_y != PAPER_LINEAR or _ALIKE > strength > 1.0 / _ALIKE:
             return self.medium.doubts
         line = f"alpha_y.model linear is the line of the generic medium; the stresses of {self.medium.name} are"
-        return *self.medium.doubts, f"{line} {strength:.2g} times as strong: use alpha_y.model constant or a table"
+        return (
+            *self.medium.doubts,
+            f"{line} {strength:.2g} times as strong: use alpha_y.model constant or a table",
+        )
 
 
 Law = Treers2021 | Agarwal2023
@@ -147,7 +157,8 @@ LAWS = tuple(_LAWS)
 """Names of the laws: values of the parameter `law`."""
 
 _OPTIONAL = {
-    name: tuple(f.name for f in fields(law) if f.init and f.default is not MISSING) for name, law in _LAWS.items()
+    name: tuple(f.name for f in fields(law) if f.init and f.default is not MISSING)
+    for name, law in _LAWS.items()
 }
 LAW_NUMBERS = tuple(dict.fromkeys(itertools.chain(*_OPTIONAL.values())))
 """Names of the numbers that a law has: each is the parameter ``medium.`` with this name."""
@@ -185,7 +196,11 @@ def law_named(name: str, medium: Medium, alpha_y_model: AlphaY, **numbers: float
 
 def described(law: Law) -> str:
     """The grains in words, such as "law treers2021, medium generic, alpha_y linear, zeta 0.33, memory 3 mm"."""
-    parts = [f"law {law.name}", *(f"{what} {name}" for what, name in law.stresses.items()), f"zeta {law.zeta:g}"]
+    parts = [
+        f"law {law.name}",
+        *(f"{what} {name}" for what, name in law.stresses.items()),
+        f"zeta {law.zeta:g}",
+    ]
     parts.append(f"memory {1e3 * law.mobilization_length:g} mm" if law.has_memory else "no memory")
     if law.has_inertia:
         parts.append(f"density {law.density:g} kg/m3")
@@ -263,8 +278,15 @@ def _stresses(c, sin_b, cos_b, e2, velocity):
     sin_g = -vz * per_v23
     cos_2b = 1.0 - 2.0 * sin_b * sin_b
     sin_2b = 2.0 * sin_b * cos_b
-    alpha_z = c.A00 + c.A10 * cos_2b + (c.B11_plus_Bm11 * cos_2b + c.B01) * sin_g + c.B11_minus_Bm11 * sin_2b * cos_g
-    alpha_x = (c.C01 + c.C11_plus_Cm11 * cos_2b) * cos_g + (c.Cm11_minus_C11 * sin_g + c.D10) * sin_2b
+    alpha_z = (
+        c.A00
+        + c.A10 * cos_2b
+        + (c.B11_plus_Bm11 * cos_2b + c.B01) * sin_g
+        + c.B11_minus_Bm11 * sin_2b * cos_g
+    )
+    alpha_x = (c.C01 + c.C11_plus_Cm11 * cos_2b) * cos_g + (
+        c.Cm11_minus_C11 * sin_g + c.D10
+    ) * sin_2b
     along = c.stiffness * f1
     across = c.stiffness * f23
     t2 = -across * alpha_x
@@ -339,7 +361,12 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> No
             share = min(sqrt(nx * nx + ny * ny) * (1.0 / _SIN_BLEND), 1.0)
             ax, ay, az = triple(chunk, row.TRACTION, i)
             bx, by, bz = triple(chunk, row.UNBLENDED, i)
-            put(chunk, row.TRACTION, i, (ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)))
+            put(
+                chunk,
+                row.TRACTION,
+                i,
+                (ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)),
+            )
     if refined:
         _limited(chunk, n)
 

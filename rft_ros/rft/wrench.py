@@ -66,7 +66,10 @@ def wrenches(
         return result
     edges = np.linspace(0, n, workers + 1).astype(int)
     with ThreadPoolExecutor(workers) as pool:
-        parts = [pool.submit(loop, *arguments, states[a:b], NO_MEMORY, result[a:b]) for a, b in pairwise(edges)]
+        parts = [
+            pool.submit(loop, *arguments, states[a:b], NO_MEMORY, result[a:b])
+            for a, b in pairwise(edges)
+        ]
     for part in parts:
         part.result()
     return result
@@ -93,7 +96,9 @@ def wrenches_in_time(
     nothing.
     """
     if after_durations is not None:
-        warnings.warn("wrenches_in_time takes no durations any more", DeprecationWarning, stacklevel=2)
+        warnings.warn(
+            "wrenches_in_time takes no durations any more", DeprecationWarning, stacklevel=2
+        )
         memory = after_durations
     arguments = _model_arguments(plates, law, surface_height, slope)
     kept = _checked_memory(memory, plates)
@@ -143,7 +148,12 @@ def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None
         past = (
             NO_MEMORY
             if kept is None
-            else Past(has_memory=True, blocks=kept.blocks, stiffness=kept.stiffness, displacements=displacements)
+            else Past(
+                has_memory=True,
+                blocks=kept.blocks,
+                stiffness=kept.stiffness,
+                displacements=displacements,
+            )
         )
         loop(form, law, height, slope, states, past, result)
 
@@ -173,11 +183,15 @@ def plate_forces(
 
 def _checked(plates: Plates) -> Plates:
     if not isinstance(plates, Plates):
-        raise TypeError(f"plates is {plates!r}; make them with Plates.from_arrays or Plates.from_triangles")
+        raise TypeError(
+            f"plates is {plates!r}; make them with Plates.from_arrays or Plates.from_triangles"
+        )
     return plates
 
 
-def _model_arguments(plates: Plates, law: Law, height: float, slope: tuple[float, float]) -> tuple[Any, ...]:
+def _model_arguments(
+    plates: Plates, law: Law, height: float, slope: tuple[float, float]
+) -> tuple[Any, ...]:
     """The checked arguments of the loop: plates, law, surface height and slope."""
     if slope is not LEVEL:
         x, y = (number("slope", part) for part in numbers("slope", slope, rows=2).tolist())
@@ -216,7 +230,9 @@ def _plate() -> Plates:
 def _loop() -> Callable[..., None]:
     """The compiled loop, from the cache on disk if it is there."""
     arguments = _model_arguments(_plate(), agarwal2023(), 0.0, LEVEL)
-    return machine_code(loops.sums, (*arguments, np.zeros((1, len(STATE))), NO_MEMORY, np.zeros((1, len(COLUMNS)))))
+    return machine_code(
+        loops.sums, (*arguments, np.zeros((1, len(STATE))), NO_MEMORY, np.zeros((1, len(COLUMNS))))
+    )
 
 
 def compile_tractions() -> None:
@@ -228,4 +244,6 @@ def compile_memory() -> None:
     """Compile the memory's part of the loop, which the loop loads when it is compiled later."""
     motion = ((0.0,) * 3, (0.0,) * 9)  # only the types of these values count
     law = packed_law(agarwal2023()).numbers[0]
-    machine_code(add_memory, (np.zeros(1), np.uint64(0), NO_MEMORY.blocks[0], motion, 0.0, LEVEL, law))
+    machine_code(
+        add_memory, (np.zeros(1), np.uint64(0), NO_MEMORY.blocks[0], motion, 0.0, LEVEL, law)
+    )

@@ -78,7 +78,9 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
         numbers=numbers.view(),
         table=packed.table,
         length=length,
-        memory=np.zeros((len(plates), max(shape.bounds.shape[1] for shape in shapes.values())), BLOCK_STATE),
+        memory=np.zeros(
+            (len(plates), max(shape.bounds.shape[1] for shape in shapes.values())), BLOCK_STATE
+        ),
         stiffness=np.zeros(len(plates), STIFFNESS),
     )
     for array in (beds.rows, beds.bounds, beds.numbers):

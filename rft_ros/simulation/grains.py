@@ -61,11 +61,15 @@ class GrainsBatch:
         self.tools = [tool] * n if isinstance(tool, Tool) else list(tool)
         for one in self.tools:
             if not isinstance(one, Tool):
-                raise TypeError(f"tool is a {type(one).__name__}; load one with rft_ros.tool.load_tool")
+                raise TypeError(
+                    f"tool is a {type(one).__name__}; load one with rft_ros.tool.load_tool"
+                )
         if len(self.tools) != n:
             raise ValueError(f"tool has {len(self.tools)} tools; there are {n} bodies")
         if not isinstance(ground, HeightMap | None):
-            raise TypeError(f"ground is a {type(ground).__name__}; read one with rft_ros.ground.read_height_map")
+            raise TypeError(
+                f"ground is a {type(ground).__name__}; read one with rft_ros.ground.read_height_map"
+            )
         self._new = partial(type(self), tool, law, bodies=n, ground=ground, threads=threads)
         self.beds = make_beds([one.plates for one in self.tools], law)
         self._law = law
@@ -99,7 +103,10 @@ class GrainsBatch:
         """Number of steps of a body in which Newton's method did not converge."""
         # Each thread takes the next part of the bodies when it has finished one.
         parts = 1 if threads == 1 else min(n, 2 * self._threads)
-        self._parts = [slice(a, b) for a, b in itertools.pairwise(np.linspace(0, n, parts + 1).astype(int).tolist())]
+        self._parts = [
+            slice(a, b)
+            for a, b in itertools.pairwise(np.linspace(0, n, parts + 1).astype(int).tolist())
+        ]
         self._pool = ThreadPoolExecutor(self._threads)
         self._advance: Any = machine_code(advance, self._advanced(slice(0, n), self.states))
         self._hold: Any = None  # compiled for the first implicit step
@@ -134,7 +141,9 @@ class GrainsBatch:
         duration = number("dt", dt, positive=True)
         if (inverse_inertia is None) != (free_acceleration is None):
             missing = "inverse_inertia" if inverse_inertia is None else "free_acceleration"
-            raise ValueError(f"{missing} is missing; the implicit step needs inverse_inertia and free_acceleration")
+            raise ValueError(
+                f"{missing} is missing; the implicit step needs inverse_inertia and free_acceleration"
+            )
         if inverse_inertia is None or free_acceleration is None:
             self.advance(given, duration)
             self.last[:] = self.rows[:, :6]
@@ -150,13 +159,17 @@ class GrainsBatch:
             return int(failed), float(path)
 
         if self._hold is None:
-            self._hold = machine_code(hold_each, self._held(slice(0, n), inverse, free, 0.1, wrenches))
+            self._hold = machine_code(
+                hold_each, self._held(slice(0, n), inverse, free, 0.1, wrenches)
+            )
         failed, paths = zip(*self._in_parts(hold), strict=True)
         self.failed(sum(failed), dt=duration, path=max(paths))
         self.last[:] = wrenches
         return wrenches
 
-    def _held(self, part: slice, inverse: Array, free: Array, dt: float, wrenches: Array) -> tuple[Any, ...]:
+    def _held(
+        self, part: slice, inverse: Array, free: Array, dt: float, wrenches: Array
+    ) -> tuple[Any, ...]:
         given = self._bodies[part], self.near[part], self.states, inverse[part], free[part], _FREE
         return self.beds, part.start, *given, dt, wrenches[part]
 
@@ -181,7 +194,9 @@ class GrainsBatch:
         for k, (tool, state) in enumerate(zip(self.tools, states, strict=True)):
             support = self._supports[id(tool)]
             level = ground.nearest(state[0], state[1])
-            height, slope, *_ = support.local_surface(ground, state, level=level, last=self._surfaces[k : k + 1])
+            height, slope, *_ = support.local_surface(
+                ground, state, level=level, last=self._surfaces[k : k + 1]
+            )
             body = self.beds.bodies[k]
             body["height"] = height
             body["slope_x"], body["slope_y"] = slope
@@ -193,7 +208,12 @@ class GrainsBatch:
             times += 1
             why = "moves a body too far in grains"
         if times and not self.failures:
-            _log.warning("a step of %g s %s (%.2g m), so the wrench is a guess; take shorter steps", dt, why, path)
+            _log.warning(
+                "a step of %g s %s (%.2g m), so the wrench is a guess; take shorter steps",
+                dt,
+                why,
+                path,
+            )
         self.failures += times
 
     @property
@@ -250,7 +270,9 @@ class GrainsBatch:
         for array in self._of_bodies.values():
             array[which] = np.zeros((), array.dtype)
         if factors is not None:
-            laws = (replace(self._law, zeta=self._law.zeta * factor) for factor in factors.tolist())
+            laws = (
+                replace(self._law, zeta=self._law.zeta * factor) for factor in factors.tolist()
+            )
             laws_of(self.beds)[which] = np.concatenate([packed_law(law).numbers for law in laws])
         if heights is not None:
             self.beds.bodies["height"][which] = heights
@@ -272,11 +294,17 @@ class GrainsBatch:
     def restore(self, state: GrainsState) -> None:
         """Go back to a state of these grains, or of others of the same tools, law, ground and number of bodies."""
         if not isinstance(state, dict) or _forms(state) != _forms(self.remembered):
-            raise ValueError("state is of other bodies; restore what state() of grains like these returned")
+            raise ValueError(
+                "state is of other bodies; restore what state() of grains like these returned"
+            )
         for name, array in state.items():
-            fields = [array[field] for field in array.dtype.names] if array.dtype.names else [array]
+            fields = (
+                [array[field] for field in array.dtype.names] if array.dtype.names else [array]
+            )
             if not all(np.isfinite(field).all() for field in fields):
-                raise ValueError(f"state has values in '{name}' that are not finite; restore what state() returned")
+                raise ValueError(
+                    f"state has values in '{name}' that are not finite; restore what state() returned"
+                )
         for name, array in state.items():
             np.copyto(self.remembered[name], array)
 
@@ -291,21 +319,33 @@ def _each(name: str, values: ArrayLike, form: tuple[int, ...], *, positive: bool
     """Values for each body, shape `form`; without the first axis the same for all."""
     given = np.asarray(values)
     if given.dtype.kind not in "fiu" or given.shape not in (form, form[1:]):
-        wanted = f"{list(form)} or {list(form[1:])}" if len(form) > 1 else f"{list(form)} or one number"
-        raise ValueError(f"{name} has shape {list(given.shape)} of type {given.dtype}; it must be {wanted}")
+        wanted = (
+            f"{list(form)} or {list(form[1:])}" if len(form) > 1 else f"{list(form)} or one number"
+        )
+        raise ValueError(
+            f"{name} has shape {list(given.shape)} of type {given.dtype}; it must be {wanted}"
+        )
     array = np.array(np.broadcast_to(given, form), dtype=np.float64, order="C")
     bad = ~np.isfinite(array) | (positive & (array <= 0.0))
     if bad.any():
-        raise ValueError(f"{name} has the value {array[bad][0]:g}; it must be {'positive' if positive else 'finite'}")
+        raise ValueError(
+            f"{name} has the value {array[bad][0]:g}; it must be {'positive' if positive else 'finite'}"
+        )
     return array
 
 
 def _refuse_without_bound(dt: float, twists: Array, free: Array, inverse: Array) -> None:
     """Refuse steps whose results would overflow."""
-    for name, largest in (("twist", twists), ("free_acceleration", dt * free), ("inverse_inertia", inverse)):
+    for name, largest in (
+        ("twist", twists),
+        ("free_acceleration", dt * free),
+        ("inverse_inertia", inverse),
+    ):
         size = float(np.abs(largest).max(initial=0.0)) * (1.0 if name == "inverse_inertia" else dt)
         if not size < _FARTHEST:
-            raise ValueError(f"{name} moves a body by {size:g} m in dt, {dt:g} s; it must be less than {_FARTHEST:g} m")
+            raise ValueError(
+                f"{name} moves a body by {size:g} m in dt, {dt:g} s; it must be less than {_FARTHEST:g} m"
+            )
 
 
 class Grains:
@@ -335,7 +375,10 @@ class Grains:
         """
         given = ("position", position, 3), ("quaternion", quaternion, 4), ("twist", twist, 6)
         state = np.concatenate([numbers(name, v, rows=n) for name, v, n in given])
-        response: Any = {"inverse_inertia": inverse_inertia, "free_acceleration": free_acceleration}
+        response: Any = {
+            "inverse_inertia": inverse_inertia,
+            "free_acceleration": free_acceleration,
+        }
         return np.asarray(self._one.step(state, dt, **response)[0])
 
     @property
@@ -354,7 +397,9 @@ class Grains:
         return np.asarray(self._one.stiffness[0])
 
 
-def free_body(mass: float, inertia: ArrayLike, quaternion: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)) -> Array:
+def free_body(
+    mass: float, inertia: ArrayLike, quaternion: ArrayLike, center: ArrayLike = (0.0, 0.0, 0.0)
+) -> Array:
     """The inverse inertia A of a body that is free to move, shape [6, 6], world axes, about the body frame's origin.
 
     `mass` [kg]; `inertia` about the centre of mass in the body's axes [kg m²], shape [3, 3]; `quaternion` xyzw of the

@@ -24,7 +24,9 @@ def import_mujoco() -> Any:
     try:
         import mujoco  # type: ignore[import-untyped]
     except ImportError as error:
-        raise InputError(f"rft_ros.simulation needs MuJoCo here ({error}); run pip install mujoco") from None
+        raise InputError(
+            f"rft_ros.simulation needs MuJoCo here ({error}); run pip install mujoco"
+        ) from None
     return mujoco
 
 
@@ -45,7 +47,9 @@ class Mechanism:
         self._euler = int(mujoco.mjtIntegrator.mjINT_EULER)
         self._rk4 = int(mujoco.mjtIntegrator.mjINT_RK4)
         flags = mujoco.mjtDisableBit
-        dampers = getattr(flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0))  # by version
+        dampers = getattr(
+            flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0)
+        )  # by version
         self._undamped = int(dampers | flags.mjDSBL_EULERDAMP)
         self.data = mujoco.MjData(model)
         self._scratch = mujoco.MjData(model)
@@ -56,11 +60,21 @@ class Mechanism:
     def bind(self, data: Any) -> None:
         """Take the arrays of `data`, which stay where they are. Raises ValueError if it is not of this model."""
         if not isinstance(data, self._mujoco.MjData) or _sizes(data.model) != _sizes(self.model):
-            raise ValueError("data is not of the model of these grains; make it with mujoco.MjData(model)")
+            raise ValueError(
+                "data is not of the model of these grains; make it with mujoco.MjData(model)"
+            )
         self.data = data
         roots = self.model.body_rootid[self._ids].astype(np.int64)
         self._moving = data.qvel, data.qacc_smooth
-        self._motion = self._ids, roots, data.xpos, data.xquat, data.cvel, data.subtree_com, self.states
+        self._motion = (
+            self._ids,
+            roots,
+            data.xpos,
+            data.xquat,
+            data.cvel,
+            data.subtree_com,
+            self.states,
+        )
 
     def move(self) -> bool:
         """Compute what depends on positions and velocities, and the forces of all but the constraints.
@@ -111,7 +125,9 @@ class Mechanism:
         self._mujoco.mj_copyData(self._scratch, model, self.data)
         self._mujoco.mj_implicit(model, self._scratch)
         layout = model if hasattr(model, "D_rownnz") else self._scratch
-        return -self._dense(self._scratch.qDeriv, layout.D_rownnz, layout.D_rowadr, layout.D_colind)
+        return -self._dense(
+            self._scratch.qDeriv, layout.D_rownnz, layout.D_rowadr, layout.D_colind
+        )
 
     def constraints(self, acceleration: Array) -> Constraints:
         """The constraints at an acceleration x of the joints."""
@@ -122,7 +138,9 @@ class Mechanism:
             rows = self._dense(data.efc_J, data.efc_J_rownnz, data.efc_J_rowadr, data.efc_J_colind)
         else:
             rows = data.efc_J.reshape(-1, model.nv)
-        mujoco.mj_constraintUpdate(model, data, rows @ (self._response @ acceleration) - data.efc_aref, None, 1)
+        mujoco.mj_constraintUpdate(
+            model, data, rows @ (self._response @ acceleration) - data.efc_aref, None, 1
+        )
         cones = self.unconstrained.cones
         hessians = self.unconstrained.cone_hessians
         if model.opt.cone != mujoco.mjtCone.mjCONE_PYRAMIDAL and data.ncon:
@@ -158,7 +176,9 @@ def _sizes(model: Any) -> tuple[int, ...]:
 
 
 @compiled
-def _measure(velocity, acceleration, h, ids, roots, positions, quaternions, velocities, centers, states):
+def _measure(
+    velocity, acceleration, h, ids, roots, positions, quaternions, velocities, centers, states
+):
     """Write `Mechanism.states`; returns whether all of it, and the joints' velocities, are finite and not too fast.
 
     `velocities`: angular and linear, at the centre of mass of the body's whole tree.

@@ -29,7 +29,9 @@ _LENGTH = 0.003  # m
 
 _LONGEST_RK4 = 0.002  # s; in longer steps of RK4 bodies may not come to rest
 _SAME = 1e-9  # relative difference of a force in xfrc_applied from what was written there, below which it is that
-_AHEAD = 1.5  # steps; data that moved on by more since the last call was stepped without the grains
+_AHEAD = (
+    1.5  # steps; data that moved on by more since the last call was stepped without the grains
+)
 
 _log = logging.getLogger("rft_ros.simulation")
 
@@ -87,7 +89,9 @@ class MujocoGrains:
         )
         mujoco = import_mujoco()
         if not isinstance(model, mujoco.MjModel):
-            raise TypeError(f"model is a {type(model).__name__}; load one with mujoco.MjModel.from_xml_path")
+            raise TypeError(
+                f"model is a {type(model).__name__}; load one with mujoco.MjModel.from_xml_path"
+            )
         if (bodies is None) == (body is None):
             raise InputError("give the body's name as body=, or several names as bodies=")
         names: list[Any] = [body]
@@ -98,11 +102,15 @@ class MujocoGrains:
             raise InputError(f"bodies is {names}; name at least one body, and each of them once")
         if law is None:
             medium = MEDIA["generic"]
-            law = treers2021(medium, alpha_y_model(alpha_y, medium), zeta=zeta, mobilization_length=_LENGTH)
+            law = treers2021(
+                medium, alpha_y_model(alpha_y, medium), zeta=zeta, mobilization_length=_LENGTH
+            )
         if mobilization_length is not None:
             length = number("mobilization_length", mobilization_length, positive=True)
             law = replace(law, mobilization_length=length)
-        files = [mesh] * len(names) if mesh is None or isinstance(mesh, str | PathLike) else list(mesh)
+        files = (
+            [mesh] * len(names) if mesh is None or isinstance(mesh, str | PathLike) else list(mesh)
+        )
         if len(files) != len(names):
             raise InputError(f"mesh has {len(files)} files; there are {len(names)} bodies")
         self.tools: list[Tool] = []
@@ -118,7 +126,9 @@ class MujocoGrains:
         """The shape of the first body."""
         if isinstance(ground, str):
             ground = ground_of_field(model, ground, self.tools)
-        self._grains = GrainsBatch(self.tools, law, bodies=len(names), surface_height=surface_height, ground=ground)
+        self._grains = GrainsBatch(
+            self.tools, law, bodies=len(names), surface_height=surface_height, ground=ground
+        )
         self._model = model
         self._single = bodies is None
         self._of_geoms = [k for k, file in zip(self._ids, files, strict=True) if file is None]
@@ -133,7 +143,13 @@ class MujocoGrains:
         self._told = False  # that the steps are long for RK4
         self._bind(self._mechanism.data)
         joints = self._mechanism.joints(np.zeros(1, np.int64), 0.1)
-        given = self._grains.beds, joints, self._mechanism.unconstrained, 0.1, new_trial(1, len(joints.force))
+        given = (
+            self._grains.beds,
+            joints,
+            self._mechanism.unconstrained,
+            0.1,
+            new_trial(1, len(joints.force)),
+        )
         self._search: Any = machine_code(search, given)
         self._take_away: Any = machine_code(_take_away, self._forces)
         self._write: Any = machine_code(_write, (*self._wrenches, *self._forces))
@@ -180,7 +196,10 @@ class MujocoGrains:
         h = number("model.opt.timestep", self._model.opt.timestep, positive=True)
         if h > _LONGEST_RK4 and self._mechanism.holds_over_stages and not self._told:
             self._told = True
-            _log.warning("RK4 in steps of %g s: bodies in grains may not lie still; take 0.002 s or Euler", h)
+            _log.warning(
+                "RK4 in steps of %g s: bodies in grains may not lie still; take 0.002 s or Euler",
+                h,
+            )
         self._check_course(data)
         if data is not self._mechanism.data:
             self._bind(data)
@@ -231,9 +250,8 @@ class MujocoGrains:
         return trial
 
     def _without_bound(self, data: Any, h: float) -> ValueError:
-        where = (
-            f"at {data.time:g} s, in steps of {h:g} s, with speeds to {np.abs(data.qvel).max(initial=0.0):g} in qvel"
-        )
+        fastest = np.abs(data.qvel).max(initial=0.0)
+        where = f"at {data.time:g} s, in steps of {h:g} s, with speeds to {fastest:g} in qvel"
         return ValueError(
             f"the bodies' motion or acceleration is not finite, or without bound, {where}; reset the data"
         )
@@ -264,7 +282,9 @@ class MujocoGrains:
         if isinstance(body, str):
             k = _body_id(import_mujoco(), self._model, body)
             if k not in self._ids:
-                raise InputError(f"body '{body}' has no grains; name one of those given to MujocoGrains")
+                raise InputError(
+                    f"body '{body}' has no grains; name one of those given to MujocoGrains"
+                )
             body = self._ids.index(k)
         return self._grains.tractions(body)
 
@@ -302,7 +322,9 @@ def _body_id(mujoco: Any, model: Any, given: object) -> int:
         names = ", ".join(model.body(k).name or str(k) for k in range(1, model.nbody))
         raise InputError(f"body '{given}' is not in the model; it has {names}")
     if not model.body_dofnum[model.body_weldid[found]]:
-        raise InputError(f"body '{given}' has no joint, so MuJoCo gives it no velocity; give it one")
+        raise InputError(
+            f"body '{given}' has no joint, so MuJoCo gives it no velocity; give it one"
+        )
     return found
 
 

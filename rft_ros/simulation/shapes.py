@@ -20,14 +20,21 @@ _SMALLEST = 1.0 / 30.0  # of the mobilization length
 _BESIDE = 1e-3  # of the body's size: distance from a face of the two points that say whether another geom covers it
 
 
-def tool_of_body(model: Any, body: int, tolerance: float, apart: frozenset[int] = frozenset()) -> Tool:
+def tool_of_body(
+    model: Any, body: int, tolerance: float, apart: frozenset[int] = frozenset()
+) -> Tool:
     """The geoms of the body, and of its jointless children that are not `apart`, as one tool in the body frame.
 
     Those geoms that collide, if there are any, else all; without the faces that lie within another geom. `tolerance`:
     as for `load_tool`. Raises InputError if there is none of a known shape.
     """
     placed = list(_geoms(model, body, apart, np.zeros(3), np.eye(3)))
-    shapes = [triangles for one in placed if _collides(model, one.geom) for triangles in _triangles(model, one)]
+    shapes = [
+        triangles
+        for one in placed
+        if _collides(model, one.geom)
+        for triangles in _triangles(model, one)
+    ]
     if not shapes:
         shapes = [triangles for one in placed for triangles in _triangles(model, one)]
     if not shapes:
@@ -55,14 +62,18 @@ class _Placed(NamedTuple):
     axes: Array
 
 
-def _geoms(model: Any, body: int, apart: frozenset[int], position: Array, axes: Array) -> Iterator[_Placed]:
+def _geoms(
+    model: Any, body: int, apart: frozenset[int], position: Array, axes: Array
+) -> Iterator[_Placed]:
     """Each geom of a body at this place, and of its jointless children that are not `apart`."""
     for geom in np.flatnonzero(model.geom_bodyid == body).tolist():
         yield _Placed(geom, position, axes)
     for child in np.flatnonzero((model.body_parentid == body) & (model.body_jntnum == 0)).tolist():
         if child not in apart:
             turn = rotation_matrix(np.roll(model.body_quat[child], -1))
-            yield from _geoms(model, child, apart, position + axes @ model.body_pos[child], axes @ turn)
+            yield from _geoms(
+                model, child, apart, position + axes @ model.body_pos[child], axes @ turn
+            )
 
 
 def _collides(model: Any, geom: int) -> bool:
@@ -78,8 +89,13 @@ def _triangles(model: Any, placed: _Placed) -> Iterator[Array]:
     a, b, c = model.geom_size[geom].tolist()
     if kind == kinds.mjGEOM_MESH:
         mesh = model.geom_dataid[geom]
-        vertices = np.array(model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]], dtype=np.float64)
-        triangles = vertices[model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]]
+        vertices = np.array(
+            model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]],
+            dtype=np.float64,
+        )
+        triangles = vertices[
+            model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+        ]
     elif kind == kinds.mjGEOM_BOX:
         triangles = solids.box((a, b, c))
     elif kind == kinds.mjGEOM_SPHERE:
@@ -130,13 +146,17 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
     mujoco = import_mujoco()
     geom = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name))
     if geom < 0 or model.geom_type[geom] != mujoco.mjtGeom.mjGEOM_HFIELD:
-        raise InputError(f"ground '{name}' is not a geom of type hfield; name one, or give a HeightMap")
+        raise InputError(
+            f"ground '{name}' is not a geom of type hfield; name one, or give a HeightMap"
+        )
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     axes = data.geom_xmat[geom].reshape(3, 3)
     x, y, z = data.geom_xpos[geom]
     if model.body_weldid[model.geom_bodyid[geom]] != 0 or axes[2, 2] < 1.0 - 1e-9:
-        raise InputError(f"ground '{name}' moves, or is not level; the grains need a fixed height field whose z is up")
+        raise InputError(
+            f"ground '{name}' moves, or is not level; the grains need a fixed height field whose z is up"
+        )
     field = model.geom_dataid[geom]
     rows = model.hfield_nrow[field]
     columns = model.hfield_ncol[field]
@@ -150,7 +170,9 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
     low_x, low_y = np.floor((np.array([x, y]) - reach) / cell)
     high_x, high_y = np.floor((np.array([x, y]) + reach) / cell)
     u, v = np.meshgrid(np.arange(low_x, high_x + 1), np.arange(low_y, high_y + 1), indexing="ij")
-    along, across = np.tensordot(axes[:2, :2].T, [cell * (u + 0.5) - x, cell * (v + 0.5) - y], axes=1)
+    along, across = np.tensordot(
+        axes[:2, :2].T, [cell * (u + 0.5) - x, cell * (v + 0.5) - y], axes=1
+    )
     row = (across / half_y + 1.0) * (rows - 1) / 2.0
     column = (along / half_x + 1.0) * (columns - 1) / 2.0
     found = map_coordinates(heights, (row, column), order=1, cval=np.nan)
@@ -162,10 +184,14 @@ def check_size(tool: Tool, model: Any, body: int, length: float) -> None:
     size = _size(tool)
     what = f"the mesh of body '{model.body(body).name}' is {size:.3g} m long"
     if size < _SMALLEST * length:
-        raise InputError(f"{what}, too small for grains; check scale, in metres per unit of the file")
+        raise InputError(
+            f"{what}, too small for grains; check scale, in metres per unit of the file"
+        )
     own = 2.0 * float(model.geom_rbound[model.geom_bodyid == body].max(initial=0.0))
     if own > 0.0 and not 1.0 / _MISTAKEN < size / own < _MISTAKEN:
-        raise InputError(f"{what}, and its geoms {own:.3g} m; check scale, in metres per unit of the file")
+        raise InputError(
+            f"{what}, and its geoms {own:.3g} m; check scale, in metres per unit of the file"
+        )
 
 
 def _size(tool: Tool) -> float:
@@ -178,5 +204,7 @@ def _tool_of_triangles(triangles: bytes, tolerance: float) -> Tool:
     import trimesh
 
     corners = np.frombuffer(triangles).reshape(-1, 3)
-    mesh = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3))  # which merges the corners
+    mesh = trimesh.Trimesh(
+        corners, np.arange(len(corners)).reshape(-1, 3)
+    )  # which merges the corners
     return tool_of_mesh(mesh, name="body", tolerance=tolerance)

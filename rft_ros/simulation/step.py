@@ -67,7 +67,10 @@ BODY = np.dtype([("wrench", np.float64, 6), ("energy", np.float64)])
 """State of a body: the wrench of the last step; the energy that the grains have taken [J]."""
 
 _SEARCH = np.dtype(
-    [(name, np.float64) for name in ("slope", "share", "low", "high", "at_low", "at_high", "least", "path")]
+    [
+        (name, np.float64)
+        for name in ("slope", "share", "low", "high", "at_low", "at_high", "least", "path")
+    ]
     + [("turn", np.int64), ("within", np.bool_), ("found", np.bool_)],
     align=True,
 )
@@ -203,7 +206,9 @@ def advance(beds, first, bodies, durations, given, states, rows, near):
     """
     for b in range(len(given)):
         wrench = bodies[b].wrench
-        bodies[b].energy -= 0.5 * durations[0] * (_dot(wrench, states[b, 7:]) + _dot(wrench, given[b, 7:]))
+        bodies[b].energy -= (
+            0.5 * durations[0] * (_dot(wrench, states[b, 7:]) + _dot(wrench, given[b, 7:]))
+        )
         memory = beds.memory[first + b : first + b + 1]
         stiffness = beds.stiffness[first + b : first + b + 1]
         evaluate(beds, first + b, memory, stiffness, states[b], given[b : b + 1], rows[b : b + 1])
@@ -215,7 +220,9 @@ def advance(beds, first, bodies, durations, given, states, rows, near):
 def _may_reach(bed, state, h):
     surface = bed.height + bed.slope_x * state[0] + bed.slope_y * state[1]
     steep = 1.0 + abs(bed.slope_x) + abs(bed.slope_y)
-    return not state[2] - surface > steep * (bed.reach + _NEAR + 2.0 * h * _path(state[7:], bed.reach))
+    return not state[2] - surface > steep * (
+        bed.reach + _NEAR + 2.0 * h * _path(state[7:], bed.reach)
+    )
 
 
 @inlined
@@ -253,7 +260,9 @@ def _residual(joints, constraints, trial):
     """M_i x - f - c - J^T w, shape [nv]."""
     residual = np.empty(len(joints.force))
     for i in range(len(residual)):
-        residual[i] = _dot(joints.inertia[i], trial.acceleration) - joints.force[i] - constraints.force[i]
+        residual[i] = (
+            _dot(joints.inertia[i], trial.acceleration) - joints.force[i] - constraints.force[i]
+        )
     for i in range(len(trial.wrench)):
         for k in range(len(residual)):
             residual[k] -= joints.jacobian[i, k] * trial.wrench[i]
@@ -333,7 +342,9 @@ def search(beds, joints, constraints, h, trial):
     for k, b in enumerate(joints.bodies):
         part = _part(k)
         for i in range(6):
-            after[i] = joints.twists[6 * k + i] + h * _dot(joints.jacobian[6 * k + i], trial.acceleration)
+            after[i] = joints.twists[6 * k + i] + h * _dot(
+                joints.jacobian[6 * k + i], trial.acceleration
+            )
         state[0] = joints.states[b]
         _move(state[0], after, h)
         memory = beds.memory[b : b + 1].copy()

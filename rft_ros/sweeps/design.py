@@ -41,7 +41,9 @@ class Design(NamedTuple):
 
     def files(self) -> set[Path]:
         """The meshes, states files and medium files that the study names."""
-        return {locate_mesh(name) if kind == "mesh" else Path(name) for kind, name in self._named()}
+        return {
+            locate_mesh(name) if kind == "mesh" else Path(name) for kind, name in self._named()
+        }
 
     def contents(self) -> tuple["Content", ...]:
         """What the results depend on beside the variants: the release of rft_ros, and each of `files`."""
@@ -50,7 +52,9 @@ class Design(NamedTuple):
 
     def fingerprint(self) -> int:
         """Checksum of the study and its `contents`."""
-        return zlib.crc32(repr(self.contents()).encode(), zlib.crc32(read_file(self.file, "study")))
+        return zlib.crc32(
+            repr(self.contents()).encode(), zlib.crc32(read_file(self.file, "study"))
+        )
 
     def _named(self) -> set[tuple[Kind, str]]:
         found = set[tuple[Kind, str]]()
@@ -87,12 +91,20 @@ def motion_of(entry: Mapping[str, Any]) -> tuple[Trajectory, int]:
     numbers = {"samples": 200, **entry}
     family = numbers.pop("family", None)
     if not isinstance(family, str) or family not in FAMILIES:
-        raise InputError(f"family is {shown(family)}; it must be one of {', '.join(FAMILIES)}, or a states_file")
+        raise InputError(
+            f"family is {shown(family)}; it must be one of {', '.join(FAMILIES)}, or a states_file"
+        )
     _check_names(numbers, ("family", "samples", *signature(FAMILIES[family]).parameters))
     for name, value in numbers.items():
         least = _LEAST.get(name, -_MOST)
-        if isinstance(value, bool) or not isinstance(value, int | float) or not least <= value <= _MOST:
-            raise InputError(f"{name} is {shown(value)}; it must be a number from {least:g} to {_MOST:,}")
+        if (
+            isinstance(value, bool)
+            or not isinstance(value, int | float)
+            or not least <= value <= _MOST
+        ):
+            raise InputError(
+                f"{name} is {shown(value)}; it must be a number from {least:g} to {_MOST:,}"
+            )
     samples = int(numbers.pop("samples"))
     return FAMILIES[family](**numbers), samples
 
@@ -110,7 +122,9 @@ def read_design(file: Path) -> Design:
         raise InputError(f"study '{file}' has no entries; it needs tools, motions and media")
     try:
         _check_names(content, ("tools", "motions", "media", "sample", "seed"))
-        parts = [list(_expanded(name, content.get(name))) for name in ("tools", "motions", "media")]
+        parts = [
+            list(_expanded(name, content.get(name))) for name in ("tools", "motions", "media")
+        ]
         total = len(parts[0]) * len(parts[1]) * len(parts[2])
         if total > _MOST:
             raise InputError(f"it has {total:,} variants; the limit is {_MOST:,}")
@@ -123,10 +137,14 @@ def read_design(file: Path) -> Design:
     return Design(file, [variants[k] for k in sorted(chosen)])
 
 
-def _whole_number(content: Mapping[str, Any], name: str, *, default: int, least: int, most: int) -> int:
+def _whole_number(
+    content: Mapping[str, Any], name: str, *, default: int, least: int, most: int
+) -> int:
     value = content.get(name, default)
     if type(value) is not int or not least <= value <= most:
-        raise InputError(f"{name} is {shown(value)}; it must be a whole number from {least} to {most:,}")
+        raise InputError(
+            f"{name} is {shown(value)}; it must be a whole number from {least} to {most:,}"
+        )
     return value
 
 
@@ -141,7 +159,9 @@ def _expanded(name: str, entries: object) -> Iterator[dict[str, Any]]:
                 needed += ", and a mesh"
             if not isinstance(entry, Mapping) or (name == "tools" and "mesh" not in entry):
                 raise InputError(f"it is {shown(entry)}; it must have {needed}")
-            for combination in itertools.product(*(_values(key, value) for key, value in entry.items())):
+            for combination in itertools.product(
+                *(_values(key, value) for key, value in entry.items())
+            ):
                 point = dict(zip(entry, combination, strict=True))
                 _check_point(name, point)
                 yield point
@@ -171,7 +191,9 @@ def _values(key: str, value: object) -> list[Any]:
         except (KeyError, TypeError, ValueError, OverflowError):
             needed = f"a range has from, to and count, of 1 to {_MOST:,}"
             raise InputError(f"{key} is {shown(dict(value))}; {needed}") from None
-    if not isinstance(value, list) or (key in _VECTORS and not any(isinstance(v, list) for v in value)):
+    if not isinstance(value, list) or (
+        key in _VECTORS and not any(isinstance(v, list) for v in value)
+    ):
         return [value]
     if not value:
         raise InputError(f"{key} is an empty list; give at least one value")

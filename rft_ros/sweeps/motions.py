@@ -46,7 +46,9 @@ class Trajectory:
         cos_t = np.cos(tilt / 2.0)
         states = np.zeros((len(t), len(STATE)))
         states[:, POSITION] = np.array([0.0, 0.0, self.start_height]) + np.outer(t, self.velocity)
-        states[:, QUATERNION] = np.column_stack([-sin_y * sin_t, cos_y * sin_t, sin_y * cos_t, cos_y * cos_t])
+        states[:, QUATERNION] = np.column_stack(
+            [-sin_y * sin_t, cos_y * sin_t, sin_y * cos_t, cos_y * cos_t]
+        )
         states[:, VELOCITY] = self.velocity
         spin = states[:, ANGULAR_VELOCITY]  # a view
         spin[:, 0] -= pitching * np.sin(yaw)
@@ -75,7 +77,11 @@ def straight(
     forward = speed * math.cos(descent)
     return Trajectory(
         duration=travel / speed,
-        velocity=(forward * math.cos(heading), forward * math.sin(heading), -speed * math.sin(descent)),
+        velocity=(
+            forward * math.cos(heading),
+            forward * math.sin(heading),
+            -speed * math.sin(descent),
+        ),
         start_height=start_height,
         yaw=math.radians(yaw_deg),
         tilt=math.radians(tilt_deg),
@@ -156,7 +162,8 @@ def circumnutation(
 
 
 FAMILIES: dict[str, Callable[..., Trajectory]] = {
-    family.__name__: family for family in (straight, plate_drag, oscillating_insertion, circumnutation)
+    family.__name__: family
+    for family in (straight, plate_drag, oscillating_insertion, circumnutation)
 }
 
 

@@ -59,17 +59,27 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
 
     values = parameters_of({**variant.tool, **variant.medium})
     tool = _tool(tuple(parts_of(values)["tool"].items()), fingerprint)
-    model = model_of(values, tool=tool, medium=_medium(values["medium.name"], values["medium.file"], fingerprint))
+    model = model_of(
+        values,
+        tool=tool,
+        medium=_medium(values["medium.name"], values["medium.file"], fingerprint),
+    )
     times, states = _motion(tuple(variant.motion.items()), fingerprint)
     if (np.diff(times) < 0.0).any():
-        raise InputError(f"states file '{variant.motion['states_file']}': t goes back; work needs it in order")
+        raise InputError(
+            f"states file '{variant.motion['states_file']}': t goes back; work needs it in order"
+        )
     height = values["surface_height"]
-    wrench = wrenches_along(model, times, states, surface_height=height, where="motion", threads=1)[:, WRENCH]
+    wrench = wrenches_along(
+        model, times, states, surface_height=height, where="motion", threads=1
+    )[:, WRENCH]
     peak = wrench[np.abs(wrench).argmax(axis=0), np.arange(len(AXES))]
     work = trapezoid(-wrench * states[:, TWIST], times, axis=0)  # positive where the grains resist
     path = np.linalg.norm(np.diff(states[:, POSITION], axis=0), axis=1).sum()
     force = np.linalg.norm(wrench[:, FORCE], axis=1).max()
-    results = np.array([*peak, *wrench.mean(axis=0), force, work[2], work.sum(), path, len(model.tool.plates)])
+    results = np.array(
+        [*peak, *wrench.mean(axis=0), force, work[2], work.sum(), path, len(model.tool.plates)]
+    )
     if not np.isfinite(results).all():
         raise InputError("its forces, work or path are too large")
     return dict(zip(RESULTS, results.tolist(), strict=True))
@@ -96,7 +106,9 @@ def _motion(items: tuple[tuple[str, Any], ...], _fingerprint: int) -> tuple[Arra
     return sample(*motion_of(entry))
 
 
-def rows_of(variants: Sequence[Variant], columns: Sequence[str], contents: tuple[Content, ...] = ()) -> list[list[str]]:
+def rows_of(
+    variants: Sequence[Variant], columns: Sequence[str], contents: tuple[Content, ...] = ()
+) -> list[list[str]]:
     """Rows of the table: a variant's values, then its results or the reason why it has none. Runs in a worker.
 
     Raises InputError if one of the `contents` is another one in this process.
@@ -118,14 +130,22 @@ def _check_contents(contents: tuple[Content, ...]) -> None:
     for kind, name, checksum in contents:
         if checksum_of(kind, name) != checksum:
             there = f"on {platform.node()}, in {Path.cwd()}"
-            raise InputError(f"a worker ({there}) has another {kind} '{name}' than this process; {_ADVICE[kind]}")
+            raise InputError(
+                f"a worker ({there}) has another {kind} '{name}' than this process; {_ADVICE[kind]}"
+            )
 
 
 def _cells(variant: Variant) -> dict[str, Any]:
-    return {f"{part}.{key}": value for part, entry in variant._asdict().items() for key, value in entry.items()}
+    return {
+        f"{part}.{key}": value
+        for part, entry in variant._asdict().items()
+        for key, value in entry.items()
+    }
 
 
-def run(design: Design, out: Path, *, scheduler: str | None = None, workers: int | None = None) -> tuple[int, int]:
+def run(
+    design: Design, out: Path, *, scheduler: str | None = None, workers: int | None = None
+) -> tuple[int, int]:
     """Compute the missing rows of a design and write ``results.csv`` to the folder `out`.
 
     Returns the number of rows that it computed, and the number of rows without results. `scheduler`: address of a Dask
@@ -136,10 +156,17 @@ def run(design: Design, out: Path, *, scheduler: str | None = None, workers: int
     columns = [*dict.fromkeys(names), *RESULTS, "reason"]
     folder = out / f"chunks_{design.fingerprint():08x}"
     size = min(-(-len(design.variants) // _CHUNKS), _MOST_ROWS)
-    chunks = {folder / f"{k:06d}.csv": design.variants[k : k + size] for k in range(0, len(design.variants), size)}
+    chunks = {
+        folder / f"{k:06d}.csv": design.variants[k : k + size]
+        for k in range(0, len(design.variants), size)
+    }
     with file_errors(f"output folder '{out}'", "written"):
         folder.mkdir(parents=True, exist_ok=True)
-        missing = {file: chunk for file, chunk in chunks.items() if not _is_complete(file, len(chunk), columns)}
+        missing = {
+            file: chunk
+            for file, chunk in chunks.items()
+            if not _is_complete(file, len(chunk), columns)
+        }
         if missing:
             with _workers(scheduler, workers) as pool:
                 _compute(design, missing, columns, pool)
@@ -151,14 +178,21 @@ def run(design: Design, out: Path, *, scheduler: str | None = None, workers: int
     return sum(map(len, missing.values())), failed
 
 
-def _compute(design: Design, chunks: Mapping[Path, Sequence[Variant]], columns: Sequence[str], pool: Executor) -> None:
+def _compute(
+    design: Design,
+    chunks: Mapping[Path, Sequence[Variant]],
+    columns: Sequence[str],
+    pool: Executor,
+) -> None:
     """Compute chunks, and write each to its file when it is finished."""
     name = design.file.stem
     total = len(design.variants)
     done = total - sum(map(len, chunks.values()))
     contents = design.contents()
     with bar(name, total) as update:
-        futures = {pool.submit(rows_of, chunk, columns, contents): file for file, chunk in chunks.items()}
+        futures = {
+            pool.submit(rows_of, chunk, columns, contents): file for file, chunk in chunks.items()
+        }
         for future in as_completed(futures):
             rows = future.result()
             _write(futures[future], rows)
@@ -174,7 +208,9 @@ def _workers(scheduler: str | None, count: int | None) -> Iterator[Executor]:
             yield pool
         except BrokenProcessPool:
             again = "the same command continues with what it has finished"
-            raise InputError(f"the system ended a worker, perhaps for want of memory; {again}") from None
+            raise InputError(
+                f"the system ended a worker, perhaps for want of memory; {again}"
+            ) from None
         finally:
             pool.shutdown(cancel_futures=True)
         return
@@ -188,7 +224,9 @@ def _workers(scheduler: str | None, count: int | None) -> Iterator[Executor]:
         raise InputError(f"no Dask scheduler answers at '{scheduler}': {error}") from None
     with client:
         if not client.scheduler_info(n_workers=-1)["workers"]:
-            raise InputError(f"the Dask scheduler at '{scheduler}' has no workers; start some with dask worker")
+            raise InputError(
+                f"the Dask scheduler at '{scheduler}' has no workers; start some with dask worker"
+            )
         yield client.get_executor(pure=False, retries=3)  # type: ignore[no-untyped-call]
 
 

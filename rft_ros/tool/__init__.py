@@ -11,7 +11,29 @@ from rft_ros.tool.tool import Tool, centroid_plates, describe_tool, load_tool, t
 from rft_ros.tool.union import write_union
 from rft_ros.tool.urdf import files_of_mesh
 
-__all__ = ["FLAT_HALF_ANGLE", "LARGEST", "REDUCED_SUFFIX", "SMALLEST", "Tool", "centroid_plates", "checked_mesh"]
-__all__ += ["describe_hollow", "describe_tool", "files_of_mesh", "is_mesh_path", "load_tool", "locate_mesh"]
-__all__ += ["random_motions", "reduced_for_any_motion", "refined_plates", "save_reduced", "solids", "tool_of_mesh"]
+__all__ = [
+    "FLAT_HALF_ANGLE",
+    "LARGEST",
+    "REDUCED_SUFFIX",
+    "SMALLEST",
+    "Tool",
+    "centroid_plates",
+    "checked_mesh",
+]
+__all__ += [
+    "describe_hollow",
+    "describe_tool",
+    "files_of_mesh",
+    "is_mesh_path",
+    "load_tool",
+    "locate_mesh",
+]
+__all__ += [
+    "random_motions",
+    "reduced_for_any_motion",
+    "refined_plates",
+    "save_reduced",
+    "solids",
+    "tool_of_mesh",
+]
 __all__ += ["write_union"]

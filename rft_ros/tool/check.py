@@ -20,7 +20,9 @@ LARGEST = 10.0
 _SMALLEST_USUAL = 5e-3  # m; below, the check proposes a scale
 _LARGEST_USUAL = 5.0  # m; above, too
 
-_COLLINEAR = 1e-12  # of the longest edge squared: rounding error of the cross product of parallel edges
+_COLLINEAR = (
+    1e-12  # of the longest edge squared: rounding error of the cross product of parallel edges
+)
 _CLOSED = 0.01  # greatest sum of the area vectors, over the area, of a surface that counts as closed; 0 without holes
 _HOLLOW = 0.02  # of the largest extent: how far other parts may reach beyond a facet's plane
 _CONCAVE_SHARE = 0.05  # of the area: a tool with a larger share in hollows is concave
@@ -28,9 +30,13 @@ _SAMPLED = 2000  # facets, and points, in the check for hollows
 _COVERED_SHARE = 0.005  # of the area: more of it inside other bodies is no rounding at an edge
 _COVERED_SAMPLES = 400  # points in the check for bodies in each other
 _MOST_PAIRS = 10_000_000  # of a point and a facet in that check
-_OUTSIDE = 1e-4  # of the largest extent: distance in front of a facet at which another body covers it
+_OUTSIDE = (
+    1e-4  # of the largest extent: distance in front of a facet at which another body covers it
+)
 
-_Surface = Literal["not_closed", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"]
+_Surface = Literal[
+    "not_closed", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"
+]
 MeshIssue = Literal[_Surface, "overlap", "concave", "size", "far"]
 """The kinds of issues of a mesh."""
 
@@ -56,18 +62,26 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
     is_inside_out = volume < 0.0
     issues: dict[MeshIssue, str] = {}
     if is_degenerate.any():
-        issues["degenerate_facets"] = f"{is_degenerate.sum():,} of {len(mesh.faces):,} facets have no area: dropped"
+        issues["degenerate_facets"] = (
+            f"{is_degenerate.sum():,} of {len(mesh.faces):,} facets have no area: dropped"
+        )
     open_edges = int((np.bincount(joined.edges_unique_inverse) == 1).sum())
     if open_edges:
         issues["not_closed"] = f"the surface is not closed (open edges: {open_edges:,})"
     if not is_consistent:
-        issues["inconsistent_winding"] = "the winding is inconsistent: some facets face outward, others inward"
+        issues["inconsistent_winding"] = (
+            "the winding is inconsistent: some facets face outward, others inward"
+        )
     elif is_inside_out:
         measured = f"volume {1e6 * volume:.3g} cm³"
-        issues["inside_out"] = f"the surface is inside out ({measured}): its trailing facets are taken as leading"
+        issues["inside_out"] = (
+            f"the surface is inside out ({measured}): its trailing facets are taken as leading"
+        )
     repeated = _repeated_facets(joined)
     if repeated:
-        issues["duplicate_facets"] = f"repeated facets, whose force counts more than once: {repeated:,}"
+        issues["duplicate_facets"] = (
+            f"repeated facets, whose force counts more than once: {repeated:,}"
+        )
     covered = _covered_share(joined) if is_consistent and not is_inside_out else 0.0
     if covered > _COVERED_SHARE:
         inside = f"{100 * covered:.0f} % of the surface lies in or on other bodies of the mesh"
@@ -78,13 +92,17 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
     share = _hollow_share(mesh, ~is_degenerate, outward=-1.0 if is_inside_out else 1.0)
     if share > _CONCAVE_SHARE:
         hollow = f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores"
-        issues["concave"] = f"{hollow}; rft check-mesh says whether the convex hull (mesh.hull, --hull) is better"
+        issues["concave"] = (
+            f"{hollow}; rft check-mesh says whether the convex hull (mesh.hull, --hull) is better"
+        )
     unusual = _unusual_size(float(mesh.extents.max()), scale)
     if unusual:
         issues["size"] = unusual
     away = float(np.linalg.norm(np.clip(0.0, *mesh.bounds)))
     if away > LARGEST:
-        nearer = "set mesh.origin (--origin) to the place of the tool frame's origin in the mesh file"
+        nearer = (
+            "set mesh.origin (--origin) to the place of the tool frame's origin in the mesh file"
+        )
         issues["far"] = f"the mesh lies {away:.3g} m from the tool frame's origin; {nearer}"
     return issues
 

@@ -7,7 +7,16 @@ The simulations are a box with one open side, two plates 0.3 and 0.8 of their wi
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft import MEDIA, POSITION, QUATERNION, STATE, VELOCITY, alpha_y_model, treers2021, wrenches
+from rft_ros.rft import (
+    MEDIA,
+    POSITION,
+    QUATERNION,
+    STATE,
+    VELOCITY,
+    alpha_y_model,
+    treers2021,
+    wrenches,
+)
 from rft_ros.tool.solids import are_inside, convex_hull, crossings
 from rft_ros.tool.tool import Tool, tool_of_mesh
 
@@ -16,7 +25,9 @@ Array = NDArray[np.float64]
 _PRESS = (0.0, 0.0, -1.0)
 _DRAGS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}
 
-_NARROW = 1.0 / 3.0  # of the tool's middle extent: a gap in which grains move along; 0.3 did, 0.8 did not
+_NARROW = (
+    1.0 / 3.0
+)  # of the tool's middle extent: a gap in which grains move along; 0.3 did, 0.8 did not
 _POINTS = 1000  # in the tool's hull
 _MOST_PAIRS = 100_000_000  # of a point and a facet
 _SPEED = 0.01  # m/s
@@ -31,9 +42,13 @@ _NOT_KNOWN = "not known, since the surface is not closed"
 def describe_hollow(tool: Tool) -> list[str]:
     """Lines of text: for a press and two drags, the forces on facets and hull, and which one to use."""
     surface = convex_hull(tool.corners)
-    hull = tool_of_mesh(surface, name=tool.name, frame=tool.frame, integration=tool.facets.integration)
+    hull = tool_of_mesh(
+        surface, name=tool.name, frame=tool.frame, integration=tool.facets.integration
+    )
     press, drag = _supported(tool, hull)
-    lines = ["force on the tool, buried to its top, on its facets and on its convex hull (zeta 1, no memory):"]
+    lines = [
+        "force on the tool, buried to its top, on its facets and on its convex hull (zeta 1, no memory):"
+    ]
     lines.append(f"press along -z: {_both(tool, hull, _PRESS)}; use {press}")
     for axis, direction in _DRAGS.items():
         lines.append(f"drag along {axis}: {_both(tool, hull, direction)}; use {drag}")
@@ -72,7 +87,9 @@ def _supported(tool: Tool, hull: Tool) -> tuple[str, str]:
     if gap <= narrow:
         return _HULL_OF_DRAGS, _HULL
     width = f"{1e3 * gap:.3g} mm wide" if np.isfinite(gap) else "open"
-    neither = f"neither: the hollow is {width}, and simulated grains fill it up to {1e3 * narrow:.3g} mm"
+    neither = (
+        f"neither: the hollow is {width}, and simulated grains fill it up to {1e3 * narrow:.3g} mm"
+    )
     return neither, neither
 
 

@@ -39,13 +39,17 @@ def locate_mesh(file: str | os.PathLike[str]) -> Path:
     if place.startswith("file://"):
         host, _, path = place.removeprefix("file://").partition("/")
         if host not in ("", "localhost"):
-            raise InputError(f"mesh.file '{place}' is on another machine, '{host}'; write file:///PATH")
+            raise InputError(
+                f"mesh.file '{place}' is on another machine, '{host}'; write file:///PATH"
+            )
         return Path(unquote(f"/{path}"))
     if is_mesh_path(place):
         return expanded(place)
     shipped = _shipped()
     if place not in shipped:
-        raise InputError(f"mesh.file '{place}' is not a shipped mesh ({', '.join(shipped)}); a path needs its suffix")
+        raise InputError(
+            f"mesh.file '{place}' is not a shipped mesh ({', '.join(shipped)}); a path needs its suffix"
+        )
     return shipped[place]
 
 

@@ -44,7 +44,9 @@ _MOST_FACETS = 2_000_000
 _MOST_PARTS = 10_000  # of a scene; trimesh takes a millisecond to read each
 _FOLDED = math.pi - 1e-3  # rad; neighbours whose normals differ by more lie on each other
 _SLIVER = 1e-6  # of the largest facet's area; rounding may have turned a smaller facet over
-_FARTHEST = 1e6  # greatest |origin| over the farthest vertex; further away, rounding deforms the mesh
+_FARTHEST = (
+    1e6  # greatest |origin| over the farthest vertex; further away, rounding deforms the mesh
+)
 _TOO_BIG = 1e60  # m; squared areas of larger tools overflow
 
 # Without a handler, Python prints trimesh's warnings (of textures, for example) on stderr with a traceback.
@@ -64,14 +66,18 @@ class MeshFrame:
     rotation: Array
 
     @classmethod
-    def checked(cls, scale: float, origin: Sequence[float], quaternion: Sequence[float]) -> "MeshFrame":
+    def checked(
+        cls, scale: float, origin: Sequence[float], quaternion: Sequence[float]
+    ) -> "MeshFrame":
         """From `mesh.scale`, `mesh.origin` and `mesh.quaternion`. Raises ValueError that names the parameter."""
         unit = number("mesh.scale", scale, least=0.0)
         shift = numbers("mesh.origin", origin, rows=3)
         given = numbers("mesh.quaternion", quaternion, rows=4)
         turn = unit_quaternion(*given.tolist())
         if turn is None:
-            raise InputError(f"mesh.quaternion is {given.tolist()}, of norm {np.linalg.norm(given):g}; it must be 1")
+            raise InputError(
+                f"mesh.quaternion is {given.tolist()}, of norm {np.linalg.norm(given):g}; it must be 1"
+            )
         return cls(unit, shift, rotation_matrix(turn))
 
     def for_file(self, declared: float | None) -> "MeshFrame":
@@ -95,7 +101,9 @@ class MeshFrame:
         return _moved(plates, self.to_file, rotation=self.rotation.T, scale=1.0 / self.scale)
 
 
-def _moved(plates: Plates, place: Callable[[Array], Array], *, rotation: Array, scale: float) -> Plates:
+def _moved(
+    plates: Plates, place: Callable[[Array], Array], *, rotation: Array, scale: float
+) -> Plates:
     """Plates in other axes and units; `place` moves their centroids."""
     rows = plates.rows.copy()
     rows[CENTROID] = place(plates.centroids.T).T
@@ -111,7 +119,9 @@ IN_TOOL_FRAME = MeshFrame(1.0, np.zeros(3), np.eye(3))
 """The frame of a mesh whose vertices are in the tool frame [m] already."""
 
 
-def read_mesh(path: Path, frame: MeshFrame, *, link: str = "") -> tuple["trimesh.Trimesh", MeshFrame]:
+def read_mesh(
+    path: Path, frame: MeshFrame, *, link: str = ""
+) -> tuple["trimesh.Trimesh", MeshFrame]:
     """Read an STL (binary, ASCII), OBJ, PLY, GLB or DAE file, or a link of a URDF, and place it in the tool frame.
 
     The coordinates of a link are those of its frame, in metres. A frame without a scale takes the unit that the file
@@ -144,10 +154,14 @@ def _load_link(urdf: Path, link: str) -> "trimesh.Trimesh":
         unit = 1.0
         if isinstance(shape.source, Path):
             part = _load(shape.source)
-            unit = _declared_unit(part) or unit  # files that declare no unit are in metres, as in RViz and Gazebo
+            unit = (
+                _declared_unit(part) or unit
+            )  # files that declare no unit are in metres, as in RViz and Gazebo
         else:
             corners = shape.source.reshape(-1, 3)
-            part = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3))  # which merges the corners
+            part = trimesh.Trimesh(
+                corners, np.arange(len(corners)).reshape(-1, 3)
+            )  # which merges the corners
         to_link = np.eye(4)
         to_link[:3, :3] = shape.rotation * shape.scale * unit
         to_link[:3, 3] = shape.position
@@ -176,11 +190,15 @@ def _load(path: Path) -> "trimesh.Trimesh":
         raise InputError(f"{name} has no supported suffix; these are {supported}")
     parts = _parts_of_glb(data) if suffix == ".glb" else 0
     if parts > _MOST_PARTS:
-        raise InputError(f"{name} has {parts:,} parts; the limit is {_MOST_PARTS:,}; export it as one mesh")
+        raise InputError(
+            f"{name} has {parts:,} parts; the limit is {_MOST_PARTS:,}; export it as one mesh"
+        )
     try:
         mesh = _parsed(data, suffix)
     except ImportError as error:
-        raise InputError(f"{name} needs a package ({error}; for .dae: pip install pycollada)") from None
+        raise InputError(
+            f"{name} needs a package ({error}; for .dae: pip install pycollada)"
+        ) from None
     except Exception:  # each reader raises its own errors, and some quote the file
         why = "it may be empty, cut short or without facets"
         raise InputError(f"{name} is not a valid {suffix[1:].upper()} file: {why}") from None
@@ -230,10 +248,14 @@ def _folds(mesh: "trimesh.Trimesh") -> int:
     return int((is_folded & ~is_sheet & ~is_sliver).sum())
 
 
-def _in_tool_frame(corners: Array, faces: NDArray[np.int64], path: Path, frame: MeshFrame) -> "trimesh.Trimesh":
+def _in_tool_frame(
+    corners: Array, faces: NDArray[np.int64], path: Path, frame: MeshFrame
+) -> "trimesh.Trimesh":
     import trimesh
 
-    farthest = _FARTHEST * np.abs(corners).max()  # NaN if a vertex is NaN; then the check of the vertices refuses it
+    farthest = (
+        _FARTHEST * np.abs(corners).max()
+    )  # NaN if a vertex is NaN; then the check of the vertices refuses it
     shift = frame.origin
     if not np.isfinite(shift).all() or (abs(shift) > farthest).any():
         near = f"near mesh file '{path}', in its units (within {_FARTHEST:,.0f} times its farthest vertex)"
@@ -243,15 +265,25 @@ def _in_tool_frame(corners: Array, faces: NDArray[np.int64], path: Path, frame: 
     is_good = np.abs(vertices) < _TOO_BIG  # not for NaN
     bad = len(vertices) - is_good.all(axis=1).sum()
     if bad:
-        raise InputError(f"mesh file '{path}' has {bad:,} of {len(vertices):,} vertices that are NaN or infinite")
+        raise InputError(
+            f"mesh file '{path}' has {bad:,} of {len(vertices):,} vertices that are NaN or infinite"
+        )
     mesh = trimesh.Trimesh(vertices, faces, process=False)
     if degenerate_facets(mesh).all():
-        raise InputError(f"mesh file '{path}' has no facet with an area, at mesh.scale {frame.scale}")
+        raise InputError(
+            f"mesh file '{path}' has no facet with an area, at mesh.scale {frame.scale}"
+        )
     return mesh
 
 
 def save_reduced(
-    file: Path, frame: MeshFrame, *, vertices: Array, faces: NDArray[np.int64], plates: Plates, reduction: str
+    file: Path,
+    frame: MeshFrame,
+    *,
+    vertices: Array,
+    faces: NDArray[np.int64],
+    plates: Plates,
+    reduction: str,
 ) -> None:
     """Write a reduced tool for `load_tool`. The arguments after `file` are the fields of `Tool`.
 
@@ -273,11 +305,15 @@ def read_reduced(file: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", MeshF
 
     The file declares the unit that it was written with. Raises InputError as `read_mesh`.
     """
-    vertices, faces, rows, about = read_arrays(file, "mesh file", ("vertices", "faces", "plates", "about"))
+    vertices, faces, rows, about = read_arrays(
+        file, "mesh file", ("vertices", "faces", "plates", "about")
+    )
     try:
         points = vertices.astype(np.float64)
         if about.ravel()[0] != _FORMAT or faces.min() < 0 or points[faces].shape[1:] != (3, 3):
-            raise ValueError("it is of another version, or its facets are not of three of its vertices")
+            raise ValueError(
+                "it is of another version, or its facets are not of three of its vertices"
+            )
         _, reduction, unit = about.tolist()
         frame_of_file = frame.for_file(float(unit))
         mesh = _in_tool_frame(points, faces, file, frame_of_file)
@@ -285,5 +321,7 @@ def read_reduced(file: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", MeshF
     except InputError:
         raise
     except (ValueError, LookupError, TypeError) as error:
-        why = f"is not a reduced tool of this rft reduce: {reason_of(error)}; reduce the mesh again"
+        why = (
+            f"is not a reduced tool of this rft reduce: {reason_of(error)}; reduce the mesh again"
+        )
         raise InputError(f"mesh file '{file}' {why}") from None

@@ -107,7 +107,9 @@ def merged_plates(plates: Plates, count: int) -> Plates:
     chosen = random.choice(len(features), most, replace=False, p=plates.areas / total)
     drawn = features[chosen]
     centres = drawn[:count].copy()
-    for _ in range(_ROUNDS):  # not scipy's kmeans2: it warns of empty groups, which equal centres lead to
+    for _ in range(
+        _ROUNDS
+    ):  # not scipy's kmeans2: it warns of empty groups, which equal centres lead to
         nearest_centre, _ = vq(drawn, centres)
         filled, groups = np.unique(nearest_centre, return_inverse=True)
         centres[filled] = _means(groups, np.ones(most), drawn)

@@ -28,7 +28,9 @@ def cache_folder() -> Path:
     return Path(base) / "rft_ros" / "reduced"
 
 
-def reduced_once(plates: Plates, corners: NDArray[np.float64], tolerance: float) -> tuple[Plates, str]:
+def reduced_once(
+    plates: Plates, corners: NDArray[np.float64], tolerance: float
+) -> tuple[Plates, str]:
     """The result of `reduced_for_any_motion`, read from the cache if it is there; every bit is the same."""
     numbers = f"{plates.rows.shape} {corners.shape} {tolerance!r}".encode()
     key = _digest(_sources(), numbers, plates.rows.tobytes(), corners.tobytes())

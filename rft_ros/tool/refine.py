@@ -18,7 +18,9 @@ if TYPE_CHECKING:
 FLAT_HALF_ANGLE = np.deg2rad(1.0)
 """Half angle [rad] over which a flat facet begins to lead: the smallest of any facet."""
 
-_CREASE = np.deg2rad(50.0)  # facets at a larger angle meet at an edge of the tool, not within a curved surface
+_CREASE = np.deg2rad(
+    50.0
+)  # facets at a larger angle meet at an edge of the tool, not within a curved surface
 _SPAN = 0.85  # half angle of a curved facet over the mean angle between its normal and those at its corners
 _TIP = 0.7
 """A point is a tip if more of its squared tilt than this is left over, and if the tilt exceeds `_POINTED`.
@@ -51,7 +53,9 @@ def refined_plates(vertices: Array, faces: Indices) -> Plates:
     angles = np.arccos(np.clip(_dot(surface.normals, facet[:, None]), -1.0, 1.0))
     half_angles = np.clip(_SPAN * angles.mean(axis=1), FLAT_HALF_ANGLE, 0.5 * np.pi)
     triangles = _with_area_of_surface(points, corners, surface)
-    is_lost = ~(np.linalg.norm(doubled_areas(triangles), axis=1) > 0.0)  # smaller than the welding distance
+    is_lost = ~(
+        np.linalg.norm(doubled_areas(triangles), axis=1) > 0.0
+    )  # smaller than the welding distance
     triangles[is_lost] = vertices[faces[is_lost]]
     return Plates.from_triangles(triangles, half_angles)
 
@@ -134,7 +138,9 @@ def _tips(normals: Array, facet: Array, group: Indices, areas: Array) -> NDArray
     left_over = _dot(lean, lean.sum(axis=1)[:, None])
 
     def total(of_corners: Array) -> Array:
-        return np.asarray(np.bincount(group.ravel(), (areas[:, None] * of_corners).ravel()), dtype=np.float64)
+        return np.asarray(
+            np.bincount(group.ravel(), (areas[:, None] * of_corners).ravel()), dtype=np.float64
+        )
 
     squared = total(_dot(lean, lean))
     is_one_sided = total(left_over) > _TIP * squared

@@ -122,7 +122,9 @@ def are_inside(points: Array, triangles: Array) -> NDArray[np.bool_]:
     corners = triangles @ _OBLIQUE
     low = np.ascontiguousarray(corners.min(axis=1).T)
     high = np.ascontiguousarray(corners.max(axis=1).T)
-    return np.array([_winding_number(point, corners, low, high) > 0 for point in points @ _OBLIQUE])
+    return np.array(
+        [_winding_number(point, corners, low, high) > 0 for point in points @ _OBLIQUE]
+    )
 
 
 def _winding_number(point: Array, triangles: Array, low: Array, high: Array) -> int:

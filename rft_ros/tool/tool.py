@@ -15,7 +15,13 @@ from rft_ros.rft import INTEGRATIONS, LEVEL, QUATERNION, STATE, Integration, Pla
 from rft_ros.rft.arguments import number
 from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
 from rft_ros.tool.locate import link_in, locate_mesh
-from rft_ros.tool.mesh_file import IN_TOOL_FRAME, REDUCED_SUFFIX, MeshFrame, read_mesh, read_reduced
+from rft_ros.tool.mesh_file import (
+    IN_TOOL_FRAME,
+    REDUCED_SUFFIX,
+    MeshFrame,
+    read_mesh,
+    read_reduced,
+)
 from rft_ros.tool.reduction_cache import reduced_once
 from rft_ros.tool.refine import doubled_areas, refined_plates
 from rft_ros.tool.solids import convex_hull
@@ -70,7 +76,9 @@ class Tool:
         """Middle of the tool's extents, in the tool frame [m], shape [3]."""
         return np.asarray(self.bounds.mean(axis=0))
 
-    def lowest_point(self, rotation: NDArray[np.float64], slope: tuple[float, float] = LEVEL) -> float:
+    def lowest_point(
+        self, rotation: NDArray[np.float64], slope: tuple[float, float] = LEVEL
+    ) -> float:
         """Height of the tool's lowest point above the tool frame's origin [m], along world z; negative if below.
 
         `rotation`: from the tool to the world frame, shape [3, 3]. `slope`: dz/dx and dz/dy of a plane through the
@@ -79,7 +87,9 @@ class Tool:
         x, y, z = rotation
         return float((self.corners @ (z - slope[0] * x - slope[1] * y)).min())
 
-    def lowest_points(self, states: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def lowest_points(
+        self, states: NDArray[np.float64]
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """World z of the lowest point [m] and its downward velocity [m/s], shape [n] each.
 
         `states`: shape [n, 13], columns `rft_ros.rft.STATE`.
@@ -120,12 +130,16 @@ def load_tool(
     dropped. Raises InputError or ValueError, with one sentence, for a file or a value that cannot be used.
     """
     if integration not in (None, *INTEGRATIONS):
-        raise InputError(f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}")
+        raise InputError(
+            f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}"
+        )
     path = locate_mesh(file)
     frame = MeshFrame.checked(scale, origin, quaternion)
     if path.suffix.lower() == REDUCED_SUFFIX:
         if hull:
-            raise InputError(f"mesh file '{path}' is a reduced tool; for its hull, reduce the mesh with --hull")
+            raise InputError(
+                f"mesh file '{path}' is a reduced tool; for its hull, reduce the mesh with --hull"
+            )
         return _load_reduced(path, frame, integration)
     name = path.stem
     source = str(path)
@@ -138,7 +152,9 @@ def load_tool(
         mesh = _hull_of(mesh, path)
         name = f"{name} (convex hull)"
     rule = integration or "refined"
-    return tool_of_mesh(mesh, name=name, file=source, frame=frame_of_file, integration=rule, tolerance=tolerance)
+    return tool_of_mesh(
+        mesh, name=name, file=source, frame=frame_of_file, integration=rule, tolerance=tolerance
+    )
 
 
 def _load_reduced(path: Path, frame: MeshFrame, integration: Integration | None) -> Tool:
@@ -147,7 +163,9 @@ def _load_reduced(path: Path, frame: MeshFrame, integration: Integration | None)
     if integration not in (None, rule):
         only = f"has plates for integration '{rule}' only; set that, or reduce the mesh again"
         raise InputError(f"mesh file '{path}' {only}")
-    tool = tool_of_mesh(mesh, name=path.stem, file=str(path), frame=frame_of_file, integration=rule)
+    tool = tool_of_mesh(
+        mesh, name=path.stem, file=str(path), frame=frame_of_file, integration=rule
+    )
     return replace(tool, plates=plates, reduction=reduction)
 
 
@@ -157,7 +175,9 @@ def _hull_of(mesh: "trimesh.Trimesh", path: Path) -> "trimesh.Trimesh":
     try:
         return convex_hull(np.asarray(mesh.vertices)[np.unique(mesh.faces)])
     except QhullError:
-        raise InputError(f"mesh file '{path}' lies in a plane and has no convex hull; unset mesh.hull") from None
+        raise InputError(
+            f"mesh file '{path}' lies in a plane and has no convex hull; unset mesh.hull"
+        ) from None
 
 
 def tool_of_mesh(
@@ -176,7 +196,9 @@ def tool_of_mesh(
     from scipy.spatial import ConvexHull, QhullError
 
     if not 0.0 <= number("tolerance", tolerance) <= 1.0:
-        raise InputError(f"tolerance is {tolerance:g}; it must lie between 0 (the full tool) and 1")
+        raise InputError(
+            f"tolerance is {tolerance:g}; it must lie between 0 (the full tool) and 1"
+        )
     vertices = np.array(mesh.vertices, dtype=np.float64)
     faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
     plates_of = refined_plates if integration == "refined" else centroid_plates
@@ -220,7 +242,9 @@ def describe_tool(tool: Tool) -> list[str]:
         lines.append(f"{axis}: {low:.3f} to {high:.3f} mm (extent {high - low:.3f} mm)")
     below = -1e3 * tool.lowest_point(np.eye(3))
     side = "below" if below >= 0.0 else "above"
-    lines.append(f"lowest point: {abs(below):.3f} mm {side} the tool frame's origin (mesh.origin, --origin)")
+    lines.append(
+        f"lowest point: {abs(below):.3f} mm {side} the tool frame's origin (mesh.origin, --origin)"
+    )
     lines.append(f"mesh unit: {tool.frame.scale:g} m (mesh.scale, --scale)")
     lines.append(f"area: {_area(tool)}")
     if not {"not_closed", "inconsistent_winding"} & tool.issues.keys():

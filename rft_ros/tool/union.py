@@ -24,14 +24,18 @@ def union_of(tool: Tool) -> "trimesh.Trimesh":
     cavities = []
     for body in _bodies(tool):
         if not (body.is_watertight and body.is_winding_consistent):
-            raise InputError(f"{named} has a body whose surface is not closed, or is wound both ways; close it first")
+            raise InputError(
+                f"{named} has a body whose surface is not closed, or is wound both ways; close it first"
+            )
         if body.volume > 0.0:
             solids.append(body)
         else:
             body.invert()
             cavities.append(body)
     if not solids:
-        raise InputError(f"{named} is not closed, or inside out; turn its facets before the union is made")
+        raise InputError(
+            f"{named} is not closed, or inside out; turn its facets before the union is made"
+        )
     try:
         from trimesh.boolean import difference, union
 

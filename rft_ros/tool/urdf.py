@@ -22,11 +22,17 @@ Array = NDArray[np.float64]
 ROBOT_SUFFIXES = ".urdf", ".xacro"
 """Suffixes of descriptions of robots."""
 
-_KINDS = "collision", "visual"  # the first kind that a link has: what touches, or else what is drawn
+_KINDS = (
+    "collision",
+    "visual",
+)  # the first kind that a link has: what touches, or else what is drawn
 _SOLIDS: dict[str, tuple[tuple[str, ...], Callable[..., Array]]] = {
     "box": (("size",), lambda size: solids.box(0.5 * size)),
     "sphere": (("radius",), lambda radius: solids.ellipsoid((radius, radius, radius))),
-    "cylinder": (("radius", "length"), lambda radius, length: solids.cylinder(radius, 0.5 * length)),
+    "cylinder": (
+        ("radius", "length"),
+        lambda radius, length: solids.cylinder(radius, 0.5 * length),
+    ),
     "capsule": (("radius", "length"), lambda radius, length: solids.capsule(radius, 0.5 * length)),
 }
 """By the element of a solid: its attributes, and the function of their values [m] that makes its triangles."""
@@ -65,13 +71,17 @@ def shapes_of_link(urdf: Path, link: str) -> list[LinkShape]:
     try:
         links = list(ElementTree.fromstring(_text(urdf, named)).iter("link"))
     except ElementTree.ParseError as error:
-        raise InputError(f"{named} is not XML: {reason_of(error)}; give a URDF file (xacro writes one)") from None
+        raise InputError(
+            f"{named} is not XML: {reason_of(error)}; give a URDF file (xacro writes one)"
+        ) from None
     by_name = {str(element.get("name")): _elements(element) for element in links}
     elements = by_name.get(link)
     if not elements:
         usable = ", ".join(name for name, its in by_name.items() if its) or "none"
         wanted = _missing(link, is_there=link in by_name)
-        raise InputError(f"{named} {wanted}; write {urdf.name}#LINK, with one of its links that have a shape: {usable}")
+        raise InputError(
+            f"{named} {wanted}; write {urdf.name}#LINK, with one of its links that have a shape: {usable}"
+        )
     return [_shape(element, urdf, f"{named} has in its link '{link}'") for element in elements]
 
 
@@ -83,11 +93,21 @@ def _text(urdf: Path, named: str) -> str:
     program = shutil.which("xacro")
     if program is None:
         expanded = urdf.with_suffix("").name
-        raise InputError(f"{named} needs xacro, which is not installed; expand it with xacro: xacro FILE -o {expanded}")
+        raise InputError(
+            f"{named} needs xacro, which is not installed; expand it with xacro: xacro FILE -o {expanded}"
+        )
     try:
-        done = subprocess.run([program, str(urdf)], capture_output=True, text=True, timeout=_XACRO_SECONDS, check=True)
+        done = subprocess.run(
+            [program, str(urdf)],
+            capture_output=True,
+            text=True,
+            timeout=_XACRO_SECONDS,
+            check=True,
+        )
     except subprocess.CalledProcessError as error:
-        raise InputError(f"{named} cannot be expanded by xacro: {shown(error.stderr.strip())}") from None
+        raise InputError(
+            f"{named} cannot be expanded by xacro: {shown(error.stderr.strip())}"
+        ) from None
     except (OSError, subprocess.TimeoutExpired) as error:
         raise InputError(f"{named} cannot be expanded by xacro: {reason_of(error)}") from None
     return done.stdout
@@ -138,13 +158,17 @@ def _triangles(element: ElementTree.Element, where: str) -> Array:
         for attribute in attributes:
             value = _numbers(solid.attrib, attribute, where, count=3 if attribute == "size" else 1)
             if not (value > 0.0).all():
-                raise InputError(f"{where} a {name} whose {attribute} is {value.tolist()}; it must be positive")
+                raise InputError(
+                    f"{where} a {name} whose {attribute} is {value.tolist()}; it must be positive"
+                )
             values.append(value if attribute == "size" else float(value[0]))
         return make(*values)
     raise InputError(f"{where} a shape without a known geometry")
 
 
-def _numbers(attributes: dict[str, str], name: str, where: str, *, default: str = "", count: int = 3) -> Array:
+def _numbers(
+    attributes: dict[str, str], name: str, where: str, *, default: str = "", count: int = 3
+) -> Array:
     text = attributes.get(name, default)
     try:
         numbers = np.array([float(word) for word in text.split()])
@@ -168,7 +192,10 @@ def _located(name: str, urdf: Path) -> Path:
         if uri.startswith("package://") and ".." not in Path(unquote(path)).parts:
             for folder in resolved(urdf).parents:
                 for place in (folder, folder / package):
-                    if package in (place.name, _package_in(place)) and (place / unquote(path)).is_file():
+                    if (
+                        package in (place.name, _package_in(place))
+                        and (place / unquote(path)).is_file()
+                    ):
                         return place / unquote(path)
         raise
 
@@ -176,6 +203,8 @@ def _located(name: str, urdf: Path) -> Path:
 def _package_in(folder: Path) -> str:
     """The name that a folder's package.xml gives; "" if there is none."""
     try:
-        return ElementTree.fromstring(read_text(folder / "package.xml", "package")).findtext("name", "")
+        return ElementTree.fromstring(read_text(folder / "package.xml", "package")).findtext(
+            "name", ""
+        )
     except (InputError, ElementTree.ParseError):
         return ""

@@ -16,7 +16,11 @@ ABB = Path(__file__).resolve().parents[2] / "config" / "abb_plate.yaml"
 OTHER = {2: 3, 3: 2}
 """The two trials, and the one that each is calibrated on."""
 
-PLATES = {"cmu_plate_large_60mm_1": 60, "cmu_plate_large_80mm_7": 80, "cmu_plate_large_100mm_4": 100}
+PLATES = {
+    "cmu_plate_large_60mm_1": 60,
+    "cmu_plate_large_80mm_7": 80,
+    "cmu_plate_large_100mm_4": 100,
+}
 
 
 def bag(shared_data, trial):
@@ -53,10 +57,17 @@ def held_out(calibrated, shared_data, tmp_path_factory):
             given = values if memory else {**values, "medium.mobilization_length": 0.0}
             out = tmp_path_factory.mktemp("replay")
             replay(bag(shared_data, trial), out, given, options)
-            table = np.genfromtxt(out / "estimates.csv", delimiter=",", names=True, dtype=None, encoding="utf-8")
+            table = np.genfromtxt(
+                out / "estimates.csv", delimiter=",", names=True, dtype=None, encoding="utf-8"
+            )
             predicted, measured = -table["predicted_fz"], -table["compensated_fz"]
             peak = np.nanmax(measured)
-            found[trial, memory] = table["phase"], table["depth"], predicted / peak, measured / peak
+            found[trial, memory] = (
+                table["phase"],
+                table["depth"],
+                predicted / peak,
+                measured / peak,
+            )
     return found
 
 
@@ -74,8 +85,13 @@ def test_what_is_fitted_to_each_trial(calibrated):
         assert values["medium.zeta"] == pytest.approx(zeta, abs=0.01)
         assert values["medium.calibrated_depth"] == pytest.approx(0.0506, abs=2e-4)
         assert values["sensor.bias"][2] == pytest.approx(bias, abs=0.02)
-        assert any(line.startswith("sensor.mass: gravity turns by 0.0°") for line in made["not_identifiable"])
-        assert [line.partition("T")[0] for line in made["bags"]] == [f"abb_plate_{trial} (2021-05-25"]
+        assert any(
+            line.startswith("sensor.mass: gravity turns by 0.0°")
+            for line in made["not_identifiable"]
+        )
+        assert [line.partition("T")[0] for line in made["bags"]] == [
+            f"abb_plate_{trial} (2021-05-25"
+        ]
         fit = made["fitted"]["medium_mobilization_length"]
         assert fit["value"] == [pytest.approx(length, abs=2e-4)]
         assert fit["standard_error"][0] < 0.0035
@@ -102,12 +118,16 @@ def test_the_force_holds_flat_while_the_plate_rests(held_out, calibrated, trial,
     rest = rest[:-10]  # in the last 50 ms before the phase of withdrawal the arm begins to move
     assert np.ptp(predicted[rest]) < 0.004
     assert predicted[rest].mean() == pytest.approx(held, abs=0.005)
-    own, others = (read_parameter_file(calibrated[t])["medium.zeta"] for t in (trial, OTHER[trial]))
+    own, others = (
+        read_parameter_file(calibrated[t])["medium.zeta"] for t in (trial, OTHER[trial])
+    )
     assert abs(predicted[rest].mean() * own / others - 1.0) < 0.10
 
 
 @pytest.mark.parametrize("trial", OTHER)
-def test_memory_halves_the_residual_of_the_withdrawal_and_the_push_is_gone_after_3_mm(held_out, trial):
+def test_memory_halves_the_residual_of_the_withdrawal_and_the_push_is_gone_after_3_mm(
+    held_out, trial
+):
     """RMS over the peak: 21.4 to 7.3 % in trial 2, 22.2 to 8.7 % in trial 3. In the law the upper face leads then."""
     kept, without = (residual(held_out[trial, memory], "withdrawal") for memory in (True, False))
     assert kept < 0.5 * without
@@ -118,7 +138,9 @@ def test_memory_halves_the_residual_of_the_withdrawal_and_the_push_is_gone_after
     assert abs(measured[after]) < 0.015
 
 
-def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(shared_data, tmp_path, capsys):
+def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(
+    shared_data, tmp_path, capsys
+):
     """In the model the pressure under a plate does not depend on its size."""
     rules, bags = [], []
     for name, diameter in PLATES.items():
@@ -126,12 +148,22 @@ def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(shared_
         trimesh.creation.cylinder(radius=0.5 * diameter, height=10.0, sections=96).export(mesh)
         rules += ["--mesh", f"{name}={mesh}"]
         bags.append(str(shared_data / "cmu_plate" / name))
-    given = {"mesh.file": str(mesh), "mesh.origin": [0.0, 0.0, 5.0], "twist_source": "pose_difference"}
+    given = {
+        "mesh.file": str(mesh),
+        "mesh.origin": [0.0, 0.0, 5.0],
+        "twist_source": "pose_difference",
+    }
     remap = {"remap": ["~/pose:=/tool_pose", "~/wrench_measured:=/ft_sensor/wrench"]}
     file, out = tmp_path / "cmu.yaml", tmp_path / "calibrated.yaml"
-    file.write_text(yaml.safe_dump({n: {"ros__parameters": p} for n, p in (("/**", given), ("rft_replay", remap))}))
+    file.write_text(
+        yaml.safe_dump(
+            {n: {"ros__parameters": p} for n, p in (("/**", given), ("rft_replay", remap))}
+        )
+    )
     assert main(["calibrate", *bags, "--params", str(file), *rules, "-o", str(out)]) == 0
-    assert "mesh points" not in capsys.readouterr().err  # a plate on its edge has a force of the measured growth
+    assert (
+        "mesh points" not in capsys.readouterr().err
+    )  # a plate on its edge has a force of the measured growth
     zeta = record(out)["fitted"]["medium_zeta"]
     assert "ζ differs by 39 %: tools of different size" in zeta["goodness"]
     assert "60mm_1 1.29" in zeta["source"]
@@ -139,4 +171,6 @@ def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(shared_
     assert zeta["value"] == [pytest.approx(1.545, abs=0.01)]
     assert zeta["standard_error"][0] > 0.1
     assert "ζ grows with the tool's size, 60 to 100 mm wide" in zeta["goodness"]
-    assert read_parameter_file(out)["medium.zeta_error"] == pytest.approx(0.19, abs=0.02)  # of the smallest tool
+    assert read_parameter_file(out)["medium.zeta_error"] == pytest.approx(
+        0.19, abs=0.02
+    )  # of the smallest tool

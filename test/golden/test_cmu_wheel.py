@@ -24,7 +24,9 @@ def forces(shared_data):
     return wrenches(wheel.plates, law, checked_states(states))[:, :3]
 
 
-def test_forces_agree_with_the_other_groups_code_to_1e_3_newton_in_all_but_three_cases(forces, expected):
+def test_forces_agree_with_the_other_groups_code_to_1e_3_newton_in_all_but_three_cases(
+    forces, expected
+):
     """Those three move straight along the wheel's axle without turning."""
     knife_edge = (expected[:, SLIP_ANGLE] == 90.0) & (expected[:, RIM_SPEED] == 0.0)
     error = np.abs(forces - expected[:, MODEL]).max(axis=1)

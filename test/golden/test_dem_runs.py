@@ -12,7 +12,9 @@ def test_zeta_from_the_flat_plates_penetration_is_0_24():
     assert modelled(PUBLISHED)[1] == pytest.approx(0.24, abs=0.005)
 
 
-@pytest.mark.parametrize("name", [name for name in RUNS if "plate" in name and name != ALONG_ITSELF])
+@pytest.mark.parametrize(
+    "name", [name for name in RUNS if "plate" in name and name != ALONG_ITSELF]
+)
 def test_plates_are_predicted_to_8_to_17_percent(name):
     """Within 2 points, for the rounding of ζ and the plate's mesh: 9 to 19 % here."""
     assert 0.08 - 0.02 < errors_of(PUBLISHED)[name] < 0.17 + 0.02

@@ -21,5 +21,7 @@ def test_a_map_before_each_pass_explains_the_passes_after_the_first(runs):
 
 
 def test_the_map_helps_learning_that_lags(runs):
-    level, ground = (np.mean(pass_errors(series, learned(series, lag=0.005).out)) for series in runs)
+    level, ground = (
+        np.mean(pass_errors(series, learned(series, lag=0.005).out)) for series in runs
+    )
     assert ground < 0.85 * level

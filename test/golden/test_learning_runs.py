@@ -28,7 +28,10 @@ def _calibrations_of_all_processes(once):
     """A calibration takes ten seconds and more: one process makes it, and the others read it."""
 
     def calibrated(group, choice):
-        folder = once(f"calibrated {group} {choice.name}", lambda folder: learning.calibrate(group, choice, folder))
+        folder = once(
+            f"calibrated {group} {choice.name}",
+            lambda folder: learning.calibrate(group, choice, folder),
+        )
         return folder / "calibrated.yaml"
 
     with pytest.MonkeyPatch.context() as patch:
@@ -53,7 +56,9 @@ def is_covered(series, outs):
 def test_simulated_grains(grains, choice, lag, limit):
     series = grains[choice.name]
     outs = [learned(run, lag=lag).out for run in series]
-    assert np.mean([vector_error(run, out) for run, out in zip(series, outs, strict=True)]) <= limit
+    assert (
+        np.mean([vector_error(run, out) for run, out in zip(series, outs, strict=True)]) <= limit
+    )
     assert is_covered(series, outs)
 
 
@@ -64,7 +69,9 @@ def test_recordings(group, limits):
     series = bag_series(group, REFINED)
     for lag, limit in zip((0.002, 0.005), limits, strict=True):
         outs = [learned(run, lag=lag).out for run in series]
-        assert np.mean([peak_error(run, out) for run, out in zip(series, outs, strict=True)]) <= limit
+        assert (
+            np.mean([peak_error(run, out) for run, out in zip(series, outs, strict=True)]) <= limit
+        )
         assert is_covered(series, outs)
         if lag == 0.002:
             assert not any(len(learned(run, lag=lag).reports()) for run in series)
@@ -89,7 +96,9 @@ def test_the_buried_ball_is_harder_ground(choice):
     assert result.surprise[result.reports()].tolist() == ["harder"]
 
 
-@pytest.mark.parametrize("name", ["pen_plate_seedA", "plate_b60_psi0_phi30", "root_helix_P40_tilt10"])
+@pytest.mark.parametrize(
+    "name", ["pen_plate_seedA", "plate_b60_psi0_phi30", "root_helix_P40_tilt10"]
+)
 def test_a_layer_put_into_a_run_is_reported_within_3_mm(grains, name):
     run = next(run for run in grains[REFINED.name] if run.name == name)
     result = learned(run, lag=0.002, forces=with_layer(run, 0.025, 2.0))
@@ -112,11 +121,15 @@ def test_vertical_errors_on_real_tools_lie_within_their_standard_deviations():
 @pytest.mark.usefixtures("shared_data")
 @pytest.mark.parametrize("choice", MODELS, ids=lambda choice: choice.name)
 @pytest.mark.parametrize("lag", LAGS)
-def test_each_component_of_the_force_lies_within_its_sigma_on_recordings_that_nothing_was_tuned_on(choice, lag):
+def test_each_component_of_the_force_lies_within_its_sigma_on_recordings_that_nothing_was_tuned_on(
+    choice, lag
+):
     """60 to 80 % within one and at least 93 % within two; x had 89 % and y 86 % where both shared one scale."""
     held_out = [run for group in GROUPS for run in series_of_group(group, choice)[1::2]]
     errors = [within(run, lag=lag) for run in held_out]
-    one, two = (np.mean([(error < k).mean(axis=0) for error in errors], axis=0) for k in (1.0, 2.0))
+    one, two = (
+        np.mean([(error < k).mean(axis=0) for error in errors], axis=0) for k in (1.0, 2.0)
+    )
     assert (one >= 0.60).all()
     assert (one <= 0.80).all()
     assert (two >= 0.93).all()

@@ -21,7 +21,9 @@ def stresses(gamma, beta):
     g, b = math.radians(gamma), math.radians(beta)
     medium = MEDIA["poppy_seeds_loose"]
     law = treers2021(medium, alpha_y_model("constant", medium))
-    tx, ty, tz = traction_per_depth(law, math.sin(b), 0.0, -math.cos(b), math.cos(g), 0.0, -math.sin(g))
+    tx, ty, tz = traction_per_depth(
+        law, math.sin(b), 0.0, -math.cos(b), math.cos(g), 0.0, -math.sin(g)
+    )
     assert abs(ty) < 1e-6
     return -tx / 1e6, tz / 1e6
 
@@ -48,7 +50,9 @@ def test_signs_agree_with_the_measurement_wherever_the_stress_is_not_small(grid,
         assert large.sum() > 20
 
 
-def test_over_all_leading_plates_the_fit_errs_by_7_and_11_percent_of_the_largest_stress(grid, fitted):
+def test_over_all_leading_plates_the_fit_errs_by_7_and_11_percent_of_the_largest_stress(
+    grid, fitted
+):
     """Root mean square of α_x and α_z: the cost of nine terms."""
     rms = np.sqrt(((fitted - grid[:, 2:4]) ** 2).mean(axis=0))
     assert rms / np.abs(grid[:, 2:4]).max() == pytest.approx([0.07, 0.11], abs=0.01)

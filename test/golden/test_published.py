@@ -20,17 +20,27 @@ def published(request):
 @pytest.mark.parametrize("alpha_y", ["constant", "linear"])
 def test_it_gives_the_authors_forces_on_the_root_tip(published, shared_data, alpha_y):
     paper = shared_data / "paper"
-    mesh = {"mesh.file": str(paper / "root-tip.stl"), "mesh.origin": (0.0, 0.0, 35.5), "medium.zeta": 0.33}
+    mesh = {
+        "mesh.file": str(paper / "root-tip.stl"),
+        "mesh.origin": (0.0, 0.0, 35.5),
+        "medium.zeta": 0.33,
+    }
     model = model_of({**published, **mesh, "alpha_y.model": alpha_y})
     _, states = read_states(paper / "circumnutation_P40_states.csv")
     found = wrenches(model.tool.plates, model.law, states)[:, :6]
-    expected = np.loadtxt(paper / f"circumnutation_P40_expected_{alpha_y}.csv", delimiter=",", skiprows=1)[:, 1:7]
+    expected = np.loadtxt(
+        paper / f"circumnutation_P40_expected_{alpha_y}.csv", delimiter=",", skiprows=1
+    )[:, 1:7]
     np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-9 * np.abs(expected).max())
 
 
 def test_it_is_the_centroid_rule_with_all_plates_and_no_memory_bit_by_bit(published):
     model = model_of({**published, "mesh.file": "ellipsoid", "medium.zeta": 0.33})
     assert (model.law.mobilization_length, model.law.stresses["alpha_y"]) == (0.0, "constant")
-    state = np.array([[0.0, 0.0, -0.02, 0.1, 0.2, 0.3, 0.9273618495495703, 0.003, 0.002, -0.01, 0.1, 0.2, 0.3]])
-    by_hand = wrenches(load_tool("ellipsoid", integration="centroid").plates, law("constant"), state)
+    state = np.array(
+        [[0.0, 0.0, -0.02, 0.1, 0.2, 0.3, 0.9273618495495703, 0.003, 0.002, -0.01, 0.1, 0.2, 0.3]]
+    )
+    by_hand = wrenches(
+        load_tool("ellipsoid", integration="centroid").plates, law("constant"), state
+    )
     np.testing.assert_array_equal(wrenches(model.tool.plates, model.law, state), by_hand)

@@ -8,7 +8,9 @@ from rft_ros.sweeps.motions import circumnutation, oscillating_insertion
 from rft_ros.tool import load_tool, random_motions, reduced_for_any_motion
 
 GENERIC = MEDIA["generic"]
-CONSTANT, LINEAR = (treers2021(GENERIC, alpha_y_model(name, GENERIC), zeta=0.33) for name in ("constant", "linear"))
+CONSTANT, LINEAR = (
+    treers2021(GENERIC, alpha_y_model(name, GENERIC), zeta=0.33) for name in ("constant", "linear")
+)
 BODIES = {"ellipsoid-exp": (9.6, 9.6, 18.05), "root-tip": (0.0, 0.0, 35.5)}
 SCENES = {"ellipsoid-exp": oscillating_insertion(), "root-tip": circumnutation()}
 
@@ -28,11 +30,19 @@ def percentile_95(tool, plates, law, states):
 
 
 @pytest.mark.parametrize(("rule", "most"), [("refined", 200), ("centroid", 560)])
-def test_the_ellipsoid_in_any_motion_needs_few_plates_for_2_5_percent_of_its_own_force(body, rule, most):
+def test_the_ellipsoid_in_any_motion_needs_few_plates_for_2_5_percent_of_its_own_force(
+    body, rule, most
+):
     """From a quarter submerged to deep."""
     tool = body("ellipsoid-exp", rule)
     plates, _ = reduced_for_any_motion(tool.facets, tool.corners, 0.025)
     assert len(plates) <= most
-    others = (agarwal2023(), agarwal2023(density=1500.0), treers2021(GENERIC, LINEAR.alpha_y, density=1500.0))
+    others = (
+        agarwal2023(),
+        agarwal2023(density=1500.0),
+        treers2021(GENERIC, LINEAR.alpha_y, density=1500.0),
+    )
     for law in (CONSTANT, LINEAR, *others):  # plates are chosen with the first two
-        assert percentile_95(tool, plates, law, random_motions(tool.corners, 3000, seed=99)) < 0.028, law
+        assert (
+            percentile_95(tool, plates, law, random_motions(tool.corners, 3000, seed=99)) < 0.028
+        ), law

@@ -13,7 +13,12 @@ from studies.paper import ALPHA_Y, ellipsoid, leading_face, plate, root_tip
 from studies.result import table_in
 from studies.sampling import work_of
 
-TABLES = {"dem": "accuracy.md", "horizontal": "paper.md", "oscillation": "paper.md", "circumnutation": "paper.md"}
+TABLES = {
+    "dem": "accuracy.md",
+    "horizontal": "paper.md",
+    "oscillation": "paper.md",
+    "circumnutation": "paper.md",
+}
 
 
 @pytest.mark.parametrize(("name", "page"), TABLES.items())
@@ -27,7 +32,10 @@ def test_the_table_in_the_docs_is_the_studys(name, page):
 def strokes():
     """Of the ellipsoid, by the frequency of its pitch; 0 is straight."""
     tool = ellipsoid()
-    pitching = {f: oscillation.stroke(tool, amplitude_deg=9.0, frequency=f) for f in oscillation.FREQUENCIES.values()}
+    pitching = {
+        f: oscillation.stroke(tool, amplitude_deg=9.0, frequency=f)
+        for f in oscillation.FREQUENCIES.values()
+    }
     return {0.0: oscillation.stroke(tool, amplitude_deg=0.0), **pitching}
 
 
@@ -50,18 +58,27 @@ class TestHorizontal:
         f1, f23, _ = horizontal.drag_forces(leading_face(plate()), alpha_y)
         psi = np.deg2rad(horizontal.PSI)
         assert f1 / f1.max() == pytest.approx([exact_f1(u) for u in np.sin(psi)], abs=1e-6)
-        assert f23[:-1] / f23.max() == pytest.approx([exact_f23(w) for w in np.cos(psi[:-1])], abs=1e-6)
+        assert f23[:-1] / f23.max() == pytest.approx(
+            [exact_f23(w) for w in np.cos(psi[:-1])], abs=1e-6
+        )
 
     def test_the_edges_carry_the_force_that_the_paper_subtracts(self):
-        own, whole = (horizontal.drag_forces(p, "constant")[0].max() for p in (leading_face(plate()), plate().plates))
-        assert whole - own == pytest.approx(horizontal.PUBLISHED["F1 raw"] - horizontal.PUBLISHED["F1"], abs=0.15)
+        own, whole = (
+            horizontal.drag_forces(p, "constant")[0].max()
+            for p in (leading_face(plate()), plate().plates)
+        )
+        assert whole - own == pytest.approx(
+            horizontal.PUBLISHED["F1 raw"] - horizontal.PUBLISHED["F1"], abs=0.15
+        )
 
 
 class TestPlates:
     def test_the_intrusion_angle_is_the_papers(self):
         for phi in plates.PHIS:
             assert plates.gamma_deg(phi, 0.0) == pytest.approx(phi)
-            assert np.tan(np.deg2rad(plates.gamma_deg(phi, 60.0))) == pytest.approx(2.0 * np.tan(np.deg2rad(phi)))
+            assert np.tan(np.deg2rad(plates.gamma_deg(phi, 60.0))) == pytest.approx(
+                2.0 * np.tan(np.deg2rad(phi))
+            )
 
     @pytest.mark.parametrize("beta", plates.BETAS)
     @pytest.mark.parametrize("phi", plates.PHIS)
@@ -81,7 +98,9 @@ class TestPlates:
 
 
 class TestOscillation:
-    def test_the_released_codes_pitch_gives_the_papers_frequency_in_the_vertical_force(self, strokes):
+    def test_the_released_codes_pitch_gives_the_papers_frequency_in_the_vertical_force(
+        self, strokes
+    ):
         assert oscillation.vertical_frequency(strokes[0.625]) == pytest.approx(1.25, abs=0.02)
         assert oscillation.vertical_frequency(strokes[1.25]) == pytest.approx(2.5, abs=0.02)
 
@@ -94,7 +113,9 @@ class TestOscillation:
         assert (np.diff(total) > 0.0).all()
         assert vertical[0] == pytest.approx(total[0])
 
-    def test_at_the_turning_points_of_the_pitch_the_vertical_force_is_that_of_the_straight_insertion(self, strokes):
+    def test_at_the_turning_points_of_the_pitch_the_vertical_force_is_that_of_the_straight_insertion(
+        self, strokes
+    ):
         """Once the body is half submerged: lower between the turning points, up to 2.7 % higher at them."""
         for frequency in (0.625, 1.25):
             deep = strokes[0.0].depths > 0.018
@@ -109,8 +130,13 @@ class TestCircumnutation:
         """Beyond 100 mm the total falls to within 0.5 % of the straight insertion."""
         tool = root_tip()
         pitches = circumnutation.PITCHES
-        works = [work_of(tool.plates, motions.circumnutation(tilt_deg=tilt, pitch=p), 401) for p in pitches]
-        straight = work_of(tool.plates, circumnutation.straight_limit(motions.circumnutation(tilt_deg=tilt)), 401)
+        works = [
+            work_of(tool.plates, motions.circumnutation(tilt_deg=tilt, pitch=p), 401)
+            for p in pitches
+        ]
+        straight = work_of(
+            tool.plates, circumnutation.straight_limit(motions.circumnutation(tilt_deg=tilt)), 401
+        )
         assert (np.diff([w.vertical for w in (*works, straight)]) > 0.0).all()
         total = np.array([w.total for w in works])
         assert (np.diff(total[pitches <= 0.1]) < 0.0).all()

@@ -44,7 +44,9 @@ _HIPS = (0.2, 0.1), (0.2, -0.1), (-0.2, 0.1), (-0.2, -0.1)  # m
 def law(zeta: float = 0.33, length: float = 0.003) -> Law:
     """The grains of these scenes."""
     medium = MEDIA["generic"]
-    return treers2021(medium, alpha_y_model("linear", medium), zeta=zeta, mobilization_length=length)
+    return treers2021(
+        medium, alpha_y_model("linear", medium), zeta=zeta, mobilization_length=length
+    )
 
 
 class Scene:
@@ -89,7 +91,9 @@ class Scene:
     def lay(self, height: float) -> None:
         """Bring the lowest point of the tool, a free body, to a height [m]."""
         self.mujoco.mj_kinematics(self.model, self.data)
-        self.data.qpos[2] = height - self.grains.tool.lowest_point(self.data.xmat[self.body].reshape(3, 3))
+        self.data.qpos[2] = height - self.grains.tool.lowest_point(
+            self.data.xmat[self.body].reshape(3, 3)
+        )
 
     def advance(self, *, remember: bool = False) -> float:
         """Take a step; returns the work of the grains on the tool [J]. `remember`: follow the memory alone too."""
@@ -100,7 +104,9 @@ class Scene:
         return self.step * float(wrench @ self.twist())
 
 
-def _tool(joints: str, *, mesh: str = "plate", mass: float = 0.3, position: str = "0 0 0", more: str = "") -> str:
+def _tool(
+    joints: str, *, mesh: str = "plate", mass: float = 0.3, position: str = "0 0 0", more: str = ""
+) -> str:
     geom = f'<geom type="mesh" mesh="{mesh}" mass="{mass}" {more or _NO_CONTACT}/>'
     return f'<body name="tool" pos="{position}">{joints}{geom}</body>'
 
@@ -111,12 +117,16 @@ def free_tool(mesh: str, mass: float, *, name: str = "tool", position: str = "0 
     return body.replace('name="tool"', f'name="{name}"')
 
 
-def block(step: float, integrator: str = "Euler", *, option: str = "", as_one: bool = False) -> Numbers:
+def block(
+    step: float, integrator: str = "Euler", *, option: str = "", as_one: bool = False
+) -> Numbers:
     """A block of 0.3 kg lies on the plate by contact, or as one body with it: depth and creep in the last second [mm].
 
     And the wrench that the plate feels over that of the memory.
     """
-    bodies = _tool("<freejoint/>", mass=0.6 if as_one else 0.3, position="0 0 0.002", more='condim="3"')
+    bodies = _tool(
+        "<freejoint/>", mass=0.6 if as_one else 0.3, position="0 0 0.002", more='condim="3"'
+    )
     if not as_one:
         geom = '<geom type="box" size="0.02 0.02 0.0105" mass="0.3"/>'
         bodies += f'<body pos="0 0 0.0141"><freejoint/>{geom}</body>'
@@ -140,7 +150,11 @@ def pressed(kind: str, step: float, integrator: str = "Euler", *, option: str = 
     slide = '<joint name="y" type="slide" axis="0 0 1"/>'
     other = f'<body pos="0.3 0 0">{slide}<geom size="0.02" mass="0.5" {_NO_CONTACT}/></body>'
     bodies, more, mass = {
-        "weld": ('<body name="hand" mocap="true" pos="0 0 0.01"/>', '<weld body1="hand" body2="tool"/>', 0.3),
+        "weld": (
+            '<body name="hand" mocap="true" pos="0 0 0.01"/>',
+            '<weld body1="hand" body2="tool"/>',
+            0.3,
+        ),
         "limit": ("", "", 0.3),
         "friction loss": ("", "", 0.3),
         "joint equality": (other, '<joint joint1="z" joint2="y"/>', 0.3),
@@ -149,13 +163,19 @@ def pressed(kind: str, step: float, integrator: str = "Euler", *, option: str = 
     joints = {"weld": "<freejoint/>", "limit": joint.format('limited="true" range="-0.012 1"')}
     joints["friction loss"] = joint.format('frictionloss="15"')
     tool = _tool(joints.get(kind, joint.format("")), mass=mass, position="0 0 0.01")
-    servo = '<actuator><position joint="z" kp="20000" kv="400"/></actuator>' if kind == "servo" else ""
-    scene = Scene(bodies + tool, step, integrator, more=f"<equality>{more}</equality>{servo}", option=option)
+    servo = (
+        '<actuator><position joint="z" kp="20000" kv="400"/></actuator>' if kind == "servo" else ""
+    )
+    scene = Scene(
+        bodies + tool, step, integrator, more=f"<equality>{more}</equality>{servo}", option=option
+    )
     data = scene.data
     push: dict[str, Callable[[float], None]] = {
         "weld": lambda ramp: data.mocap_pos.__setitem__((0, 2), 0.01 - 0.03 * ramp),
         "limit": lambda ramp: data.qfrc_applied.__setitem__(0, -80.0 * ramp),
-        "friction loss": lambda ramp: data.qfrc_applied.__setitem__(0, -40.0 * ramp if data.time < 1.0 else -20.0),
+        "friction loss": lambda ramp: data.qfrc_applied.__setitem__(
+            0, -40.0 * ramp if data.time < 1.0 else -20.0
+        ),
         "joint equality": lambda ramp: data.qfrc_applied.__setitem__(1, -20.0 * ramp),
         "servo": lambda ramp: data.ctrl.__setitem__(0, -0.03 * ramp),
     }
@@ -235,7 +255,9 @@ def lifted(
     }
 
 
-def released(mass: float, step: float, integrator: str = "Euler", *, mesh: str = "plate") -> Numbers:
+def released(
+    mass: float, step: float, integrator: str = "Euler", *, mesh: str = "plate"
+) -> Numbers:
     """A free body is pushed down with 30 N and released: its rise [mm], and what of the work it gets back [%]."""
     scene = Scene(_tool("<freejoint/>", mass=mass, mesh=mesh), step, integrator)
     scene.lay(0.0005)
@@ -253,7 +275,9 @@ def released(mass: float, step: float, integrator: str = "Euler", *, mesh: str =
     }
 
 
-def slid(step: float, integrator: str = "Euler", *, speed: float = 3.0, explicit: bool = False) -> Numbers:
+def slid(
+    step: float, integrator: str = "Euler", *, speed: float = 3.0, explicit: bool = False
+) -> Numbers:
     """The plate slides over the grains at a speed [m/s] until it stops: its way [mm].
 
     `explicit`: under the memory's own wrench at the begin of each step.
@@ -265,7 +289,9 @@ def slid(step: float, integrator: str = "Euler", *, speed: float = 3.0, explicit
     while data.time < 6.0 and not (data.time > 0.3 and np.abs(data.qvel).max() < 1e-3):
         if explicit:
             scene.mujoco.mj_fwdPosition(scene.model, data)
-            data.xfrc_applied[scene.body] = scene.remembered()  # the plate's centre of mass is its origin
+            data.xfrc_applied[scene.body] = (
+                scene.remembered()
+            )  # the plate's centre of mass is its origin
             scene.mujoco.mj_step(scene.model, data)
         else:
             scene.advance()
@@ -275,7 +301,9 @@ def slid(step: float, integrator: str = "Euler", *, speed: float = 3.0, explicit
 def presses(step: float, times: int = 200) -> Numbers:
     """A servo presses and lifts the tool at one place many times: first and last press [N], and how they drift."""
     tool = _tool('<joint name="z" type="slide" axis="0 0 1"/>', mass=2.0)
-    scene = Scene(tool, step, "Euler", more='<actuator><position joint="z" kp="20000" kv="400"/></actuator>')
+    scene = Scene(
+        tool, step, "Euler", more='<actuator><position joint="z" kp="20000" kv="400"/></actuator>'
+    )
     data, peaks = scene.data, []
     data.qpos[0] = 0.01
     for _ in range(times):
@@ -286,10 +314,17 @@ def presses(step: float, times: int = 200) -> Numbers:
             peak = max(peak, float(scene.grains.wrench[2]))
         peaks.append(peak)
     half = peaks[times // 2 :]
-    return {"second": peaks[1], "last": peaks[-1], "drift": float(np.ptp(half)), "failures": scene.grains.failures}
+    return {
+        "second": peaks[1],
+        "last": peaks[-1],
+        "drift": float(np.ptp(half)),
+        "failures": scene.grains.failures,
+    }
 
 
-def gait(step: float, integrator: str = "Euler", *, trots: float = 0.0, stands: float = 3.0) -> Numbers:
+def gait(
+    step: float, integrator: str = "Euler", *, trots: float = 0.0, stands: float = 3.0
+) -> Numbers:
     """A quadruped of 8 kg stands and trots [s] on stiff knees: height, creep when it stands [mm], tilt [degrees].
 
     ``back``: the work that the grains return to the feet, over what they take [%]. ``net back``: the energy that they
@@ -315,14 +350,20 @@ def gait(step: float, integrator: str = "Euler", *, trots: float = 0.0, stands: 
     ids, took, gave, poses = [int(model.body(f"foot{k}").id) for k in range(4)], 1e-12, 0.0, []
     trunk, tilt = int(model.body("trunk").id), 0.0
     linear, angular = np.zeros((2, 3, model.nv))
-    net, given = np.zeros(4), np.zeros(4)  # energy that each foot gave in its stance [J], and got by stances
+    net, given = (
+        np.zeros(4),
+        np.zeros(4),
+    )  # energy that each foot gave in its stance [J], and got by stances
     for _ in range(round((stands + trots) / step)):
         walks = max(data.time - stands, 0.0)
         for k in range(4):
             longer = 0.0
             if walks:  # two legs stretch in turn, and those over which the trunk is low: else the robot falls over
                 high = float(data.xmat[trunk, 6:8] @ _HIPS[k])
-                longer = max(np.sin(2.0 * np.pi * (walks / 0.4 + 0.5 * (k in (0, 3)))), 0.0) - 15.0 * high
+                longer = (
+                    max(np.sin(2.0 * np.pi * (walks / 0.4 + 0.5 * (k in (0, 3)))), 0.0)
+                    - 15.0 * high
+                )
             data.ctrl[2 * k : 2 * k + 2] = -0.1 * longer, 0.2 * longer
         wrenches = grains.apply(data)
         mujoco.mj_step(model, data)

@@ -31,12 +31,23 @@ def f23(w: float) -> float:
 
 def alpha_z(medium: str, beta: float, gamma: float) -> float:
     A00, A10, B11, B01, Bm11, *_ = MEDIA[medium]
-    return A00 + A10 * cos(2 * beta) + B11 * sin(2 * beta + gamma) + B01 * sin(gamma) + Bm11 * sin(-2 * beta + gamma)
+    return (
+        A00
+        + A10 * cos(2 * beta)
+        + B11 * sin(2 * beta + gamma)
+        + B01 * sin(gamma)
+        + Bm11 * sin(-2 * beta + gamma)
+    )
 
 
 def alpha_x(medium: str, beta: float, gamma: float) -> float:
     *_, C11, C01, Cm11, D10 = MEDIA[medium]
-    return C11 * cos(2 * beta + gamma) + C01 * cos(gamma) + Cm11 * cos(-2 * beta + gamma) + D10 * sin(2 * beta)
+    return (
+        C11 * cos(2 * beta + gamma)
+        + C01 * cos(gamma)
+        + Cm11 * cos(-2 * beta + gamma)
+        + D10 * sin(2 * beta)
+    )
 
 
 def constant(medium: str) -> AlphaY:
@@ -91,7 +102,9 @@ def angles(n: Vec, v: Vec) -> tuple[float, float]:
     return beta, gamma
 
 
-def plate_force(n: Vec, v: Vec, depth: float, area: float, medium: str, zeta: float, alpha_y: AlphaY) -> Vec:
+def plate_force(
+    n: Vec, v: Vec, depth: float, area: float, medium: str, zeta: float, alpha_y: AlphaY
+) -> Vec:
     """Force [N] on a plate: outward unit normal, velocity [m/s], depth of its centroid [m], area [m²]."""
     if dot(v, n) <= 0.0 or depth <= 0.0:
         return 0.0, 0.0, 0.0
@@ -134,7 +147,9 @@ def wrench(
         r, n = turned(q, centroid), turned(q, normal)
         wr = cross(w, r)
         u = (v[0] + wr[0], v[1] + wr[1], v[2] + wr[2])
-        f = plate_force(n, u, surface_height - p[2] - r[2], area, medium, zeta, alpha_y or constant(medium))
+        f = plate_force(
+            n, u, surface_height - p[2] - r[2], area, medium, zeta, alpha_y or constant(medium)
+        )
         for k, part in enumerate((*f, *cross(r, f))):
             total[k] += part
     return total

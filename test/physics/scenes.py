@@ -46,7 +46,9 @@ def random_plates(rng: np.random.Generator, n: int, rule: Integration = "centroi
     if rule == "refined":
         corners = rng.uniform(-0.04, 0.04, (n, 1, 3)) + rng.uniform(-0.005, 0.005, (n, 3, 3))
         return Plates.from_triangles(corners, rng.uniform(0.01, 0.5, n))
-    return Plates.from_arrays(rng.uniform(-0.04, 0.04, (n, 3)), unit(rng.normal(size=(n, 3))), rng.uniform(0, 1e-4, n))
+    return Plates.from_arrays(
+        rng.uniform(-0.04, 0.04, (n, 3)), unit(rng.normal(size=(n, 3))), rng.uniform(0, 1e-4, n)
+    )
 
 
 def facing(rule: Integration, places: ArrayLike, normals: ArrayLike) -> Plates:
@@ -56,7 +58,9 @@ def facing(rule: Integration, places: ArrayLike, normals: ArrayLike) -> Plates:
         return Plates.from_arrays(places, normals, np.full(len(places), 1e-4))
     first = np.cross(normals, np.eye(3)[np.abs(normals).argmin(axis=1)])
     second = np.cross(normals, first)
-    corners = 0.01 * np.stack([-first - second, 2.0 * first - second, 2.0 * second - first], axis=1)
+    corners = 0.01 * np.stack(
+        [-first - second, 2.0 * first - second, 2.0 * second - first], axis=1
+    )
     return Plates.from_triangles(places[:, None] + corners, np.full(len(places), 0.02))
 
 
@@ -101,7 +105,9 @@ def listed(plates: Plates) -> list[tuple[list[float], list[float], float]]:
 
 
 @st.composite
-def directions(draw: st.DrawFn, lowest: float = -1.0, highest: float = 1.0) -> tuple[float, float, float]:
+def directions(
+    draw: st.DrawFn, lowest: float = -1.0, highest: float = 1.0
+) -> tuple[float, float, float]:
     """A unit vector with z between lowest and highest."""
     z = draw(st.floats(lowest, highest))
     azimuth = draw(st.floats(0.0, 2.0 * np.pi))

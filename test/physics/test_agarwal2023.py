@@ -34,7 +34,15 @@ def published(normal, velocity):
     terms = np.array(
         [
             *(1, x1, x2, x3, x1**2, x2**2, x3**2, x1 * x2, x2 * x3, x3 * x1, x1**3, x2**3, x3**3),
-            *(x1 * x2**2, x2 * x1**2, x2 * x3**2, x3 * x2**2, x3 * x1**2, x1 * x3**2, x1 * x2 * x3),
+            *(
+                x1 * x2**2,
+                x2 * x1**2,
+                x2 * x3**2,
+                x3 * x2**2,
+                x3 * x1**2,
+                x1 * x3**2,
+                x1 * x2 * x3,
+            ),
         ]
     )
     f1, f2, f3 = terms @ C1, terms @ C2, terms @ C3
@@ -49,11 +57,15 @@ def traction(law, normal, velocity):
 
 
 @given(normal=directions(), velocity=directions())
-def test_it_is_the_published_polynomial_wherever_grains_press_and_the_plate_is_not_upright(normal, velocity):
+def test_it_is_the_published_polynomial_wherever_grains_press_and_the_plate_is_not_upright(
+    normal, velocity
+):
     expected = published(normal, velocity)
     if abs(normal[2]) < UPRIGHT or np.dot(normal, velocity) <= 0.0 or expected @ normal > 0.0:
         return
-    np.testing.assert_allclose(traction(ROUGH, normal, velocity), expected, rtol=0, atol=1e-7)  # of acos near 1
+    np.testing.assert_allclose(
+        traction(ROUGH, normal, velocity), expected, rtol=0, atol=1e-7
+    )  # of acos near 1
 
 
 def test_a_flat_plate_pressed_straight_down_feels_the_same_as_by_treers():
@@ -61,7 +73,9 @@ def test_a_flat_plate_pressed_straight_down_feels_the_same_as_by_treers():
     assert pytest.approx(0.87574) == FLAT_PRESS
     for name in LAWS:
         law = law_named(name, GENERIC, alpha_y_model("constant", GENERIC), zeta=0.3)
-        assert traction_per_depth(law, 0.0, 0.0, -1.0, 0.0, 0.0, -1.0) == pytest.approx((0.0, 0.0, 0.3e6), abs=3.0)
+        assert traction_per_depth(law, 0.0, 0.0, -1.0, 0.0, 0.0, -1.0) == pytest.approx(
+            (0.0, 0.0, 0.3e6), abs=3.0
+        )
 
 
 def test_an_upright_plate_moved_against_the_grains_is_pushed_back_and_slightly_up():
@@ -78,12 +92,19 @@ def test_the_published_force_on_an_upright_plate_jumps_by_a_fifth_and_this_one_d
     below, above = (published((1.0, 0.0, z), (1.0, 0.0, 0.0))[0] for z in (-1e-9, 1e-9))
     assert abs(below - above) > 0.15 * abs(below)
     tilts = np.linspace(-0.2, 0.2, 4001)
-    force = np.array([traction(AGARWAL, (math.cos(t), 0.0, math.sin(t)), (1.0, 0.0, -0.2)) for t in tilts])
-    assert np.linalg.norm(np.diff(force, axis=0), axis=1).max() < 1e-3 * np.linalg.norm(force, axis=1).max()
+    force = np.array(
+        [traction(AGARWAL, (math.cos(t), 0.0, math.sin(t)), (1.0, 0.0, -0.2)) for t in tilts]
+    )
+    assert (
+        np.linalg.norm(np.diff(force, axis=0), axis=1).max()
+        < 1e-3 * np.linalg.norm(force, axis=1).max()
+    )
 
 
 @given(normal=directions(), velocity=directions(), friction=st.floats(0.0, 2.0))
-def test_grains_never_pull_and_friction_limits_what_acts_along_the_plate(normal, velocity, friction):
+def test_grains_never_pull_and_friction_limits_what_acts_along_the_plate(
+    normal, velocity, friction
+):
     found = traction(agarwal2023(surface_friction=friction), normal, velocity)
     pressure = -float(found @ normal)
     assert pressure >= -1e-12
@@ -92,7 +113,9 @@ def test_grains_never_pull_and_friction_limits_what_acts_along_the_plate(normal,
 
 def test_the_coefficient_taken_for_x2_x3_squared_is_the_one_by_which_grains_seldom_pull():
     """-0.20770, in other codes, pulls at three times as many directions of a leading plate."""
-    beta, gamma = np.meshgrid(np.radians(np.linspace(0, 180, 61)), np.radians(np.linspace(-90, 270, 91)))
+    beta, gamma = np.meshgrid(
+        np.radians(np.linspace(0, 180, 61)), np.radians(np.linspace(-90, 270, 91))
+    )
     lead = np.sin(beta) * np.cos(gamma) + np.cos(beta) * np.sin(gamma) > 0.02
     n = np.stack([np.sin(beta), 0 * beta, -np.cos(beta)], axis=-1)[lead]
     v = np.stack([np.cos(gamma), 0 * gamma, -np.sin(gamma)], axis=-1)[lead]
@@ -111,4 +134,6 @@ def test_both_rules_integrate_it(rule, beta, velocity):
         return
     state = np.array([[0, 0, -1.0, 0, 0, 0, 1, *velocity, 0, 0, 0]])
     expected = np.array(traction_per_depth(AGARWAL, *normal, *velocity)) * plate.area
-    np.testing.assert_allclose(wrenches(plate, AGARWAL, state)[0, :3], expected, atol=1e-3 * np.abs(expected).max())
+    np.testing.assert_allclose(
+        wrenches(plate, AGARWAL, state)[0, :3], expected, atol=1e-3 * np.abs(expected).max()
+    )

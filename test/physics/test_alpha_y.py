@@ -17,14 +17,21 @@ attack = st.floats(0.0, 180.0)
 BETA_DEG = np.arange(0.0, 181.0, 10.0)
 GAMMA_DEG = np.arange(-120.0, 121.0, 60.0)
 UNEVEN = Table.sampled(
-    np.deg2rad(BETA_DEG), np.deg2rad(GAMMA_DEG), 0.05 + 0.001 * BETA_DEG[:, None] ** 1.3 + 1e-6 * GAMMA_DEG[None] ** 2
+    np.deg2rad(BETA_DEG),
+    np.deg2rad(GAMMA_DEG),
+    0.05 + 0.001 * BETA_DEG[:, None] ** 1.3 + 1e-6 * GAMMA_DEG[None] ** 2,
 )
 
 
 def at(model, beta_deg: float, gamma_deg: float = 0.0) -> float:
     """What the law adds along e1 where its weight is 1."""
     b, g, chunk = math.radians(beta_deg), math.radians(gamma_deg), np.zeros(SIZE)
-    chunk[SIN_B], chunk[COS_B], chunk[SIN_G], chunk[COS_G] = math.sin(b), math.cos(b), math.sin(g), math.cos(g)
+    chunk[SIN_B], chunk[COS_B], chunk[SIN_G], chunk[COS_G] = (
+        math.sin(b),
+        math.cos(b),
+        math.sin(g),
+        math.cos(g),
+    )
     chunk[ALONG] = chunk[E2_Y] = 1.0
     add_alpha_y(treers2021(MEDIA["generic"], model).packed, chunk, 1, False)
     return float(chunk[TRACTION])
@@ -33,7 +40,9 @@ def at(model, beta_deg: float, gamma_deg: float = 0.0) -> float:
 @given(beta=st.floats(0.0, 180.0), gamma=st.floats(-120.0, 120.0))
 def test_a_table_is_bilinear_between_its_nodes(beta, gamma):
     in_gamma = [np.interp(gamma, GAMMA_DEG, row) for row in UNEVEN.values]
-    assert at(UNEVEN, beta, gamma) == pytest.approx(float(np.interp(beta, BETA_DEG, in_gamma)), abs=1e-11)
+    assert at(UNEVEN, beta, gamma) == pytest.approx(
+        float(np.interp(beta, BETA_DEG, in_gamma)), abs=1e-11
+    )
 
 
 @given(beta=st.floats(0.0, 180.0), beyond=st.floats(0.0, 59.9))
@@ -46,7 +55,9 @@ def test_a_table_is_held_beyond_its_edges(beta, beyond):
 
 
 @given(
-    knots=st.lists(st.floats(-89.0, 269.0), min_size=2, max_size=6, unique_by=lambda b: round(b, 1)),
+    knots=st.lists(
+        st.floats(-89.0, 269.0), min_size=2, max_size=6, unique_by=lambda b: round(b, 1)
+    ),
     seed=st.integers(0, 2**32 - 1),
     beta=attack,
 )
@@ -56,9 +67,15 @@ def test_the_error_of_a_table_of_uneven_steps_is_bounded_by_its_change_of_slope(
     values = np.random.default_rng(seed).uniform(0.0, 0.3, len(knots))
     step = (knots[-1] - knots[0]) / FINEST
     slopes = np.concatenate([[0.0], np.diff(values) / np.diff(knots), [0.0]])
-    bound = 0.25 * step * np.abs(np.diff(slopes)).max() if np.diff(knots).min() > step else np.ptp(values)
+    bound = (
+        0.25 * step * np.abs(np.diff(slopes)).max()
+        if np.diff(knots).min() > step
+        else np.ptp(values)
+    )
     table = Table.sampled(np.deg2rad(knots), [0.0], values[:, None])
-    assert at(table, beta) == pytest.approx(float(np.interp(beta, knots, values)), abs=bound + 1e-11)
+    assert at(table, beta) == pytest.approx(
+        float(np.interp(beta, knots, values)), abs=bound + 1e-11
+    )
 
 
 def test_a_table_in_steps_that_the_grid_divides_is_exact():
@@ -72,12 +89,16 @@ def test_a_table_in_steps_that_the_grid_divides_is_exact():
 
 
 def test_an_unknown_model_is_refused_with_a_sentence():
-    with pytest.raises(ValueError, match=r"alpha_y\.model 'cubic' is none of constant, linear, table"):
+    with pytest.raises(
+        ValueError, match=r"alpha_y\.model 'cubic' is none of constant, linear, table"
+    ):
         alpha_y_model("cubic", MEDIA["generic"])
 
 
 def test_an_unknown_medium_is_refused_with_the_names_there_are():
-    with pytest.raises(ValueError, match=r"medium\.name 'mars' is none of generic, poppy_seeds_loose, poppy_seeds"):
+    with pytest.raises(
+        ValueError, match=r"medium\.name 'mars' is none of generic, poppy_seeds_loose, poppy_seeds"
+    ):
         medium_named("mars")
 
 
@@ -89,7 +110,9 @@ def test_an_array_in_place_of_a_number_and_words_in_place_of_numbers_are_refused
 
 
 @pytest.mark.parametrize("name", sorted(MEDIA))
-def test_the_papers_line_is_the_same_for_every_medium_and_a_warning_where_the_medium_is_weaker(name):
+def test_the_papers_line_is_the_same_for_every_medium_and_a_warning_where_the_medium_is_weaker(
+    name,
+):
     law = treers2021(MEDIA[name], alpha_y_model("linear", MEDIA[name]))
     assert law.alpha_y == Linear(0.2035, -0.0015)
     weaker = name != "generic"

@@ -21,7 +21,12 @@ from studies.stability import LIMIT
 ALONG, ASKEW, ACROSS = (0.0, -0.3), (35.0, 0.2), (90.0, -0.05)
 """Yaw [deg], and the share of the speed upwards."""
 
-TILTED = {"plate": (ALONG, ASKEW, ACROSS), "abb_plate": (ASKEW,), "ellipsoid": (ASKEW,), "root_tip": (ACROSS,)}
+TILTED = {
+    "plate": (ALONG, ASKEW, ACROSS),
+    "abb_plate": (ASKEW,),
+    "ellipsoid": (ASKEW,),
+    "root_tip": (ACROSS,),
+}
 
 
 def tilt_sweeps():
@@ -31,11 +36,15 @@ def tilt_sweeps():
         for yaw, rise in motions:
 
             def states(beta, yaw=yaw, rise=rise):
-                about = Rotation.from_euler("z", yaw, degrees=True) * Rotation.from_euler("y", -beta[:, None])
+                about = Rotation.from_euler("z", yaw, degrees=True) * Rotation.from_euler(
+                    "y", -beta[:, None]
+                )
                 return scene_states(about, velocity=(0.01, 0.0, 0.01 * rise), height=-0.06)
 
             values = evenly(np.radians(-10.0), np.radians(190.0), ANGLE_STEP)
-            yield Sweep(name=f"β, {tool}, yaw {yaw:.0f}°", tool=plates, values=values, states=states)
+            yield Sweep(
+                name=f"β, {tool}, yaw {yaw:.0f}°", tool=plates, values=values, states=states
+            )
 
 
 SWEEPS = (
@@ -88,10 +97,14 @@ def wheel(shared_data):
 
 
 @pytest.mark.parametrize("alpha_y", ALPHA_Y)
-def test_the_three_knife_edge_cases_of_the_wheel_hold_still_under_rounding(wheel, shared_data, alpha_y):
+def test_the_three_knife_edge_cases_of_the_wheel_hold_still_under_rounding(
+    wheel, shared_data, alpha_y
+):
     """18 N of 31 with the published rule (test/golden/test_cmu_wheel.py): its facets lie exactly along the motion."""
     expected = np.loadtxt(shared_data / "cmu_wheel/smooth_expected.csv", delimiter=",", skiprows=1)
-    states = np.loadtxt(shared_data / "cmu_wheel/smooth_states.csv", delimiter=",", skiprows=1)[:, 1:]
+    states = np.loadtxt(shared_data / "cmu_wheel/smooth_states.csv", delimiter=",", skiprows=1)[
+        :, 1:
+    ]
     edge = states[(expected[:, 1] == 90.0) & (expected[:, 2] == 0.0)]
     assert len(edge) == 3
     random = np.random.default_rng(0)

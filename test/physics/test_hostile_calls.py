@@ -16,7 +16,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from rft_ros import rft
-from rft_ros.rft import Constant, Linear, Memory, Plates, Table, plate_forces, wrenches, wrenches_in_time
+from rft_ros.rft import (
+    Constant,
+    Linear,
+    Memory,
+    Plates,
+    Table,
+    plate_forces,
+    wrenches,
+    wrenches_in_time,
+)
 
 pytestmark = pytest.mark.filterwarnings("error")
 many = settings(max_examples=150)
@@ -36,7 +45,12 @@ MODELS = [
     (1.0, Constant(1)),
     (0.25, Constant(np.float32(0.25))),
     (2.0, Table.sampled([0, 1], [0], [[2], [2]])),
-    (0.5, Table.sampled(np.float32([0, 1, 3]), [-1, 0.5], np.full((3, 2), Fraction(1, 2), dtype=float))),
+    (
+        0.5,
+        Table.sampled(
+            np.float32([0, 1, 3]), [-1, 0.5], np.full((3, 2), Fraction(1, 2), dtype=float)
+        ),
+    ),
 ]
 SAME = [
     lambda a: a,
@@ -83,7 +97,9 @@ def refused(call):
 
 
 def expected(alpha_y, zeta, depth):
-    force = rule.plate_force(NORMAL, (1, 1, -1), depth, 1.0, "generic", zeta, lambda _beta, _gamma: alpha_y)
+    force = rule.plate_force(
+        NORMAL, (1, 1, -1), depth, 1.0, "generic", zeta, lambda _beta, _gamma: alpha_y
+    )
     return [*force, 0.0, 0.0, 0.0]
 
 
@@ -115,21 +131,33 @@ def test_the_answer_is_the_rules_whatever_the_types_and_whatever_came_before(
 
 
 @many
-@given(model=st.sampled_from(MODELS), length=st.sampled_from([1, 2, 0.5, np.int8(3), True]), form=st.sampled_from(SAME))
-def test_memory_answers_by_its_equation_whatever_the_types_and_whatever_came_before(model, length, form):
+@given(
+    model=st.sampled_from(MODELS),
+    length=st.sampled_from([1, 2, 0.5, np.int8(3), True]),
+    form=st.sampled_from(SAME),
+)
+def test_memory_answers_by_its_equation_whatever_the_types_and_whatever_came_before(
+    model, length, form
+):
     alpha_y, made = model
     law = rft.treers2021(GENERIC, made, mobilization_length=length)
     memory = Memory(POINT)
     moved = [WHOLE[k] + WHOLE[7 + k] for k in range(3)]
     states = form(np.array([WHOLE, [*moved, *WHOLE[3:]]], dtype=float))
     force = wrenches_in_time(POINT, law, states, memory)[1, :3]
-    grown = 1.0 - math.exp(-math.sqrt(3.0) / (float(length) * (0.045 / 0.03) ** 2))  # λ grows down to 45 mm
-    assert np.allclose(force, grown * np.array(expected(alpha_y, 1.0, 2.0)[:3]), rtol=1e-6, atol=1e-6), force
+    grown = 1.0 - math.exp(
+        -math.sqrt(3.0) / (float(length) * (0.045 / 0.03) ** 2)
+    )  # λ grows down to 45 mm
+    assert np.allclose(
+        force, grown * np.array(expected(alpha_y, 1.0, 2.0)[:3]), rtol=1e-6, atol=1e-6
+    ), force
 
 
 @many
 @given(
-    name=st.sampled_from(["plates", "law", "states", "height", "memory", "length", "threads", "slope"]),
+    name=st.sampled_from(
+        ["plates", "law", "states", "height", "memory", "length", "threads", "slope"]
+    ),
     junk=st.sampled_from(JUNK),
     integration=st.sampled_from(["centroid", "refined"]),
     wide=st.booleans(),
@@ -141,13 +169,25 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
     use = {"plates": plates, "law": law, "states": [WHOLE], "height": 0.0, "memory": memory}
     use |= {"length": 0.003, "threads": None, "slope": (0.1, 0), name: junk}
     keywords = {"surface_height": use["height"], "sensitivities": wide, "slope": use["slope"]}
-    one = refused(lambda: wrenches(use["plates"], use["law"], use["states"], threads=use["threads"], **keywords))
+    one = refused(
+        lambda: wrenches(
+            use["plates"], use["law"], use["states"], threads=use["threads"], **keywords
+        )
+    )
     scene = use["states"], use["memory"]
     grains = lambda: replace(use["law"], mobilization_length=use["length"])  # noqa: E731
     in_time = refused(lambda: wrenches_in_time(use["plates"], grains(), *scene, **keywords))
-    refused(lambda: plate_forces(use["plates"], use["law"], use["states"], surface_height=use["height"]))
+    refused(
+        lambda: plate_forces(
+            use["plates"], use["law"], use["states"], surface_height=use["height"]
+        )
+    )
     moved = {"displacements": junk}
-    refused(lambda: wrenches_in_time(plates, replace(law, mobilization_length=0.003), [WHOLE], memory, **moved))
+    refused(
+        lambda: wrenches_in_time(
+            plates, replace(law, mobilization_length=0.003), [WHOLE], memory, **moved
+        )
+    )
     refused(lambda: Memory(plates, bodies=junk))
     refused(lambda: rft.treers2021(GENERIC, junk))
     refused(lambda: rft.treers2021(GENERIC, Constant(junk)))
@@ -167,17 +207,29 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
 def test_states_of_other_shapes_are_refused(rows, columns, in_time):
     law = rft.treers2021(GENERIC, Constant(0.1), mobilization_length=0.1)
     states, memory = np.zeros((rows, columns)), Memory(POINT)
-    call = (lambda: wrenches_in_time(POINT, law, states, memory)) if in_time else lambda: wrenches(POINT, law, states)
+    call = (
+        (lambda: wrenches_in_time(POINT, law, states, memory))
+        if in_time
+        else lambda: wrenches(POINT, law, states)
+    )
     assert refused(call) == (columns != 13)
 
 
 @many
 @given(
-    st.lists(st.sampled_from([math.nan, math.inf, -math.inf, 0.0, 1.0, -1.0, 1e300, 5e-324]), min_size=13, max_size=13),
+    st.lists(
+        st.sampled_from([math.nan, math.inf, -math.inf, 0.0, 1.0, -1.0, 1e300, 5e-324]),
+        min_size=13,
+        max_size=13,
+    ),
     st.sampled_from([model for _, model in MODELS]),
 )
 def test_states_that_were_not_checked_stay_within_the_arrays(values, model):
-    laws = rft.treers2021(GENERIC, model), rft.treers2021(GENERIC, model, density=1e3), rft.agarwal2023()
+    laws = (
+        rft.treers2021(GENERIC, model),
+        rft.treers2021(GENERIC, model, density=1e3),
+        rft.agarwal2023(),
+    )
     laws = tuple(replace(law, mobilization_length=0.003) for law in laws)
     for law, plates in product(laws, (*PLATES.values(), OTHERS)):
         memory = Memory(plates)
@@ -186,7 +238,9 @@ def test_states_that_were_not_checked_stay_within_the_arrays(values, model):
         assert plate_forces(plates, law, values).shape == (len(plates), 3)
 
 
-@pytest.mark.parametrize("given", [{"bodies": b} for b in (1e9, 10**9, 0, -1, 1.5, "a", None, math.nan)], ids=str)
+@pytest.mark.parametrize(
+    "given", [{"bodies": b} for b in (1e9, 10**9, 0, -1, 1.5, "a", None, math.nan)], ids=str
+)
 def test_a_memory_of_no_number_of_bodies_is_refused_by_name(given):
     with pytest.raises(ValueError, match=r"bodies is .*; it must be "):
         Memory(POINT, **given)

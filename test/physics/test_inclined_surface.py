@@ -21,7 +21,11 @@ def states(n=8, seed=3):
     rng = np.random.default_rng(seed)
     q = rng.normal(size=(n, 4))
     return np.hstack(
-        [0.02 * rng.normal(size=(n, 3)), q / np.linalg.norm(q, axis=1)[:, None], 0.05 * rng.normal(size=(n, 6))]
+        [
+            0.02 * rng.normal(size=(n, 3)),
+            q / np.linalg.norm(q, axis=1)[:, None],
+            0.05 * rng.normal(size=(n, 6)),
+        ]
     )
 
 
@@ -36,7 +40,10 @@ def test_a_slope_of_zero_gives_the_bits_of_the_level_plane(rule):
     plates = TOOLS[rule].plates
     level = wrenches(plates, LAW, states(), surface_height=0.003, sensitivities=True)
     assert_array_equal(
-        wrenches(plates, LAW, states(), surface_height=0.003, slope=(-0.0, 0.0), sensitivities=True), level
+        wrenches(
+            plates, LAW, states(), surface_height=0.003, slope=(-0.0, 0.0), sensitivities=True
+        ),
+        level,
     )
 
 
@@ -47,7 +54,10 @@ def test_a_shift_along_the_slope_changes_nothing(rule, slope, x, y):
     there = here.copy()
     there[:, :3] += (x, y, slope[0] * x + slope[1] * y)
     assert_allclose(
-        wrenches(plates, LAW, there, slope=slope), wrenches(plates, LAW, here, slope=slope), rtol=1e-6, atol=1e-9
+        wrenches(plates, LAW, there, slope=slope),
+        wrenches(plates, LAW, here, slope=slope),
+        rtol=1e-6,
+        atol=1e-9,
     )
 
 
@@ -64,7 +74,8 @@ def test_inertia_of_a_submerged_plate_is_the_same_on_a_slope():
     fast = replace(LAW, density=2000.0, inertia=1.0)
     state = [0.0, 0.0, -0.05, 0.0, 0.0, 0.0, 1.0, 0.3, 0.0, -0.4, 0.0, 0.0, 0.0]
     level, inclined = (
-        wrenches(PLATE.plates, fast, state, slope=slope) - wrenches(PLATE.plates, LAW, state, slope=slope)
+        wrenches(PLATE.plates, fast, state, slope=slope)
+        - wrenches(PLATE.plates, LAW, state, slope=slope)
         for slope in ((0.0, 0.0), (0.2, -0.1))
     )
     assert level[0, 2] > 0.1

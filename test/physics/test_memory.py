@@ -27,7 +27,10 @@ from rft_ros.rft.wrench import prepared
 from rft_ros.tool import load_tool
 
 LAW = treers2021(GENERIC, alpha_y_model("constant", GENERIC), zeta=0.3)
-PLATES = {i: load_tool("ellipsoid", integration=i, tolerance=0.025).plates for i in ("centroid", "refined")}
+PLATES = {
+    i: load_tool("ellipsoid", integration=i, tolerance=0.025).plates
+    for i in ("centroid", "refined")
+}
 INTEGRATIONS = tuple(PLATES)
 ELLIPSOID = load_tool("ellipsoid").plates
 ROOT_TIP = load_tool("root_tip", integration="refined").plates
@@ -89,12 +92,16 @@ def test_a_face_that_slides_along_itself_loses_its_pressure_and_a_new_press_rest
 @pytest.mark.parametrize("law", [LINEAR, agarwal2023(zeta=0.33)])
 def test_a_straight_press_of_a_flat_face_never_wears(law):
     force = remembered(legs((0.0, 0.0, -0.001), (0.0, 0.0, -0.05)), plates=FLAT, law=law)[-1, 2]
-    assert force == pytest.approx(wrenches(FLAT, law, legs((0.0, 0.0, -0.05), (0.0, 0.0, -0.051))[:1])[0, 2], rel=0.05)
+    assert force == pytest.approx(
+        wrenches(FLAT, law, legs((0.0, 0.0, -0.05), (0.0, 0.0, -0.051))[:1])[0, 2], rel=0.05
+    )
 
 
 def test_an_upright_face_that_slides_in_its_own_plane_keeps_its_pressure():
     """A simulated plate that moves in its own plane carries 1 N for as long as it moves."""
-    upright = Plates.from_triangles(1e-3 * np.array([[[0, -5, -5], [0, 5, -5], [0, 0, 5]]]), [0.0175])
+    upright = Plates.from_triangles(
+        1e-3 * np.array([[[0, -5, -5], [0, 5, -5], [0, 0, 5]]]), [0.0175]
+    )
     force = remembered(legs((0.0, 0.0, -0.03), (0.0, 0.06, -0.03)), plates=upright, law=LINEAR)
     early, late = np.linalg.norm(force[[400, -1], :3], axis=1)
     assert late == pytest.approx(early, rel=0.01)
@@ -144,7 +151,9 @@ def test_axes_place_mirror_speed_and_order_of_the_plates_do_not_decide_which_of_
         expected[:, column], expected[:, column + 1] = c * x - s * y, s * x + c * y
         scale = np.abs(expected[:, column : column + 3]).max()
         # the released code's e2 of a horizontal plate prefers x by 1e-5
-        np.testing.assert_allclose(found[:, column : column + 3], expected[:, column : column + 3], atol=1e-5 * scale)
+        np.testing.assert_allclose(
+            found[:, column : column + 3], expected[:, column : column + 3], atol=1e-5 * scale
+        )
 
 
 def test_the_force_on_a_leading_plate_converges_at_first_order_in_the_step():
@@ -156,7 +165,11 @@ def test_the_force_on_a_leading_plate_converges_at_first_order_in_the_step():
         angle = 0.8 * (1.0 - t)  # turns towards the plate, whose load only grows
         states[:, 2] = -0.03 - 0.01 * t
         states[:, 6] = 1.0
-        states[:, 7], states[:, 8], states[:, 9] = 0.012 * np.cos(angle), 0.012 * np.sin(angle), -0.01
+        states[:, 7], states[:, 8], states[:, 9] = (
+            0.012 * np.cos(angle),
+            0.012 * np.sin(angle),
+            -0.01,
+        )
         return remembered(checked_states(states), plates=plate)[-1, :3]
 
     exact = at_the_end(12801)
@@ -165,7 +178,11 @@ def test_the_force_on_a_leading_plate_converges_at_first_order_in_the_step():
     assert orders.min() > 0.95, (errors, orders)
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from(INTEGRATIONS), st.sampled_from(("constant", "linear")))
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(INTEGRATIONS),
+    st.sampled_from(("constant", "linear")),
+)
 @settings(max_examples=30)
 def test_a_closed_path_at_constant_depth_never_yields_work(seed, integration, alpha_y):
     """Stored or dissipated, never created: from any state, what a loop gives back was stored before."""
@@ -173,7 +190,9 @@ def test_a_closed_path_at_constant_depth_never_yields_work(seed, integration, al
     rng = np.random.default_rng(seed)
     corners = np.cumsum(rng.normal(size=(6, 2)) * 10.0 ** rng.uniform(-5, -2, size=(6, 1)), axis=0)
     corners = np.vstack([np.zeros(2), corners, np.zeros(2)])
-    x = np.concatenate([np.linspace(a, b, 200, endpoint=False) for a, b in itertools.pairwise(corners)])
+    x = np.concatenate(
+        [np.linspace(a, b, 200, endpoint=False) for a, b in itertools.pairwise(corners)]
+    )
     states = np.zeros((len(x), 13))
     states[:, :2], states[:, 2], states[:, 6] = x, -0.04, 1.0
     states[1:, 7:9] = np.diff(x, axis=0)
@@ -201,13 +220,19 @@ def test_noise_of_poses_within_the_slack_changes_the_force_by_less_than_1_percen
 
 @given(st.floats(5e-324, 1e3), st.integers(0, 2**32 - 1), st.sampled_from(INTEGRATIONS))
 @settings(max_examples=40)
-def test_forces_are_finite_and_bounded_by_the_law_for_any_length_and_motion(length, seed, integration):
+def test_forces_are_finite_and_bounded_by_the_law_for_any_length_and_motion(
+    length, seed, integration
+):
     rng = np.random.default_rng(seed)
     states = np.zeros((12, 13))
     states[:, :3] = rng.normal(scale=0.03, size=(12, 3))
     q = rng.normal(size=(12, 4))
     states[:, 3:7] = q / np.linalg.norm(q, axis=1)[:, None]
-    states[:, 7:] = rng.normal(size=(12, 6)) * 10.0 ** rng.integers(-12, 3, size=(12, 1)) * rng.integers(0, 2, (12, 6))
+    states[:, 7:] = (
+        rng.normal(size=(12, 6))
+        * 10.0 ** rng.integers(-12, 3, size=(12, 1))
+        * rng.integers(0, 2, (12, 6))
+    )
     result = remembered(checked_states(states), length=length, plates=PLATES[integration])
     assert np.isfinite(result).all()
     depth = np.maximum(0.04 - states[:, 2], 0.0)
@@ -215,22 +240,41 @@ def test_forces_are_finite_and_bounded_by_the_law_for_any_length_and_motion(leng
     assert (np.linalg.norm(result[:, :3], axis=1) <= strongest).all()
 
 
-@given(st.integers(0, 2**32 - 1), st.sampled_from(INTEGRATIONS), st.sampled_from((LAW, LINEAR, agarwal2023())))
+@given(
+    st.integers(0, 2**32 - 1),
+    st.sampled_from(INTEGRATIONS),
+    st.sampled_from((LAW, LINEAR, agarwal2023())),
+)
 @settings(max_examples=20)
-def test_a_path_has_the_same_bits_in_one_call_state_by_state_and_in_a_batch(seed, integration, law):
+def test_a_path_has_the_same_bits_in_one_call_state_by_state_and_in_a_batch(
+    seed, integration, law
+):
     rng, plates = np.random.default_rng(seed), PLATES[integration]
     paths = np.zeros((3, 15, 13))
-    paths[:, :, :3] = np.cumsum(rng.normal(size=(3, 15, 3)) * 10.0 ** rng.uniform(-5, -2.5, (3, 15, 1)), axis=1)
+    paths[:, :, :3] = np.cumsum(
+        rng.normal(size=(3, 15, 3)) * 10.0 ** rng.uniform(-5, -2.5, (3, 15, 1)), axis=1
+    )
     paths[:, :, 2] -= rng.uniform(-0.01, 0.04)
-    paths[:, :, 3:7] = rng.normal(size=(3, 1, 4)) + np.cumsum(0.02 * rng.normal(size=(3, 15, 4)), axis=1)
+    paths[:, :, 3:7] = rng.normal(size=(3, 1, 4)) + np.cumsum(
+        0.02 * rng.normal(size=(3, 15, 4)), axis=1
+    )
     paths[:, :, 3:7] /= np.linalg.norm(paths[:, :, 3:7], axis=2, keepdims=True)
-    paths[:, :, 7:] = rng.normal(size=(3, 15, 6)) * rng.integers(0, 2, (3, 15, 1))  # at rest now and then
+    paths[:, :, 7:] = rng.normal(size=(3, 15, 6)) * rng.integers(
+        0, 2, (3, 15, 1)
+    )  # at rest now and then
     whole = np.array([remembered(path, plates=plates, law=law) for path in paths])
     many, one = Memory(plates, bodies=3), [Memory(plates) for _ in paths]
     for k in range(15):
         batch = remembered(np.ascontiguousarray(paths[:, k]), plates=plates, law=law, memory=many)
-        alone = [remembered(p[k : k + 1], plates=plates, law=law, memory=m)[0] for p, m in zip(paths, one, strict=True)]
-        assert batch.tobytes() == np.array(alone).tobytes() == np.ascontiguousarray(whole[:, k]).tobytes()
+        alone = [
+            remembered(p[k : k + 1], plates=plates, law=law, memory=m)[0]
+            for p, m in zip(paths, one, strict=True)
+        ]
+        assert (
+            batch.tobytes()
+            == np.array(alone).tobytes()
+            == np.ascontiguousarray(whole[:, k]).tobytes()
+        )
 
 
 def test_a_memory_of_other_plates_is_refused():
@@ -241,33 +285,58 @@ def test_a_memory_of_other_plates_is_refused():
         remembered(states, memory=Memory(PLATES["refined"]), plates=PLATES["centroid"])
 
 
-@given(seed=st.integers(0, 2**32 - 1), half=st.sampled_from([0.0175, 0.1, 0.3, 0.5]), agarwal=st.booleans())
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    half=st.sampled_from([0.0175, 0.1, 0.3, 0.5]),
+    agarwal=st.booleans(),
+)
 @settings(max_examples=40)
 @example(seed=3, half=0.3, agarwal=False)
-def test_a_plate_gives_back_no_more_than_its_traction_stores_whatever_way_it_moves_on(seed, half, agarwal):
+def test_a_plate_gives_back_no_more_than_its_traction_stores_whatever_way_it_moves_on(
+    seed, half, agarwal
+):
     """At the end of its fan it leads still, of a share of 0, and the grains pushed it on for ever."""
     rng = np.random.default_rng(seed)
     law = agarwal2023(zeta=0.33) if agarwal else LINEAR
-    n = np.append(np.array([np.cos(yaw := rng.uniform(0.0, 6.3)), np.sin(yaw)]), rng.uniform(-0.7, 0.7))
+    n = np.append(
+        np.array([np.cos(yaw := rng.uniform(0.0, 6.3)), np.sin(yaw)]), rng.uniform(-0.7, 0.7)
+    )
     n /= np.linalg.norm(n)
     level = np.array([-np.sin(yaw), np.cos(yaw), 0.0])
     across = np.array([np.cos(yaw), np.sin(yaw), 0.0])
-    corners = 1e-3 * np.array([[-1.0, -1.0], [2.0, -1.0], [-1.0, 2.0]]) @ np.array([level, np.cross(n, level)])
+    corners = (
+        1e-3
+        * np.array([[-1.0, -1.0], [2.0, -1.0], [-1.0, 2.0]])
+        @ np.array([level, np.cross(n, level)])
+    )
     plate = Plates.from_triangles(corners[None], [half])
     press = [1e-3 * rng.uniform(0.2, 2.0) * across + 1e-3 * rng.normal() * 2.0 * level]
     retreat = -1e-3 * 10.0 ** rng.uniform(-1.5, 0.0) * across
-    slope = np.sin(half) * rng.choice([-1.0, -0.99, -0.95, 0.0, *rng.uniform(-1.3, 1.0, 2)]) / (n @ across)
-    ways = [np.sqrt(max(1.0 - slope**2, 0.0)) * sign * level + slope * across for sign in (1.0, -1.0)]
+    slope = (
+        np.sin(half)
+        * rng.choice([-1.0, -0.99, -0.95, 0.0, *rng.uniform(-1.3, 1.0, 2)])
+        / (n @ across)
+    )
+    ways = [
+        np.sqrt(max(1.0 - slope**2, 0.0)) * sign * level + slope * across for sign in (1.0, -1.0)
+    ]
     for way in ways:
         legs, counts = [*press, retreat, 0.06 * way], (400, 400, 3000)
-        moves = np.vstack([np.tile(leg / count, (count, 1)) for leg, count in zip(legs, counts, strict=True)])
+        moves = np.vstack(
+            [np.tile(leg / count, (count, 1)) for leg, count in zip(legs, counts, strict=True)]
+        )
         states = np.zeros((len(moves) + 1, 13))
         states[1:, :3], states[1:, 7:10] = np.cumsum(moves, axis=0), moves
         states[:, 2] -= 0.03
         states[:, 6], states[0, 7:10] = 1.0, moves[0]
         force = remembered(checked_states(states), plates=plate, law=law)[:, :3]
         work = np.cumsum((0.5 * (force[1:] + force[:-1]) * moves).sum(axis=1))
-        stored = 0.5 * np.linalg.norm(force[800]) ** 2 * LENGTH / (STIFF * law.stiffness * 0.03 * plate.area)
+        stored = (
+            0.5
+            * np.linalg.norm(force[800]) ** 2
+            * LENGTH
+            / (STIFF * law.stiffness * 0.03 * plate.area)
+        )
         assert work[800:].max() - work[799] <= 1.05 * stored + 1e-9 * np.abs(work).max()
 
 

@@ -31,9 +31,17 @@ SMALL = 1e-6
 
 BETA, GAMMA = np.radians(np.arange(-90.0, 271.0, 15.0)), np.radians(np.arange(-180.0, 181.0, 30.0))
 TABLE = treers2021(
-    GENERIC, Table.sampled(BETA, GAMMA, 0.1 + 0.02 * np.cos(BETA)[:, None] + 0.01 * np.sin(GAMMA)), zeta=1.0
+    GENERIC,
+    Table.sampled(BETA, GAMMA, 0.1 + 0.02 * np.cos(BETA)[:, None] + 0.01 * np.sin(GAMMA)),
+    zeta=1.0,
 )
-LAWS = {"linear": LINEAR, "constant": CONSTANT, "table": TABLE, "agarwal2023": AGARWAL, "inertia": INERTIAL}
+LAWS = {
+    "linear": LINEAR,
+    "constant": CONSTANT,
+    "table": TABLE,
+    "agarwal2023": AGARWAL,
+    "inertia": INERTIAL,
+}
 
 STEPS = 25
 
@@ -42,10 +50,14 @@ def forces_along(plates, law, paths, slack=0.0):
     """Forces with memory [N], shape [paths, steps, 3], of states of shape [paths, steps, 13]."""
     memory, forces = Memory(plates, bodies=len(paths)), np.empty((*paths.shape[:2], 3))
     states = np.array([checked_states(path) for path in paths])
-    moved = np.array([displacements_followed(path, reach=plates.reach, dead_band=slack) for path in states])
+    moved = np.array(
+        [displacements_followed(path, reach=plates.reach, dead_band=slack) for path in states]
+    )
     law = replace(law, mobilization_length=LENGTH)
     for j in range(paths.shape[1]):
-        forces[:, j] = wrenches_in_time(plates, law, states[:, j], memory, displacements=moved[:, j])[:, :3]
+        forces[:, j] = wrenches_in_time(
+            plates, law, states[:, j], memory, displacements=moved[:, j]
+        )[:, :3]
     return forces
 
 
@@ -71,7 +83,9 @@ def largest_jump(plates, law, first, second, slack=0.0):
         low, high = parts[k], parts[k + 1]
         while high - low > 1e-13:
             finer = np.linspace(low, high, 9)
-            found = forces_along(plates, law, between(first, second, finer)[:, : step + 1], slack)[:, step]
+            found = forces_along(plates, law, between(first, second, finer)[:, : step + 1], slack)[
+                :, step
+            ]
             change = np.linalg.norm(np.diff(found, axis=0), axis=1)
             k = change.argmax()
             low, high = finer[k], finer[k + 1]
@@ -80,7 +94,9 @@ def largest_jump(plates, law, first, second, slack=0.0):
 
 
 def random_body(rng, n):
-    corners = 1e-2 * rng.normal(size=(n, 3, 3)) + (rng.uniform(-0.03, 0.03, (n, 1, 3)) if n > 1 else 0.0)
+    corners = 1e-2 * rng.normal(size=(n, 3, 3)) + (
+        rng.uniform(-0.03, 0.03, (n, 1, 3)) if n > 1 else 0.0
+    )
     return Plates.from_triangles(corners, rng.choice([0.0175, 0.1, 0.5], n))
 
 
@@ -90,8 +106,14 @@ def submerged_path(rng, normal):
     turns = rng.normal(scale=0.05, size=(STEPS, 4)) if rng.random() < 0.5 else np.zeros((STEPS, 4))
     states[:, 3:7] = unit(unit(rng.normal(size=4)) + np.cumsum(turns, axis=0))
     across = rotation_matrix(states[0, 3:7]) @ normal
-    ways = np.array([across, unit(np.cross(across, rng.normal(size=3))), *unit(rng.normal(size=(2, 3)))])
-    strokes = rng.choice([1.0, -1.0], STEPS) * 10.0 ** rng.uniform(-5.5, -2.3, STEPS) * (rng.random(STEPS) > 0.1)
+    ways = np.array(
+        [across, unit(np.cross(across, rng.normal(size=3))), *unit(rng.normal(size=(2, 3)))]
+    )
+    strokes = (
+        rng.choice([1.0, -1.0], STEPS)
+        * 10.0 ** rng.uniform(-5.5, -2.3, STEPS)
+        * (rng.random(STEPS) > 0.1)
+    )
     moved = ways[rng.choice(4, STEPS, p=[0.4, 0.3, 0.15, 0.15])] * strokes[:, None]
     states[:, :3] = np.cumsum(moved, axis=0)
     states[:, 2] -= states[:, 2].max() + rng.uniform(0.06, 0.1)
@@ -103,7 +125,9 @@ def nearby(rng, path):
     other = path.copy()
     other[:, :3] += 3e-4 * np.cumsum(rng.normal(size=(STEPS, 3)), axis=0)
     if rng.random() < 0.5:
-        other[:, 3:7] = unit(other[:, 3:7] + np.cumsum(rng.normal(scale=0.01, size=(STEPS, 4)), axis=0))
+        other[:, 3:7] = unit(
+            other[:, 3:7] + np.cumsum(rng.normal(scale=0.01, size=(STEPS, 4)), axis=0)
+        )
     speed = np.linalg.norm(path[:, 7:10], axis=1)[:, None]
     other[:, 7:10] += 0.1 * rng.normal(size=(STEPS, 3)) * speed  # at rest both are at rest
     return other
@@ -134,7 +158,9 @@ def test_the_force_without_memory_does_not_jump_between_states_near_the_surface(
     second[0, 3:7] *= np.sign(second[0, 3:7] @ first[0, 3:7])
 
     def forces(parts):
-        return wrenches(plates, LAWS[law], checked_states(between(first, second, parts)[:, 0]))[:, :3]
+        return wrenches(plates, LAWS[law], checked_states(between(first, second, parts)[:, 0]))[
+            :, :3
+        ]
 
     parts = np.linspace(0.0, 1.0, 65)
     found = forces(parts)
@@ -189,7 +215,10 @@ def test_one_step_amplifies_no_change_of_motion_normal_law_or_state_by_more_than
         "moved": ({"moved": past["moved"] + 1e-3 * nudge}, 1e-3 * tiny * per_metre),
         "gap": ({"gap": past["gap"] + 1e-3 * tiny}, 1e-3 * tiny * per_metre),
         "worn": ({"worn": past["worn"] + tiny}, tiny * strength),
-        "n": ({"n": turned}, tiny * (per_metre * np.linalg.norm(past["moved"]) + np.linalg.norm(past["tau"]))),
+        "n": (
+            {"n": turned},
+            tiny * (per_metre * np.linalg.norm(past["moved"]) + np.linalg.norm(past["tau"])),
+        ),
     }
     for what, (changed, size) in nudges.items():
         change = np.linalg.norm(stepped(**{**past, **changed}) - before)
@@ -259,5 +288,11 @@ def _spin(before, after):
     """The rotation vector from one attitude to the next, world axes; small."""
     x, y, z, w = before
     a, b, c, d = after
-    part = np.array([w * a - x * d - b * z + c * y, w * b - y * d - c * x + a * z, w * c - z * d - a * y + b * x])
+    part = np.array(
+        [
+            w * a - x * d - b * z + c * y,
+            w * b - y * d - c * x + a * z,
+            w * c - z * d - a * y + b * x,
+        ]
+    )
     return 2.0 * part

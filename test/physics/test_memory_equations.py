@@ -73,11 +73,16 @@ def wandering(seed, steps=60):
     states = np.zeros((steps, 13))
     states[:, 3:7] = unit(rng.normal(size=4))
     if rng.random() < 0.5:  # it turns about its centre
-        states[:, 3:7] = unit(states[:, 3:7] + np.cumsum(rng.normal(scale=0.05, size=(steps, 4)), axis=0))
+        states[:, 3:7] = unit(
+            states[:, 3:7] + np.cumsum(rng.normal(scale=0.05, size=(steps, 4)), axis=0)
+        )
     ways = unit(rng.normal(size=(4, 3)))
     ways[0] = rotation_matrix(states[0, 3:7]) @ NORMAL
     chosen = rng.choice(4, steps, p=[0.55, 0.15, 0.15, 0.15])
-    moved = ways[chosen] * (rng.choice([1.0, -1.0], steps) * 10.0 ** rng.uniform(-5.5, -2.3, steps))[:, None]
+    moved = (
+        ways[chosen]
+        * (rng.choice([1.0, -1.0], steps) * 10.0 ** rng.uniform(-5.5, -2.3, steps))[:, None]
+    )
     moved[rng.random(steps) < 0.1] = 0.0
     states[:, :3] = np.cumsum(moved, axis=0)
     states[:, 2] += rng.uniform(-0.08, -0.01)
@@ -99,7 +104,9 @@ def test_one_plate_follows_the_equations_along_any_path(seed):
         target = np.array(traction_per_depth(LINEAR, *n, *twist)) * (twist @ n > 0.0)
         expected.append(plate.step(n, state[:3] - states[max(k - 1, 0), :3], target, -state[2]))
     assume(np.abs(expected).max() > 0.0)  # a path that never loads the plate shows nothing
-    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-7 * max(np.abs(expected).max(), 1e-3))
+    np.testing.assert_allclose(
+        found, expected, rtol=0.0, atol=1e-7 * max(np.abs(expected).max(), 1e-3)
+    )
 
 
 @given(seed=seeds)
@@ -112,5 +119,7 @@ def test_the_gap_of_a_skipped_block_is_that_of_plates_that_are_evaluated(seed):
     block = np.zeros(1, BLOCK_STATE)[0]
     block.gap[0] = gap
     follow_gap(block, 0, n, np.zeros(3), (moved, np.zeros(9)))
-    followed, _ = advance(PlateState(np.zeros(3), 0.0, gap, 0.0), n, moved, np.zeros(3), LENGTH, 1e6)
+    followed, _ = advance(
+        PlateState(np.zeros(3), 0.0, gap, 0.0), n, moved, np.zeros(3), LENGTH, 1e6
+    )
     assert block.gap[0] == pytest.approx(followed.gap, rel=1e-15)

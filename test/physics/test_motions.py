@@ -7,7 +7,14 @@ from scipy.spatial.transform import Rotation
 from rft_ros.errors import InputError
 from rft_ros.rft import POSITION, checked_states
 from rft_ros.sweeps.design import motion_of
-from rft_ros.sweeps.motions import FAMILIES, circumnutation, oscillating_insertion, plate_drag, sample, straight
+from rft_ros.sweeps.motions import (
+    FAMILIES,
+    circumnutation,
+    oscillating_insertion,
+    plate_drag,
+    sample,
+    straight,
+)
 from studies.dem import DATA
 from studies.sampling import sample_every
 
@@ -37,14 +44,18 @@ def test_the_twist_is_the_derivative_of_the_pose(motion):
 def test_samples_run_from_the_start_to_the_end(motion):
     times, states = sample(motion, 7)
     assert (times[0], times[-1]) == (0.0, motion.duration)
-    assert states[-1, POSITION] - states[0, POSITION] == pytest.approx(motion.duration * np.array(motion.velocity))
+    assert states[-1, POSITION] - states[0, POSITION] == pytest.approx(
+        motion.duration * np.array(motion.velocity)
+    )
     every_times, every_states = sample_every(motion, step=motion.duration / 6)
     assert every_times == pytest.approx(times)
     assert every_states == pytest.approx(states)
 
 
 def test_circumnutation_gives_the_85_states_of_the_released_code(shared_data):
-    rows = np.loadtxt(shared_data / "paper" / "circumnutation_P40_states.csv", delimiter=",", skiprows=1)
+    rows = np.loadtxt(
+        shared_data / "paper" / "circumnutation_P40_states.csv", delimiter=",", skiprows=1
+    )
     times, states = sample_every(circumnutation(tilt_deg=10.0, pitch=0.04), step=0.25)
     assert len(rows) == len(times) == 85
     assert times == pytest.approx(rows[:, 0], abs=1e-12)
@@ -56,7 +67,10 @@ def test_circumnutation_gives_the_85_states_of_the_released_code(shared_data):
     [
         ("pen_plate_seedA", straight(speed=0.1)),
         ("plate_b60_psi30_phi30", plate_drag(beta_deg=60, psi_deg=30, phi_deg=30, speed=0.1)),
-        ("plate_b90_psi90_phi0", plate_drag(beta_deg=90, psi_deg=90, phi_deg=0, speed=0.1, depth=0.035)),
+        (
+            "plate_b90_psi90_phi0",
+            plate_drag(beta_deg=90, psi_deg=90, phi_deg=0, speed=0.1, depth=0.035),
+        ),
         ("ellipsoid_osc9deg_5Hz", oscillating_insertion(frequency=5.0, speed=0.04)),
         ("root_insert_tilt10", straight(speed=0.1, tilt_deg=10.0)),
         ("root_helix_P40_tilt10", circumnutation(pitch=0.04, rate_deg_s=540.0)),

@@ -28,7 +28,9 @@ LAW = treers2021(MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), ze
 def falling(*bodies, timestep=0.001, integrator="Euler", more=""):
     """A model of free bodies (mesh, mass [kg], quaternion wxyz) side by side; `more`: attributes of the geoms."""
     names = dict.fromkeys(mesh for mesh, _, _ in bodies)
-    meshes = "".join(f'<mesh name="{n}" file="{MESHES}/{n}.stl" scale="0.001 0.001 0.001"/>' for n in names)
+    meshes = "".join(
+        f'<mesh name="{n}" file="{MESHES}/{n}.stl" scale="0.001 0.001 0.001"/>' for n in names
+    )
     text = "".join(
         f'<body name="body_{k}" pos="{0.3 * k} 0 0.05" quat="{quaternion}"><freejoint/>'
         f'<geom type="mesh" mesh="{mesh}" mass="{mass}" contype="0" conaffinity="0" {more}/></body>'
@@ -73,7 +75,10 @@ def given_back(works):
 def scene(*bodies, height=0.01, **options):
     """Model, data, and the grains around each body, which is placed."""
     model = falling(*bodies, **options)
-    data, grains = mujoco.MjData(model), [MujocoGrains(model, body=f"body_{k}", **GRAINS) for k in range(len(bodies))]
+    data, grains = (
+        mujoco.MjData(model),
+        [MujocoGrains(model, body=f"body_{k}", **GRAINS) for k in range(len(bodies))],
+    )
     place(model, data, grains, height)
     return model, data, grains
 
@@ -90,7 +95,9 @@ def turned(poses):
 
 
 @pytest.mark.parametrize("draw", [2, 3, 9, 11, 14, 22, 25])
-def test_a_body_of_any_mass_that_fell_in_at_any_step_lies_still_and_as_deep_as_at_half_the_step(draw):
+def test_a_body_of_any_mass_that_fell_in_at_any_step_lies_still_and_as_deep_as_at_half_the_step(
+    draw,
+):
     rng = np.random.default_rng(draw)
     mesh = rng.choice(["plate", "root_tip", "ellipsoid", "sphere"])
     mass, timestep = np.exp(rng.uniform(np.log([0.02, 0.001]), np.log([2.0, 0.016])))
@@ -102,7 +109,9 @@ def test_a_body_of_any_mass_that_fell_in_at_any_step_lies_still_and_as_deep_as_a
     assert np.abs(twists[late, :3]).max() < 1e-6
     assert given_back(works) < 0.01
     finer = dropped(mesh, mass, quaternion, 0.5 * timestep, 1.0)[1]
-    assert surface - poses[round(1.0 / timestep) - 1, 2] == pytest.approx(surface - finer[-1, 2], rel=0.15)
+    assert surface - poses[round(1.0 / timestep) - 1, 2] == pytest.approx(
+        surface - finer[-1, 2], rel=0.15
+    )
 
 
 @pytest.mark.parametrize("quaternion", [FLAT, TILTED])
@@ -119,7 +128,10 @@ def test_a_body_lies_still_on_a_map_with_slopes():
     x, y = (v.ravel() for v in np.mgrid[-40:40, -40:40] * 0.005 + 0.0025)
     hills = HeightMap.unknown(0.005).with_points(x, y, 0.5 * x + 0.003 * np.sin(100.0 * y))
     model = falling(("plate", 0.3, TILTED), timestep=0.002)
-    data, grains = mujoco.MjData(model), [MujocoGrains(model, body="body_0", ground=hills, **GRAINS)]
+    data, grains = (
+        mujoco.MjData(model),
+        [MujocoGrains(model, body="body_0", ground=hills, **GRAINS)],
+    )
     place(model, data, grains, 0.03)
     poses, twists, works = run(model, data, grains, 2.5)
     assert np.abs(poses[-500:, :3] - poses[-1, :3]).max() < 1e-8
@@ -160,14 +172,20 @@ def test_the_wrench_acts_about_the_body_frame_whatever_its_centre_of_mass():
 
 def test_the_mesh_of_the_body_is_the_mesh_of_its_file():
     model = falling(("root_tip", 0.3, FLAT))
-    own, file = (MujocoGrains(model, body="body_0", tolerance=0.0, mesh=mesh, **GRAINS) for mesh in (None, "root_tip"))
+    own, file = (
+        MujocoGrains(model, body="body_0", tolerance=0.0, mesh=mesh, **GRAINS)
+        for mesh in (None, "root_tip")
+    )
     assert own.tool.plates.area == pytest.approx(file.tool.plates.area, rel=1e-5)
     assert own.tool.corners.min(axis=0) == pytest.approx(file.tool.corners.min(axis=0), abs=1e-6)
 
 
 @pytest.mark.parametrize(
     ("name", "more"),
-    [("mujoco_drop", ["--seconds", "1", "--timestep", "0.005"]), ("mujoco_press", ["--mesh", "sphere"])],
+    [
+        ("mujoco_drop", ["--seconds", "1", "--timestep", "0.005"]),
+        ("mujoco_press", ["--mesh", "sphere"]),
+    ],
 )
 def test_the_examples_run_headless_and_hold_still(tmp_path, capsys, monkeypatch, name, more):
     folder = Path(__file__).resolve().parents[2] / "examples"
@@ -193,7 +211,9 @@ def test_what_cannot_be_used_is_named(monkeypatch):
         '<mujoco><worldbody><body name="ball"><freejoint/><inertial pos="0 0 0" mass="1" diaginertia="1 1 1"/></body>'
         "</worldbody></mujoco>"
     )
-    with pytest.raises(InputError, match=r"body 'ball' has no geoms of .*; give its shape as mesh=FILE"):
+    with pytest.raises(
+        InputError, match=r"body 'ball' has no geoms of .*; give its shape as mesh=FILE"
+    ):
         MujocoGrains(ball, body="ball", **GRAINS)
     fixed = mujoco.MjModel.from_xml_string(
         '<mujoco><worldbody><body name="hand" mocap="true"><geom size="0.02"/></body></worldbody></mujoco>'

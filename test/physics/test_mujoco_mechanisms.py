@@ -92,7 +92,9 @@ def test_a_rover_stands_level_drives_straight_and_takes_nothing_from_the_grains(
     motion = Motion(tree, list(places), more=f"<actuator>{servos}</actuator>", zeta=1.0).run(1.5)
     assert motion.error < 0.01
     assert motion.creep < 1e-3
-    motion.run(1.0, lambda data: data.ctrl.__setitem__(slice(None), 3.0 * min(data.time - 1.5, 1.0)))
+    motion.run(
+        1.0, lambda data: data.ctrl.__setitem__(slice(None), 3.0 * min(data.time - 1.5, 1.0))
+    )
     x, y = motion.data.qpos[:2]
     assert x > 0.01
     assert abs(y) < 0.01 * x

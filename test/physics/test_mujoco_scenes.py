@@ -22,7 +22,10 @@ mujoco = pytest.importorskip("mujoco", reason="needs MuJoCo: pip install 'rft_ro
     ],
 )
 def test_a_block_on_a_plate_rests_as_deep_as_one_body(step, integrator, option):
-    found, one = scenes.block(step, integrator, option=option), scenes.block(step, integrator, as_one=True)
+    found, one = (
+        scenes.block(step, integrator, option=option),
+        scenes.block(step, integrator, as_one=True),
+    )
     assert found["depth"] == pytest.approx(one["depth"], rel=0.05)
     assert found["creep"] < 1e-3
     assert found["felt over memory"] == pytest.approx(1.0, abs=0.01)
@@ -48,14 +51,17 @@ def test_a_tool_feels_what_the_grains_remember_whatever_else_bears_on_it(kind, s
         ("force", 0.2, 2e5, 0.002, "Euler"),
     ],
 )
-def test_a_tool_that_is_lifted_feels_what_the_grains_remember(by, speed, stiffness, step, integrator):
+def test_a_tool_that_is_lifted_feels_what_the_grains_remember(
+    by, speed, stiffness, step, integrator
+):
     found = scenes.lifted(speed, stiffness, step, integrator, by=by)
     assert found["error"] < (0.05 if step < 0.005 else 0.12)
     assert found["pull"] < found["memory's pull"] + 0.05
 
 
 @pytest.mark.parametrize(
-    ("mass", "step"), [(0.002, 0.001), (0.005, 0.002), (0.1, 0.015), (0.5, 0.005), (0.02, 0.016), (0.02, 0.02)]
+    ("mass", "step"),
+    [(0.002, 0.001), (0.005, 0.002), (0.1, 0.015), (0.5, 0.005), (0.02, 0.016), (0.02, 0.02)],
 )
 def test_a_body_that_is_released_stays_where_it_was_pressed(mass, step):
     found = scenes.released(mass, step)
@@ -77,7 +83,9 @@ def test_a_plate_slides_as_far_in_long_steps_as_in_short_ones():
         (0.01, "implicitfast"),
     ],
 )
-def test_a_quadruped_with_stiff_knees_stands_still_and_takes_nothing_from_the_grains(step, integrator):
+def test_a_quadruped_with_stiff_knees_stands_still_and_takes_nothing_from_the_grains(
+    step, integrator
+):
     found = scenes.gait(step, integrator)
     assert found["creep"] < 1e-6
     assert found["back"] < 0.5
@@ -102,7 +110,10 @@ def test_long_steps_of_rk4_are_told_once(caplog):
 def test_data_of_another_model_is_refused_also_where_both_were_pickled():
     ball = '<body><joint type="ball"/><geom size="0.01"/></body>'
     text = '<mujoco><worldbody>{}<body name="b"><freejoint/><geom size="0.02"/></body></worldbody></mujoco>'
-    one, two = (pickle.loads(pickle.dumps(mujoco.MjModel.from_xml_string(text.format(more)))) for more in ("", ball))
+    one, two = (
+        pickle.loads(pickle.dumps(mujoco.MjModel.from_xml_string(text.format(more))))
+        for more in ("", ball)
+    )
     grains = MujocoGrains(one, body="b", law=scenes.law())
     with pytest.raises(ValueError, match="not of the model"):
         grains.apply(mujoco.MjData(two))
@@ -133,7 +144,12 @@ def five():
 
 def test_primitive_geoms_are_shapes_and_bodies_of_one_object_rest_as_each_alone(five):
     model, grains = five
-    sizes = {"box": (0.05, 0.05, 0.02), "ball": (0.04,) * 3, "rod": (0.02, 0.02, 0.08), "can": (0.04,) * 3}
+    sizes = {
+        "box": (0.05, 0.05, 0.02),
+        "ball": (0.04,) * 3,
+        "rod": (0.02, 0.02, 0.08),
+        "can": (0.04,) * 3,
+    }
     sizes["egg"] = (0.04, 0.06, 0.03)
     for name, tool in zip(NAMES, grains.tools, strict=True):
         assert np.ptp(tool.corners, axis=0) == pytest.approx(sizes[name], rel=0.02)
@@ -165,7 +181,9 @@ def test_forces_of_the_user_act_beside_the_grains(five):
             data.xfrc_applied[3] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
         wrenches = grains.apply(data)
         mujoco.mj_step(model, data)
-    assert wrenches[:, 2] == pytest.approx([0.2 * 9.81 + 3, 0.1 * 9.81 + 2, 0.1 * 9.81 + 1, 0.981, 0.981], rel=0.05)
+    assert wrenches[:, 2] == pytest.approx(
+        [0.2 * 9.81 + 3, 0.1 * 9.81 + 2, 0.1 * 9.81 + 1, 0.981, 0.981], rel=0.05
+    )
     data.xfrc_applied[:] = 0.0
     grains.apply(data)
     kept = grains.state()

@@ -24,8 +24,12 @@ def extent(tool):
     return np.ptp(tool.corners, axis=0)
 
 
-@pytest.mark.parametrize(("mass", "stiffness", "damping"), [(3.0, 2e3, 108.0), (0.5, 2e3, 60.0), (3.0, 1e4, 240.0)])
-def test_a_users_torque_controller_feels_the_force_of_explicit_short_steps(mass, stiffness, damping):
+@pytest.mark.parametrize(
+    ("mass", "stiffness", "damping"), [(3.0, 2e3, 108.0), (0.5, 2e3, 60.0), (3.0, 1e4, 240.0)]
+)
+def test_a_users_torque_controller_feels_the_force_of_explicit_short_steps(
+    mass, stiffness, damping
+):
     blade = '<geom type="box" size="0.025 0.004 0.06" mass="{}"/>'
     tree = f'<body name="tool" pos="0 0 0.06"><joint name="z" type="slide" axis="0 0 1"/>{blade.format(mass)}</body>'
     motor, states, forces = '<actuator><motor joint="z"/></actuator>', np.zeros((1, 13)), {}
@@ -46,7 +50,9 @@ def test_a_users_torque_controller_feels_the_force_of_explicit_short_steps(mass,
                 force = grains.apply(data)[2]
             mujoco.mj_step(model, data)
             found.append(force)
-        forces[step] = np.interp(np.arange(0.1, 0.7, 0.002), step * np.arange(1, len(found) + 1), found)
+        forces[step] = np.interp(
+            np.arange(0.1, 0.7, 0.002), step * np.arange(1, len(found) + 1), found
+        )
     peak = forces[5e-5].max()
     assert np.abs(forces[1e-3] - forces[5e-5]).max() < 0.1 * peak
     assert np.abs(forces[2e-3] - forces[5e-5]).max() < 0.15 * peak
@@ -54,7 +60,11 @@ def test_a_users_torque_controller_feels_the_force_of_explicit_short_steps(mass,
 
 def test_steps_without_the_grains_and_a_second_data_are_refused_with_the_remedy():
     model = model_of(BALL.format("b", 0.0))
-    grains, data, other = MujocoGrains(model, body="b", law=law()), mujoco.MjData(model), mujoco.MjData(model)
+    grains, data, other = (
+        MujocoGrains(model, body="b", law=law()),
+        mujoco.MjData(model),
+        mujoco.MjData(model),
+    )
     grains.apply(data)
     with pytest.raises(InputError, match=r"one MjData.*restore"):
         grains.apply(other)
@@ -98,7 +108,9 @@ def test_only_the_start_is_a_new_start_and_another_time_back_names_restore():
 
 
 @pytest.mark.parametrize("change", ["geom_size", "geom_pos", "body_quat"])
-def test_a_shape_that_changed_is_said_at_the_next_start_and_one_that_has_no_grains_may_change(change):
+def test_a_shape_that_changed_is_said_at_the_next_start_and_one_that_has_no_grains_may_change(
+    change,
+):
     toe = '<body pos="0.05 0 0"><geom type="sphere" size="0.02" mass="0.1"/></body>'
     tree = f'<body name="b"><freejoint/><geom size="0.02"/>{toe}</body><geom type="plane" size="1 1 1" pos="0 0 -1"/>'
     model = model_of(tree)
@@ -164,9 +176,13 @@ def test_bodies_out_of_reach_change_nothing_and_are_in_no_counter():
 
 def test_a_body_is_named_by_its_id_and_jointless_children_belong_to_it():
     toe = '<body {} pos="0.05 0 0"><geom type="sphere" size="0.02" mass="0.1"/></body>'
-    foot = f'<body pos="0 0 0.1"><freejoint/><geom type="sphere" size="0.02" mass="0.1"/>{toe}</body>'
+    foot = (
+        f'<body pos="0 0 0.1"><freejoint/><geom type="sphere" size="0.02" mass="0.1"/>{toe}</body>'
+    )
     model = model_of(foot.format(""))
-    assert extent(MujocoGrains(model, body=1, law=law()).tool) == pytest.approx([0.09, 0.04, 0.04], rel=0.02)
+    assert extent(MujocoGrains(model, body=1, law=law()).tool) == pytest.approx(
+        [0.09, 0.04, 0.04], rel=0.02
+    )
     apart = MujocoGrains(model_of(foot.format('name="toe"')), bodies=[1, "toe"], law=law()).tools
     assert [extent(tool)[0] for tool in apart] == pytest.approx([0.04, 0.04], rel=0.02)
     for wrong in (0, 3, -1):
@@ -181,7 +197,9 @@ def test_geoms_of_a_pair_collide():
         f'<geom name="foot" type="sphere" size="0.02" {quiet}/><geom type="sphere" size="0.05" {quiet}/></body>'
     )
     pair = '<contact><pair geom1="floor" geom2="foot"/></contact>'
-    assert extent(MujocoGrains(model_of(tree, more=pair), body="b", law=law()).tool)[0] == pytest.approx(0.04, rel=0.02)
+    assert extent(MujocoGrains(model_of(tree, more=pair), body="b", law=law()).tool)[
+        0
+    ] == pytest.approx(0.04, rel=0.02)
 
 
 def test_faces_within_another_geom_do_not_count_and_those_back_to_back_neither():
@@ -200,18 +218,35 @@ def test_faces_within_another_geom_do_not_count_and_those_back_to_back_neither()
 
 
 @pytest.mark.parametrize(
-    "shape", ['"box" size="0.02 0.02 0.02"', '"cylinder" size="0.02 0.03"', '"capsule" size="0.01 0.03"']
+    "shape",
+    ['"box" size="0.02 0.02 0.02"', '"cylinder" size="0.02 0.03"', '"capsule" size="0.01 0.03"'],
 )
 def test_a_primitive_that_turns_feels_what_a_finer_one_does(shape):
     model = model_of(f'<body name="b"><freejoint/><geom type={shape}/></body>')
-    fine, reduced = (MujocoGrains(model, body="b", law=law(), tolerance=t).tool for t in (0.0, 0.025))
+    fine, reduced = (
+        MujocoGrains(model, body="b", law=law(), tolerance=t).tool for t in (0.0, 0.025)
+    )
     assert len(reduced.plates) < 0.6 * len(fine.plates)
     forces = []
     for tool in (fine, reduced):
         grains, states, found = GrainsBatch(tool, law(), bodies=1), np.zeros((1, 13)), []
         for k in range(300):
             angle = 0.006 * k
-            states[0] = 0.02 * angle, 0, 0, 0, np.sin(angle / 2), 0, np.cos(angle / 2), 0.12, 0, 0, 0, 6, 0
+            states[0] = (
+                0.02 * angle,
+                0,
+                0,
+                0,
+                np.sin(angle / 2),
+                0,
+                np.cos(angle / 2),
+                0.12,
+                0,
+                0,
+                0,
+                6,
+                0,
+            )
             found.append(grains.step(states, 0.001)[0, :3])
         forces.append(np.array(found))
     error = np.sqrt(((forces[0] - forces[1]) ** 2).sum(axis=1).mean())
@@ -223,14 +258,25 @@ def test_a_height_field_is_the_ground_where_mujoco_has_it(cells):
     slope = np.repeat(np.linspace(0, 1, cells), cells)
     values = " ".join(f"{z:g}" for z in slope)
     size = f'nrow="{cells}" ncol="{cells}" elevation="{values}" size="0.2 0.2 0.04 0.01"'
-    tree = '<geom name="hill" type="hfield" hfield="h" pos="0 0 0.01" contype="0" conaffinity="0"/>'
-    model = model_of(f"{tree}{BALL.format('b', 0.05)}", more=f'<asset><hfield name="h" {size}/></asset>')
+    tree = (
+        '<geom name="hill" type="hfield" hfield="h" pos="0 0 0.01" contype="0" conaffinity="0"/>'
+    )
+    model = model_of(
+        f"{tree}{BALL.format('b', 0.05)}", more=f'<asset><hfield name="h" {size}/></asset>'
+    )
     data, grains = mujoco.MjData(model), MujocoGrains(model, body="b", law=law(), ground="hill")
     mujoco.mj_forward(model, data)
     forces = []
     for y in (-0.1, 0.03, 0.1):
         ray = mujoco.mj_ray(
-            model, data, np.array([0.0, y, 1.0]), np.array([0.0, 0.0, -1.0]), None, 1, -1, np.zeros(1, "i4")
+            model,
+            data,
+            np.array([0.0, y, 1.0]),
+            np.array([0.0, 0.0, -1.0]),
+            None,
+            1,
+            -1,
+            np.zeros(1, "i4"),
         )
         mujoco.mj_resetData(model, data)
         data.qpos[:3], data.qvel[2] = (0.0, y, 1.0 - ray + 0.01), -0.1

@@ -39,10 +39,20 @@ assert "fading" in {p.name: p.choices for p in PARAMETERS}["alpha_y.model"]
 
 
 def test_a_model_added_as_the_page_says_gives_its_force_in_command_and_node(tmp_path):
-    shutil.copytree(ROOT / "rft_ros", tmp_path / "rft_ros", ignore=shutil.ignore_patterns("__pycache__"))
-    for name in ("package.xml", "meshes", "config"):  # a checkout, so that the shipped files are found
+    shutil.copytree(
+        ROOT / "rft_ros", tmp_path / "rft_ros", ignore=shutil.ignore_patterns("__pycache__")
+    )
+    for name in (
+        "package.xml",
+        "meshes",
+        "config",
+    ):  # a checkout, so that the shipped files are found
         (tmp_path / name).symlink_to(ROOT / name)
-    section = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8").partition("## A new α_y model")[2]
+    section = (
+        (ROOT / "docs" / "architecture.md")
+        .read_text(encoding="utf-8")
+        .partition("## A new α_y model")[2]
+    )
     section = section.partition("\n## ")[0]
     (listing,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
     (line,) = re.findall(r'^`("fading".*)`$', section, flags=re.MULTILINE)
@@ -51,8 +61,16 @@ def test_a_model_added_as_the_page_says_gives_its_force_in_command_and_node(tmp_
     above, marked, below = file.read_text(encoding="utf-8").partition("\n_MODELS: ")
     head, brace, entries = below.partition("{\n")
     assert marked and brace
-    file.write_text(f"{above}\n{listing}\n{marked}{head}{brace}    {line}\n{entries}", encoding="utf-8")
-    environment = {**os.environ, "PYTHONPATH": str(tmp_path), "NUMBA_CACHE_DIR": str(tmp_path / "cache")}
+    file.write_text(
+        f"{above}\n{listing}\n{marked}{head}{brace}    {line}\n{entries}", encoding="utf-8"
+    )
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(tmp_path),
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+    }
     command = [sys.executable, "-c", SCRIPT, str(ROOT / "meshes" / "plate.stl")]
-    done = subprocess.run(command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=600)
+    done = subprocess.run(
+        command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=600
+    )
     assert done.returncode == 0, done.stderr

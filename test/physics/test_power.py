@@ -6,7 +6,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 from scenes import directions
 
-from rft_ros.rft import MEDIA, Table, agarwal2023, alpha_y_model, traction_per_depth, treers2021, wrenches
+from rft_ros.rft import (
+    MEDIA,
+    Table,
+    agarwal2023,
+    alpha_y_model,
+    traction_per_depth,
+    treers2021,
+    wrenches,
+)
 from rft_ros.rft.traction import BLENDED, LEAST_RESISTANCE
 from studies.force_jumps import greatest_power, plate_facing
 
@@ -23,7 +31,9 @@ def power(law, rule, beta, v):
 
 @pytest.mark.parametrize("model", ["constant", "linear"])
 @given(medium=st.sampled_from(sorted(MEDIA)), beta=st.floats(0.0, 180.0), v=directions())
-def test_as_published_a_leading_plate_is_pushed_on_only_by_alpha_y_linear_where_it_looks_up(model, medium, beta, v):
+def test_as_published_a_leading_plate_is_pushed_on_only_by_alpha_y_linear_where_it_looks_up(
+    model, medium, beta, v
+):
     """In any direction, γ < 0 too: a fortiori in intrusion. The linear fit's push is bounded."""
     law = treers2021(MEDIA[medium], alpha_y_model(model, MEDIA[medium]))
     breaks = model == "linear" and beta > ZERO_OF_LINEAR
@@ -44,7 +54,9 @@ TABLE = Table.sampled(
     np.random.default_rng(5).uniform(-0.1, 0.3, (4, 4)),
 )
 ANY_LAW = [
-    treers2021(MEDIA[name], alpha_y_model(model, MEDIA[name])) for name in MEDIA for model in ("constant", "linear")
+    treers2021(MEDIA[name], alpha_y_model(model, MEDIA[name]))
+    for name in MEDIA
+    for model in ("constant", "linear")
 ]
 ANY_LAW += [treers2021(MEDIA["generic"], TABLE), agarwal2023()]
 
@@ -55,15 +67,21 @@ def test_under_the_refined_rule_grains_neither_pull_a_leading_plate_nor_push_it_
     v = np.asarray(v) * np.sign(np.dot(n, v) or 1.0)  # it leads
     traction = np.array(traction_per_depth(law, *n, *v, BLENDED, refined=True))
     assert traction @ n <= 1e-9 * law.stiffness
-    assert traction @ v <= -0.99 * LEAST_RESISTANCE * np.linalg.norm(traction) + 1e-9 * law.stiffness
+    assert (
+        traction @ v <= -0.99 * LEAST_RESISTANCE * np.linalg.norm(traction) + 1e-9 * law.stiffness
+    )
 
 
-@pytest.mark.parametrize("law", [*ANY_LAW, agarwal2023(surface_friction=1.0)], ids=lambda law: law.name)
+@pytest.mark.parametrize(
+    "law", [*ANY_LAW, agarwal2023(surface_friction=1.0)], ids=lambda law: law.name
+)
 def test_grains_resist_in_every_one_of_half_a_million_directions(law):
     """β, γ and ψ on a grid, by the loop itself. agarwal2023 pushed faces that look up on, by up to 0.003 N/cm³."""
     azimuths, heights = np.meshgrid(np.linspace(0.0, np.pi, 91), np.linspace(-1.0, 1.0, 91))
     flat = np.sqrt(1.0 - heights**2)
-    v = np.stack([flat * np.cos(azimuths), flat * np.sin(azimuths), heights], axis=-1).reshape(-1, 3)
+    v = np.stack([flat * np.cos(azimuths), flat * np.sin(azimuths), heights], axis=-1).reshape(
+        -1, 3
+    )
     states = np.zeros((len(v), 13))
     states[:, 2], states[:, 6], states[:, 7:10] = -1.0, 1.0, v
     for beta in np.radians(np.arange(0.0, 181.0, 3.0)):
@@ -75,12 +93,17 @@ def test_grains_resist_in_every_one_of_half_a_million_directions(law):
         assert (force @ n <= 1e-9 * law.stiffness).all(), np.degrees(beta)
 
 
-@pytest.mark.parametrize("law", [ANY_LAW[0], treers2021(MEDIA["generic"], TABLE)], ids=["constant", "table"])
+@pytest.mark.parametrize(
+    "law", [ANY_LAW[0], treers2021(MEDIA["generic"], TABLE)], ids=["constant", "table"]
+)
 def test_rounding_does_not_decide_the_force_on_a_plate_that_moves_along_itself(law):
     """At v23 = 0 γ is 0 or 180° by rounding, and in level motion backwards 180 or -180°."""
     drags = []
     for yaw in np.radians(np.arange(0.0, 360.0, 7.0)):
-        n, along = np.array([np.cos(yaw), np.sin(yaw), 0.0]), np.array([-np.sin(yaw), np.cos(yaw), 0.0])
+        n, along = (
+            np.array([np.cos(yaw), np.sin(yaw), 0.0]),
+            np.array([-np.sin(yaw), np.cos(yaw), 0.0]),
+        )
         for push in (0.0, 1e-12, -1e-12):
             for sink in (0.0, 1e-12, -1e-12):
                 v = along + push * n + [0.0, 0.0, sink]

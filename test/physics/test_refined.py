@@ -50,8 +50,12 @@ def converged():
     return spread(refined(trimesh.creation.icosphere(subdivisions=5, radius=RADIUS)))[1]
 
 
-@pytest.mark.parametrize(("subdivisions", "noise", "bias"), [(1, 0.044, 0.014), (2, 0.014, 0.004), (3, 0.0055, 0.001)])
-def test_a_half_buried_sphere_feels_the_same_force_in_every_orientation(subdivisions, noise, bias, converged):
+@pytest.mark.parametrize(
+    ("subdivisions", "noise", "bias"), [(1, 0.044, 0.014), (2, 0.014, 0.004), (3, 0.0055, 0.001)]
+)
+def test_a_half_buried_sphere_feels_the_same_force_in_every_orientation(
+    subdivisions, noise, bias, converged
+):
     """80, 320 and 1,280 facets; published rule: 17, 6 and 2.6 % of noise, and a force 12, 3 and 0.8 % too small."""
     mesh = trimesh.creation.icosphere(subdivisions=subdivisions, radius=RADIUS)
     by_refined, mean = spread(refined(mesh))
@@ -105,7 +109,9 @@ def triangle_plates(triangles, half_angle=0.02):
 
 
 @given(st.tuples(corner, corner, corner), st.floats(-0.012, 0.012), st.tuples(unit, unit, unit))
-def test_cutting_a_triangle_in_four_changes_nothing_while_it_moves_without_turning(triangle, height, velocity):
+def test_cutting_a_triangle_in_four_changes_nothing_while_it_moves_without_turning(
+    triangle, height, velocity
+):
     """Wherever the surface cuts it: it cuts the parts at other corners, so no case differs from the next."""
     a, b, c = t = np.array(triangle)
     if np.linalg.norm(np.cross(b - a, c - a)) < 1e-8 or np.linalg.norm(velocity) < 1e-3:
@@ -128,15 +134,23 @@ def test_a_vertical_plate_is_pressed_at_two_thirds_of_its_depth_wherever_the_sur
         f, t, area = np.split(wrenches(plates, LAW, state)[0], [3, 6])
         pressed = -f[0]
         point = Plates.from_arrays([[0, 0, 0]], [[1, 0, 0]], [w * depth])
-        by_point = wrenches(point, LAW, checked_states([0, 0, -depth / 2, 0, 0, 0, 1, 0.01, 0, 0, 0, 0, 0]))[0]
+        by_point = wrenches(
+            point, LAW, checked_states([0, 0, -depth / 2, 0, 0, 0, 1, 0.01, 0, 0, 0, 0, 0])
+        )[0]
         assert pressed == pytest.approx(-by_point[0], rel=1e-12)
         assert area[0] == pytest.approx(w * depth, rel=1e-12)
-        assert t[1] == pytest.approx(f[0] * depth / 3, rel=1e-9)  # a third of the depth above the lower edge
+        assert t[1] == pytest.approx(
+            f[0] * depth / 3, rel=1e-9
+        )  # a third of the depth above the lower edge
 
 
 def test_the_two_sides_of_a_thin_plate_that_moves_along_itself_share_one_sides_load():
     side, depth = 0.03, 0.05
-    quad = np.array([[0, 0, 0], [side, 0, 0], [side, 0, side], [0, 0, side]]) - [0, 0, depth + side / 2]
+    quad = np.array([[0, 0, 0], [side, 0, 0], [side, 0, side], [0, 0, side]]) - [
+        0,
+        0,
+        depth + side / 2,
+    ]
     two = np.concatenate([quad[[[0, 1, 2], [0, 2, 3]]], quad[[[0, 2, 1], [0, 3, 2]]]])
     along = checked_states([0, 0, 0, 0, 0, 0, 1, 0.01, 0, 0, 0, 0, 0])
     f = wrenches(triangle_plates(two, FLAT_HALF_ANGLE), LAW, along)[0, :3]
@@ -145,7 +159,9 @@ def test_the_two_sides_of_a_thin_plate_that_moves_along_itself_share_one_sides_l
     assert f[1] == pytest.approx(0.0, abs=1e-9 * one_side)
     a_little_over = checked_states([0, 0, 0, 0, 0, 0, 1, 0.01, 1e-9, 0, 0, 0, 0])
     np.testing.assert_allclose(
-        wrenches(triangle_plates(two, FLAT_HALF_ANGLE), LAW, a_little_over)[0, :3], f, atol=1e-4 * one_side
+        wrenches(triangle_plates(two, FLAT_HALF_ANGLE), LAW, a_little_over)[0, :3],
+        f,
+        atol=1e-4 * one_side,
     )
 
 
@@ -172,7 +188,11 @@ def test_flat_faces_keep_their_area_and_begin_to_lead_over_a_degree():
         (trimesh.creation.uv_sphere(radius=1.0, count=[12, 12]), 4 * np.pi, 0.01),
         (trimesh.creation.cylinder(radius=1.0, height=3.0, sections=16), 8 * np.pi, 5e-3),
         (trimesh.creation.capsule(height=2.0, radius=1.0, count=[16, 16]), 8 * np.pi, 0.01),
-        (trimesh.creation.torus(2.0, 0.7, major_sections=24, minor_sections=12), 5.6 * np.pi**2, 5e-3),
+        (
+            trimesh.creation.torus(2.0, 0.7, major_sections=24, minor_sections=12),
+            5.6 * np.pi**2,
+            5e-3,
+        ),
     ],
     ids=["sphere", "uv sphere", "cylinder", "capsule", "torus"],
 )
@@ -183,8 +203,12 @@ def test_curved_tools_get_the_area_of_the_surface_back(mesh, area, tolerance):
 
 def test_a_facet_soup_is_refined_like_the_mesh_it_came_from():
     mesh = trimesh.creation.icosphere(subdivisions=2, radius=RADIUS)
-    soup = trimesh.Trimesh(mesh.triangles.reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3), process=False)
-    np.testing.assert_allclose(refined(soup).centroid_rows, refined(mesh).centroid_rows, atol=1e-12)
+    soup = trimesh.Trimesh(
+        mesh.triangles.reshape(-1, 3), np.arange(3 * len(mesh.faces)).reshape(-1, 3), process=False
+    )
+    np.testing.assert_allclose(
+        refined(soup).centroid_rows, refined(mesh).centroid_rows, atol=1e-12
+    )
 
 
 def test_the_inside_of_a_bowl_is_moved_outwards_not_inwards():
@@ -222,13 +246,22 @@ def cone(radius, height, sections):
 @pytest.mark.parametrize("motion", ["down", "along"])
 @pytest.mark.parametrize(
     ("radius", "height", "sections", "within"),
-    [(0.02, 0.06, 12, 0.035), (0.02, 0.06, 48, 0.004), (0.02, 0.06, 200, 0.002), (0.06, 0.02, 48, 0.002)],
+    [
+        (0.02, 0.06, 12, 0.035),
+        (0.02, 0.06, 48, 0.004),
+        (0.02, 0.06, 200, 0.002),
+        (0.06, 0.02, 48, 0.002),
+    ],
 )
-def test_a_cone_of_one_facet_a_side_has_the_force_of_a_fine_one(motion, radius, height, sections, within):
+def test_a_cone_of_one_facet_a_side_has_the_force_of_a_fine_one(
+    motion, radius, height, sections, within
+):
     """Its tip has no normal. Taken for curved, it moved outwards by 11 mm, and the force was three times too large."""
     states = np.zeros((1, 13))
     states[0, 6] = 1.0
-    states[0, 2], states[0, 7], states[0, 9] = (-0.05, 0.0, -0.01) if motion == "down" else (-0.03, 0.01, 0.0)
+    states[0, 2], states[0, 7], states[0, 9] = (
+        (-0.05, 0.0, -0.01) if motion == "down" else (-0.03, 0.01, 0.0)
+    )
     states = checked_states(states)
     fine = cone(radius, height, 200 if radius < height else sections)
     while len(fine.faces) < 20_000:
@@ -250,7 +283,9 @@ def blade():
     bent = trimesh.creation.box((0.07, 0.1, 0.002)).subdivide().subdivide().subdivide().subdivide()
     x, y, z = bent.vertices.T
     angle, radius = x / 0.06, 0.06 + z
-    return trimesh.Trimesh(np.column_stack([radius * np.sin(angle), y, radius * np.cos(angle) - 0.06]), bent.faces)
+    return trimesh.Trimesh(
+        np.column_stack([radius * np.sin(angle), y, radius * np.cos(angle) - 0.06]), bent.faces
+    )
 
 
 @given(seed=st.integers(0, 10_000), turn=st.integers(0, 10_000), bent=st.booleans())

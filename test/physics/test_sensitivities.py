@@ -20,8 +20,13 @@ from rft_ros.rft import (
 )
 from rft_ros.tool import load_tool
 
-TOOLS = {integration: load_tool("ellipsoid", integration=integration).plates for integration in ("centroid", "refined")}
-DOWN = np.array([[0.0, 0.0, -0.005, 0.1, 0.2, 0.3, 0.92736185, 0.003, 0.004, -0.005, 0.2, 0.1, 0.3]])
+TOOLS = {
+    integration: load_tool("ellipsoid", integration=integration).plates
+    for integration in ("centroid", "refined")
+}
+DOWN = np.array(
+    [[0.0, 0.0, -0.005, 0.1, 0.2, 0.3, 0.92736185, 0.003, 0.004, -0.005, 0.2, 0.1, 0.3]]
+)
 
 
 def column(result, *names):
@@ -49,7 +54,9 @@ def test_the_change_with_the_surface_height_is_that_of_finite_differences(integr
     state = DOWN.copy()
     state[0, 2], state[0, 10:] = height, 0.0
     low, high = (wrenches(plates, CONSTANT, state, surface_height=h)[0, :3] for h in (-step, step))
-    derivative = column(wrenches(plates, CONSTANT, state, sensitivities=True), "dfx_dh", "dfy_dh", "dfz_dh")[0]
+    derivative = column(
+        wrenches(plates, CONSTANT, state, sensitivities=True), "dfx_dh", "dfy_dh", "dfz_dh"
+    )[0]
     np.testing.assert_allclose(derivative, (high - low) / (2.0 * step), rtol=1e-5, atol=1e-3)
 
 

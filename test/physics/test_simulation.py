@@ -11,7 +11,14 @@ import pytest
 from scenes import GENERIC
 
 from rft_ros.ground import HeightMap
-from rft_ros.rft import Memory, alpha_y_model, checked_states, rotation_matrix, treers2021, wrenches_in_time
+from rft_ros.rft import (
+    Memory,
+    alpha_y_model,
+    checked_states,
+    rotation_matrix,
+    treers2021,
+    wrenches_in_time,
+)
 from rft_ros.simulation import Grains, GrainsBatch, free_body
 from rft_ros.tool import load_tool
 
@@ -31,7 +38,9 @@ def pressed(n=120, depth=0.015, drag=0.005, turn=0.1):
     states = np.zeros((n, 13))
     states[:, 2], states[:, 0] = 0.002 - depth * down, drag * along
     states[:, 5], states[:, 6] = np.sin(0.5 * turn * along), np.cos(0.5 * turn * along)
-    states[:, 7:] = np.gradient(np.column_stack([states[:, :3], 0 * s, 0 * s, turn * along]), 0.01, axis=0)
+    states[:, 7:] = np.gradient(
+        np.column_stack([states[:, :3], 0 * s, 0 * s, turn * along]), 0.01, axis=0
+    )
     return states
 
 
@@ -39,7 +48,9 @@ def stepped(grains, states, dt=0.01):
     return np.array([grains.step(s[:3], s[3:7], s[7:], dt) for s in states])
 
 
-@pytest.mark.parametrize("law", [LAW, replace(LAW, density=2000.0, inertia=1.0)], ids=["slow", "inertia"])
+@pytest.mark.parametrize(
+    "law", [LAW, replace(LAW, density=2000.0, inertia=1.0)], ids=["slow", "inertia"]
+)
 def test_a_step_gives_the_bytes_of_wrenches_in_time(plate, law):
     states = checked_states(pressed())
     whole = wrenches_in_time(plate.plates, law, states, Memory(plate.plates))
@@ -50,7 +61,9 @@ def test_neither_the_layout_of_the_states_nor_the_type_of_the_step_counts(plate)
     felt = []
     for order, dt in (("C", 1.0), ("F", 1)):
         grains = GrainsBatch(plate, LAW, bodies=4)
-        felt += [[grains.step(np.array(pressed()[k : k + 4], order=order), dt) for k in (30, 34)][-1]]
+        felt += [
+            [grains.step(np.array(pressed()[k : k + 4], order=order), dt) for k in (30, 34)][-1]
+        ]
     assert felt[0].all(axis=0).any()
     assert felt[0].tobytes() == felt[1].tobytes()
 
@@ -63,8 +76,12 @@ def test_threads_on_a_map_with_slopes_change_nothing(plate):
     path[:, :, :2] += rng.uniform(-0.1, 0.1, (64, 2))
     yaw = rng.uniform(-3.0, 3.0, 64)  # or all bodies would have the same corners, in world axes
     path[:, :, 5], path[:, :, 6] = np.sin(0.5 * yaw), np.cos(0.5 * yaw)
-    one, two = (GrainsBatch(plate, LAW, bodies=64, ground=hills, threads=threads) for threads in (1, 2))
-    assert [two.step(s, 0.01).tobytes() for s in path] == [one.step(s, 0.01).tobytes() for s in path]
+    one, two = (
+        GrainsBatch(plate, LAW, bodies=64, ground=hills, threads=threads) for threads in (1, 2)
+    )
+    assert [two.step(s, 0.01).tobytes() for s in path] == [
+        one.step(s, 0.01).tobytes() for s in path
+    ]
 
 
 def test_the_stiffness_is_what_a_small_motion_changes(plate):
@@ -81,7 +98,12 @@ def test_the_stiffness_is_what_a_small_motion_changes(plate):
         moved[:3] += step[:3]
         x, y, z, w = moved[3:7]
         a, b, c = 0.5 * step[3:]
-        moved[3:7] = x + w * a + b * z - c * y, y + w * b + c * x - a * z, z + w * c + a * y - b * x, w - c * z
+        moved[3:7] = (
+            x + w * a + b * z - c * y,
+            y + w * b + c * x - a * z,
+            z + w * c + a * y - b * x,
+            w - c * z,
+        )
         moved[3:7] /= np.linalg.norm(moved[3:7])
         grains.restore(state)
         grains.step(*np.split(states[-1], [3, 7]), 0.01)  # the pose from which it moves
@@ -129,7 +151,12 @@ def test_one_environment_is_reset_without_the_others(plate):
 )
 def test_a_bad_step_is_refused_and_forgotten(plate, change, message):
     grains = Grains(plate, LAW)
-    good = {"position": [0.0, 0.0, -0.01], "quaternion": [0, 0, 0, 1], "twist": [0, 0, -0.01, 0, 0, 0], "dt": 0.01}
+    good = {
+        "position": [0.0, 0.0, -0.01],
+        "quaternion": [0, 0, 0, 1],
+        "twist": [0, 0, -0.01, 0, 0, 0],
+        "dt": 0.01,
+    }
     grains.step(**good)
     before = pickle.dumps(grains.state())
     with pytest.raises(ValueError, match=message):
@@ -147,7 +174,9 @@ def test_bad_grains_are_refused(plate):
     for bodies in (0, 1.5, np.nan, 10**9):
         with pytest.raises(ValueError, match=f"bodies is {bodies}"):
             GrainsBatch(plate, LAW, bodies=bodies)
-    with pytest.raises(TypeError, match=r"ground is a str; read one with rft_ros\.ground\.read_height_map"):
+    with pytest.raises(
+        TypeError, match=r"ground is a str; read one with rft_ros\.ground\.read_height_map"
+    ):
         Grains(plate, LAW, ground="bed.csv")
     two, three = (GrainsBatch(plate, LAW, bodies=n) for n in (2, 3))
     with pytest.raises(ValueError, match="3 rows; there are 2 bodies"):
@@ -166,7 +195,9 @@ def held(mass, stiffness, hold, *, load=0.0):
     """
     grains = Grains(load_tool("plate", tolerance=0.025), LAW)
     dt, depth = 0.001, -0.0184
-    goals = np.array([[0, 0, 0.003], [0, 0, depth], [0.02, 0, depth], [0.01, 0, depth]])[: 2 if load else 4]
+    goals = np.array([[0, 0, 0.003], [0, 0, depth], [0.02, 0, depth], [0.01, 0, depth]])[
+        : 2 if load else 4
+    ]
     rest = 11.0 if load else 1.5
     ways = np.linalg.norm(np.diff(goals, axis=0), axis=1) / 0.02
     times = np.cumsum([0.0, *(t for path in ways for t in (path, rest))])
@@ -178,10 +209,15 @@ def held(mass, stiffness, hold, *, load=0.0):
         push = np.array([load if k * dt > times[1] + 1.0 else 0.0, 0.0, 0.0])
         if k % round(hold / dt) == 0:
             known = {}
-            if hold > dt:  # as the arm's own spring and damper show it over the time for which the force is held
+            if (
+                hold > dt
+            ):  # as the arm's own spring and damper show it over the time for which the force is held
                 one = 1.0 / (mass + hold * damping + hold * hold * stiffness)
                 free = one * (stiffness * (goal - x - hold * v) - damping * v + push)
-                known = {"inverse_inertia": np.diag([one] * 3 + [0.0] * 3), "free_acceleration": [*free, 0, 0, 0]}
+                known = {
+                    "inverse_inertia": np.diag([one] * 3 + [0.0] * 3),
+                    "free_acceleration": [*free, 0, 0, 0],
+                }
             force = grains.step(x, [0.0, 0, 0, 1], [*v, 0, 0, 0], hold, **known)[:3]
         free = v + dt / mass * (stiffness * (goal - x) + force + push)
         v = free / (1.0 + dt * damping / mass + dt * dt * stiffness / mass)
@@ -192,10 +228,18 @@ def held(mass, stiffness, hold, *, load=0.0):
     table, scatters = np.array(rows), []
     for end in times[2::2]:
         forces = table[int((end - 0.4) / dt) : int(end / dt), :3]
-        scatters.append(np.linalg.norm(np.ptp(forces, axis=0)) / np.linalg.norm(forces.mean(axis=0)))
+        scatters.append(
+            np.linalg.norm(np.ptp(forces, axis=0)) / np.linalg.norm(forces.mean(axis=0))
+        )
     before, after = (table[int((times[1] + wait) / dt), 3:] for wait in (1.0, 1.2))
     yielded, creep, speed = (np.linalg.norm(v) for v in (after - before, x - after, v))
-    return {"scatter": max(scatters), "net": net / took, "yielded": yielded, "creep": creep, "speed": speed}
+    return {
+        "scatter": max(scatters),
+        "net": net / took,
+        "yielded": yielded,
+        "creep": creep,
+        "speed": speed,
+    }
 
 
 @pytest.mark.parametrize(
@@ -211,7 +255,12 @@ def test_an_impedance_arm_holds_still_and_gets_no_work(mass, stiffness, hold):
 
 def fallen(grains, mass, dt, seconds):
     """A body laid on the bed, free to move, by the loop of examples/numpy_loop.py; returns states, shape [n, 13]."""
-    x, q, v, free = np.array([0, 0, 0.0025]), np.array([0.06, 0.04, 0, 0.9974]), np.zeros(6), -9.81 * np.eye(6)[2]
+    x, q, v, free = (
+        np.array([0, 0, 0.0025]),
+        np.array([0.06, 0.04, 0, 0.9974]),
+        np.zeros(6),
+        -9.81 * np.eye(6)[2],
+    )
     states = []
     for _ in range(round(seconds / dt)):
         q = q / np.linalg.norm(q)
@@ -247,7 +296,9 @@ def test_the_inverse_inertia_of_a_free_body_is_about_the_origin_of_its_frame():
 
 
 def test_bodies_of_a_batch_have_their_own_strength_height_and_inertia(plate):
-    batch = GrainsBatch(plate, LAW, bodies=3, strength=[1.0, 0.5, 2.0], surface_height=[0.0, 0.001, 0.0])
+    batch = GrainsBatch(
+        plate, LAW, bodies=3, strength=[1.0, 0.5, 2.0], surface_height=[0.0, 0.001, 0.0]
+    )
     path = pressed()[:70]
     raised = path.copy()
     raised[:, 2] += 0.001
@@ -292,12 +343,22 @@ def with_a_gap_of_nan(state):
         (lambda batch: batch.reset([0.5]), "give indices"),
         (lambda batch: batch.reset([np.nan]), "give indices"),
         (lambda batch: batch.restore(with_a_gap_of_nan(batch.state())), "'memory'.*finite"),
-        (lambda batch: batch.step(pressed()[:2], 0.01, inverse_inertia=np.eye(6)), "free_acceleration is missing"),
         (
-            lambda batch: batch.step(pressed()[:2], 0.01, inverse_inertia=np.eye(5), free_acceleration=0.0),
+            lambda batch: batch.step(pressed()[:2], 0.01, inverse_inertia=np.eye(6)),
+            "free_acceleration is missing",
+        ),
+        (
+            lambda batch: batch.step(
+                pressed()[:2], 0.01, inverse_inertia=np.eye(5), free_acceleration=0.0
+            ),
             "inverse_inertia",
         ),
-        (lambda batch: batch.step(pressed()[:2], 1e9, inverse_inertia=np.eye(6), free_acceleration=np.ones(6)), "dt"),
+        (
+            lambda batch: batch.step(
+                pressed()[:2], 1e9, inverse_inertia=np.eye(6), free_acceleration=np.ones(6)
+            ),
+            "dt",
+        ),
     ],
 )
 def test_what_bodies_of_a_batch_cannot_take_is_said(plate, call, message):
@@ -309,8 +370,13 @@ def test_what_bodies_of_a_batch_cannot_take_is_said(plate, call, message):
 
 
 def test_a_tool_that_leaves_the_map_meets_the_height_of_its_edge(plate):
-    ground = HeightMap(cell=0.005, corner=(-20.0, -20.0), heights=np.full((40, 40), 0.004, dtype=np.float32))
-    raised, mapped = Grains(plate, LAW, surface_height=float(np.float32(0.004))), Grains(plate, LAW, ground=ground)
+    ground = HeightMap(
+        cell=0.005, corner=(-20.0, -20.0), heights=np.full((40, 40), 0.004, dtype=np.float32)
+    )
+    raised, mapped = (
+        Grains(plate, LAW, surface_height=float(np.float32(0.004))),
+        Grains(plate, LAW, ground=ground),
+    )
     states = pressed()
     states[60:, 0] += np.linspace(0.0, 1.0, 60)  # the map ends after 0.1 m
     assert np.allclose(stepped(mapped, states), stepped(raised, states), rtol=1e-6, atol=1e-6)
@@ -325,7 +391,9 @@ def test_a_sideways_load_below_the_drag_moves_nothing_and_one_above_yields_and_s
 
 
 def example(name):
-    return runpy.run_path(str(Path(__file__).resolve().parents[2] / "examples" / f"{name}.py"))["main"]
+    return runpy.run_path(str(Path(__file__).resolve().parents[2] / "examples" / f"{name}.py"))[
+        "main"
+    ]
 
 
 def test_the_loop_of_ten_lines_comes_to_rest(capsys):

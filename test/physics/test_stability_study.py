@@ -9,7 +9,10 @@ from studies.stability import share_in_wake
 @pytest.mark.usefixtures("shared_data")
 def test_the_hull_that_check_mesh_recommends_predicts_dragged_hollow_tools_and_facets_the_beginning_of_a_press():
     error = {name: errors(name) for name in RUNS}
-    assert [error[name][1] <= most for name, most in (("rake", 0.15), ("cup_fwd", 0.25), ("pair9", 0.26))] == [True] * 3
+    assert [
+        error[name][1] <= most
+        for name, most in (("rake", 0.15), ("cup_fwd", 0.25), ("pair9", 0.26))
+    ] == [True] * 3
     facets, hull = error["cup_down"]
     assert facets < hull
 

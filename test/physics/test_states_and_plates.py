@@ -30,8 +30,14 @@ def test_the_callers_states_are_not_written_to():
 @pytest.mark.parametrize(
     ("states", "message"),
     [
-        *((np.zeros((2, n)), rf"states has shape \[2, {n}\]; it must be \[n, 13\]") for n in (12, 14)),
-        *(([[v] * 13], "states has values of type .*; they must be real numbers") for v in (1j, "1", None)),
+        *(
+            (np.zeros((2, n)), rf"states has shape \[2, {n}\]; it must be \[n, 13\]")
+            for n in (12, 14)
+        ),
+        *(
+            ([[v] * 13], "states has values of type .*; they must be real numbers")
+            for v in (1j, "1", None)
+        ),
     ],
 )
 def test_what_is_no_table_of_states_is_refused(states, message):
@@ -42,13 +48,19 @@ def test_what_is_no_table_of_states_is_refused(states, message):
 @pytest.mark.parametrize("column", STATE)
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 def test_a_number_that_is_not_finite_is_refused_by_row_and_column(column, value):
-    with pytest.raises(ValueError, match=f"row 1: {column} is {value}; it must be a finite number"):
+    with pytest.raises(
+        ValueError, match=f"row 1: {column} is {value}; it must be a finite number"
+    ):
         checked_states([STILL, state(**{column: value}), STILL])
 
 
-@pytest.mark.parametrize(("qw", "norm"), [(0.0, "0"), (0.98, "0.98"), (1.02, "1.02"), (1e-200, "0")])
+@pytest.mark.parametrize(
+    ("qw", "norm"), [(0.0, "0"), (0.98, "0.98"), (1.02, "1.02"), (1e-200, "0")]
+)
 def test_a_quaternion_that_is_not_a_rotation_is_refused_by_row(qw, norm):
-    with pytest.raises(ValueError, match=f"row 2: the quaternion qx, qy, qz, qw has norm {norm}; it must be 1"):
+    with pytest.raises(
+        ValueError, match=f"row 2: the quaternion qx, qy, qz, qw has norm {norm}; it must be 1"
+    ):
         checked_states([STILL, STILL, state(qw=qw)])
 
 
@@ -59,11 +71,15 @@ def test_a_quaternion_within_a_hundredth_of_unit_length_is_normalised(q, error):
     made = unit_quaternion(*[c * (1.0 + error) for c in unit])
     assert made == pytest.approx(unit, abs=1e-15)
     assert math.hypot(*made) == pytest.approx(1.0, abs=1e-15)
-    row = state(**dict(zip(("qx", "qy", "qz", "qw"), (c * (1.0 + error) for c in unit), strict=True)))
+    row = state(
+        **dict(zip(("qx", "qy", "qz", "qw"), (c * (1.0 + error) for c in unit), strict=True))
+    )
     assert checked_states(row)[0, QUATERNION] == pytest.approx(unit, abs=1e-15)
 
 
-@pytest.mark.parametrize("q", [(0, 0, 0, 0), (0, 0, 0, 1.011), (0, 0, 0, 0.989), (math.nan, 0, 0, 1), (1e200, 0, 0, 0)])
+@pytest.mark.parametrize(
+    "q", [(0, 0, 0, 0), (0, 0, 0, 1.011), (0, 0, 0, 0.989), (math.nan, 0, 0, 1), (1e200, 0, 0, 0)]
+)
 def test_a_quaternion_that_is_not_a_rotation_has_no_unit_quaternion(q):
     assert unit_quaternion(*q) is None
 
@@ -76,7 +92,9 @@ def test_the_rotation_matrix_turns_vectors_as_the_quaternion_does(q, r):
 
 
 def test_plates_know_their_number_area_and_reach():
-    plates = Plates.from_arrays([[0.03, 0, 0.04], [0, 0, 0.01]], [[0, 0, 2], [3, 0, 4]], [1e-4, 2e-4])
+    plates = Plates.from_arrays(
+        [[0.03, 0, 0.04], [0, 0, 0.01]], [[0, 0, 2], [3, 0, 4]], [1e-4, 2e-4]
+    )
     assert len(plates) == 2
     assert plates.area == pytest.approx(3e-4)
     assert plates.reach == pytest.approx(0.05)
@@ -106,6 +124,8 @@ ONE = ([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1e-4])
         (ONE[0], [[0, 0, 0]], ONE[2], "normals not zero"),
     ],
 )
-def test_arrays_that_are_not_plates_are_refused_with_a_sentence(centroids, normals, areas, complaint):
+def test_arrays_that_are_not_plates_are_refused_with_a_sentence(
+    centroids, normals, areas, complaint
+):
     with pytest.raises(ValueError, match=complaint):
         Plates.from_arrays(centroids, normals, areas)

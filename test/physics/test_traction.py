@@ -24,16 +24,25 @@ from rft_ros.rft import (
 def force(law, n, v):
     """The compiled force on a plate of 1 m² with normal n, 1 m deep."""
     plate = Plates.from_arrays([[0, 0, 0]], [n], [1.0])
-    return wrenches(plate, law, checked_states([0, 0, -1.0, 0, 0, 0, 1, *v, 0, 0, 0]))[0, :3].tolist()
+    return wrenches(plate, law, checked_states([0, 0, -1.0, 0, 0, 0, 1, *v, 0, 0, 0]))[
+        0, :3
+    ].tolist()
 
 
 steep = st.one_of(directions(), directions(-1.0, -0.99), directions(0.99, 1.0))
 
 
 @pytest.mark.parametrize("model", ALPHA_Y_MODELS)
-@example(n=(0.0044721247746346, 0.0, -0.99999), v=(-0.36039373215435, 0.78747467122686, -0.5), zeta=1.0, name="generic")
+@example(
+    n=(0.0044721247746346, 0.0, -0.99999),
+    v=(-0.36039373215435, 0.78747467122686, -0.5),
+    zeta=1.0,
+    name="generic",
+)
 @given(n=steep, v=steep, zeta=st.floats(0.01, 100.0), name=st.sampled_from(sorted(rule.MEDIA)))
-def test_the_traction_of_any_plate_in_any_medium_and_its_force_are_the_published_rules(model, n, v, zeta, name):
+def test_the_traction_of_any_plate_in_any_medium_and_its_force_are_the_published_rules(
+    model, n, v, zeta, name
+):
     # On the two edges of the rule, leading or not and horizontal or not, rounding decides.
     assume(abs(rule.dot(n, v)) > 1e-12 and abs(abs(n[2]) - FLAT) > 1e-12)
     assert model in rule.ALPHA_Y, "write the model's formula by hand in published_rule.py"
@@ -46,7 +55,9 @@ def test_the_traction_of_any_plate_in_any_medium_and_its_force_are_the_published
 
 
 @given(azimuth=st.floats(0.0, 360.0), v=directions(-0.999, -0.1))
-def test_just_under_the_horizontal_threshold_e2_is_the_normals_and_just_above_it_the_velocitys(azimuth, v):
+def test_just_under_the_horizontal_threshold_e2_is_the_normals_and_just_above_it_the_velocitys(
+    azimuth, v
+):
     """The rule jumps there, as published; on either side it is continuous, so that a hair changes a hair."""
     a = math.radians(azimuth)
     for nz, e2 in ((FLAT - 1e-9, (math.cos(a), math.sin(a))), (FLAT + 1e-9, (v[0] + 1e-5, v[1]))):
@@ -59,7 +70,9 @@ def test_just_under_the_horizontal_threshold_e2_is_the_normals_and_just_above_it
         gamma = -math.atan2(v[2], v2)
         weight = rule.f23(math.hypot(v2, v[2]))
         assert tz == pytest.approx(1e6 * weight * rule.alpha_z("generic", beta, gamma), abs=1e-3)
-        assert tx * e2x + ty * e2y == pytest.approx(-1e6 * weight * rule.alpha_x("generic", beta, gamma), abs=1e-3)
+        assert tx * e2x + ty * e2y == pytest.approx(
+            -1e6 * weight * rule.alpha_x("generic", beta, gamma), abs=1e-3
+        )
         near = traction_per_depth(CONSTANT, *n, v[0] + 1e-9, v[1], v[2])
         assert near == pytest.approx((tx, ty, tz), abs=1e6 * 1e-5)
 

@@ -10,7 +10,9 @@ from rft_ros.rft import traction as vw
 
 @pytest.mark.parametrize("place", [0, 1], ids=["f1", "f23"])
 @given(share=st.floats(0.0, 1.0), excess=st.floats(0.0, 1e-9))
-def test_a_weight_is_the_published_one_to_1e_12_exactly_0_at_0_and_no_more_than_1(place, share, excess):
+def test_a_weight_is_the_published_one_to_1e_12_exactly_0_at_0_and_no_more_than_1(
+    place, share, excess
+):
     published, by_library = ((rule.f1, vw.exact_f1), (rule.f23, vw.exact_f23))[place]
     assert vw.f1_and_f23(share, share)[place] == pytest.approx(published(share), abs=1e-12)
     assert by_library(share) == pytest.approx(published(share), abs=1e-14)

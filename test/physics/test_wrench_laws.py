@@ -20,12 +20,24 @@ from scenes import (
     without_flat,
 )
 
-from rft_ros.rft import ANGULAR_VELOCITY, QUATERNION, VELOCITY, Plates, plate_forces, rotation_matrix, wrenches
+from rft_ros.rft import (
+    ANGULAR_VELOCITY,
+    QUATERNION,
+    VELOCITY,
+    Plates,
+    plate_forces,
+    rotation_matrix,
+    wrenches,
+)
 
 LAWS = pytest.mark.parametrize(
-    "law", [CONSTANT, LINEAR, AGARWAL, INERTIAL], ids=["constant", "linear", "agarwal2023", "inertia"]
+    "law",
+    [CONSTANT, LINEAR, AGARWAL, INERTIAL],
+    ids=["constant", "linear", "agarwal2023", "inertia"],
 )
-RATE_INDEPENDENT = pytest.mark.parametrize("law", [CONSTANT, AGARWAL], ids=["constant", "agarwal2023"])
+RATE_INDEPENDENT = pytest.mark.parametrize(
+    "law", [CONSTANT, AGARWAL], ids=["constant", "agarwal2023"]
+)
 
 
 def scene(seed, rule, plates=60):
@@ -65,18 +77,28 @@ def test_turning_the_whole_scene_about_the_vertical_turns_the_wrench(rule, law, 
     body = without_flat(body, state[0])
     after, turn = yawed(state, angle)
     before = wrench(body, law, state)
-    assert_same(wrench(body, law, after), np.concatenate([turn @ before[:3], turn @ before[3:]]), accuracy=1e-11)
+    assert_same(
+        wrench(body, law, after),
+        np.concatenate([turn @ before[:3], turn @ before[3:]]),
+        accuracy=1e-11,
+    )
 
 
 @given(angle=st.floats(-math.pi, math.pi), fall=st.floats(0.0, 80.0))
-def test_for_a_horizontal_plate_turning_the_scene_turns_the_wrench_up_to_the_published_nudge(angle, fall):
+def test_for_a_horizontal_plate_turning_the_scene_turns_the_wrench_up_to_the_published_nudge(
+    angle, fall
+):
     """The nudge of 1e-5 of the speed turns e2 by at most 1e-5 / cos(fall): bounded here by 1e-4 of the force."""
     plate = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, -1.0]], [1e-4])
     f = math.radians(fall)
     state = np.array([[0, 0, -0.01, 0, 0, 0, 1, math.cos(f), 0, -math.sin(f) - 1e-3, 0, 0, 0]])
     after, turn = yawed(state, angle)
     before = wrench(plate, CONSTANT, state)
-    assert_same(wrench(plate, CONSTANT, after), np.concatenate([turn @ before[:3], turn @ before[3:]]), accuracy=1e-4)
+    assert_same(
+        wrench(plate, CONSTANT, after),
+        np.concatenate([turn @ before[:3], turn @ before[3:]]),
+        accuracy=1e-4,
+    )
 
 
 @RULES
@@ -132,7 +154,9 @@ def test_the_wrench_of_a_body_is_the_sum_of_its_parts(rule, law, seed, cut):
     body, state, _ = scene(seed, rule)
     parts = [Plates(body.rows[:, s]) for s in (slice(None, cut), slice(cut, None))]
     # A body's fastest point sets the common factor of its speeds, so the parts round differently.
-    assert_same(sum(wrench(part, law, state) for part in parts), wrench(body, law, state), accuracy=1e-9)
+    assert_same(
+        sum(wrench(part, law, state) for part in parts), wrench(body, law, state), accuracy=1e-9
+    )
 
 
 @RULES

@@ -32,7 +32,9 @@ def ros() -> Iterator[None]:
 def start_node() -> Iterator[Callable[..., Harness]]:
     """Start a node in this process, with arguments that follow ``--ros-args``."""
     with contextlib.ExitStack() as started:
-        yield lambda *arguments, **options: started.enter_context(contextlib.closing(Harness(*arguments, **options)))
+        yield lambda *arguments, **options: started.enter_context(
+            contextlib.closing(Harness(*arguments, **options))
+        )
 
 
 @pytest.fixture

@@ -60,7 +60,9 @@ class Harness:
 
     def __init__(self, *arguments: str, reliable: bool = False, as_shipped: bool = False) -> None:
         """`as_shipped`: with the default model in place of `WITHOUT_MEMORY`."""
-        arguments = self._named(arguments if as_shipped else (*WITHOUT_MEMORY, *arguments), reliable)
+        arguments = self._named(
+            arguments if as_shipped else (*WITHOUT_MEMORY, *arguments), reliable
+        )
         with mock.patch.object(rft_node, "DIAGNOSTICS_PERIOD", 0.1):
             self._rft = rft_node.RftNode(InlineWorker(), arguments=["--ros-args", *arguments])
         self._open(rft_node.executor_of(self._rft))
@@ -73,8 +75,14 @@ class Harness:
         """Chooses the node's name; the arguments that give it, before those of the test."""
         namespace = f"/node{next(_NUMBERS)}"
         self.name = f"{namespace}/rft"
-        topics = (f"{self.name}/{topic}" for topic in ("pose", "twist", "wrench_measured") if reliable)
-        qos = [w for t in topics for w in ("-p", f"qos_overrides.{t}.subscription.reliability:=reliable")]
+        topics = (
+            f"{self.name}/{topic}" for topic in ("pose", "twist", "wrench_measured") if reliable
+        )
+        qos = [
+            w
+            for t in topics
+            for w in ("-p", f"qos_overrides.{t}.subscription.reliability:=reliable")
+        ]
         return ["-r", f"__ns:={namespace}", *qos, *arguments]
 
     def _open(self, executor: Executor) -> None:
@@ -87,13 +95,17 @@ class Harness:
         self.open_inputs()
         self.received: dict[str, list[WrenchStamped]] = {topic: [] for topic in OUTPUTS}
         for topic in OUTPUTS:
-            self.node.create_subscription(WrenchStamped, f"{self.name}/{topic}", self.received[topic].append, qos)
+            self.node.create_subscription(
+                WrenchStamped, f"{self.name}/{topic}", self.received[topic].append, qos
+            )
         self.diagnostics: list[DiagnosticArray] = []
         self.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, qos)
         self._clients: dict[str, object] = {}
 
     def _on_diagnostics(self, message: DiagnosticArray) -> None:
-        if message.status[0].name.startswith(f"{self.name}:"):  # other nodes report on the same topic
+        if message.status[0].name.startswith(
+            f"{self.name}:"
+        ):  # other nodes report on the same topic
             self.diagnostics.append(message)
 
     def _on_log(self, message: Log) -> None:
@@ -106,7 +118,9 @@ class Harness:
         qos = qos or QoSProfile(depth=1000)
         self.pose = self.node.create_publisher(PoseStamped, f"{self.name}/pose", qos)
         self.twist = self.node.create_publisher(TwistStamped, f"{self.name}/twist", qos)
-        self.wrench = self.node.create_publisher(WrenchStamped, f"{self.name}/wrench_measured", qos)
+        self.wrench = self.node.create_publisher(
+            WrenchStamped, f"{self.name}/wrench_measured", qos
+        )
 
     def close_inputs(self) -> None:
         for publisher in (self.pose, self.twist, self.wrench):
@@ -162,7 +176,9 @@ class Harness:
         while True:
             client = self._clients.get(name)
             if client is None:
-                client = self._clients[name] = self.node.create_client(service, f"{self.name}/{name}")
+                client = self._clients[name] = self.node.create_client(
+                    service, f"{self.name}/{name}"
+                )
             self.until(lambda client=client: client.wait_for_service(timeout_sec=0.5))
             future, end = client.call_async(request), time.monotonic() + 60.0
             self.until(lambda future=future, end=end: future.done() or time.monotonic() > end)
@@ -171,7 +187,9 @@ class Harness:
             self.node.destroy_client(self._clients.pop(name))
 
     def get(self, name: str) -> ParameterValue:
-        return self.call(GetParameters, "get_parameters", GetParameters.Request(names=[name])).values[0]
+        return self.call(
+            GetParameters, "get_parameters", GetParameters.Request(names=[name])
+        ).values[0]
 
     def set(self, **values: object) -> tuple[bool, str]:
         """Set parameters together (dots as double underscores); (successful, reason)."""
@@ -223,7 +241,9 @@ class Harness:
             if time.monotonic() > again:
                 again = time.monotonic() + 3.0
                 self.send(stamp, **inputs)
-            return next((m for m in self.received["wrench_predicted"] if stamp_of(m) == stamp), None)
+            return next(
+                (m for m in self.received["wrench_predicted"] if stamp_of(m) == stamp), None
+            )
 
         self.until(answer)
         return answer()
@@ -231,7 +251,9 @@ class Harness:
     def diagnostic(self, component: str) -> tuple[bytes, str, dict[str, str]]:
         """The next report of a component: level, message, values."""
         idle = 0
-        while idle < 20:  # reports made before this call may be queued, among answers on other topics
+        while (
+            idle < 20
+        ):  # reports made before this call may be queued, among answers on other topics
             seen = len(self.diagnostics)
             self.executor.spin_once(timeout_sec=0.0)
             idle = 0 if len(self.diagnostics) > seen else idle + 1
@@ -240,7 +262,9 @@ class Harness:
         return self.last_status(component)
 
     def last_status(self, component: str) -> tuple[bytes, str, dict[str, str]]:
-        status = next(s for s in self.diagnostics[-1].status if s.name == f"{self.name}: {component}")
+        status = next(
+            s for s in self.diagnostics[-1].status if s.name == f"{self.name}: {component}"
+        )
         return status.level, status.message, {v.key: v.value for v in status.values}
 
 
@@ -260,7 +284,9 @@ class NodeProcess(Harness):
                 cwd=folder,
                 preexec_fn=_end_with_tests,
             )
-        self._open(SingleThreadedExecutor())  # rclpy.spin_once would add and remove the node at each call
+        self._open(
+            SingleThreadedExecutor()
+        )  # rclpy.spin_once would add and remove the node at each call
 
     def stop(self, number: int = signal.SIGINT) -> int:
         if self.process.poll() is None:
@@ -317,7 +343,10 @@ def numbers(message: WrenchStamped) -> np.ndarray:
 
 
 def parameters(values: Mapping[str, object]) -> list[ParameterMessage]:
-    return [Parameter(name.replace("__", "."), value=value).to_parameter_msg() for name, value in values.items()]
+    return [
+        Parameter(name.replace("__", "."), value=value).to_parameter_msg()
+        for name, value in values.items()
+    ]
 
 
 def stamp_of(message: object) -> int:

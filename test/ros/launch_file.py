@@ -24,7 +24,9 @@ PATIENCE = 600.0  # s: a first start compiles, and other work may keep every cor
 
 def generate_test_description() -> LaunchDescription:
     file = str(ROOT / "launch" / "rft.launch.py")
-    return LaunchDescription([IncludeLaunchDescription(file, launch_arguments=ARGUMENTS.items()), ReadyToTest()])
+    return LaunchDescription(
+        [IncludeLaunchDescription(file, launch_arguments=ARGUMENTS.items()), ReadyToTest()]
+    )
 
 
 class TestTheNode(unittest.TestCase):

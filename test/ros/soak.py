@@ -17,7 +17,12 @@ from distribution import own_domain
 from harness import NodeProcess, parameters, stamp_of
 from rcl_interfaces.srv import SetParameters
 
-_POSE_REASONS = ("twist_missing", "twist_stale", "at_rest", "estimate_not_finite")  # and all that begin with pose_
+_POSE_REASONS = (
+    "twist_missing",
+    "twist_stale",
+    "at_rest",
+    "estimate_not_finite",
+)  # and all that begin with pose_
 _CALLS = {
     "medium.zeta": (0.5, 1, -1.0, "x"),
     "alpha_y.model": ("linear", "constant", "nonsense"),
@@ -47,12 +52,16 @@ class Soaked(NamedTuple):
     @property
     def unaccounted(self) -> int:
         """Poses that the node has neither answered nor counted."""
-        refused = (n for r, n in self.reasons.items() if r in _POSE_REASONS or r.startswith("pose_"))
+        refused = (
+            n for r, n in self.reasons.items() if r in _POSE_REASONS or r.startswith("pose_")
+        )
         return self.poses - self.estimates - sum(refused)
 
 
 def resident_mb(pid: int) -> float:
-    return int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+    return (
+        int(Path(f"/proc/{pid}/statm").read_text().split()[1]) * os.sysconf("SC_PAGE_SIZE") / 2**20
+    )
 
 
 def soak(rft: NodeProcess, *, seconds: float, rate: float) -> Soaked:
@@ -60,7 +69,11 @@ def soak(rft: NodeProcess, *, seconds: float, rate: float) -> Soaked:
     random = np.random.default_rng(1)
     client = rft.node.create_client(SetParameters, f"{rft.name}/set_parameters")
     assert client.wait_for_service(timeout_sec=240.0)
-    count, stamp, predicted = round(seconds * rate), time.time_ns(), rft.received["wrench_predicted"]
+    count, stamp, predicted = (
+        round(seconds * rate),
+        time.time_ns(),
+        rft.received["wrench_predicted"],
+    )
     calls = [(name, value) for name, values in _CALLS.items() for value in values]
     pending, memory = [], []
     start = time.monotonic()
@@ -70,13 +83,17 @@ def soak(rft: NodeProcess, *, seconds: float, rate: float) -> Soaked:
         stamp += round(1e9 / rate)
         when, inputs = _moment(random, stamp, k / rate)
         rft.send(when, **inputs)
-        if k % 50 == 49 and k > 100:  # a busy machine may stall the node for longer than its queue lasts
+        if (
+            k % 50 == 49 and k > 100
+        ):  # a busy machine may stall the node for longer than its queue lasts
             behind = stamp - round(100e9 / rate)
             rft.until(lambda behind=behind: predicted and stamp_of(predicted[-1]) >= behind)
         if k % round(rate / 2) == 0:
             memory.append(resident_mb(rft.process.pid))
             name, value = calls[int(random.integers(len(calls)))]
-            pending.append(client.call_async(SetParameters.Request(parameters=parameters({name: value}))))
+            pending.append(
+                client.call_async(SetParameters.Request(parameters=parameters({name: value})))
+            )
         if k % 5000 == 0:
             for messages in rft.received.values():
                 messages.clear()
@@ -85,10 +102,14 @@ def soak(rft: NodeProcess, *, seconds: float, rate: float) -> Soaked:
     rft.until(lambda: all(f.done() for f in pending))
     rft.spin(1.0)
     inputs, estimates = rft.diagnostic("inputs")[2], rft.diagnostic("estimates")[2]
-    reasons = {k.removeprefix("count."): int(v) for k, v in inputs.items() if k.startswith("count.")}
+    reasons = {
+        k.removeprefix("count."): int(v) for k, v in inputs.items() if k.startswith("count.")
+    }
     answered = sum(f.result() is not None for f in pending)
     tenth = max(1, len(memory) // 10)
-    first, last = (float(np.median(part or memory)) for part in (memory[tenth : 2 * tenth], memory[-tenth:]))
+    first, last = (
+        float(np.median(part or memory)) for part in (memory[tenth : 2 * tenth], memory[-tenth:])
+    )
     return Soaked(count, answered, int(estimates["estimates"]), reasons, len(pending), first, last)
 
 
@@ -126,7 +147,9 @@ def _moment(random: np.random.Generator, stamp: int, t: float) -> tuple[int, dic
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--seconds", type=float, default=600.0)
-    parser.add_argument("--learning", choices=("off", "observe", "apply"), default="off", help="learning.mode")
+    parser.add_argument(
+        "--learning", choices=("off", "observe", "apply"), default="off", help="learning.mode"
+    )
     arguments = parser.parse_args()
     os.environ.update(own_domain())
     rclpy.init()
@@ -136,7 +159,9 @@ def main() -> None:
         result = soak(rft, seconds=arguments.seconds, rate=500.0)
         status = rft.stop()
         print(result)
-        print(f"unaccounted: {result.unaccounted}; growth: {result.last_mb - result.first_mb:.2f} MB; exit: {status}")
+        print(
+            f"unaccounted: {result.unaccounted}; growth: {result.last_mb - result.first_mb:.2f} MB; exit: {status}"
+        )
         print("tracebacks:", rft.said().count("Traceback"))
 
 

@@ -23,7 +23,9 @@ def descent(mode):
         stamp, numbers = round((t + 1.0) * 1e9), state.tolist()
         estimator.push(WrenchSample(stamp, "ft_sensor", reading))
         estimator.push(TwistSample(stamp, "world", tuple(numbers[VELOCITY]), tuple(numbers[10:])))
-        answer = estimator.push_pose(PoseSample(stamp, "world", tuple(numbers[:3]), tuple(numbers[QUATERNION])))
+        answer = estimator.push_pose(
+            PoseSample(stamp, "world", tuple(numbers[:3]), tuple(numbers[QUATERNION]))
+        )
         surprised = bool(answer.quality_flags & QualityFlag.SURPRISE)
         rows[stamp] = [estimator.depth(), *answer.predicted[:3], *answer.sigma[:3], surprised]
     estimator.finish()
@@ -42,7 +44,9 @@ def test_from_10_mm_to_the_layer_the_fixed_model_is_off_and_the_learned_one_is_r
     error = {}
     for mode, (depth, measured, predicted, *_) in descents.items():
         used = (depth > 0.010) & (depth < LAYER)
-        off = np.linalg.norm(predicted[used] - measured[used], axis=1) / np.linalg.norm(measured[used], axis=1)
+        off = np.linalg.norm(predicted[used] - measured[used], axis=1) / np.linalg.norm(
+            measured[used], axis=1
+        )
         error[mode] = np.median(off)
     assert error["off"] > 0.2
     assert error["apply"] < 0.05

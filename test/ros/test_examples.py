@@ -49,7 +49,9 @@ def test_the_script_feeds_the_node_from_a_csv_and_prints_its_forces(rft, tmp_pat
     states[:, 3], states[:, 7], states[:, 10] = -0.02 * states[:, 0], 1.0, -0.02
     header = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
     np.savetxt(tmp_path / "states.csv", states, delimiter=",", comments="", header=header)
-    feeder = subprocess.Popen(script(rft, "play_states"), cwd=tmp_path, stdout=subprocess.PIPE, text=True)
+    feeder = subprocess.Popen(
+        script(rft, "play_states"), cwd=tmp_path, stdout=subprocess.PIPE, text=True
+    )
     rft.until(lambda: feeder.poll() is not None)
     said = feeder.communicate()[0].splitlines()
     assert feeder.returncode == 0

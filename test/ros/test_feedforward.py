@@ -20,7 +20,10 @@ wrench = st.tuples(*[component] * 6)
 
 
 @example(targets=[((5e-324, 0.0, 0.0, 0.0, 0.0, 0.0), 0.02)], lowered=0.0)
-@given(targets=st.lists(st.tuples(wrench, st.floats(0.0, 0.02)), max_size=20), lowered=st.floats(0.0, 1.0))
+@given(
+    targets=st.lists(st.tuples(wrench, st.floats(0.0, 0.02)), max_size=20),
+    lowered=st.floats(0.0, 1.0),
+)
 def test_size_and_rate_are_bounded_and_zero_is_reached_within_the_rise_time(targets, lowered):
     ramp = Ramp()
     ramp.limit, ramp.rise_time = (LIMIT, TORQUE), RISE
@@ -29,7 +32,10 @@ def test_size_and_rate_are_bounded_and_zero_is_reached_within_the_rise_time(targ
         now = np.array(ramp.follow(target, duration))
         for part, limit in ((slice(0, 3), LIMIT), (slice(3, 6), TORQUE)):
             assert np.linalg.norm(now[part]) <= limit * (1.0 + 1e-9)
-            assert np.linalg.norm(now[part] - before[part]) <= limit * duration / RISE * (1.0 + 1e-9) + 1e-12
+            assert (
+                np.linalg.norm(now[part] - before[part])
+                <= limit * duration / RISE * (1.0 + 1e-9) + 1e-12
+            )
         before = now
     ramp.limit = lowered * LIMIT, lowered * TORQUE
     for _ in range(math.ceil(RISE / 0.02) + 1):
@@ -39,9 +45,21 @@ def test_size_and_rate_are_bounded_and_zero_is_reached_within_the_rise_time(targ
 
 def test_it_follows_the_prediction_and_returns_to_zero_whatever_ends_the_estimates(start_process):
     rft = start_process(
-        *("-p", "mesh.file:=plate", "-p", "feedforward.gain:=-1.0", "-p", f"feedforward.limit:=[{LIMIT}, {TORQUE}]"),
+        *(
+            "-p",
+            "mesh.file:=plate",
+            "-p",
+            "feedforward.gain:=-1.0",
+            "-p",
+            f"feedforward.limit:=[{LIMIT}, {TORQUE}]",
+        ),
         *("-p", "feedforward.frame:=world_frame", "-p", f"feedforward.rise_time:={RISE}"),
-        *("-p", "sensor.quaternion:=[1.0, 0.0, 0.0, 0.0]", "-p", "sensor.position:=[0.01, 0.0, 0.1]"),
+        *(
+            "-p",
+            "sensor.quaternion:=[1.0, 0.0, 0.0, 0.0]",
+            "-p",
+            "sensor.position:=[0.01, 0.0, 0.1]",
+        ),
     )
     got: list[WrenchStamped] = []
     rft.node.create_subscription(WrenchStamped, f"{rft.name}/wrench_feedforward", got.append, 1000)
@@ -79,7 +97,9 @@ def test_it_follows_the_prediction_and_returns_to_zero_whatever_ends_the_estimat
     assert got[-1].header.frame_id == "world"
     ends = {
         "the poses stop": lambda: rft.until(at_zero),
-        "the poses have no direction": lambda: press(at_zero, z=-0.02, quaternion=(0.0, 0.0, 0.0, 0.0)),
+        "the poses have no direction": lambda: press(
+            at_zero, z=-0.02, quaternion=(0.0, 0.0, 0.0, 0.0)
+        ),
         "the twists stop": lambda: press(at_zero, z=-0.02, linear=None),
         "estimates are not trusted": lambda: press(at_zero, z=-0.02, linear=(0.0, 0.0, -0.5)),
         "the gain is set to 0": lambda: (rft.set(feedforward__gain=0.0), rft.until(at_zero)),

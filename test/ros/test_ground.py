@@ -47,7 +47,9 @@ def test_live_equals_replay_with_clouds_of_points(start_node, tmp_path):
     with BagWriter(tmp_path / "inputs") as bag:
         for topic, stamp, data in messages:
             bag.write_raw(f"/rft/{topic}", TOPICS.get(topic, CLOUD), stamp, data)
-    publish(rft, [(topic, data) for topic, _, data in messages], surface_points=surface_publisher(rft))
+    publish(
+        rft, [(topic, data) for topic, _, data in messages], surface_points=surface_publisher(rft)
+    )
     assert_equal(rft, tmp_path / "inputs", GROUND, tmp_path)
     ground = read_height_map(tmp_path / "replayed" / "ground.csv", CELL)
     assert len(ground.points()) > 1000
@@ -64,7 +66,9 @@ def test_services_level_and_save_the_ground(start_node, tmp_path, monkeypatch):
     assert np.array_equal(*(read_height_map(Path(name), CELL).points() for name in (file, path)))
 
 
-def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(start_node, tmp_path, monkeypatch):
+def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(
+    start_node, tmp_path, monkeypatch
+):
     monkeypatch.setenv("ROS_HOME", str(tmp_path))
     rft = started(start_node, PARAMETERS)
     level = (False, "the ground is a level plane; set ground.cell")
@@ -79,13 +83,19 @@ def test_a_map_of_the_ground_begins_and_ends_while_the_node_runs(start_node, tmp
     rft.until(lambda: not np.array_equal(numbers(rft.ask(rft.moment())), on_plane))
     assert rft.trigger("save_ground")[0]
     assert rft.set(ground__cell=0.0) == (True, "")
-    rft.until(lambda: rft.trigger("level_ground") == level and publisher.get_subscription_count() == 0)
+    rft.until(
+        lambda: rft.trigger("level_ground") == level and publisher.get_subscription_count() == 0
+    )
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), on_plane)
 
 
-def test_a_sparse_map_is_named_in_the_status_of_the_medium_while_the_node_learns(start_node, tmp_path):
+def test_a_sparse_map_is_named_in_the_status_of_the_medium_while_the_node_learns(
+    start_node, tmp_path
+):
     file, places = tmp_path / "bed.csv", range(-4, 5)
-    file.write_text("x,y,h\n" + "".join(f"{0.1 * i},{0.1 * j},0\n" for i in places for j in places))
+    file.write_text(
+        "x,y,h\n" + "".join(f"{0.1 * i},{0.1 * j},0\n" for i in places for j in places)
+    )
     rft = started(start_node, {**GROUND, "ground.file": str(file), "learning.mode": "observe"})
     rft.ask(rft.moment())
     rft.until(lambda: "sparser than ground.cell" in rft.diagnostic("medium")[1])

@@ -10,8 +10,12 @@ from pathlib import Path
 import pytest
 from harness import WAIT
 
-pytest.importorskip("launch_ros", reason="launch_ros is not installed; ros-jazzy-launch-ros from apt has it")
-pytest.importorskip("composition_interfaces", reason="composition_interfaces is not installed; ROS from apt has it")
+pytest.importorskip(
+    "launch_ros", reason="launch_ros is not installed; ros-jazzy-launch-ros from apt has it"
+)
+pytest.importorskip(
+    "composition_interfaces", reason="composition_interfaces is not installed; ROS from apt has it"
+)
 
 FILE = Path(__file__).resolve().parents[2] / "launch" / "rft.launch.py"
 RUN = """
@@ -48,7 +52,12 @@ def launched(environment: dict[str, str], *arguments: str) -> "subprocess.Popen[
     command = [sys.executable, "-c", RUN, str(FILE), *arguments]
     # A session of its own: Ctrl-C reaches launch and node together, and launch counts on that.
     return subprocess.Popen(
-        command, env=environment, stdout=subprocess.PIPE, stderr=subprocess.STDOUT, text=True, start_new_session=True
+        command,
+        env=environment,
+        stdout=subprocess.PIPE,
+        stderr=subprocess.STDOUT,
+        text=True,
+        start_new_session=True,
     )
 
 
@@ -63,11 +72,15 @@ def launched(environment: dict[str, str], *arguments: str) -> "subprocess.Popen[
         pytest.param(
             "rviz:=true",
             "rviz:=true needs the package rviz2",
-            marks=pytest.mark.skipif(shutil.which("rviz2") is not None, reason="rviz2 is installed"),
+            marks=pytest.mark.skipif(
+                shutil.which("rviz2") is not None, reason="rviz2 is installed"
+            ),
         ),
     ],
 )
-def test_an_argument_that_cannot_be_used_is_refused_before_anything_starts(environment, argument, sentence):
+def test_an_argument_that_cannot_be_used_is_refused_before_anything_starts(
+    environment, argument, sentence
+):
     launch = launched(environment, argument)
     said, _ = launch.communicate(timeout=WAIT)
     assert launch.returncode == 1
@@ -76,7 +89,9 @@ def test_an_argument_that_cannot_be_used_is_refused_before_anything_starts(envir
     assert "process started" not in said
 
 
-def test_a_parameter_file_in_the_home_folder_is_used_and_ctrl_c_ends_launch_and_node(environment, tmp_path):
+def test_a_parameter_file_in_the_home_folder_is_used_and_ctrl_c_ends_launch_and_node(
+    environment, tmp_path
+):
     (tmp_path / "cell.yaml").write_text("/**:\n  ros__parameters:\n    mesh.file: sphere\n")
     launch = launched(environment, "params_file:=~/cell.yaml")
     said = []
@@ -93,7 +108,16 @@ def test_a_parameter_file_in_the_home_folder_is_used_and_ctrl_c_ends_launch_and_
 
 def test_the_launch_file_passes_launch_testing(environment):
     """`launch_test` in a process of its own: its plugin for pytest breaks under pytest 9."""
-    pytest.importorskip("launch_testing", reason="launch_testing is not installed; ros-jazzy-launch-testing has it")
-    command = [sys.executable, "-m", "launch_testing.launch_test", str(FILE.parents[1] / "test/ros/launch_file.py")]
-    done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=2 * WAIT)
+    pytest.importorskip(
+        "launch_testing", reason="launch_testing is not installed; ros-jazzy-launch-testing has it"
+    )
+    command = [
+        sys.executable,
+        "-m",
+        "launch_testing.launch_test",
+        str(FILE.parents[1] / "test/ros/launch_file.py"),
+    ]
+    done = subprocess.run(
+        command, env=environment, capture_output=True, text=True, timeout=2 * WAIT
+    )
     assert done.returncode == 0, done.stdout + done.stderr

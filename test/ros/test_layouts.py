@@ -45,14 +45,18 @@ def shown() -> Iterator[tuple[str, list[str]]]:
 
 
 def test_a_foxglove_layout_places_each_panel_once():
-    assert {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"} == set(FOXGLOVE)
+    assert {"configById", "globalVariables", "userNodes", "playbackConfig", "layout"} == set(
+        FOXGLOVE
+    )
     placed = list(panels(FOXGLOVE["layout"]))
     assert sorted(placed) == sorted(FOXGLOVE["configById"])
     assert {panel.partition("!")[0] for panel in placed} <= {"3D", "Plot", "DiagnosticSummary"}
 
 
 def test_a_layout_shows_what_the_node_publishes(rft):
-    published = dict(rft.node.get_publisher_names_and_types_by_node("rft", rft.name.rpartition("/")[0]))
+    published = dict(
+        rft.node.get_publisher_names_and_types_by_node("rft", rft.name.rpartition("/")[0])
+    )
     found = list(shown())
     assert len(found) > 30
     for topic, fields in found:

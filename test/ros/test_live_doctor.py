@@ -35,10 +35,27 @@ def examined(rft: Harness, tmp_path: Path, send, parameters) -> list[str]:
     sent = list(zip(states.tolist(), loads(states).tolist(), strict=True))
     file = tmp_path / "doctor.yaml"
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
-    command = [sys.executable, "-m", "rft_ros.cli", "doctor", str(file), "--node", rft.name, "--seconds", "4"]
-    command += [f"--remap=~/pose:={rft.name}/pose"]  # what it is anyway: rcl must not take it for its own
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}  # tf2_msgs or its stand-in
-    doctor = subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment)
+    command = [
+        sys.executable,
+        "-m",
+        "rft_ros.cli",
+        "doctor",
+        str(file),
+        "--node",
+        rft.name,
+        "--seconds",
+        "4",
+    ]
+    command += [
+        f"--remap=~/pose:={rft.name}/pose"
+    ]  # what it is anyway: rcl must not take it for its own
+    environment = {
+        **os.environ,
+        "PYTHONPATH": os.pathsep.join(sys.path),
+    }  # tf2_msgs or its stand-in
+    doctor = subprocess.Popen(
+        command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
+    )
     try:
         k = 0
         while doctor.poll() is None:
@@ -67,13 +84,17 @@ def test_a_right_cell_needs_nothing(start_node, tmp_path, sources):
     rft = start_node("--params-file", str(file))
     rft.get("mesh.file")
     publishers = transform_publishers(rft.node)
-    publishers["tf_static"].publish(transforms_cdr(TransformSample(1, "tool", "ft_sensor", *MOUNT)))
+    publishers["tf_static"].publish(
+        transforms_cdr(TransformSample(1, "tool", "ft_sensor", *MOUNT))
+    )
 
     def send(state, load, now):
         rft.wrench.publish(cdr("wrench", now, load))
         if sources:
             publishers["tf"].publish(
-                transforms_cdr(TransformSample(now, "world", "tool", state[POSITION], state[QUATERNION]))
+                transforms_cdr(
+                    TransformSample(now, "world", "tool", state[POSITION], state[QUATERNION])
+                )
             )
         else:
             rft.twist.publish(cdr("twist", now, state[TWIST]))
@@ -87,7 +108,17 @@ def test_a_right_cell_needs_nothing(start_node, tmp_path, sources):
 
 @pytest.mark.parametrize(("option", "name"), [("--node", "a b"), ("--remap", "~/pose:=/a b")])
 def test_a_name_that_ros_does_not_take_is_named(option, name):
-    command = [sys.executable, "-m", "rft_ros.cli", "doctor", "config/demo.yaml", "--seconds", "1", option, name]
+    command = [
+        sys.executable,
+        "-m",
+        "rft_ros.cli",
+        "doctor",
+        "config/demo.yaml",
+        "--seconds",
+        "1",
+        option,
+        name,
+    ]
     done = subprocess.run(command, capture_output=True, text=True, cwd=Path(__file__).parents[2])
     assert (done.returncode, done.stdout) == (2, "")
     refusal = done.stderr.splitlines()[-1]
@@ -104,7 +135,9 @@ def test_what_is_wrong_only_in_a_running_cell_is_named(start_process, tmp_path):
     assert f"no section of {file} is for {rft.name}: ROS takes nothing from it" in rft.said()
     rft.close_inputs()
     arm = rft.node.create_publisher(
-        PoseStamped, f"{rft.name}/pose", QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
+        PoseStamped,
+        f"{rft.name}/pose",
+        QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT),
     )
     cell = rft.node.create_publisher(PoseStamped, f"{rft.name}/wrench_measured", 10)
 
@@ -120,7 +153,9 @@ def test_what_is_wrong_only_in_a_running_cell_is_named(start_process, tmp_path):
         f"FIX wrench: {rft.name}/wrench_measured is geometry_msgs/msg/PoseStamped; it must be geometry_msgs/msg/Wren",
     ):
         assert any(line.startswith(sentence) for line in found), found
-    assert any(line.startswith(f"FIX wrench: nothing on {rft.name}/wrench_measured") for line in found)
+    assert any(
+        line.startswith(f"FIX wrench: nothing on {rft.name}/wrench_measured") for line in found
+    )
 
 
 @pytest.mark.parametrize("stop", [0.05, 0.4, 1.2])
@@ -135,7 +170,9 @@ def test_a_message_arrives_when_the_middleware_receives_it_not_when_it_is_read(s
         while not ended.wait(0.01):
             stamp = time.time_ns()
             publisher.publish(cdr("pose", stamp, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)))
-            sent[stamp] = time.time_ns()  # the middleware of this process has received it before `publish` returns
+            sent[stamp] = (
+                time.time_ns()
+            )  # the middleware of this process has received it before `publish` returns
 
     thread = threading.Thread(target=publish)
     try:
@@ -147,14 +184,24 @@ def test_a_message_arrives_when_the_middleware_receives_it_not_when_it_is_read(s
         thread.join()
         arm.destroy_node()
         listener._node.destroy_node()
-    arrived = [(sample.stamp, received) for sample, received in _samples(messages) if sample.stamp in sent]
+    arrived = [
+        (sample.stamp, received) for sample, received in _samples(messages) if sample.stamp in sent
+    ]
     assert arrived
     assert all(stamp <= received <= sent[stamp] for stamp, received in arrived)
 
 
-@pytest.mark.parametrize(("taken", "lost"), [(range(1, 1001), 0), (range(1, 1001, 2), 499), ([5], 0), ([], 0)])
+@pytest.mark.parametrize(
+    ("taken", "lost"), [(range(1, 1001), 0), (range(1, 1001, 2), 499), ([5], 0), ([], 0)]
+)
 def test_messages_that_were_lost_on_the_way_are_said(taken, lost):
     topic = Topic("pose", "/rft/pose", (), (Publisher("arm", "", ()),))
-    found = [f.text for f in _of_losses(topic, [Message("pose", "", b"", 0, number) for number in taken])]
+    found = [
+        f.text
+        for f in _of_losses(topic, [Message("pose", "", b"", 0, number) for number in taken])
+    ]
     assert len(found) == (lost > 0)
-    assert all(f"{lost} of 999 messages on /rft/pose were lost" in text and "too busy" in text for text in found)
+    assert all(
+        f"{lost} of 999 messages on /rft/pose were lost" in text and "too busy" in text
+        for text in found
+    )

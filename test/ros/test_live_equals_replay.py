@@ -38,7 +38,9 @@ TOPICS = {"wrench_measured": WRENCH, "twist": TWIST, "pose": POSE}
 
 def started(start_node, parameters):
     """A node with these parameters, whose inputs and outputs have found their peers."""
-    return start_node(*(a for name, value in parameters.items() for a in ("-p", f"{name}:={value}"))).wait_ready()
+    return start_node(
+        *(a for name, value in parameters.items() for a in ("-p", f"{name}:={value}"))
+    ).wait_ready()
 
 
 def publish(rft, messages, *, frame="ft_sensor", **others):
@@ -88,13 +90,25 @@ def test_live_equals_replay(start_node, tmp_path, twist_source, model):
             t = k * 0.005
             stamp = start + k * 5_000_000 + int(random.integers(-100_000, 100_000))
             pitch, measured = 0.15 * math.sin(4.0 * t), stamp - int(random.integers(2_000_000))
-            place = 0.002 * t, 0.0, 0.02 - 0.02 * t, 0.0, math.sin(pitch / 2), 0.0, math.cos(pitch / 2)
+            place = (
+                0.002 * t,
+                0.0,
+                0.02 - 0.02 * t,
+                0.0,
+                math.sin(pitch / 2),
+                0.0,
+                math.cos(pitch / 2),
+            )
             velocity = 0.002, 0.0, -0.02, 0.0, 0.6 * math.cos(4.0 * t), 0.0
             wrench = cdr("wrench", measured, [*random.normal(size=3).tolist(), 0.0, 0.0, 0.0])
             twist, pose = cdr("twist", stamp, velocity), cdr("pose", stamp, place)
             for order, (topic, data) in enumerate(zip(TOPICS, (wrench, twist, pose), strict=True)):
                 bag.write_raw(f"/rft/{topic}", TOPICS[topic], stamp, data)
-                late = 7_000_000 if topic == "wrench_measured" and twist_source == "pose_difference" else 0
+                late = (
+                    7_000_000
+                    if topic == "wrench_measured" and twist_source == "pose_difference"
+                    else 0
+                )
                 arrivals.append((stamp + late, order, topic, data))
     publish(rft, [(topic, data) for _, _, topic, data in sorted(arrivals)])
     replayed = assert_equal(rft, tmp_path / "inputs", parameters, tmp_path)
@@ -102,11 +116,16 @@ def test_live_equals_replay(start_node, tmp_path, twist_source, model):
     assert np.abs([w[2] for w in replayed["wrench_predicted"].values()]).max() > 0.1
 
 
-def test_a_recorded_bag_played_into_the_node_gives_what_its_replay_gives(start_node, shared_data, tmp_path):
+def test_a_recorded_bag_played_into_the_node_gives_what_its_replay_gives(
+    start_node, shared_data, tmp_path
+):
     topics = {"/tool_pose": "pose", "/ft_sensor/wrench": "wrench_measured"}
     rft = started(start_node, ABB)
     messages = []
-    with AnyReader([shared_data / "abb_plate" / "abb_plate_2"]) as reader, BagWriter(tmp_path / "inputs") as bag:
+    with (
+        AnyReader([shared_data / "abb_plate" / "abb_plate_2"]) as reader,
+        BagWriter(tmp_path / "inputs") as bag,
+    ):
         connections = [c for c in reader.connections if c.topic in topics]
         for connection, received, data in islice(reader.messages(connections), 5600, 7200):
             topic = topics[connection.topic]

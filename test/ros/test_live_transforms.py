@@ -64,7 +64,13 @@ def test_live_transforms_equal_their_replay(start_node, tmp_path, late):
             arrivals.append((stamp + late, "tf", transforms_cdr(moved)))
         for k in range(300):
             stamp = start + k * 5_000_000 + 1
-            arrivals.append((stamp, "wrench_measured", cdr("wrench", stamp, [0.0, 0.0, 0.01 * k, 0.0, 0.0, 0.0])))
+            arrivals.append(
+                (
+                    stamp,
+                    "wrench_measured",
+                    cdr("wrench", stamp, [0.0, 0.0, 0.01 * k, 0.0, 0.0, 0.0]),
+                )
+            )
         arrivals.sort(key=lambda a: a[0])
         for time, topic, data in arrivals:
             name, kind = ("/tf", TF) if topic == "tf" else (f"/rft/{topic}", TOPICS[topic])

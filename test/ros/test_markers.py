@@ -9,10 +9,16 @@ from rft_ros.tool import load_tool
 
 def test_the_tool_is_drawn_where_it_is_coloured_where_it_is_loaded(rft):
     drawn: list[Marker] = []
-    listener = rft.node.create_subscription(MarkerArray, f"{rft.name}/markers", lambda m: drawn.extend(m.markers), 10)
+    listener = rft.node.create_subscription(
+        MarkerArray, f"{rft.name}/markers", lambda m: drawn.extend(m.markers), 10
+    )
     stamp = rft.moment()
     rft.ask(stamp, z=-0.01, force=(0.0, 0.0, 4.0))
-    rft.until(lambda: rft.send(rft.moment(), force=(0.0, 0.0, 4.0)) or {m.id for m in drawn} >= {0, 1, 2, 3})
+    rft.until(
+        lambda: (
+            rft.send(rft.moment(), force=(0.0, 0.0, 4.0)) or {m.id for m in drawn} >= {0, 1, 2, 3}
+        )
+    )
     rft.node.destroy_subscription(listener)
     by_id = {m.id: m for m in drawn}
     tool, mesh = by_id[0], load_tool("plate")
@@ -21,7 +27,9 @@ def test_the_tool_is_drawn_where_it_is_coloured_where_it_is_loaded(rft):
     assert tool.pose.position.z == -0.01
     assert tool.lifetime.sec == 0
     colours = np.array([(c.r, c.g, c.b, c.a) for c in tool.colors])[::3]
-    normal_z = mesh.facets.centroid_rows[5]  # moving down, the lower face leads, the upper one trails
+    normal_z = mesh.facets.centroid_rows[
+        5
+    ]  # moving down, the lower face leads, the upper one trails
     np.testing.assert_allclose(colours[normal_z < -0.5, 2], 0.1, atol=1e-6)
     np.testing.assert_allclose(colours[normal_z > 0.5, 2], 0.8, atol=1e-6)
     predicted, measured, surface = by_id[1], by_id[2], by_id[3]
@@ -33,7 +41,10 @@ def test_the_tool_is_drawn_where_it_is_coloured_where_it_is_loaded(rft):
 def test_a_tool_that_came_to_rest_is_drawn_at_its_last_estimate(rft):
     tools: list[Marker] = []
     listener = rft.node.create_subscription(
-        MarkerArray, f"{rft.name}/markers", lambda m: tools.extend(t for t in m.markers if t.id == 0), 10
+        MarkerArray,
+        f"{rft.name}/markers",
+        lambda m: tools.extend(t for t in m.markers if t.id == 0),
+        10,
     )
 
     def move_and_rest():

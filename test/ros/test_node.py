@@ -21,12 +21,16 @@ def test_a_pose_is_answered_by_three_wrenches_with_its_stamp_in_the_sensor_frame
     assert predicted.header.frame_id == "ft_sensor"
     np.testing.assert_array_equal(numbers(predicted), predicted_by_the_core())
     compensated, residual = (
-        next(m for m in rft.received[t] if stamp_of(m) == stamp) for t in ("wrench_compensated", "wrench_residual")
+        next(m for m in rft.received[t] if stamp_of(m) == stamp)
+        for t in ("wrench_compensated", "wrench_residual")
     )
     np.testing.assert_array_equal(numbers(compensated)[:3], [0.0, 0.0, 3.0])
     np.testing.assert_array_equal(numbers(residual), numbers(compensated) - numbers(predicted))
     waits = rft.ask(stamp + S // 20, force=None)
-    for frame in ("wrist", "ft_sensor"):  # ends the comparison, which keeps the frame of its prediction
+    for frame in (
+        "wrist",
+        "ft_sensor",
+    ):  # ends the comparison, which keeps the frame of its prediction
         assert rft.set(sensor_frame=frame)[0]
     rft.until(lambda: any(m.header == waits.header for m in rft.received["wrench_residual"]))
 
@@ -35,9 +39,19 @@ def test_the_page_of_the_node_names_each_of_its_topics_and_services(rft):
     page = (Path(__file__).parents[2] / "docs" / "node.md").read_text(encoding="utf-8")
     namespace, _, name = rft.name.rpartition("/")
     node, of = rft.node, (name, namespace or "/")
-    found = node.get_publisher_names_and_types_by_node(*of) + node.get_subscriber_names_and_types_by_node(*of)
-    found += [service for service in node.get_service_names_and_types_by_node(*of) if "Trigger" in service[1][0]]
-    own = {topic.removeprefix(f"{rft.name}/") for topic, _ in found if topic.startswith(f"{rft.name}/")}
+    found = node.get_publisher_names_and_types_by_node(
+        *of
+    ) + node.get_subscriber_names_and_types_by_node(*of)
+    found += [
+        service
+        for service in node.get_service_names_and_types_by_node(*of)
+        if "Trigger" in service[1][0]
+    ]
+    own = {
+        topic.removeprefix(f"{rft.name}/")
+        for topic, _ in found
+        if topic.startswith(f"{rft.name}/")
+    }
     assert {"wrench_predicted", "pose", "tare"} <= own
     assert [topic for topic in own if f"\n| `~/{topic}` |" not in page] == []
 
@@ -56,12 +70,16 @@ def test_laws_densities_and_memory_change_without_a_restart(rft):
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-15)
     assert rft.set(medium__mobilization_length=0.003) == (True, "")
     rft.until(lambda: rft.diagnostic("model")[2]["preparing"] == "")
-    assert abs(numbers(rft.ask(rft.moment(), **motion))[2]) < 1e-6 * expected[2]  # nothing has built up yet
+    assert (
+        abs(numbers(rft.ask(rft.moment(), **motion))[2]) < 1e-6 * expected[2]
+    )  # nothing has built up yet
     assert rft.set(law="treers2021", medium__mobilization_length=0.0) == (True, "")
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
 
 
-def test_a_table_of_alpha_y_swaps_and_one_that_cannot_be_used_is_refused_without_quoting_it(rft, tmp_path):
+def test_a_table_of_alpha_y_swaps_and_one_that_cannot_be_used_is_refused_without_quoting_it(
+    rft, tmp_path
+):
     table, secret = tmp_path / "alpha_y.csv", tmp_path / "secret.csv"
     table.write_text("beta,alpha_y\n0,0.2035\n180,0.0\n")
     secret.write_text("beta,alpha_y\nroot:hunter2\n")
@@ -70,7 +88,9 @@ def test_a_table_of_alpha_y_swaps_and_one_that_cannot_be_used_is_refused_without
         ("~nobody_1/table.csv", "does not exist; give the path"),
         ("/dev/zero", "is a device and not a regular file"),
     ):
-        assert f"alpha_y.table '{file}' {why}" in refusal(rft, alpha_y__model="table", alpha_y__table=file)
+        assert f"alpha_y.table '{file}' {why}" in refusal(
+            rft, alpha_y__model="table", alpha_y__table=file
+        )
     assert rft.set(alpha_y__model="table", alpha_y__table=str(table)) == (True, "")
     rft.until(lambda: rft.diagnostic("model")[2]["alpha_y"] == "table")
     assert rft.set(alpha_y__table=str(secret)) == (True, "")
@@ -78,7 +98,9 @@ def test_a_table_of_alpha_y_swaps_and_one_that_cannot_be_used_is_refused_without
     assert f"alpha_y.table '{secret}' line 2 is not 2 numbers" in rft.said()
     assert "hunter2" not in rft.said()
     assert rft.set(medium__zeta=0.5) == (True, "")
-    assert numbers(rft.ask(rft.moment()))[2] == pytest.approx(predicted_by_the_core(zeta=0.5)[2], rel=1e-12)
+    assert numbers(rft.ask(rft.moment()))[2] == pytest.approx(
+        predicted_by_the_core(zeta=0.5)[2], rel=1e-12
+    )
     assert rft.set(alpha_y__model="constant", alpha_y__table="", medium__zeta=1.0) == (True, "")
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
 
@@ -95,7 +117,11 @@ def refusal(rft, **values):
         ("medium__zeta", "much", "medium.zeta"),
         ("medium__name", "custard", "custard"),
         ("mesh__file", "no_such_mesh", "no_such_mesh"),
-        ("mesh__file", "/none/there.stl", "/none/there.stl' does not exist; give a path, or one of abb_plate"),
+        (
+            "mesh__file",
+            "/none/there.stl",
+            "/none/there.stl' does not exist; give a path, or one of abb_plate",
+        ),
         ("mesh__origin", [0.0, 1.0], "mesh.origin"),
         ("executor", "single", "executor"),
         ("tool_frame", "world", "world_frame and tool_frame are both 'world'"),
@@ -120,7 +146,9 @@ def test_a_reason_is_named_while_it_lasts_and_logged_when_it_begins_and_when_it_
     rft.until(lambda: "no poses, twist_frame_unknown" in without_poses())
 
     def until_logged(sentence, **inputs):
-        rft.until(lambda: rft.send(rft.moment(), **inputs) or rft.spin(0.1) or sentence in rft.said())
+        rft.until(
+            lambda: rft.send(rft.moment(), **inputs) or rft.spin(0.1) or sentence in rft.said()
+        )
 
     until_logged("began: wrench_missing", force=None)
     sentence = "pose frame_id 'elsewhere' is not world_frame 'world'"
@@ -144,7 +172,11 @@ def test_unreadable_messages_are_counted_and_the_node_continues(rft):
         return int(rft.diagnostic("inputs")[2].get("count.message_unreadable", 0))
 
     before = count()
-    for garbage in (b"\x00\x01\x00\x00", b"\x00\x01\x00\x00" + b"\xff" * 40, b"\x00\x07\x00\x00" + b"\x00" * 120):
+    for garbage in (
+        b"\x00\x01\x00\x00",
+        b"\x00\x01\x00\x00" + b"\xff" * 40,
+        b"\x00\x07\x00\x00" + b"\x00" * 120,
+    ):
         for topic in (rft.pose, rft.twist, rft.wrench):
             topic.publish(garbage)
     rft.until(lambda: count() >= before + 9)
@@ -164,7 +196,11 @@ def test_tare_is_refused_in_the_grains_and_makes_the_reading_zero_in_the_air(rft
     assert not successful and "in the grains" in message
     at_rest_in_the_air((1.0, 2.0, 3.0))
     assert rft.trigger("tare") == (True, "sensor.bias set to [1, 2, 3, 0, 0, 0] N, N m")
-    rft.until(lambda: any("set: sensor.bias" in line and "(tare)" in line for line in rft.said().splitlines()))
+    rft.until(
+        lambda: any(
+            "set: sensor.bias" in line and "(tare)" in line for line in rft.said().splitlines()
+        )
+    )
     stamp = at_rest_in_the_air((1.0, 2.0, 3.0))
     rft.until(lambda: any(stamp_of(m) == stamp for m in rft.received["wrench_compensated"]))
     compensated = next(m for m in rft.received["wrench_compensated"] if stamp_of(m) == stamp)
@@ -175,15 +211,25 @@ def test_tare_is_refused_in_the_grains_and_makes_the_reading_zero_in_the_air(rft
     assert rft.set(sensor__bias=[0.0] * 6)[0]
 
 
-def test_relative_files_lie_beside_the_parameter_file_whose_values_ros_takes(start_node, tmp_path, monkeypatch):
+def test_relative_files_lie_beside_the_parameter_file_whose_values_ros_takes(
+    start_node, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     arguments = []
     for zeta, key in ((0.25, "/**/rft"), (0.5, "/**")):
         file = tmp_path / f"{zeta}" / "cell.yaml"
         file.parent.mkdir()
         (file.parent / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
-        names = {"alpha_y.model": "table", "alpha_y.table": "table.csv", "mesh.file": "tool.stl", "medium.zeta": zeta}
-        file.write_text(f"'{key}':\n  ros__parameters:\n" + "".join(f"    {k}: {v}\n" for k, v in names.items()))
+        names = {
+            "alpha_y.model": "table",
+            "alpha_y.table": "table.csv",
+            "mesh.file": "tool.stl",
+            "medium.zeta": zeta,
+        }
+        file.write_text(
+            f"'{key}':\n  ros__parameters:\n"
+            + "".join(f"    {k}: {v}\n" for k, v in names.items())
+        )
         arguments += ["--params-file", str(file.relative_to(tmp_path))]
     with pytest.raises(InputError, match=r"alpha_y.table '.*/0\.\d+/table.csv' does not exist"):
         start_node(*arguments)
@@ -195,12 +241,19 @@ def test_relative_files_lie_beside_the_parameter_file_whose_values_ros_takes(sta
     assert rft.get("mesh.file").string_value == str(folder / "tool.stl")
 
 
-def test_the_node_says_that_it_begins_in_the_grains_and_that_the_cell_reads_a_force_in_the_air(start_node):
+def test_the_node_says_that_it_begins_in_the_grains_and_that_the_cell_reads_a_force_in_the_air(
+    start_node,
+):
     rft = start_node("-p", "mesh.file:=plate").wait_ready()
     rft.ask(rft.moment(), z=-0.005)
     rft.until(lambda: "the first estimate is 6.6 mm deep in the grains" in rft.said())
     assert rft.set(surface_height=-1.0) == (True, "")
-    rft.until(lambda: rft.send(rft.moment(), z=0.5, force=(0.0, 0.0, 8.0)) or "in the air: call ~/tare" in rft.said())
+    rft.until(
+        lambda: (
+            rft.send(rft.moment(), z=0.5, force=(0.0, 0.0, 8.0))
+            or "in the air: call ~/tare" in rft.said()
+        )
+    )
     level, message, _ = rft.diagnostic("inputs")
     assert level == DiagnosticStatus.WARN
     assert "the load cell reads a force in the air" in message
@@ -209,7 +262,9 @@ def test_the_node_says_that_it_begins_in_the_grains_and_that_the_cell_reads_a_fo
 def test_a_node_with_nothing_set_answers_every_pose_also_at_rest_and_says_its_model(start_node):
     rft = start_node(as_shipped=True).wait_ready()
     first = rft.moment()
-    heights = [0.03 - 0.0001 * min(k, 600) for k in range(800)]  # from the air 30 mm deep, then rest
+    heights = [
+        0.03 - 0.0001 * min(k, 600) for k in range(800)
+    ]  # from the air 30 mm deep, then rest
     predicted = rft.received["wrench_predicted"]
     for k, z in enumerate(heights):
         rft.send(first + k * 10_000_000, z=z, linear=(0.0, 0.0, -0.01 if k < 600 else 0.0))
@@ -219,5 +274,7 @@ def test_a_node_with_nothing_set_answers_every_pose_also_at_rest_and_says_its_mo
     assert forces[599] > 1.0
     np.testing.assert_allclose(forces[650:], forces[640], rtol=0.01)
     rft._rft.announce("ready")  # as main does before the first pose
-    in_words = "integration refined, law treers2021, medium generic, alpha_y linear, zeta 1, memory 3 mm"
+    in_words = (
+        "integration refined, law treers2021, medium generic, alpha_y linear, zeta 1, memory 3 mm"
+    )
     rft.until(lambda: in_words in rft.said())

@@ -14,12 +14,18 @@ def press(rft, start, poses, stiffness, offset):
     """Push the tool down at 1 cm/s against a force that grows with depth [N/m]; the stamp after the last pose."""
     for k in range(poses):
         depth = 0.0002 * k
-        rft.send(start + k * STEP, z=0.01 - depth, force=(0.0, 0.0, offset + stiffness * max(0.0, depth - 0.01)))
+        rft.send(
+            start + k * STEP,
+            z=0.01 - depth,
+            force=(0.0, 0.0, offset + stiffness * max(0.0, depth - 0.01)),
+        )
         rft.until(lambda k=k: len(rft.received["wrench_sigma"]) >= k - 20)
     return start + poses * STEP
 
 
-def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(start_node, tmp_path, monkeypatch):
+def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(
+    start_node, tmp_path, monkeypatch
+):
     monkeypatch.setenv("ROS_HOME", str(tmp_path / "home"))
     arguments = ("-p", "learning.mode:=apply", "-p", "mesh.file:=plate", "-p", "medium.zeta:=0.3")
     rft = start_node(*arguments)
@@ -33,7 +39,13 @@ def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(start_no
     begin = rft.moment()
     end = press(rft, begin, 200, 3000.0, 0.5)  # not tared
     rft.until(lambda: any(stamp_of(m) == end - STEP for m in learned))
-    assert learned[-1].name == ["vertical_strength", "horizontal_strength", "turn", "surface", "surprise"]
+    assert learned[-1].name == [
+        "vertical_strength",
+        "horizontal_strength",
+        "turn",
+        "surface",
+        "surprise",
+    ]
     assert learned[-1].position[0] != 1.0
     assert 0.0 < learned[-1].effort[0] < learned[0].effort[0]
     stamps = [stamp_of(m) for m in learned]

@@ -37,13 +37,17 @@ def test_a_driver_that_dies_and_returns_is_taken_up_again(rft):
     rft.until(lambda: rft.send(rft.moment()) or rft.diagnostic("inputs")[0] == b"\x00")
 
 
-def test_poses_that_come_before_the_node_do_no_harm_and_poses_may_be_transforms_as_of_motion_capture(start_process):
+def test_poses_that_come_before_the_node_do_no_harm_and_poses_may_be_transforms_as_of_motion_capture(
+    start_process,
+):
     rft = start_process("-p", "mesh.file:=plate")
     predicted, expected = rft.received["wrench_predicted"], predicted_by_the_core()
     stamp, end, again = S, time.monotonic() + WAIT, time.monotonic() + 60.0
     while not predicted:
         assert time.monotonic() < end
-        if time.monotonic() > again:  # as `Harness.call`: on a busy machine a match can stay one-sided for good
+        if (
+            time.monotonic() > again
+        ):  # as `Harness.call`: on a busy machine a match can stay one-sided for good
             again += 60.0
             rft.close_inputs()
             rft.open_inputs()
@@ -60,7 +64,9 @@ def test_poses_that_come_before_the_node_do_no_harm_and_poses_may_be_transforms_
         nonlocal stamp
         stamp += S
         rft.twist.publish(cdr("twist", stamp, (0.0, 0.0, -0.01, *still)))
-        capture.publish(transform_cdr(TransformSample(stamp, "world", "tool", (0.0, 0.0, -0.01), level, False)))
+        capture.publish(
+            transform_cdr(TransformSample(stamp, "world", "tool", (0.0, 0.0, -0.01), level, False))
+        )
         rft.spin(0.1)
         return stamp_of(predicted[-1]) == stamp
 
@@ -86,7 +92,10 @@ def test_simulated_time_dates_the_diagnostics_and_changes_no_estimate(start_node
 
 def test_a_pose_after_a_bag_loop_finds_the_twists_that_still_wait():
     """The node never spins here, so that no callback takes a twist before the pose's does."""
-    node, peer = RftNode(InlineWorker(), arguments=["--ros-args", "-r", "__ns:=/loop"]), rclpy.create_node("loop")
+    node, peer = (
+        RftNode(InlineWorker(), arguments=["--ros-args", "-r", "__ns:=/loop"]),
+        rclpy.create_node("loop"),
+    )
     twists = peer.create_publisher(TwistStamped, "/loop/rft/twist", 10)
     for moment in (100 * S, 10 * S):  # the bag loops
         end, estimates = time.monotonic() + WAIT, node.estimator.estimates
@@ -108,7 +117,9 @@ def test_a_subscription_that_cannot_match_is_reported(rft):
     rft.node.destroy_subscription(subscription)
 
 
-def test_a_best_effort_driver_is_heard_by_default_and_not_where_reliability_is_asked_for(start_node):
+def test_a_best_effort_driver_is_heard_by_default_and_not_where_reliability_is_asked_for(
+    start_node,
+):
     best_effort = QoSProfile(depth=10, reliability=ReliabilityPolicy.BEST_EFFORT)
     rft = start_node("-p", "mesh.file:=plate")
     rft.close_inputs()
@@ -119,7 +130,9 @@ def test_a_best_effort_driver_is_heard_by_default_and_not_where_reliability_is_a
     reliable.open_inputs(best_effort)
     reliable.until(lambda: "'~/pose', offering incompatible QoS" in reliable.said())
     assert reliable.pose.get_subscription_count() == 0
-    assert INPUTS["pose"].reliability == ReliabilityPolicy.BEST_EFFORT  # of every other node of this process
+    assert (
+        INPUTS["pose"].reliability == ReliabilityPolicy.BEST_EFFORT
+    )  # of every other node of this process
 
 
 def test_speed_beyond_the_papers_is_a_warning_with_the_number(rft):
@@ -169,7 +182,9 @@ def test_setting_a_misspelt_parameter_is_refused_with_its_name_and_the_nearest_o
 
 
 @pytest.mark.parametrize("number", [signal.SIGKILL, signal.SIGTERM])
-def test_a_demo_that_ends_early_says_why_ends_its_node_and_keeps_the_bag_before_it(tmp_path, number):
+def test_a_demo_that_ends_early_says_why_ends_its_node_and_keeps_the_bag_before_it(
+    tmp_path, number
+):
     """SIGKILL to its node, or SIGTERM to the demo."""
     out = tmp_path / "out"
     with BagWriter(out / "bag"):

@@ -23,11 +23,19 @@ def as_a_node(file, node="/rft", *more):
     try:
         given_sections(arguments)  # as the node's `main` does, before ROS reads them
         rclpy.init(args=arguments, context=context)
-        made = Node(name, namespace=namespace, context=context, enable_rosout=False, start_parameter_services=False)
+        made = Node(
+            name,
+            namespace=namespace,
+            context=context,
+            enable_rosout=False,
+            start_parameter_services=False,
+        )
         try:
             if not more:
                 assert_ros_reads_the_same(made, for_node(file, node))
-            return NodeParameters(made, arguments, prepare=lambda _: None, apply=lambda _: None).values
+            return NodeParameters(
+                made, arguments, prepare=lambda _: None, apply=lambda _: None
+            ).values
         finally:
             made.destroy_node()
     except InputError as error:
@@ -51,7 +59,9 @@ def assert_ros_reads_the_same(made, sections):
     for name, value in given.items():
         if value != []:
             read = of_ros[name]
-            assert repr(value) == repr(list(read) if isinstance(read, array | tuple) else read), name
+            assert repr(value) == repr(list(read) if isinstance(read, array | tuple) else read), (
+                name
+            )
 
 
 def as_a_command(file, node="/rft"):
@@ -66,11 +76,15 @@ def test_node_and_commands_agree_on_random_parameter_files(tmp_path, seed):
     random, nodes = np.random.default_rng(seed), ("/rft", "/cell/rft")
     files = [tmp_path / f"{k}.yaml" for k in range(60)]
     for k, file in enumerate(files):
-        file.write_text(hostile_file(random, strange=(0.03, 0.5)[k % 2]), encoding="utf-8", newline="")
+        file.write_text(
+            hostile_file(random, strange=(0.03, 0.5)[k % 2]), encoding="utf-8", newline=""
+        )
     used = 0
     for file, node in itertools.product(files, nodes):
         theirs, ours = as_a_node(file, node), as_a_command(file, node)
-        if "has no parameters for the node" in ours or (isinstance(theirs, dict) and not for_node(file, node)):
+        if "has no parameters for the node" in ours or (
+            isinstance(theirs, dict) and not for_node(file, node)
+        ):
             continue  # the node takes nothing from the file; for /rft, a command takes what is rft's in a namespace
         if isinstance(ours, str) and isinstance(theirs, str) and "use_sim_time" in theirs:
             continue  # both refuse the file; in the node, ROS is the first to
@@ -85,11 +99,26 @@ SECTION = "/**:\n  ros__parameters:\n"
 
 REFUSED = [
     (SECTION + "    <<: {mesh.file: sphere}\n", ("line 3", "<<", "write its values out")),
-    (SECTION + "    base: &b {mesh.file: sphere}\n    copy: *b\n", ("line 4", "alias", "write its values out")),
-    (SECTION + "    mesh.file: plate\n    mesh.file: sphere\n", ("line 4", "'mesh.file' a second time", "remove one")),
-    (SECTION + "    mesh.file: plate\n    mesh: {file: sphere}\n", ("'mesh.file' stands twice", "remove one")),
-    (SECTION + "    mesh: {file: plate}\n    mesh: {scale: 1.0}\n", ("line 4", "'mesh' a second time", "remove one")),
-    ("a: {b: {ros__parameters: {c: 1}}}\na/b: {ros__parameters: {c: 1}}\n", ("'a/b' stands twice", "one section")),
+    (
+        SECTION + "    base: &b {mesh.file: sphere}\n    copy: *b\n",
+        ("line 4", "alias", "write its values out"),
+    ),
+    (
+        SECTION + "    mesh.file: plate\n    mesh.file: sphere\n",
+        ("line 4", "'mesh.file' a second time", "remove one"),
+    ),
+    (
+        SECTION + "    mesh.file: plate\n    mesh: {file: sphere}\n",
+        ("'mesh.file' stands twice", "remove one"),
+    ),
+    (
+        SECTION + "    mesh: {file: plate}\n    mesh: {scale: 1.0}\n",
+        ("line 4", "'mesh' a second time", "remove one"),
+    ),
+    (
+        "a: {b: {ros__parameters: {c: 1}}}\na/b: {ros__parameters: {c: 1}}\n",
+        ("'a/b' stands twice", "one section"),
+    ),
     (SECTION + "    medium.zeta: '0.3'\n", ("medium.zeta is '0.3'", "number")),
     (SECTION + "    medium.zeta: !!str 0.3\n", ("line 3", "tag", "quotes")),
     (SECTION + "    medium.zeta: |-\n      0.3\n", ("line 3", "block", "one line")),
@@ -98,7 +127,10 @@ REFUSED = [
     (SECTION + "    medium.zetta: 1.0\n", ("medium.zetta", "did you mean 'medium.zeta'?")),
     (SECTION + "    mesh.origin: [0, 0.0, 0]\n", ("mesh.origin is [0, 0.0, 0]", "one type only")),
     ("a/b:\n  c/d:\n    ros__parameters: {}\n", ("'c/d'", "write both in one")),
-    (SECTION + "    mesh.file: plate\n---\n" + SECTION + "    mesh.file: sphere\n", ("line 4", "document", "each")),
+    (
+        SECTION + "    mesh.file: plate\n---\n" + SECTION + "    mesh.file: sphere\n",
+        ("line 4", "document", "each"),
+    ),
     *(
         (f"{SECTION}    medium.name: {text}\n", ("line 3", text, "decimal number", "quotes"))
         for text in (
@@ -122,7 +154,9 @@ REFUSED = [
 
 
 @pytest.mark.parametrize(("text", "words"), REFUSED)
-def test_what_ros_or_yaml_would_read_otherwise_is_refused_in_node_and_commands_alike(tmp_path, text, words):
+def test_what_ros_or_yaml_would_read_otherwise_is_refused_in_node_and_commands_alike(
+    tmp_path, text, words
+):
     file = tmp_path / "cell.yaml"
     file.write_text(text)
     said = refusal(read_parameter_file, file)
@@ -153,10 +187,15 @@ NUMBERS = {"1e-1": 0.1, "1": 1.0, "+2": 2.0, ".5": 0.5, "1e-4": 1e-4, "01.5": 1.
     ("text", "value"),
     [
         *((text, {"mesh.file": mesh}) for text, mesh in ORDERED.items()),
-        *((f"{SECTION}    medium.zeta: {text}\n", {"medium.zeta": number}) for text, number in NUMBERS.items()),
+        *(
+            (f"{SECTION}    medium.zeta: {text}\n", {"medium.zeta": number})
+            for text, number in NUMBERS.items()
+        ),
     ],
 )
-def test_later_sections_override_and_numbers_are_read_in_node_and_commands_alike(tmp_path, text, value):
+def test_later_sections_override_and_numbers_are_read_in_node_and_commands_alike(
+    tmp_path, text, value
+):
     file = tmp_path / "cell.yaml"
     file.write_text(text)
     assert read_parameter_file(file) == as_a_node(file) == defaults() | value
@@ -164,7 +203,11 @@ def test_later_sections_override_and_numbers_are_read_in_node_and_commands_alike
 
 def test_a_file_for_two_nodes_is_read_for_each(tmp_path):
     file = tmp_path / "cells.yaml"
-    file.write_text("".join(f"/{side}/rft:\n  ros__parameters: {{medium.zeta: {z}}}\n" for side, z in SIDES.items()))
+    file.write_text(
+        "".join(
+            f"/{side}/rft:\n  ros__parameters: {{medium.zeta: {z}}}\n" for side, z in SIDES.items()
+        )
+    )
     for side, zeta in SIDES.items():
         assert read_parameter_file(file, f"/{side}/rft") == as_a_node(file, f"/{side}/rft")
         assert read_parameter_file(file, f"/{side}/rft")["medium.zeta"] == zeta
@@ -186,6 +229,8 @@ def test_the_later_of_two_values_counts_whatever_its_type(tmp_path):
 def test_a_value_of_the_command_line_stands_in_the_place_of_its_section_as_in_ros(tmp_path):
     """``-p`` sets a parameter of ``/**``, which the file's own section for the node overrides."""
     file = tmp_path / "cell.yaml"
-    file.write_text(f"{SECTION}    medium.zeta: 1.0\nrft:\n  ros__parameters: {{medium.zeta: 0.25}}\n")
+    file.write_text(
+        f"{SECTION}    medium.zeta: 1.0\nrft:\n  ros__parameters: {{medium.zeta: 0.25}}\n"
+    )
     for name, zeta in (("medium.zeta", 0.25), ("rft:medium.zeta", 0.5)):
         assert as_a_node(file, "/rft", "-p", f"{name}:=0.5")["medium.zeta"] == zeta

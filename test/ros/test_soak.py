@@ -9,7 +9,17 @@ def test_every_pose_is_an_estimate_or_a_counted_reason_and_nothing_breaks(start_
     assert result.unaccounted == 0, result
     assert result.answered == result.calls > 12
     assert result.estimates > 0.8 * result.poses
-    assert {"pose_not_finite", "pose_frame_unknown", "pose_stamp_zero", "pose_out_of_order"} <= result.reasons.keys()
-    assert {"twist_not_finite", "wrench_not_finite", "pose_quaternion_not_unit", "at_rest"} <= result.reasons.keys()
+    assert {
+        "pose_not_finite",
+        "pose_frame_unknown",
+        "pose_stamp_zero",
+        "pose_out_of_order",
+    } <= result.reasons.keys()
+    assert {
+        "twist_not_finite",
+        "wrench_not_finite",
+        "pose_quaternion_not_unit",
+        "at_rest",
+    } <= result.reasons.keys()
     assert rft.stop() == 0
     assert "Traceback" not in rft.said()

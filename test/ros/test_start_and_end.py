@@ -53,7 +53,9 @@ def not_compiled(tmp_path: Path) -> Path:
     return tmp_path
 
 
-def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(start_process, not_compiled):
+def test_a_signal_during_compilation_ends_with_status_0_and_leaves_no_child(
+    start_process, not_compiled
+):
     rft = start_process("-p", f"mesh.file:={PLATE}", folder=not_compiled)
     wait_until(lambda: "compiling: " in rft.said(), "the node compiles")
     wait_until(lambda: len(descendants(rft.process.pid)) >= 2, "compilers and tool worker run")
@@ -80,7 +82,9 @@ def test_a_node_is_ready_before_code_that_it_does_not_use_is_compiled_and_refuse
     assert "compiling: " not in rft.said()
 
 
-@pytest.mark.parametrize("action", [signal.SIG_DFL, signal.SIG_IGN], ids=["foreground", "background job"])
+@pytest.mark.parametrize(
+    "action", [signal.SIG_DFL, signal.SIG_IGN], ids=["foreground", "background job"]
+)
 def test_a_signal_right_after_the_first_process_starts_ends_with_status_0(start_process, action):
     ours = signal.signal(signal.SIGINT, action)  # which the node inherits
     rft = start_process("-p", "mesh.file:=plate")
@@ -88,20 +92,26 @@ def test_a_signal_right_after_the_first_process_starts_ends_with_status_0(start_
     wait_until(lambda: descendants(rft.process.pid), "the tool worker starts")
     assert rft.stop() == 0
     said = rft.said().splitlines()
-    assert [line for line in said if "ready: tool plate" not in line] == []  # the node may be ready by then
+    assert [
+        line for line in said if "ready: tool plate" not in line
+    ] == []  # the node may be ready by then
 
 
 @pytest.mark.parametrize(
     ("executor", "number", "status"),
     [("single", signal.SIGINT, 0), ("events", signal.SIGKILL, -signal.SIGKILL)],
 )
-def test_each_executor_answers_and_no_child_outlives_it_whatever_ends_it(start_process, executor, number, status):
+def test_each_executor_answers_and_no_child_outlives_it_whatever_ends_it(
+    start_process, executor, number, status
+):
     rft = start_process("-p", "mesh.file:=plate", "-p", f"executor:={executor}").wait_ready()
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
     assert rft.set(medium__zeta=2.0) == (True, "")
     assert "tool plate in force" in rft.trigger("status")[1]
     rft.diagnostic("model")
-    np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=2.0), rtol=1e-15)
+    np.testing.assert_allclose(
+        numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=2.0), rtol=1e-15
+    )
     children = descendants(rft.process.pid)
     assert children
     assert rft.stop(number) == status
@@ -110,7 +120,9 @@ def test_each_executor_answers_and_no_child_outlives_it_whatever_ends_it(start_p
     assert "Traceback" not in rft.said()
 
 
-def test_where_rclpy_has_no_events_executor_the_node_says_so_and_takes_the_single_one(rft, monkeypatch):
+def test_where_rclpy_has_no_events_executor_the_node_says_so_and_takes_the_single_one(
+    rft, monkeypatch
+):
     monkeypatch.setitem(sys.modules, "rclpy.experimental", None)
     single = executor_of(rft._rft)
     assert isinstance(single, SingleThreadedExecutor)
@@ -145,8 +157,15 @@ for rule in ("centroid", "refined"):
 
 
 def test_after_compiling_ahead_nothing_is_left_to_compile():
-    assert subprocess.run([sys.executable, "-m", "rft_ros.cli", "warm-up"], capture_output=True).returncode == 0
-    done = subprocess.run([sys.executable, "-c", POSES_IN_THE_GRAINS], capture_output=True, text=True)
+    assert (
+        subprocess.run(
+            [sys.executable, "-m", "rft_ros.cli", "warm-up"], capture_output=True
+        ).returncode
+        == 0
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", POSES_IN_THE_GRAINS], capture_output=True, text=True
+    )
     assert (done.returncode, done.stderr) == (0, "")
 
 
@@ -154,7 +173,9 @@ def test_arguments_and_parameters_that_cannot_be_used_are_one_line_and_exit_stat
     file, pipe = tmp_path / "cell.yaml", tmp_path / "pipe.yaml"
     file.write_text("/**:\n  ros__parameters:\n    sensor.position: [0, 0, 0.5]\n")
     os.mkfifo(pipe)
-    bool_expected = "Trying to set parameter 'use_sim_time' to '3' of type 'INTEGER', expecting type 'BOOL'"
+    bool_expected = (
+        "Trying to set parameter 'use_sim_time' to '3' of type 'INTEGER', expecting type 'BOOL'"
+    )
     refused = {
         f"--params-file {file}": f"cannot use '--params-file {file}'; ROS arguments, such as",
         "--foo --ros-args -p mesh.file:=plate": "cannot use '--foo'; ROS arguments, such as",
@@ -162,24 +183,34 @@ def test_arguments_and_parameters_that_cannot_be_used_are_one_line_and_exit_stat
         "--ros-args --foo": "unknown ROS argument '--foo'",
         "--ros-args --log-lvel debug": "unknown ROS argument '--log-lvel', 'debug'",
         f"--ros-args --params-file {pipe}": f"parameter file '{pipe}' is a pipe",
-        f"--ros-args --params-file {file}": refusal(read_parameter_file, file),  # in the words of a replay
+        f"--ros-args --params-file {file}": refusal(
+            read_parameter_file, file
+        ),  # in the words of a replay
         "--ros-args -p use_sim_time:=3": bool_expected,
     }
     for arguments, sentence in refused.items():
-        done = subprocess.run([*NODE[:-1], *arguments.split()], capture_output=True, text=True, timeout=WAIT)
+        done = subprocess.run(
+            [*NODE[:-1], *arguments.split()], capture_output=True, text=True, timeout=WAIT
+        )
         assert done.returncode == 2
         assert done.stderr.startswith(f"rft_node: {sentence}")
         assert len(done.stderr.splitlines()) == 1
 
 
-@pytest.mark.parametrize("command", [("-m", "rft_ros.node.main"), ("-m", "rft_ros.cli", "doctor", str(CELL))])
+@pytest.mark.parametrize(
+    "command", [("-m", "rft_ros.node.main"), ("-m", "rft_ros.cli", "doctor", str(CELL))]
+)
 def test_a_home_in_which_ros_cannot_write_its_log_is_a_sentence_that_names_ros_log_dir(command):
     environment = {**os.environ, "HOME": "/proc/nowhere"}
     for name in ("ROS_LOG_DIR", "ROS_HOME"):
         environment.pop(name, None)
-    done = subprocess.run([sys.executable, *command], env=environment, capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, *command], env=environment, capture_output=True, text=True
+    )
     assert done.returncode == 2
-    assert "set ROS_LOG_DIR to a folder in which this user may write" in done.stderr.splitlines()[-1]
+    assert (
+        "set ROS_LOG_DIR to a folder in which this user may write" in done.stderr.splitlines()[-1]
+    )
     assert "Traceback" not in done.stderr
 
 

@@ -20,22 +20,35 @@ MESHES, ZETAS, MODELS = ("plate", "sphere"), (1.0, 0.5, 0.25), ("constant", "lin
 MOTION = {"z": -0.03, "linear": (0.006, 0.004, -0.01)}
 
 
-@pytest.mark.parametrize(("start", "executor"), [("start_process", "events"), ("start_node", "single")])
+@pytest.mark.parametrize(
+    ("start", "executor"), [("start_process", "events"), ("start_node", "single")]
+)
 def test_every_tick_is_answered_by_one_whole_model(request, start, executor):
     start = request.getfixturevalue(start)
     rft = start("-p", "mesh.file:=plate", "-p", f"executor:={executor}").wait_ready()
     client = rft.node.create_client(SetParameters, f"{rft.name}/set_parameters")
     assert client.wait_for_service(timeout_sec=WAIT)
     models = [*itertools.product(MESHES, ZETAS, MODELS)]
-    expected = np.array([predicted_by_the_core(mesh=m, zeta=z, alpha_y=a, **MOTION) for m, z, a in models])
-    changes = itertools.cycle([*(("medium.zeta", z) for z in ZETAS), *(("alpha_y.model", a) for a in MODELS)])
+    expected = np.array(
+        [predicted_by_the_core(mesh=m, zeta=z, alpha_y=a, **MOTION) for m, z, a in models]
+    )
+    changes = itertools.cycle(
+        [*(("medium.zeta", z) for z in ZETAS), *(("alpha_y.model", a) for a in MODELS)]
+    )
     predicted, pending, first, k = rft.received["wrench_predicted"], [], rft.moment(), 0
 
     def models_of(message):
-        return [models[i] for i in np.flatnonzero(np.isclose(numbers(message), expected, 1e-12, 1e-15).all(axis=1))]
+        return [
+            models[i]
+            for i in np.flatnonzero(
+                np.isclose(numbers(message), expected, 1e-12, 1e-15).all(axis=1)
+            )
+        ]
 
     def change(name, value):
-        pending.append(client.call_async(SetParameters.Request(parameters=parameters({name: value}))))
+        pending.append(
+            client.call_async(SetParameters.Request(parameters=parameters({name: value})))
+        )
 
     for mesh in ("plate", "sphere", "plate"):
         change("mesh.file", mesh)
@@ -60,29 +73,45 @@ def test_every_tick_is_answered_by_one_whole_model(request, start, executor):
     assert {mesh for mesh, *_ in used} == set(MESHES)
 
 
-TRIANGLE = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+TRIANGLE = (
+    "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+)
 
 
-def test_zeta_set_together_with_the_mesh_in_force_holds_although_another_mesh_was_on_its_way(rft, tmp_path):
+def test_zeta_set_together_with_the_mesh_in_force_holds_although_another_mesh_was_on_its_way(
+    rft, tmp_path
+):
     big = tmp_path / "big.stl"
     big.write_text("solid big\n" + TRIANGLE * 100_000 + "endsolid big\n")
     assert rft.set(mesh__file=str(big)) == (True, "")
     assert rft.set(mesh__file="plate", medium__zeta=0.33) == (True, "")
     assert rft.get("medium.zeta").double_value == 0.33
-    np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=0.33), rtol=1e-15)
+    np.testing.assert_allclose(
+        numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=0.33), rtol=1e-15
+    )
     assert "preparing" not in rft.trigger("status")[1]
     assert rft.set(medium__zeta=1.0)[0]
 
 
-def test_a_mesh_that_is_turned_or_filled_while_the_node_runs_is_the_turned_or_the_filled_tool(start_node):
+def test_a_mesh_that_is_turned_or_filled_while_the_node_runs_is_the_turned_or_the_filled_tool(
+    start_node,
+):
     rft = start_node("-p", "mesh.file:=root_tip").wait_ready()
     assert rft.set(mesh__hull=True, mesh__file="scoop") == (True, "")
     filled = predicted_by_the_core(mesh="scoop", hull=True, z=-0.01)
-    rft.until(lambda: np.allclose(numbers(rft.ask(rft.moment(), z=-0.01)), filled, rtol=1e-12, atol=1e-15))
+    rft.until(
+        lambda: np.allclose(
+            numbers(rft.ask(rft.moment(), z=-0.01)), filled, rtol=1e-12, atol=1e-15
+        )
+    )
     assert rft.set(mesh__hull=False, mesh__file="root_tip") == (True, "")
     assert rft.set(mesh__quaternion=[1.0, 0.0, 0.0, 0.0]) == (True, "")
     turned = predicted_by_the_core(mesh="root_tip", quaternion=(1.0, 0.0, 0.0, 0.0), z=-0.01)
-    rft.until(lambda: np.allclose(numbers(rft.ask(rft.moment(), z=-0.01)), turned, rtol=1e-12, atol=1e-15))
+    rft.until(
+        lambda: np.allclose(
+            numbers(rft.ask(rft.moment(), z=-0.01)), turned, rtol=1e-12, atol=1e-15
+        )
+    )
     success, why = rft.set(mesh__quaternion=[0.0, 0.0, 0.0, 3.0])
     assert not success
     assert "mesh.quaternion has norm 3; it must be 1" in why
@@ -103,7 +132,9 @@ def test_a_swap_that_fails_is_undone_even_if_the_file_in_force_is_gone(start_nod
         rft.until(lambda said=said: said in rft.said())
     assert rft.get("mesh.file").string_value == str(gone)
     assert rft.set(medium__zeta=0.5) == (True, "")
-    np.testing.assert_allclose(numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=0.5), rtol=1e-15)
+    np.testing.assert_allclose(
+        numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=0.5), rtol=1e-15
+    )
 
 
 def test_an_alpha_y_table_that_was_deleted_stays_in_force_until_another_is(start_node, tmp_path):
@@ -115,7 +146,9 @@ def test_an_alpha_y_table_that_was_deleted_stays_in_force_until_another_is(start
     ).wait_ready()
     before = numbers(rft.ask(rft.moment(), **MOTION))
     table.unlink()
-    assert not rft.set(alpha_y__table=str(other), mesh__scale=0.002, mesh__file="/none/there.stl")[0]
+    assert not rft.set(alpha_y__table=str(other), mesh__scale=0.002, mesh__file="/none/there.stl")[
+        0
+    ]
     for mesh in ("sphere", "plate"):
         assert rft.set(mesh__file=mesh) == (True, "")
         rft.until(lambda mesh=mesh: rft.diagnostic("model")[2]["tool"] == mesh)
@@ -126,12 +159,18 @@ def test_an_alpha_y_table_that_was_deleted_stays_in_force_until_another_is(start
 
 def test_a_medium_of_ones_own_comes_into_force_live_and_a_bad_file_is_undone(start_node, tmp_path):
     mine, bad = tmp_path / "mine.yaml", tmp_path / "bad.csv"
-    mine.write_text(yaml.safe_dump({name: 0.5 * value for name, value in MEDIA["generic"].coefficients.items()}))
+    mine.write_text(
+        yaml.safe_dump(
+            {name: 0.5 * value for name, value in MEDIA["generic"].coefficients.items()}
+        )
+    )
     bad.write_text("beta_deg,gamma_deg,alpha_x,alpha_z\n0,90,0,200000\n")
     rft = start_node("-p", "mesh.file:=plate").wait_ready()
     whole = numbers(rft.ask(rft.moment(), **MOTION))
     assert rft.set(medium__file=str(mine)) == (True, "")
-    rft.until(lambda: np.allclose(numbers(rft.ask(rft.moment(), **MOTION)), 0.5 * whole, rtol=1e-12))
+    rft.until(
+        lambda: np.allclose(numbers(rft.ask(rft.moment(), **MOTION)), 0.5 * whole, rtol=1e-12)
+    )
     mine.unlink()
     assert rft.set(medium__file=str(bad)) == (True, "")
     rft.until(lambda: rft.get("medium.file").string_value == str(mine))
@@ -150,7 +189,9 @@ FILES = {
 }
 
 
-def test_no_file_that_a_parameter_names_delays_a_pose_while_its_drive_stalls(start_process, tmp_path):
+def test_no_file_that_a_parameter_names_delays_a_pose_while_its_drive_stalls(
+    start_process, tmp_path
+):
     """The worker process stands still, as at a drive that does not answer."""
     write_files(tmp_path)
     rft = start_process("-p", "mesh.file:=sphere", "-p", "ground.cell:=0.01").wait_ready()
@@ -162,11 +203,20 @@ def test_no_file_that_a_parameter_names_delays_a_pose_while_its_drive_stalls(sta
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment(), **MOTION)), before)
     os.kill(worker, signal.SIGCONT)
     rft.until(lambda: "preparing" not in rft.trigger("status")[1])
-    values = {**defaults(), "medium.mobilization_length": 0.0, "ground.cell": 0.01, "alpha_y.model": "table"}
+    values = {
+        **defaults(),
+        "medium.mobilization_length": 0.0,
+        "ground.cell": 0.01,
+        "alpha_y.model": "table",
+    }
     model = model_of({**values, **{name: str(tmp_path / file) for name, file in FILES.items()}})
-    state = checked_states([0.0, 0.0, MOTION["z"], 0.0, 0.0, 0.0, 1.0, *MOTION["linear"], 0.0, 0.0, 0.0])
+    state = checked_states(
+        [0.0, 0.0, MOTION["z"], 0.0, 0.0, 0.0, 1.0, *MOTION["linear"], 0.0, 0.0, 0.0]
+    )
     expected = wrenches(model.tool.plates, model.law, state, surface_height=0.002)[0]
-    np.testing.assert_allclose(numbers(rft.ask(rft.moment(), **MOTION)), expected[:6], rtol=1e-7)  # heights are float32
+    np.testing.assert_allclose(
+        numbers(rft.ask(rft.moment(), **MOTION)), expected[:6], rtol=1e-7
+    )  # heights are float32
 
 
 def write_files(folder):
@@ -184,7 +234,9 @@ CENTRES = 0.01 * (np.arange(-10, 10) + 0.5)
 
 def children(process):
     """The ids of a process's child processes."""
-    return [int(text) for text in Path(f"/proc/{process}/task/{process}/children").read_text().split()]
+    return [
+        int(text) for text in Path(f"/proc/{process}/task/{process}/children").read_text().split()
+    ]
 
 
 def test_a_pipe_in_place_of_a_file_is_refused_before_it_is_opened(rft, tmp_path):
@@ -192,6 +244,8 @@ def test_a_pipe_in_place_of_a_file_is_refused_before_it_is_opened(rft, tmp_path)
     os.mkfifo(pipe)
     needs = {"alpha_y.table": {"alpha_y__model": "table"}, "ground.file": {"ground__cell": 0.01}}
     for parameter in FILES:
-        success, why = rft.set(**{parameter.replace(".", "__"): str(pipe)}, **needs.get(parameter, {}))
+        success, why = rft.set(
+            **{parameter.replace(".", "__"): str(pipe)}, **needs.get(parameter, {})
+        )
         assert not success
         assert f"{parameter} '{pipe}' is a pipe" in why

@@ -4,7 +4,18 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from recordings import POSE, START, STEP, TF, TWIST, WRENCH, cdr, transforms_cdr, write_messages, write_ros2
+from recordings import (
+    POSE,
+    START,
+    STEP,
+    TF,
+    TWIST,
+    WRENCH,
+    cdr,
+    transforms_cdr,
+    write_messages,
+    write_ros2,
+)
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.options import topics_of
@@ -17,7 +28,9 @@ from rft_ros.rft.frames import Placement
 
 SURFACE = 0.12
 ZETA = 0.4
-MOUNT = Placement((0.0, 0.0, 0.05), tuple(Rotation.from_euler("z", 90, degrees=True).as_quat().tolist()))
+MOUNT = Placement(
+    (0.0, 0.0, 0.05), tuple(Rotation.from_euler("z", 90, degrees=True).as_quat().tolist())
+)
 """The load cell in the tool."""
 PARAMETERS = {
     "mesh.file": "ellipsoid",
@@ -28,7 +41,14 @@ PARAMETERS = {
     "sensor.position": list(MOUNT.position),
     "sensor.quaternion": list(MOUNT.quaternion),
 }
-LEGS = ((1.0, (0, 0, 0)), (3.0, (0, 0, -1)), (0.5, (0, 0, 0)), (1.5, (1, 0, 0)), (1.5, (0, 1, 0)), (3.0, (0, 0, 1)))
+LEGS = (
+    (1.0, (0, 0, 0)),
+    (3.0, (0, 0, -1)),
+    (0.5, (0, 0, 0)),
+    (1.5, (1, 0, 0)),
+    (1.5, (0, 1, 0)),
+    (3.0, (0, 0, 1)),
+)
 
 
 def motion(rate: float) -> NDArray[np.float64]:
@@ -60,31 +80,64 @@ def cell_of(values, *, named=PARAMETERS) -> Cell:
 
 
 def wrong(
-    states, readings, *, poses=None, twists=None, stamps=None, arrivals=None, late=0.0, live=True, lost=(), **parameters
+    states,
+    readings,
+    *,
+    poses=None,
+    twists=None,
+    stamps=None,
+    arrivals=None,
+    late=0.0,
+    live=True,
+    lost=(),
+    **parameters,
 ) -> list[Finding]:
     """What the doctor finds wrong with a cell of these states and readings; parameters with _ for dots: as __.
 
     `stamps` and `arrivals` [ns]; `late`: of the load cell's stamps [s]. `lost`: the moments that do not arrive.
     """
-    named = {**PARAMETERS, **{name.replace("__", "."): value for name, value in parameters.items()}}
+    named = {
+        **PARAMETERS,
+        **{name.replace("__", "."): value for name, value in parameters.items()},
+    }
     values = {**defaults(), **named}
     checkup = Checkup(cell_of(values, named=named), live=live)
     stamps = [START + k * STEP for k in range(len(states))] if stamps is None else stamps
     places = states[:, POSITION] if poses is None else poses
     velocities = states[:, VELOCITY] if twists is None else twists
-    rows = zip(stamps, stamps if arrivals is None else arrivals, states, places, velocities, readings, strict=True)
+    rows = zip(
+        stamps,
+        stamps if arrivals is None else arrivals,
+        states,
+        places,
+        velocities,
+        readings,
+        strict=True,
+    )
     for k, (stamp, now, state, place, velocity, reading) in enumerate(rows):
         if k in lost:
             continue
-        checkup.push(WrenchSample(stamp + round(1e9 * late), "ft_sensor", tuple(reading.tolist())), now)
+        checkup.push(
+            WrenchSample(stamp + round(1e9 * late), "ft_sensor", tuple(reading.tolist())), now
+        )
         if values["twist_source"] == "topic":
-            checkup.push(TwistSample(stamp, "world", tuple(velocity.tolist()), tuple(state[10:].tolist())), now)
-        checkup.push(PoseSample(stamp, "world", tuple(place.tolist()), tuple(state[QUATERNION].tolist())), now)
+            checkup.push(
+                TwistSample(stamp, "world", tuple(velocity.tolist()), tuple(state[10:].tolist())),
+                now,
+            )
+        checkup.push(
+            PoseSample(stamp, "world", tuple(place.tolist()), tuple(state[QUATERNION].tolist())),
+            now,
+        )
     return [finding for finding in checkup.findings() if not finding.ok]
 
 
 def record(
-    path: Path, *, told: Placement = MOUNT, stamped: bool = True, extra: tuple[TransformSample, ...] = ()
+    path: Path,
+    *,
+    told: Placement = MOUNT,
+    stamped: bool = True,
+    extra: tuple[TransformSample, ...] = (),
 ) -> Path:
     """Topics of a right cell, /tf and /tf_static that say the same, and the cell without stamps, and untouched.
 
@@ -92,12 +145,23 @@ def record(
     transforms. `stamped`: whether the transforms on /tf have stamps.
     """
     states, random = motion(100.0), np.random.default_rng(3)
-    readings = 1.1 * loads(states) + 0.02 * random.standard_normal((len(states), 6)) * (1, 1, 1, 0.01, 0.01, 0.01)
+    readings = 1.1 * loads(states) + 0.02 * random.standard_normal((len(states), 6)) * (
+        1,
+        1,
+        1,
+        0.01,
+        0.01,
+        0.01,
+    )
     messages = []
     for k, (state, reading) in enumerate(zip(states.tolist(), readings.tolist(), strict=True)):
         stamp = START + k * STEP
         place = TransformSample(
-            stamp if stamped else 0, "base", "tool", (state[0] - 0.4, state[1] - 0.1, state[2]), (*state[QUATERNION],)
+            stamp if stamped else 0,
+            "base",
+            "tool",
+            (state[0] - 0.4, state[1] - 0.1, state[2]),
+            (*state[QUATERNION],),
         )
         now = (
             ("/rft/wrench_measured", WRENCH, cdr("wrench", stamp, reading)),
@@ -111,7 +175,9 @@ def record(
     mount = TransformSample(START, "tool", "ft_sensor", *told)
     arm = TransformSample(START, "world", "base", (0.4, 0.1, 0.0), (0.0, 0.0, 0.0, 1.0))
     late = START + 81_000_000  # as publishers are found one after the other
-    return write_messages(path, [*messages, (late, "/tf_static", TF, transforms_cdr(mount, arm, *extra))])
+    return write_messages(
+        path, [*messages, (late, "/tf_static", TF, transforms_cdr(mount, arm, *extra))]
+    )
 
 
 def record_of_a_newcomer(path: Path, *, offset: tuple[float, ...]) -> Path:
@@ -123,6 +189,8 @@ def record_of_a_newcomer(path: Path, *, offset: tuple[float, ...]) -> Path:
     readings += 0.02 * random.standard_normal((len(states), 6)) * (1, 1, 1, 0.01, 0.01, 0.01)
     rows = [("pose", START + k * 4_000_000, row[:7]) for k, row in enumerate(poses.tolist())]
     rows += [("wrench", START + k * STEP + 7, row) for k, row in enumerate(readings.tolist())]
-    timed = [(role, stamp, stamp, row) for role, stamp, row in sorted(rows, key=lambda row: row[1])]
+    timed = [
+        (role, stamp, stamp, row) for role, stamp, row in sorted(rows, key=lambda row: row[1])
+    ]
     topics = {"pose": ("/tcp", POSE), "wrench": ("/ft", WRENCH)}
     return write_ros2(path, timed, topics=topics, frames={"pose": "base", "wrench": "ft_sensor"})

@@ -12,7 +12,9 @@ from distribution import clean_copy, metadata, place, required, share_machine_co
 @pytest.fixture(scope="session")
 def dist(once) -> Path:
     """The folder that ``make dist`` fills: an sdist, and a wheel built from nothing but the sdist."""
-    pytest.importorskip("build", reason="building a release needs build: pip install 'rft_ros[test]'")
+    pytest.importorskip(
+        "build", reason="building a release needs build: pip install 'rft_ros[test]'"
+    )
 
     def make(folder: Path) -> None:
         source = clean_copy(folder / "source")
@@ -38,8 +40,21 @@ def installed(once, wheel: Path) -> Path:
 
     def make(folder: Path) -> None:
         venv.create(folder, with_pip=False)
-        pip = [sys.executable, "-m", "pip", "--quiet", "--python", str(folder / "bin" / "python"), "install"]
-        subprocess.run([*pip, "--no-deps", "--no-index", str(wheel)], check=True, cwd=folder, env=without_ros())
+        pip = [
+            sys.executable,
+            "-m",
+            "pip",
+            "--quiet",
+            "--python",
+            str(folder / "bin" / "python"),
+            "install",
+        ]
+        subprocess.run(
+            [*pip, "--no-deps", "--no-index", str(wheel)],
+            check=True,
+            cwd=folder,
+            env=without_ros(),
+        )
         (package,) = folder.glob("lib/python*/site-packages/rft_ros")
         for distribution in required(metadata(wheel)["Requires-Dist"], extra="ros"):
             place(distribution, package.parent)

@@ -25,12 +25,23 @@ if TYPE_CHECKING:
 ROOT = Path(__file__).resolve().parents[2]
 _LOCKS: list[IO[str]] = []  # held as long as the process lives
 
-_OF_ROS = ("AMENT_", "CMAKE_PREFIX_PATH", "COLCON_", "LD_LIBRARY_PATH", "PYTHONPATH", "RMW_", "ROS_", "_ROS_WHEELS_")
+_OF_ROS = (
+    "AMENT_",
+    "CMAKE_PREFIX_PATH",
+    "COLCON_",
+    "LD_LIBRARY_PATH",
+    "PYTHONPATH",
+    "RMW_",
+    "ROS_",
+    "_ROS_WHEELS_",
+)
 
 
 def clean_copy(folder: Path) -> Path:
     """Copy the working tree to `folder` without what .gitignore names."""
-    ignored = [line.strip("/") for line in (ROOT / ".gitignore").read_text(encoding="utf-8").split()]
+    ignored = [
+        line.strip("/") for line in (ROOT / ".gitignore").read_text(encoding="utf-8").split()
+    ]
     return Path(shutil.copytree(ROOT, folder, ignore=shutil.ignore_patterns(".git", *ignored)))
 
 
@@ -60,7 +71,9 @@ def required(lines: Iterable[str], *, extra: str) -> Iterable[Distribution]:
         if wanted.marker and not any(wanted.marker.evaluate({"extra": e}) for e in ("", *extras)):
             continue
         one, of_it = distribution(wanted.name), frozenset(wanted.extras)
-        assert wanted.specifier.contains(one.version, prereleases=True), f"{line}: {one.version} is installed"
+        assert wanted.specifier.contains(one.version, prereleases=True), (
+            f"{line}: {one.version} is installed"
+        )
         if (one.name, of_it) not in found:
             found[one.name, of_it] = one
             left += [(each, of_it) for each in one.requires or ()]
@@ -106,14 +119,18 @@ def own_domain() -> dict[str, str]:
 
 def manifest() -> "tuple[Package, list[str]]":
     """package.xml as ROS tools read it, and the warnings of catkin_pkg."""
-    package = pytest.importorskip("catkin_pkg.package", reason="needs catkin_pkg: pip install 'rft_ros[test]'")
+    package = pytest.importorskip(
+        "catkin_pkg.package", reason="needs catkin_pkg: pip install 'rft_ros[test]'"
+    )
     warnings: list[str] = []
     return package.parse_package(str(ROOT), warnings=warnings), warnings
 
 
 def third_party_imports() -> set[str]:
     """Top-level names that the package and its launch file import, anywhere in a module."""
-    found = {kind.partition("/")[0] for kinds in TYPES.values() for kind in kinds}  # the node imports these by name
+    found = {
+        kind.partition("/")[0] for kinds in TYPES.values() for kind in kinds
+    }  # the node imports these by name
     for file in [*(ROOT / "rft_ros").rglob("*.py"), *(ROOT / "launch").glob("*.py")]:
         for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):

@@ -11,17 +11,65 @@ _PLAIN_SCALARS = """
 """
 SCALARS = (
     *_PLAIN_SCALARS.split(),
-    *('"plate"', '"off"', '"1.0"', '"x\\ty"', '"\\u03b1"', '"a\\0b"', "!!str 5", "!!str off", "!!float 1", "!!int '3'"),
-    *("!!bool yes", "!own 1.5", "! 5", "&a 1.0", "!!null ''", "[1, 2]", "[1.0, 2.0]", "[0.0, 0.0, 0.0]", "[1, 2.0]"),
-    *("[true, off]", "[a, b]", "[[1], [2]]", "[1, ~]", "[a, '1']", "{a: 1}", "[{a: 1}]", "", "|\n      10\n"),
+    *(
+        '"plate"',
+        '"off"',
+        '"1.0"',
+        '"x\\ty"',
+        '"\\u03b1"',
+        '"a\\0b"',
+        "!!str 5",
+        "!!str off",
+        "!!float 1",
+        "!!int '3'",
+    ),
+    *(
+        "!!bool yes",
+        "!own 1.5",
+        "! 5",
+        "&a 1.0",
+        "!!null ''",
+        "[1, 2]",
+        "[1.0, 2.0]",
+        "[0.0, 0.0, 0.0]",
+        "[1, 2.0]",
+    ),
+    *(
+        "[true, off]",
+        "[a, b]",
+        "[[1], [2]]",
+        "[1, ~]",
+        "[a, '1']",
+        "{a: 1}",
+        "[{a: 1}]",
+        "",
+        "|\n      10\n",
+    ),
     *("|-\n      10\n", ">-\n      on\n", "|-\n", "# nothing", "a: b", "1.0 # one"),
 )
 NAMES = (
-    *("mesh.file", "mesh.scale", "mesh.origin", "medium.zeta", "medium.name", "surface_height", "learning.mode", "law"),
+    *(
+        "mesh.file",
+        "mesh.scale",
+        "mesh.origin",
+        "medium.zeta",
+        "medium.name",
+        "surface_height",
+        "learning.mode",
+        "law",
+    ),
     *("alpha_y.model", "world_frame", "integration", "max_rate", "tolerance", "use_sim_time"),
 )
 GOOD = {
-    "mesh.file": ("plate", "sphere", "tool.stl", "'a b.stl'", "/x/tool.stl", "~/tool.stl", "file:///x/y.stl"),
+    "mesh.file": (
+        "plate",
+        "sphere",
+        "tool.stl",
+        "'a b.stl'",
+        "/x/tool.stl",
+        "~/tool.stl",
+        "file:///x/y.stl",
+    ),
     "mesh.scale": ("1", "0.001", "1e-3"),
     "mesh.origin": ("[0, 0, 1]", "[0.0, 1e-3, 2.]"),
     "medium.zeta": ("0.33", "1", "3e-1"),
@@ -39,15 +87,63 @@ GOOD = {
 """Values that a parameter takes, by its name."""
 
 ODD_NAMES = (
-    *("mesh", "medium.zetta", "<<", "'<<'", "a.b.c", "1", "off", "''", "mesh..file", ".a", "a.", "? a", "!!str x"),
+    *(
+        "mesh",
+        "medium.zetta",
+        "<<",
+        "'<<'",
+        "a.b.c",
+        "1",
+        "off",
+        "''",
+        "mesh..file",
+        ".a",
+        "a.",
+        "? a",
+        "!!str x",
+    ),
     "&k y",
 )
-NODES = ("/**", "rft", "/rft", "/**/rft", "/*", "'*'", "/*/rft", "/cell/rft", "cell/rft", "arm", "rft_replay", "/**/*")
+NODES = (
+    "/**",
+    "rft",
+    "/rft",
+    "/**/rft",
+    "/*",
+    "'*'",
+    "/*/rft",
+    "/cell/rft",
+    "cell/rft",
+    "arm",
+    "rft_replay",
+    "/**/*",
+)
 ODD_NODES = (
-    *("/", "//rft", "rft/", "my-node", "1st", "''", "/***", "r*", "ros__parameters", "<<", "~", "/a//b", "/**/**/rft"),
+    *(
+        "/",
+        "//rft",
+        "rft/",
+        "my-node",
+        "1st",
+        "''",
+        "/***",
+        "r*",
+        "ros__parameters",
+        "<<",
+        "~",
+        "/a//b",
+        "/**/**/rft",
+    ),
     "a b",
 )
-ODD_BODIES = ("ros__parameters: 3", "ros__parameters: {}", "ros__parameters:", "x: 1", "{}", "ros__parameters_: {a: 1}")
+ODD_BODIES = (
+    "ros__parameters: 3",
+    "ros__parameters: {}",
+    "ros__parameters:",
+    "x: 1",
+    "{}",
+    "ros__parameters_: {a: 1}",
+)
 
 
 def hostile_file(random: np.random.Generator, *, strange: float = 1.0) -> str:
@@ -57,11 +153,21 @@ def hostile_file(random: np.random.Generator, *, strange: float = 1.0) -> str:
         lines += _section(random, strange)
     text = "\n".join(lines) + "\n"
     if random.random() < 0.03:
-        framed = ["---\n" + text, text + "---\n" + text, "\ufeff" + text, "%YAML 1.1\n---\n" + text, text + "..."]
+        framed = [
+            "---\n" + text,
+            text + "---\n" + text,
+            "\ufeff" + text,
+            "%YAML 1.1\n---\n" + text,
+            text + "...",
+        ]
         text = random.choice([*framed, text.replace("\n", "\r\n")])
     if random.random() < 0.05 and text:
         k = int(random.integers(len(text)))
-        text = text[:k] + str(random.choice(list("{}[]:,&*!?|>'\"%@`#- \t\n"))) + text[k + int(random.integers(2)) :]
+        text = (
+            text[:k]
+            + str(random.choice(list("{}[]:,&*!?|>'\"%@`#- \t\n")))
+            + text[k + int(random.integers(2)) :]
+        )
     return text
 
 
@@ -81,7 +187,9 @@ def _section(random: np.random.Generator, strange: float) -> list[str]:
         if random.random() < 0.3:
             body += ["second:", "  ros__parameters: {max_rate: 5.0}"]
     if random.random() < 0.05:
-        return [f"{node}: {{ros__parameters: {{{random.choice(NAMES)}: {random.choice(SCALARS)}}}}}"]
+        return [
+            f"{node}: {{ros__parameters: {{{random.choice(NAMES)}: {random.choice(SCALARS)}}}}}"
+        ]
     return [f"{node}:", *(f"  {line}" for line in body)]
 
 
@@ -93,14 +201,22 @@ def _parameters(random: np.random.Generator, strange: float, *, depth: int) -> l
             name = name.rpartition(".")[2] if random.random() < 0.7 else name
         if random.random() > strange and random.random() < 0.2 and not depth:
             group = str(random.choice(["mesh", "medium"]))
-            inner = [n for n in GOOD if n.startswith(f"{group}.") and random.random() < 0.7] or [f"{group}.file"]
+            inner = [n for n in GOOD if n.startswith(f"{group}.") and random.random() < 0.7] or [
+                f"{group}.file"
+            ]
             lines += [
                 f"{group}:",
-                *(f"  {n.partition('.')[2]}: {random.choice(GOOD.get(n, ('x.yaml',)))}" for n in inner),
+                *(
+                    f"  {n.partition('.')[2]}: {random.choice(GOOD.get(n, ('x.yaml',)))}"
+                    for n in inner
+                ),
             ]
         elif random.random() < 0.12 * strange and depth < 3:
             group = str(random.choice(["mesh", "medium", "alpha_y", "a", "a.b", "learning"]))
-            lines += [f"{group}:", *(f"  {line}" for line in _parameters(random, strange, depth=depth + 1))]
+            lines += [
+                f"{group}:",
+                *(f"  {line}" for line in _parameters(random, strange, depth=depth + 1)),
+            ]
         elif random.random() < 0.05 * strange:
             lines += [f"{name}:", "- 1.0", "- 2.0"]
         else:

@@ -5,7 +5,15 @@ from collections import Counter
 
 import numpy as np
 
-from rft_ros.estimator import Estimator, Measurement, PoseSample, Reason, TransformSample, TwistSample, WrenchSample
+from rft_ros.estimator import (
+    Estimator,
+    Measurement,
+    PoseSample,
+    Reason,
+    TransformSample,
+    TwistSample,
+    WrenchSample,
+)
 from rft_ros.parameters import LoadCell, Model, Settings
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, treers2021
 from rft_ros.tool import Tool
@@ -21,9 +29,19 @@ AREA = 4e-4
 def plate_tool(*, distance: float = 0.0) -> Tool:
     """`distance` of the plate from the tool frame's origin, along y."""
     corners = np.array([[-0.01, -0.01, 0.0], [0.01, -0.01, 0.0], [0.0, 0.03, 0.0]])
-    plates, faces = Plates.from_arrays([[0, distance, 0]], [[0, 0, -1]], [AREA]), np.array([[0, 2, 1]])
+    plates, faces = (
+        Plates.from_arrays([[0, distance, 0]], [[0, 0, -1]], [AREA]),
+        np.array([[0, 2, 1]]),
+    )
     return Tool(
-        name="one", file="", plates=plates, facets=plates, vertices=corners, faces=faces, issues={}, corners=corners
+        name="one",
+        file="",
+        plates=plates,
+        facets=plates,
+        vertices=corners,
+        faces=faces,
+        issues={},
+        corners=corners,
     )
 
 
@@ -34,8 +52,12 @@ def plate_model(*, generation: int = 0, tool: Tool | None = None, **grains: floa
     return Model(tool=tool or plate_tool(), law=law, generation=generation)
 
 
-def estimator(*, load_cell: LoadCell | None = None, model: Model | None = None, **settings) -> Estimator:
-    return Estimator(Settings(load_cell=load_cell or LoadCell(), **settings), model or plate_model())
+def estimator(
+    *, load_cell: LoadCell | None = None, model: Model | None = None, **settings
+) -> Estimator:
+    return Estimator(
+        Settings(load_cell=load_cell or LoadCell(), **settings), model or plate_model()
+    )
 
 
 def push(e, *samples):
@@ -57,7 +79,9 @@ def pose(stamp=START, position=(0.0, 0.0, -0.01), quaternion=LEVEL, frame="world
     return PoseSample(stamp, frame, position, quaternion)
 
 
-def twist(stamp=START, linear=(0.0, 0.0, -0.01), angular=(0.0, 0.0, 0.0), frame="world") -> TwistSample:
+def twist(
+    stamp=START, linear=(0.0, 0.0, -0.01), angular=(0.0, 0.0, 0.0), frame="world"
+) -> TwistSample:
     """By default straight down at 1 cm/s."""
     return TwistSample(stamp, frame, linear, angular)
 

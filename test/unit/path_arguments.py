@@ -23,7 +23,9 @@ GOOD: dict[str, list[dict[str, str]]] = {
     "check-mesh": [{"mesh": "ball.stl", "union": "union.stl"}],
     "reduce": [{"mesh": "ball.stl", "output": "out.npz"}],
     "replay": [{"bag": "bag", "params": "cell.yaml", "check": "limits.yaml", "output": "out"}],
-    "calibrate": [{"bags": "bag", "params": "cell.yaml", "mesh": "bag=ball.stl", "output": "calibrated.yaml"}],
+    "calibrate": [
+        {"bags": "bag", "params": "cell.yaml", "mesh": "bag=ball.stl", "output": "calibrated.yaml"}
+    ],
     "fit-medium": [{"map": "map.csv", "figure": "map.png", "output": "fitted.yaml"}],
     "sweep": [{"study": "study.yaml", "output": "swept"}],
     "view": [
@@ -60,7 +62,9 @@ def write_good(folder: Path) -> None:
 
 def parameters_text(values: dict[str, object]) -> str:
     """A parameter file for all nodes, with the full tool `ball.stl`."""
-    return yaml.safe_dump({"/**": {"ros__parameters": {"mesh.file": "ball.stl", "tolerance": 0.0} | values}})
+    return yaml.safe_dump(
+        {"/**": {"ros__parameters": {"mesh.file": "ball.stl", "tolerance": 0.0} | values}}
+    )
 
 
 def path_arguments() -> Iterator[tuple[str, argparse.Action]]:
@@ -69,7 +73,9 @@ def path_arguments() -> Iterator[tuple[str, argparse.Action]]:
     for name, command in commands.choices.items():
         for action in command._actions:
             words = f"{action.metavar or ''} {action.help or ''}"
-            if action.type is Path or (action.nargs is None and any(word in words for word in _WORDS)):
+            if action.type is Path or (
+                action.nargs is None and any(word in words for word in _WORDS)
+            ):
                 yield name, action
 
 
@@ -80,9 +86,14 @@ def command_lines(path: str, *, command: str, action: argparse.Action) -> Iterat
         if action.dest in good:
             words = [command]
             for dest, value in good.items():
-                bag, equals, _ = value.partition("=")  # of BAG=FILE, which has a path only if it is the one in question
+                bag, equals, _ = value.partition(
+                    "="
+                )  # of BAG=FILE, which has a path only if it is the one in question
                 if dest == action.dest:
-                    words += [*actions[dest].option_strings[-1:], f"{bag}={path}" if equals else path]
+                    words += [
+                        *actions[dest].option_strings[-1:],
+                        f"{bag}={path}" if equals else path,
+                    ]
                 elif not equals:
                     words += [*actions[dest].option_strings[-1:], value]
             yield words
@@ -117,7 +128,11 @@ def hostile_paths(folder: Path, suffix: str) -> dict[str, Path]:
     os.mkfifo(found["pipe"])
     with socket.socket(socket.AF_UNIX) as server:
         server.bind(os.path.relpath(found["socket"]))  # a socket's path has 107 characters at most
-    for name, target in (("device", "/dev/zero"), ("system", "/proc/kmsg"), ("trace", "/proc/self/mem")):
+    for name, target in (
+        ("device", "/dev/zero"),
+        ("system", "/proc/kmsg"),
+        ("trace", "/proc/self/mem"),
+    ):
         found[name].symlink_to(target)
     found["folder"].mkdir()
     found["empty"].touch()

@@ -18,7 +18,11 @@ ROS1 = get_typestore(Stores.ROS1_NOETIC)
 POSE, TWIST, WRENCH = (f"geometry_msgs/msg/{name}Stamped" for name in ("Pose", "Twist", "Wrench"))
 TF, TRANSFORM = "tf2_msgs/msg/TFMessage", "geometry_msgs/msg/TransformStamped"
 CLOUD = "sensor_msgs/msg/PointCloud2"
-TOPICS = {"pose": ("/rft/pose", POSE), "twist": ("/rft/twist", TWIST), "wrench": ("/rft/wrench_measured", WRENCH)}
+TOPICS = {
+    "pose": ("/rft/pose", POSE),
+    "twist": ("/rft/twist", TWIST),
+    "wrench": ("/rft/wrench_measured", WRENCH),
+}
 FRAMES = {"pose": "world", "twist": "world", "wrench": "ft_sensor"}
 START = 1_600_000_000_000_000_000
 STEP = 10_000_000
@@ -26,14 +30,19 @@ STEP = 10_000_000
 
 def header(store, stamp: int, frame: str):
     time = store.types["builtin_interfaces/msg/Time"](sec=stamp // 10**9, nanosec=stamp % 10**9)
-    return store.types["std_msgs/msg/Header"](stamp=time, frame_id=frame, **({"seq": 0} if store is ROS1 else {}))
+    return store.types["std_msgs/msg/Header"](
+        stamp=time, frame_id=frame, **({"seq": 0} if store is ROS1 else {})
+    )
 
 
 def message(store, role: str, stamp: int, values, frame: str | None = None):
     t, kind = store.types, TOPICS[role][1]
     head = header(store, stamp, FRAMES[role] if frame is None else frame)
     names = ("Point", "Quaternion") if role == "pose" else ("Vector3", "Vector3")
-    parts = (t[f"geometry_msgs/msg/{n}"](*part) for n, part in zip(names, (values[:3], values[3:]), strict=True))
+    parts = (
+        t[f"geometry_msgs/msg/{n}"](*part)
+        for n, part in zip(names, (values[:3], values[3:]), strict=True)
+    )
     return t[kind](head, t[kind.removesuffix("Stamped")](*parts))
 
 
@@ -56,12 +65,23 @@ def transform_cdr(transform) -> bytes:
 def _transform(transform):
     t, head = ROS2.types, header(ROS2, transform.stamp, transform.parent)
     place = t["geometry_msgs/msg/Vector3"](*transform.position)
-    pose = t["geometry_msgs/msg/Transform"](place, t["geometry_msgs/msg/Quaternion"](*transform.quaternion))
+    pose = t["geometry_msgs/msg/Transform"](
+        place, t["geometry_msgs/msg/Quaternion"](*transform.quaternion)
+    )
     return t[TRANSFORM](head, transform.child, pose)
 
 
 def cloud_cdr(
-    points, *, ros1=False, dtype="<f4", names="xyz", height=1, padding=3, frame="world", pad_rows=0, stamp=START
+    points,
+    *,
+    ros1=False,
+    dtype="<f4",
+    names="xyz",
+    height=1,
+    padding=3,
+    frame="world",
+    pad_rows=0,
+    stamp=START,
 ) -> bytes:
     """A PointCloud2, of ROS 1 if asked for."""
     store = ROS1 if ros1 else ROS2
@@ -72,9 +92,14 @@ def cloud_cdr(
     packed[:, padding:] = np.asarray(points).astype(dtype).view(np.uint8)
     rows = np.pad(packed.reshape(height, width * step), ((0, 0), (0, pad_rows)))
     kind = {"f4": 7, "f8": 8, "i4": 5}[dtype[1:]]
-    fields = [t["sensor_msgs/msg/PointField"](n, padding + k * size, kind, 1) for k, n in enumerate(names)]
+    fields = [
+        t["sensor_msgs/msg/PointField"](n, padding + k * size, kind, 1)
+        for k, n in enumerate(names)
+    ]
     head = header(store, stamp, frame)
-    cloud = t[CLOUD](head, height, width, fields, dtype[0] == ">", step, rows.shape[1], rows.ravel(), True)
+    cloud = t[CLOUD](
+        head, height, width, fields, dtype[0] == ">", step, rows.shape[1], rows.ravel(), True
+    )
     return bytes(store.serialize_ros1(cloud, CLOUD) if ros1 else store.serialize_cdr(cloud, CLOUD))
 
 
@@ -95,7 +120,12 @@ def plunge(repeats: int = 1, *, noise: float = 0.0):
     `noise`: standard deviation of each component of its velocity [m/s]; the same numbers every time.
     """
     random = np.random.default_rng(7)
-    legs = ((200, (0.0, 0.0, -0.02)), (50, (0.0, 0.0, 0.0)), (100, (0.02, 0.0, 0.0)), (300, (0.0, 0.0, 0.02)))
+    legs = (
+        (200, (0.0, 0.0, -0.02)),
+        (50, (0.0, 0.0, 0.0)),
+        (100, (0.02, 0.0, 0.0)),
+        (300, (0.0, 0.0, 0.02)),
+    )
     stamp = START
     for _ in range(repeats):
         place = np.array([0.0, 0.0, 0.01])
@@ -110,13 +140,18 @@ def plunge(repeats: int = 1, *, noise: float = 0.0):
                 stamp += STEP
 
 
-def write_ros2(path: Path, rows, *, plugin=StoragePlugin.MCAP, topics=TOPICS, compress=False, frames=FRAMES) -> Path:
+def write_ros2(
+    path: Path, rows, *, plugin=StoragePlugin.MCAP, topics=TOPICS, compress=False, frames=FRAMES
+) -> Path:
     bag = Writer(path, version=9, storage_plugin=plugin)
     if compress:
         mode = CompressionMode.STORAGE if plugin is StoragePlugin.MCAP else CompressionMode.FILE
         bag.set_compression(mode, CompressionFormat.ZSTD)
     with bag as writer:
-        connections = {r: writer.add_connection(name, kind, typestore=ROS2) for r, (name, kind) in topics.items()}
+        connections = {
+            r: writer.add_connection(name, kind, typestore=ROS2)
+            for r, (name, kind) in topics.items()
+        }
         for role, time, stamp, values in rows:
             if role in connections:
                 writer.write(connections[role], time, cdr(role, stamp, values, frames[role]))
@@ -125,9 +160,15 @@ def write_ros2(path: Path, rows, *, plugin=StoragePlugin.MCAP, topics=TOPICS, co
 
 def write_run(path: Path, time, states, readings, **named) -> Path:
     """A bag of what a load cell reads, twist and pose at each moment [s]; `named`: `topics` and `frames`."""
-    columns = {"wrench": readings, "twist": states[:, frames.TWIST], "pose": states[:, frames.POSE]}
+    columns = {
+        "wrench": readings,
+        "twist": states[:, frames.TWIST],
+        "pose": states[:, frames.POSE],
+    }
     stamps = [START + round(t * 1e9) for t in time]
-    return write_ros2(path, [(r, t, t, columns[r][k]) for k, t in enumerate(stamps) for r in columns], **named)
+    return write_ros2(
+        path, [(r, t, t, columns[r][k]) for k, t in enumerate(stamps) for r in columns], **named
+    )
 
 
 def write_mcap(file, rows, *, encoding="cdr", **options):
@@ -157,7 +198,10 @@ def write_messages(path: Path, messages) -> Path:
 
 def write_ros1(path: Path, rows) -> Path:
     with Writer1(path) as writer:
-        connections = {r: writer.add_connection(name, kind, typestore=ROS1) for r, (name, kind) in TOPICS.items()}
+        connections = {
+            r: writer.add_connection(name, kind, typestore=ROS1)
+            for r, (name, kind) in TOPICS.items()
+        }
         for role, time, stamp, values in rows:
             data = ROS1.serialize_ros1(message(ROS1, role, stamp, values), TOPICS[role][1])
             writer.write(connections[role], time, data)
@@ -166,7 +210,9 @@ def write_ros1(path: Path, rows) -> Path:
 
 def values(**changes):
     """The default parameters but for these, whose dots are double underscores."""
-    return defaults() | {k.replace("__", "."): checked(k.replace("__", "."), v) for k, v in changes.items()}
+    return defaults() | {
+        k.replace("__", "."): checked(k.replace("__", "."), v) for k, v in changes.items()
+    }
 
 
 def rows_of(folder):

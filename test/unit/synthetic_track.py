@@ -12,7 +12,15 @@ from scipy.spatial.transform import Rotation, Slerp
 from rft_ros.calibration.track import Track
 from rft_ros.estimator import LoadCellFrame, PoseDifference, PoseSample
 from rft_ros.parameters import LoadCell, defaults
-from rft_ros.rft import MEDIA, SLACK, Memory, alpha_y_model, displacements_followed, treers2021, wrenches_in_time
+from rft_ros.rft import (
+    MEDIA,
+    SLACK,
+    Memory,
+    alpha_y_model,
+    displacements_followed,
+    treers2021,
+    wrenches_in_time,
+)
 from rft_ros.tool import load_tool
 
 REST = 2e-4
@@ -28,7 +36,9 @@ _BOX.apply_translation((0.0, 0.0, -1.5))
 _BOX.export(TOOL_FILE)
 TOOL = load_tool(TOOL_FILE, scale=0.001)
 
-ROTATED = tuple(float(v) for v in Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_quat())
+ROTATED = tuple(
+    float(v) for v in Rotation.from_euler("xyz", [25.0, -40.0, 70.0], degrees=True).as_quat()
+)
 
 
 def law(zeta=1.0):
@@ -54,7 +64,9 @@ class Path:
 
     def move(self, offset, speed):
         offset = np.array(offset, dtype=float)
-        return self._corner(np.linalg.norm(offset) / speed, self.positions[-1] + offset, self.rotations[-1])
+        return self._corner(
+            np.linalg.norm(offset) / speed, self.positions[-1] + offset, self.rotations[-1]
+        )
 
     def turn_to(self, rotation, seconds=0.5):
         return self._corner(seconds, self.positions[-1], rotation)
@@ -74,7 +86,12 @@ class Path:
         leg = np.clip(np.searchsorted(self.times, time, side="right") - 1, 0, len(self.times) - 2)
         lengths = np.diff(self.times)[leg, None]
         velocity = np.diff(places, axis=0)[leg] / lengths
-        spins = np.array([(b * a.inv()).as_rotvec() for a, b in zip(self.rotations, self.rotations[1:], strict=False)])
+        spins = np.array(
+            [
+                (b * a.inv()).as_rotvec()
+                for a, b in zip(self.rotations, self.rotations[1:], strict=False)
+            ]
+        )
         return time, np.hstack([position, turns.as_quat(), velocity, spins[leg] / lengths])
 
 
@@ -84,7 +101,9 @@ def grain_wrenches(_time, states, law, *, surface, length=1e-9, tool=TOOL):
     # a dead band as in the estimator: without it λ of a reversal is found 7 % short
     moved = displacements_followed(states, reach=plates.reach, dead_band=SLACK)
     grains = replace(law, mobilization_length=length)
-    return wrenches_in_time(plates, grains, states, Memory(plates), displacements=moved, surface_height=surface)
+    return wrenches_in_time(
+        plates, grains, states, Memory(plates), displacements=moved, surface_height=surface
+    )
 
 
 def read_by(cell, states, wrench_rows, rng=None, *, noise=(0.0, 0.0)):
@@ -118,7 +137,9 @@ def differenced(time, states):
     """The states with the velocities that the estimator finds from the poses."""
     difference = PoseDifference()
     for row, t in zip(states, time, strict=True):
-        pose = PoseSample(1 + round(1e9 * t), "world", tuple(row[:3].tolist()), tuple(row[3:7].tolist()))
+        pose = PoseSample(
+            1 + round(1e9 * t), "world", tuple(row[:3].tolist()), tuple(row[3:7].tolist())
+        )
         row[7:13] = difference.twist if difference.push(pose, window=0.2, gap=10**8) else 0.0
     return states
 
@@ -144,7 +165,17 @@ NOISE = (0.1, 0.002)
 
 
 def recorded(
-    path, *, rate=100.0, zeta=0.8, length=1e-9, surface=0.0, force=None, tool=TOOL, cell=LOAD_CELL, noise=NOISE, seed=5
+    path,
+    *,
+    rate=100.0,
+    zeta=0.8,
+    length=1e-9,
+    surface=0.0,
+    force=None,
+    tool=TOOL,
+    cell=LOAD_CELL,
+    noise=NOISE,
+    seed=5,
 ):
     """The track of a path, with noise; `force`: from the states to the grains' wrenches, if not those of the law."""
     time, states = path.states(rate)
@@ -159,14 +190,22 @@ def recorded(
 def unknown(**given):
     """Parameters with the mounting of the load cell only."""
     cell = LOAD_CELL
-    mounting = {"sensor__position": cell.position, "sensor__quaternion": cell.quaternion, "sensor__sign": cell.sign}
+    mounting = {
+        "sensor__position": cell.position,
+        "sensor__quaternion": cell.quaternion,
+        "sensor__sign": cell.sign,
+    }
     return parameters(**(mounting | given))
 
 
 def known(**given):
     """Parameters with all of the load cell."""
     cell = LOAD_CELL
-    own = {"sensor__bias": cell.bias, "sensor__mass": cell.mass, "sensor__center_of_mass": cell.center_of_mass}
+    own = {
+        "sensor__bias": cell.bias,
+        "sensor__mass": cell.mass,
+        "sensor__center_of_mass": cell.center_of_mass,
+    }
     return unknown(**(own | given))
 
 

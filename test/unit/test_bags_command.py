@@ -24,7 +24,9 @@ def bags(tmp_path_factory):
     folder = tmp_path_factory.mktemp("bags")
     for name in ("monday", "tuesday"):
         (folder / name).mkdir()
-    return write_ros2(folder / "monday" / "run", plunge()), write_ros2(folder / "tuesday" / "run", moments())
+    return write_ros2(folder / "monday" / "run", plunge()), write_ros2(
+        folder / "tuesday" / "run", moments()
+    )
 
 
 def rft_replay(*arguments):
@@ -39,15 +41,22 @@ def test_each_bag_has_its_own_folder(bags, tmp_path, capsys, place):
         given.insert(place, tmp_path / "gone")
     assert rft_replay(*given, "-o", tmp_path / "out") == len(given) - 2
     out, err = capsys.readouterr()
-    lost = f"rft replay: bag '{tmp_path / 'gone'}' does not exist; give the path of one that does\n"
+    lost = (
+        f"rft replay: bag '{tmp_path / 'gone'}' does not exist; give the path of one that does\n"
+    )
     assert err == ("" if place is None else lost)
     for name, poses in (("run", 650), ("run_2", 60)):
         assert f"-> {tmp_path / 'out' / name / 'summary.json'}" in out
-        assert json.loads((tmp_path / "out" / name / "summary.json").read_text())["messages"]["pose"] == poses
+        assert (
+            json.loads((tmp_path / "out" / name / "summary.json").read_text())["messages"]["pose"]
+            == poses
+        )
     if place is None:  # the bytes that a bag gives alone
         assert rft_replay(bags[1], "-o", tmp_path / "alone") == 0
         for name in ("estimates.csv", "summary.json", "estimates/estimates.mcap"):
-            assert (tmp_path / "out" / "run_2" / name).read_bytes() == (tmp_path / "alone" / name).read_bytes()
+            assert (tmp_path / "out" / "run_2" / name).read_bytes() == (
+                tmp_path / "alone" / name
+            ).read_bytes()
 
 
 def test_a_node_of_several_in_a_file_is_chosen_by_its_name(tmp_path, capsys):
@@ -57,7 +66,9 @@ def test_a_node_of_several_in_a_file_is_chosen_by_its_name(tmp_path, capsys):
         for side, z in (("left", 0.5), ("right", 0.25))
     ]
     (tmp_path / "cells.yaml").write_text("".join(sections))
-    topics = {role: (name.replace("/rft", "/right/rft"), kind) for role, (name, kind) in TOPICS.items()}
+    topics = {
+        role: (name.replace("/rft", "/right/rft"), kind) for role, (name, kind) in TOPICS.items()
+    }
     bag = write_ros2(tmp_path / "bag", moments(), topics=topics)
     given = ["--params", tmp_path / "cells.yaml", "-o", tmp_path / "out"]
     assert rft_replay(bag, *given) == 2
@@ -82,7 +93,10 @@ def test_what_cannot_be_replayed_is_unusable_input(bags, tmp_path, capsys):
     for arguments, sentence in (
         ((tmp_path / "gone", "-o", tmp_path / "out"), "does not exist"),
         ((bags[0], tmp_path / "gone", "-o", bags[0].parent), "would overwrite the input"),
-        ((bags[0], "-o", tmp_path, "--start", 2, "--end", 1), "end is 1 s; it must be after start, 2 s"),
+        (
+            (bags[0], "-o", tmp_path, "--start", 2, "--end", 1),
+            "end is 1 s; it must be after start, 2 s",
+        ),
     ):
         assert rft_replay(*arguments) == 2
         (said,) = capsys.readouterr().err.splitlines()
@@ -96,7 +110,9 @@ def test_names_that_are_not_utf_8_are_escaped(tmp_path, capsys):
     (bag / "cell.yaml").write_text("rft: {ros__parameters: {mesh.file: tool.stl, tolerance: 0.0}}")
     given = ["--params", str(bag / "cell.yaml"), "-o", str(tmp_path / "out")]
     assert main(["replay", str(bag), str(bag), *given]) == 0
-    assert json.loads((tmp_path / "out" / "on\\xe9" / "summary.json").read_text())["bag"] == "on\\xe9"
+    assert (
+        json.loads((tmp_path / "out" / "on\\xe9" / "summary.json").read_text())["bag"] == "on\\xe9"
+    )
     capsys.readouterr().out.encode()
 
 
@@ -106,28 +122,44 @@ def checked(tmp_path, text, *bags):
     return rft_replay(*bags, "-o", tmp_path / "out", "--check", limits)
 
 
-KEPT = "estimates: {min: 500, max: 650}\nphases.penetration.depth_bins.5-10mm.estimates: {min: 1e0}\n"
+KEPT = (
+    "estimates: {min: 500, max: 650}\nphases.penetration.depth_bins.5-10mm.estimates: {min: 1e0}\n"
+)
 
 
-def test_metrics_within_their_limits_give_status_0_and_a_table_and_one_that_is_not_1(bags, tmp_path, capsys):
+def test_metrics_within_their_limits_give_status_0_and_a_table_and_one_that_is_not_1(
+    bags, tmp_path, capsys
+):
     """Also where it is one bag's of several."""
     bag, short = bags
     for text, bags, status, told in (
         (KEPT, [bag], 0, ["ok", "ok"]),
-        (KEPT + "phases.penetration.rms_over_peak: {max: 0.001}\n", [bag], 1, ["ok", "ok", "FAILED"]),
+        (
+            KEPT + "phases.penetration.rms_over_peak: {max: 0.001}\n",
+            [bag],
+            1,
+            ["ok", "ok", "FAILED"],
+        ),
         ("phases.withdrawal.estimates: {min: 1}\n", [bag, short], 1, ["ok", "FAILED"]),
     ):
         assert checked(tmp_path, text, *bags) == status
         lines = capsys.readouterr().out.splitlines()
-        assert [line.split()[0] for line in lines if line.startswith(("  ok ", "  FAILED"))] == told
+        assert [
+            line.split()[0] for line in lines if line.startswith(("  ok ", "  FAILED"))
+        ] == told
 
 
 def test_what_did_not_occur_counts_as_zero_and_a_metric_without_a_value_fails(bags, tmp_path):
     """No value: a depth that was not reached, a mistyped metric, words."""
     summary = replay(bags[0], tmp_path, values())
     for name in ("reasons.twist_stale", "quality_flags.inertial", "quality_flags.deep"):
-        assert check({name: (-math.inf, 0.0)}, summary) == [(True, f"  ok     {name}: 0 (min -inf, max 0)")]
-    unreached, mistyped = "phases.penetration.depth_bins.200-205mm.estimates", "phases.penetraton.rms_over_peak"
+        assert check({name: (-math.inf, 0.0)}, summary) == [
+            (True, f"  ok     {name}: 0 (min -inf, max 0)")
+        ]
+    unreached, mistyped = (
+        "phases.penetration.depth_bins.200-205mm.estimates",
+        "phases.penetraton.rms_over_peak",
+    )
     for name in (unreached, mistyped, "bag", "damage", "reasons.pose_out_of_ordr"):
         assert check({name: (-math.inf, math.inf)}, summary) == [
             (False, f"  FAILED {name}: no value (min -inf, max inf)")
@@ -150,7 +182,9 @@ def test_what_did_not_occur_counts_as_zero_and_a_metric_without_a_value_fails(ba
         ("estimates: {min: 2, max: 1}", "min not above max"),
     ],
 )
-def test_a_malformed_file_is_refused_before_anything_is_replayed(bags, tmp_path, capsys, text, words):
+def test_a_malformed_file_is_refused_before_anything_is_replayed(
+    bags, tmp_path, capsys, text, words
+):
     assert checked(tmp_path, text, bags[0]) == 2
     (error,) = capsys.readouterr().err.splitlines()
     assert "limits.yaml" in error

@@ -18,7 +18,12 @@ def run(*legs, depth=-0.0101, noise=0.0):
     exact = np.repeat([velocity for _, velocity in legs], [count for count, _ in legs], axis=0)
     depth = depth - 0.01 * np.cumsum(exact[:, 1])
     velocity = exact + noise * np.random.default_rng(3).standard_normal(exact.shape)
-    return 10**9 + STEP * np.arange(len(depth)), depth, -velocity[:, 1], np.linalg.norm(velocity, axis=1)
+    return (
+        10**9 + STEP * np.arange(len(depth)),
+        depth,
+        -velocity[:, 1],
+        np.linalg.norm(velocity, axis=1),
+    )
 
 
 def segments(moments):
@@ -44,7 +49,10 @@ def test_phases_do_not_flicker_under_noise(noise):
 
 
 def test_motion_shorter_than_a_tenth_of_a_second_does_not_change_the_phase():
-    assert segments(run((150, DOWN), (5, UP), (100, DOWN))) == [("approach", 50), ("penetration", 205)]
+    assert segments(run((150, DOWN), (5, UP), (100, DOWN))) == [
+        ("approach", 50),
+        ("penetration", 205),
+    ]
     assert segments(run((150, DOWN), (12, UP), (100, DOWN)))[2] == ("withdrawal", 12)
 
 
@@ -55,17 +63,23 @@ def test_motion_shorter_than_a_tenth_of_a_second_does_not_change_the_phase():
 )  # fmt: skip
 def test_the_slope_separates_ploughing_from_going_down_or_up(degrees, phase):
     angle = np.deg2rad(degrees)
-    assert segments(run((60, (0.02 * np.cos(angle), -0.02 * np.sin(angle))), depth=0.02)) == [(phase, 60)]
+    assert segments(run((60, (0.02 * np.cos(angle), -0.02 * np.sin(angle))), depth=0.02)) == [
+        (phase, 60)
+    ]
 
 
 def test_rising_out_of_the_grains_is_withdrawal_and_turning_in_place_is_no_dwell():
     found = segments(run((100, UP), (30, STILL), (50, LEVEL), (50, DOWN), depth=0.005))
     assert found == [("withdrawal", 100), ("approach", 130)]
     every = np.ones(30)
-    assert segments((STEP * np.arange(30), 0.02 * every, 0.0 * every, 0.01 * every)) == [("ploughing", 30)]
+    assert segments((STEP * np.arange(30), 0.02 * every, 0.0 * every, 0.01 * every)) == [
+        ("ploughing", 30)
+    ]
 
 
 def test_a_time_jump_begins_another_run():
     first, second = run((55, DOWN)), run(*PLUNGE)
     both = phases_of(*(np.append(a, b) for a, b in zip(first, second, strict=True)), REST)
-    np.testing.assert_array_equal(both, np.append(phases_of(*first, REST), phases_of(*second, REST)))
+    np.testing.assert_array_equal(
+        both, np.append(phases_of(*first, REST), phases_of(*second, REST))
+    )

@@ -16,7 +16,19 @@ import yaml
 import zstandard
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from recordings import FRAMES, POSE, ROS2, TOPICS, WRENCH, cdr, moments, plunge, write_mcap, write_ros1, write_ros2
+from recordings import (
+    FRAMES,
+    POSE,
+    ROS2,
+    TOPICS,
+    WRENCH,
+    cdr,
+    moments,
+    plunge,
+    write_mcap,
+    write_ros1,
+    write_ros2,
+)
 from refusals import refusal
 from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
@@ -34,8 +46,14 @@ KIND = {"pose": PoseSample, "twist": TwistSample, "wrench": WrenchSample}
 
 
 def expected(rows):
-    split = {"pose": lambda v: (v[:3], v[3:]), "twist": lambda v: (v[:3], v[3:]), "wrench": lambda v: (v,)}
-    return [KIND[role](stamp, FRAMES[role], *split[role](values)) for role, _, stamp, values in rows]
+    split = {
+        "pose": lambda v: (v[:3], v[3:]),
+        "twist": lambda v: (v[:3], v[3:]),
+        "wrench": lambda v: (v,),
+    }
+    return [
+        KIND[role](stamp, FRAMES[role], *split[role](values)) for role, _, stamp, values in rows
+    ]
 
 
 def read(path, topics=NAMES, **options):
@@ -45,8 +63,12 @@ def read(path, topics=NAMES, **options):
 
 def test_every_format_gives_back_what_was_written(tmp_path):
     bags = [write_ros1(tmp_path / "old.bag", moments())]
-    for plugin, compress in itertools.product((StoragePlugin.MCAP, StoragePlugin.SQLITE3), (False, True)):
-        folder = write_ros2(tmp_path / f"{plugin.name}_{compress}", moments(), plugin=plugin, compress=compress)
+    for plugin, compress in itertools.product(
+        (StoragePlugin.MCAP, StoragePlugin.SQLITE3), (False, True)
+    ):
+        folder = write_ros2(
+            tmp_path / f"{plugin.name}_{compress}", moments(), plugin=plugin, compress=compress
+        )
         bags += [folder, *(file for file in folder.iterdir() if file.name != "metadata.yaml")]
     for bag in bags:
         assert read(bag) == (expected(moments()), None), bag
@@ -96,14 +118,20 @@ def test_what_is_not_a_bag_is_refused_with_its_name(tmp_path):
     (tmp_path / "empty").mkdir()
     refused(tmp_path / "empty", "is not a bag: give a rosbag2 folder")
     refused(write_ros2(tmp_path / "silent", []), "has no messages")
-    for name, content in (("notes.txt", b"no bag"), ("fake.mcap", b"no bag"), ("fake.bag", b"#ROSBAG V2.0\nno")):
+    for name, content in (
+        ("notes.txt", b"no bag"),
+        ("fake.mcap", b"no bag"),
+        ("fake.bag", b"#ROSBAG V2.0\nno"),
+    ):
         (tmp_path / name).write_bytes(content)
         refused(tmp_path / name, "is not a bag" if name == "notes.txt" else name)
     refused(Path("/dev/null"), "is not a bag")
     os.mkfifo(tmp_path / "pipe.mcap")
     refused(tmp_path / "pipe.mcap", "is a pipe")
     ros1 = write_ros1(tmp_path / "whole.bag", moments())
-    sqlite = next(write_ros2(tmp_path / "whole", moments(), plugin=StoragePlugin.SQLITE3).glob("*.db3"))
+    sqlite = next(
+        write_ros2(tmp_path / "whole", moments(), plugin=StoragePlugin.SQLITE3).glob("*.db3")
+    )
     for whole, repair in ((ros1, "rosbag reindex"), (sqlite, "sqlite3 FILE .recover")):
         cut = (tmp_path / "cut").with_suffix(whole.suffix)
         cut.write_bytes(whole.read_bytes()[: whole.stat().st_size // 2])
@@ -115,7 +143,12 @@ def test_a_bag_without_a_needed_topic_or_with_another_type_is_refused_with_a_rem
     bag = write_ros2(tmp_path / "bag", moments(), topics=topics)
     has = r"/cell \(geometry_msgs/msg/WrenchStamped\)"
     refused(bag, "no pose topic '/rft/pose'", "--remap ~/pose:=/tool_pose", has)
-    refused(bag, "no twist topic", "pose_difference", topics=NAMES | {"pose": "/tool_pose", "wrench": "/cell"})
+    refused(
+        bag,
+        "no twist topic",
+        "pose_difference",
+        topics=NAMES | {"pose": "/tool_pose", "wrench": "/cell"},
+    )
     swapped = {"pose": "/cell", "wrench": "/tool_pose"}
     refused(bag, "WrenchStamped; it must be .* .use .*--remap ~/pose:=/tool_pose", topics=swapped)
     swapped = {"pose": "/tool_pose", "wrench": "/tool_pose"}
@@ -129,8 +162,12 @@ def test_an_unknown_message_type_is_ignored_beside_the_topics_and_named_on_one(t
     store.register(get_types_from_msg("float64 dust", kind))
     with Writer(tmp_path / "bag", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
         topics = {role: TOPICS[role] for role in (TOPICS if beside else ("pose", "twist"))}
-        connections = {r: writer.add_connection(n, t, typestore=store) for r, (n, t) in topics.items()}
-        strange = writer.add_connection("/dust" if beside else NAMES["wrench"], kind, typestore=store)
+        connections = {
+            r: writer.add_connection(n, t, typestore=store) for r, (n, t) in topics.items()
+        }
+        strange = writer.add_connection(
+            "/dust" if beside else NAMES["wrench"], kind, typestore=store
+        )
         for role, time, stamp, numbers in moments():
             if role in connections:
                 writer.write(connections[role], time, cdr(role, stamp, numbers))
@@ -138,16 +175,22 @@ def test_an_unknown_message_type_is_ignored_beside_the_topics_and_named_on_one(t
     if beside:
         assert read(tmp_path / "bag") == (expected(moments()), None)
     else:
-        refused(tmp_path / "bag", f"wrench topic '/rft/wrench_measured' is {kind}; it must be {WRENCH}")
+        refused(
+            tmp_path / "bag", f"wrench topic '/rft/wrench_measured' is {kind}; it must be {WRENCH}"
+        )
 
 
-def test_a_topic_that_is_not_of_ros_2_is_ignored_beside_the_topics_and_on_one_the_advice_is_to_convert(tmp_path):
+def test_a_topic_that_is_not_of_ros_2_is_ignored_beside_the_topics_and_on_one_the_advice_is_to_convert(
+    tmp_path,
+):
     rows = list(moments())
     file = write_mcap(tmp_path / "foreign.mcap", rows)
     assert read(file) == (expected(rows), None)
     refused(file, "pose topic '/log' is Log as json", "convert", topics=NAMES | {"pose": "/log"})
     ros1 = write_mcap(tmp_path / "old.mcap", rows, encoding="ros1")
-    refused(ros1, "pose topic '/rft/pose' is geometry_msgs/msg/PoseStamped as ros1", "convert", "cdr")
+    refused(
+        ros1, "pose topic '/rft/pose' is geometry_msgs/msg/PoseStamped as ros1", "convert", "cdr"
+    )
 
 
 def test_a_message_that_cannot_be_decoded_is_left_out_and_named(tmp_path):
@@ -159,9 +202,14 @@ def test_a_message_that_cannot_be_decoded_is_left_out_and_named(tmp_path):
     file.write_bytes(bytes(data))
     samples, damage = read(bag)
     assert len(samples) == 14
-    assert re.match(r"a message on /rft/\w+ cannot be decoded \(encoding 0009 is not .*; 14 messages were used", damage)
+    assert re.match(
+        r"a message on /rft/\w+ cannot be decoded \(encoding 0009 is not .*; 14 messages were used",
+        damage,
+    )
     assert main(["replay", str(bag), "-o", str(tmp_path / "out"), "--no-report"]) == 0
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["reasons"] == {"message_unreadable": 1}
+    assert json.loads((tmp_path / "out" / "summary.json").read_text())["reasons"] == {
+        "message_unreadable": 1
+    }
 
 
 def part_of(folder, name, rows, plugin, packed):
@@ -184,14 +232,19 @@ def splits(draw):
 
 @settings(max_examples=30, deadline=None)
 @given(splits(), st.sampled_from([StoragePlugin.MCAP, StoragePlugin.SQLITE3]), st.booleans())
-def test_of_a_split_bag_all_that_is_intact_is_read_in_order_whatever_the_names_of_its_files(split, plugin, packed):
+def test_of_a_split_bag_all_that_is_intact_is_read_in_order_whatever_the_names_of_its_files(
+    split, plugin, packed
+):
     cuts, order, described, broken = split
     rows = list(moments(40))
     with TemporaryDirectory() as scratch:
         folder = Path(scratch)
         (folder / "bag").mkdir()
         spans = list(itertools.pairwise([0, *cuts, len(rows)]))
-        parts = {k: part_of(folder, f"p_{order[k]}", rows[i:j], plugin, packed) for k, (i, j) in enumerate(spans)}
+        parts = {
+            k: part_of(folder, f"p_{order[k]}", rows[i:j], plugin, packed)
+            for k, (i, j) in enumerate(spans)
+        }
         if described:
             names = [parts[k].name for k in order]
             about = {"rosbag2_bagfile_information": {"relative_file_paths": names}}
@@ -210,7 +263,13 @@ def test_files_of_one_time_are_merged_as_of_a_recorder_for_each_topic(tmp_path):
     rows = list(moments(60))
     (tmp_path / "bag").mkdir()
     for role in TOPICS:
-        part_of(tmp_path, role, [row for row in rows if row[0] == role], StoragePlugin.MCAP, packed=False)
+        part_of(
+            tmp_path,
+            role,
+            [row for row in rows if row[0] == role],
+            StoragePlugin.MCAP,
+            packed=False,
+        )
     assert read(tmp_path / "bag")[0] == expected(rows)
 
 
@@ -226,20 +285,29 @@ def test_a_part_that_metadata_names_and_that_is_gone_is_named(tmp_path):
 @pytest.mark.parametrize("suffix", [".zstd", ".zst"])
 @pytest.mark.parametrize("cut", [1.0, 0.6])
 def test_a_loose_compressed_file_is_read_up_to_its_damage(tmp_path, suffix, cut):
-    whole = write_mcap(tmp_path / "run.mcap", list(plunge()), chunk_size=2**12, compression=NONE).read_bytes()
+    whole = write_mcap(
+        tmp_path / "run.mcap", list(plunge()), chunk_size=2**12, compression=NONE
+    ).read_bytes()
     packed = zstandard.compress(whole)
     loose = tmp_path / f"run.mcap{suffix}"
     loose.write_bytes(packed[: int(cut * len(packed))])
     samples, damage = read(loose)
     assert samples == expected(plunge())[: len(samples)]
-    assert (damage is None and len(samples) == 1950) if cut == 1.0 else f"run.mcap{suffix} is damaged" in damage
+    assert (
+        (damage is None and len(samples) == 1950)
+        if cut == 1.0
+        else f"run.mcap{suffix} is damaged" in damage
+    )
 
 
 def test_a_bag_with_compressed_messages_is_read(tmp_path):
     bag = Writer(tmp_path / "bag", version=8, storage_plugin=StoragePlugin.SQLITE3)
     bag.set_compression(CompressionMode.MESSAGE, CompressionFormat.ZSTD)
     with bag as writer:
-        connections = {r: writer.add_connection(name, kind, typestore=ROS2) for r, (name, kind) in TOPICS.items()}
+        connections = {
+            r: writer.add_connection(name, kind, typestore=ROS2)
+            for r, (name, kind) in TOPICS.items()
+        }
         for role, time, stamp, values in moments():
             writer.write(connections[role], time, cdr(role, stamp, values))
     assert read(tmp_path / "bag") == (expected(moments()), None)
@@ -261,7 +329,9 @@ def test_metadata_with_aliases_is_read(tmp_path):
     """The libraries that write it use them, and those that read it take them."""
     bag = write_ros2(tmp_path / "bag", moments())
     about = bag / "metadata.yaml"
-    about.write_text("names: &names [bag.mcap]\n" + about.read_text().replace("\n  - bag.mcap", " *names"))
+    about.write_text(
+        "names: &names [bag.mcap]\n" + about.read_text().replace("\n  - bag.mcap", " *names")
+    )
     assert "*names" in about.read_text()
     assert read(bag) == (expected(moments()), None)
 
@@ -277,12 +347,16 @@ def test_what_a_killed_recorder_left_beside_a_database_is_read(number, mode):
     with TemporaryDirectory() as scratch:
         whole, bag = sqlite(Path(scratch)), Path(scratch) / "killed.db3"
         with closing(sqlite3.connect(whole)) as database:
-            rows = database.execute("SELECT id, topic_id, timestamp, data FROM messages ORDER BY id").fetchall()
+            rows = database.execute(
+                "SELECT id, topic_id, timestamp, data FROM messages ORDER BY id"
+            ).fetchall()
             database.execute("DELETE FROM messages WHERE id > ?", (number + 1,))
             database.commit()
             database.execute(f"PRAGMA journal_mode = {mode}")
             database.execute("PRAGMA wal_autocheckpoint = 0")
-            database.execute("PRAGMA cache_size = 2")  # so that pages are written before the end of the transaction
+            database.execute(
+                "PRAGMA cache_size = 2"
+            )  # so that pages are written before the end of the transaction
             database.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", rows[number + 1 :])
             if mode == "wal":
                 database.commit()
@@ -295,7 +369,9 @@ def test_what_a_killed_recorder_left_beside_a_database_is_read(number, mode):
     assert damage is None
 
 
-@pytest.mark.parametrize("change", ["data = 'text'", "data = 7", "timestamp = 'noon'", "timestamp = -9e999"])
+@pytest.mark.parametrize(
+    "change", ["data = 'text'", "data = 7", "timestamp = 'noon'", "timestamp = -9e999"]
+)
 @pytest.mark.parametrize("row", [1, 31])
 def test_a_database_with_text_in_its_columns_ends_in_a_sentence(tmp_path, change, row):
     file = sqlite(tmp_path)
@@ -313,6 +389,10 @@ def test_remaps_resolve_as_in_ros_later_ones_win_and_invalid_ones_are_refused():
     assert "twist" not in topics_of({**defaults(), "twist_source": "pose_difference"})
     rules = ["~/pose:=/a", "/rft/pose:=/b", "~/twist:=c", "~/wrench_measured:=~/d"]
     assert topics_of(defaults(), rules) == {"pose": "/b", "twist": "/c", "wrench": "/rft/d"}
-    for rule, words in (("~/pose", "FROM:=TO"), ("~/pose:=", "FROM:=TO"), ("~/joint:=/x", "~/joint")):
+    for rule, words in (
+        ("~/pose", "FROM:=TO"),
+        ("~/pose:=", "FROM:=TO"),
+        ("~/joint:=/x", "~/joint"),
+    ):
         with pytest.raises(InputError, match=words):
             topics_of(defaults(), [rule])

@@ -48,7 +48,9 @@ def replayed(bag, tmp_path_factory):
     return replay(bag, out, values()), out
 
 
-def replay_of(folder, rows, options=None, *, topics=TOPICS, frames=FRAMES, report=False, **parameters):
+def replay_of(
+    folder, rows, options=None, *, topics=TOPICS, frames=FRAMES, report=False, **parameters
+):
     """Summary and rows of the replay of a bag with these messages."""
     bag = write_ros2(folder / "bag", rows, topics=topics, frames=frames)
     summary = replay(bag, folder / "out", values(**parameters), options, report=report)
@@ -62,7 +64,9 @@ def test_estimates_are_the_cores_with_the_poses_stamps(replayed):
     assert len(rows) == summary.messages["pose"] == summary.estimates == 60
     medium = MEDIA["generic"]
     law = treers2021(medium, alpha_y_model("constant", medium))
-    state = checked_states([0.0, 0.0, 0.01 - 39 * 0.002, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.2, 0.0, 0.0, 0.0])
+    state = checked_states(
+        [0.0, 0.0, 0.01 - 39 * 0.002, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.2, 0.0, 0.0, 0.0]
+    )
     fz = wrenches(load_tool("plate", tolerance=values()["tolerance"]).plates, law, state)[0, 2]
     last = rows[-1]
     assert last["t"] == f"{(START + 59 * STEP) / 1e9:.2f}0000000"
@@ -82,18 +86,24 @@ def test_the_estimates_bag_holds_four_wrenches_in_the_sensor_frame(replayed):
             message = reader.deserialize(data, connection.msgtype)
             assert message.header.frame_id == "ft_sensor"
             assert message.header.stamp.sec * 10**9 + message.header.stamp.nanosec == time
-            seen.setdefault(connection.topic.removeprefix("/rft/wrench_"), []).append(message.wrench.force.z)
+            seen.setdefault(connection.topic.removeprefix("/rft/wrench_"), []).append(
+                message.wrench.force.z
+            )
     assert {name: len(found) for name, found in seen.items()} == dict.fromkeys(
         ("predicted", "sigma", "compensated", "residual"), 60
     )
-    np.testing.assert_array_equal(seen["residual"], np.subtract(seen["compensated"], seen["predicted"]))
+    np.testing.assert_array_equal(
+        seen["residual"], np.subtract(seen["compensated"], seen["predicted"])
+    )
 
 
 def test_a_tare_over_the_first_seconds_takes_the_bias_off(bag, tmp_path):
     summary = replay(bag, tmp_path, values(), ReplayOptions(tare=0.15))
     assert summary.bias == pytest.approx((1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
     first = rows_of(tmp_path)[0]
-    assert [float(first[f"compensated_{a}"]) for a in ("fx", "fz", "tz")] == pytest.approx([0.0, 0.0, 0.0], abs=1e-12)
+    assert [float(first[f"compensated_{a}"]) for a in ("fx", "fz", "tz")] == pytest.approx(
+        [0.0, 0.0, 0.0], abs=1e-12
+    )
     assert replay(bag, tmp_path, values(), ReplayOptions(tare=0.0)).bias == (0.0,) * 6
 
 
@@ -103,7 +113,9 @@ def test_a_tare_ignores_poses_before_the_first_twist(tmp_path):
     times = [("pose", k) for k in range(0, 300, 2)] + [("twist", k) for k in range(9, 300, 2)]
     times += [("wrench", k) for k in range(0, 300, 10)]
     stamps = [(r, START + k * STEP // 10) for r, k in sorted(times, key=lambda t: t[1])]
-    summary, _ = replay_of(tmp_path, [(r, t, t, values_of[r]) for r, t in stamps], ReplayOptions(tare=0.149))
+    summary, _ = replay_of(
+        tmp_path, [(r, t, t, values_of[r]) for r, t in stamps], ReplayOptions(tare=0.149)
+    )
     assert summary.bias == pytest.approx((1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
 
 
@@ -111,7 +123,11 @@ def test_a_tare_ignores_poses_before_the_first_twist(tmp_path):
     ("frames", "tare", "words"),
     [
         (FRAMES, 0.5, "bag .*tare refused: .*(moved|in the grains)"),
-        (LOST, 0.2, "pose frame_id 'elsewhere' is not world_frame 'world'; set the parameter to .* or publish"),
+        (
+            LOST,
+            0.2,
+            "pose frame_id 'elsewhere' is not world_frame 'world'; set the parameter to .* or publish",
+        ),
     ],
 )
 def test_a_tare_that_fails_says_why(tmp_path, frames, tare, words):
@@ -121,24 +137,34 @@ def test_a_tare_that_fails_says_why(tmp_path, frames, tare, words):
 
 def test_messages_that_arrive_up_to_5_ms_late_change_no_row_and_no_message(tmp_path):
     random = np.random.default_rng(4)
-    rows = [(role, stamp + (3_000_000 if role == "wrench" else 0), v) for role, _, stamp, v in plunge()]
+    rows = [
+        (role, stamp + (3_000_000 if role == "wrench" else 0), v) for role, _, stamp, v in plunge()
+    ]
     for name, delay in (("prompt", 0), ("late", 5_000_000)):
         received, last = [], dict.fromkeys(TOPICS, 0)
         for role, stamp, numbers in rows:
-            last[role] = max(last[role], stamp + int(random.integers(0, delay + 1)))  # a topic keeps its order
+            last[role] = max(
+                last[role], stamp + int(random.integers(0, delay + 1))
+            )  # a topic keeps its order
             received.append((role, last[role], stamp, numbers))
         received.sort(key=lambda row: row[1])
         _, found = replay_of(tmp_path / name, received, twist_source="pose_difference")
     for file in ("estimates.csv", "estimates/estimates.mcap"):
-        assert (tmp_path / "prompt/out" / file).read_bytes() == (tmp_path / "late/out" / file).read_bytes(), file
+        assert (tmp_path / "prompt/out" / file).read_bytes() == (
+            tmp_path / "late/out" / file
+        ).read_bytes(), file
     assert sum(bool(row["residual_fz"]) for row in found) > 500
 
 
 def test_stamps_all_zero_give_reasons_and_a_report_without_estimates(tmp_path):
-    summary, rows = replay_of(tmp_path, [(role, time, 0, v) for role, time, _, v in moments()], report=True)
+    summary, rows = replay_of(
+        tmp_path, [(role, time, 0, v) for role, time, _, v in moments()], report=True
+    )
     assert summary.estimates == 0
     assert summary.reasons == {f"{role}_stamp_zero": 60 for role in ("pose", "twist", "wrench")}
-    assert {(r["reason"], r["phase"], r["quality_flags"]) for r in rows} == {("pose_stamp_zero", "", "")}
+    assert {(r["reason"], r["phase"], r["quality_flags"]) for r in rows} == {
+        ("pose_stamp_zero", "", "")
+    }
     assert "pose_stamp_zero" in (tmp_path / "out" / "report.html").read_text()
 
 
@@ -156,7 +182,9 @@ def test_a_bag_without_any_estimate_writes_its_output_and_fails(tmp_path, capsys
     assert main(["replay", str(lost), "-o", str(tmp_path / "out"), "--no-report"]) == 1
     out, err = capsys.readouterr()
     frame = "pose frame_id 'elsewhere' is not world_frame 'world'"
-    assert err.startswith(f"rft replay: bag 'lost' has no estimate for its 60 poses; most often {frame}")
+    assert err.startswith(
+        f"rft replay: bag 'lost' has no estimate for its 60 poses; most often {frame}"
+    )
     assert "set the parameter" in err
     assert "/tf_static" in err
     assert len(err.splitlines()) == 1
@@ -170,7 +198,11 @@ def test_a_bag_without_any_estimate_writes_its_output_and_fails(tmp_path, capsys
 @pytest.mark.parametrize("role", ["pose", "twist", "wrench"])
 def test_a_second_publisher_that_lags_changes_no_estimate(tmp_path, role):
     rows = list(plunge())
-    late = [(r, time + 1, stamp - 3 * STEP, v) for r, time, stamp, v in rows if r == role and stamp > START + 5 * STEP]
+    late = [
+        (r, time + 1, stamp - 3 * STEP, v)
+        for r, time, stamp, v in rows
+        if r == role and stamp > START + 5 * STEP
+    ]
     summary, _ = replay_of(tmp_path / "both", sorted(rows + late, key=lambda row: row[1]))
     assert summary.reasons[f"{role}_out_of_order"] == len(late)
     alone, _ = replay_of(tmp_path / "alone", rows)
@@ -186,7 +218,10 @@ def test_a_damaged_bag_says_so_in_the_summary_on_the_terminal_and_in_the_report(
         assert main(["replay", str(bag), "-o", str(tmp_path / out)]) == 0
     assert "damage: cut.mcap is damaged" in capsys.readouterr().out
     assert "Damage: cut.mcap is damaged" in (tmp_path / "out" / "report.html").read_text()
-    summary, rows = json.loads((tmp_path / "out" / "summary.json").read_text()), rows_of(tmp_path / "out")
+    summary, rows = (
+        json.loads((tmp_path / "out" / "summary.json").read_text()),
+        rows_of(tmp_path / "out"),
+    )
     assert "cut.mcap is damaged" in summary["damage"]
     assert len(rows) == summary["messages"]["pose"] > 200
     # the last phase before the cut may not have lasted long enough to be told
@@ -207,7 +242,9 @@ def test_an_output_that_is_not_its_own_is_not_overwritten(bag, tmp_path):
 
 def test_options_come_from_the_parameter_file(tmp_path):
     file = tmp_path / "p.yaml"
-    file.write_text("rft_replay:\n  ros__parameters:\n    remap: ['~/pose:=/p']\n    tare: 2\n    end: 3.5\n")
+    file.write_text(
+        "rft_replay:\n  ros__parameters:\n    remap: ['~/pose:=/p']\n    tare: 2\n    end: 3.5\n"
+    )
     options = read_replay_options(file)
     assert options == ReplayOptions(remap=["~/pose:=/p"], tare=2, end=3.5)
     wrong = {
@@ -250,7 +287,9 @@ for bag in map(Path, sys.argv[2:]):
 def test_a_bag_of_ten_times_the_length_takes_no_more_memory(tmp_path):
     """20 s and 200 s at 100 Hz; the bound on the growth of the peak [MiB] is the largest block of rows."""
     bags = [write_ros2(tmp_path / f"times{n}", plunge(3 * n)) for n in (1, 10)]
-    done = subprocess.run([sys.executable, "-c", PEAKS, tmp_path / "out", *bags], capture_output=True, text=True)
+    done = subprocess.run(
+        [sys.executable, "-c", PEAKS, tmp_path / "out", *bags], capture_output=True, text=True
+    )
     assert done.returncode == 0, done.stderr
     of_the_short, of_both = map(float, done.stdout.split())
     assert of_both - of_the_short < 40.0
@@ -261,7 +300,9 @@ def test_poses_as_motion_capture_sends_them_replay_as_stamped_poses(tmp_path):
     messages = []
     for role, time, stamp, numbers in plunge():
         if role == "pose":
-            sent = TransformSample(stamp, "world", "tool", tuple(numbers[:3]), tuple(numbers[3:]), False)
+            sent = TransformSample(
+                stamp, "world", "tool", tuple(numbers[:3]), tuple(numbers[3:]), False
+            )
             messages.append((time, "/vicon/tool", TRANSFORM, transform_cdr(sent)))
         else:
             messages.append((time, *TOPICS[role], cdr(role, stamp, numbers)))

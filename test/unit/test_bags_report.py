@@ -23,7 +23,9 @@ def replayed(tmp_path_factory):
     folder = tmp_path_factory.mktemp("report")
     bag = write_ros2(folder / "plunge", plunge(noise=3e-5))
     outs = [folder / "one", folder / "two"]
-    params = values(integration="centroid", learning__mode="observe", medium__mobilization_length=0.003)
+    params = values(
+        integration="centroid", learning__mode="observe", medium__mobilization_length=0.003
+    )
     summary, _ = (replay(bag, out, params, report=True) for out in outs)
     page = (outs[0] / "report.html").read_text(encoding="utf-8")
     return SimpleNamespace(summary=summary, rows=rows_of(outs[0]), page=page, outs=outs)
@@ -36,15 +38,21 @@ def agrees(group, rows):
         assert group.rms_over_peak is group.wrench["force"]["measured"]["peak"] is None
         return
     kinds = ("compensated", "residual")
-    measured, residual = (np.array([[float(r[f"{kind}_f{a}"]) for a in "xyz"] for r in rows]) for kind in kinds)
+    measured, residual = (
+        np.array([[float(r[f"{kind}_f{a}"]) for a in "xyz"] for r in rows]) for kind in kinds
+    )
     size, left = np.linalg.norm(measured, axis=1), np.linalg.norm(residual, axis=1)
     rms, big = np.sqrt(np.mean(left**2)), size > 0.2 * np.hypot(30.0, 0.05)
     median = np.median(left[big] / size[big]) if big.any() else None
     force = group.wrench["force"]
-    assert (force["measured"]["peak"], force["residual"]["rms"]) == pytest.approx((size.max(), rms), rel=1e-6)
+    assert (force["measured"]["peak"], force["residual"]["rms"]) == pytest.approx(
+        (size.max(), rms), rel=1e-6
+    )
     assert group.wrench["fz"]["residual"]["mean"] == pytest.approx(residual[:, 2].mean(), rel=1e-6)
     assert group.rms_over_peak == pytest.approx(rms / size.max(), rel=1e-6)
-    assert group.median_relative_error == (median if median is None else pytest.approx(median, rel=1e-6))
+    assert group.median_relative_error == (
+        median if median is None else pytest.approx(median, rel=1e-6)
+    )
 
 
 def test_the_statistics_of_a_phase_and_of_a_depth_bin_are_those_of_its_rows(replayed):
@@ -66,7 +74,10 @@ def test_the_statistics_of_a_phase_and_of_a_depth_bin_are_those_of_its_rows(repl
 
 def test_quality_flags_are_in_the_table_the_summary_and_the_page(replayed):
     summary, rows = replayed.summary, replayed.rows
-    counted = {name: sum(name in r["quality_flags"].split("+") for r in rows) for name in summary.quality_flags}
+    counted = {
+        name: sum(name in r["quality_flags"].split("+") for r in rows)
+        for name in summary.quality_flags
+    }
     assert summary.quality_flags == counted
     assert sum(summary.trust.values()) == summary.estimates
     assert any(counted.values())
@@ -105,7 +116,9 @@ def test_the_scene_says_the_forces_of_the_table_also_with_memory_and_learning(tm
     for row in rows:
         if not row["reason"]:
             size = math.hypot(*(float(row[f"predicted_f{axis}"]) for axis in "xyz"))
-            predicted.setdefault(f"{float(row['t']) - float(rows[0]['t']):.2f}", set()).add(f"{size:.2f}")
+            predicted.setdefault(f"{float(row['t']) - float(rows[0]['t']):.2f}", set()).add(
+                f"{size:.2f}"
+            )
     said = re.findall(r"t = ([0-9.]+) s   \|F\| = ([0-9.]+) N", page)
     assert len(said) > 60  # of the frames, and the title
     assert all(size in predicted[time] for time, size in said)
@@ -113,7 +126,13 @@ def test_the_scene_says_the_forces_of_the_table_also_with_memory_and_learning(tm
 
 
 def test_two_replays_write_the_same_bytes(replayed):
-    for name in ("report.html", "estimates.csv", "summary.json", "estimates/estimates.mcap", "estimates/metadata.yaml"):
+    for name in (
+        "report.html",
+        "estimates.csv",
+        "summary.json",
+        "estimates/estimates.mcap",
+        "estimates/metadata.yaml",
+    ):
         one, two = (out / name for out in replayed.outs)
         assert one.read_bytes() == two.read_bytes(), name
 
@@ -129,7 +148,9 @@ def test_every_figure_is_drawn_in_a_browser_and_the_console_has_no_error(replaye
 
 
 def test_without_flags_or_wrench_there_is_a_page_too(tmp_path):
-    bag = write_ros2(tmp_path / "air", list(plunge())[:120], topics={r: TOPICS[r] for r in ("pose", "twist")})
+    bag = write_ros2(
+        tmp_path / "air", list(plunge())[:120], topics={r: TOPICS[r] for r in ("pose", "twist")}
+    )
     summary = replay(bag, tmp_path / "out", values(), report=True)
     assert summary.estimates == summary.trust["OK"] == 40
     page = (tmp_path / "out" / "report.html").read_text()
@@ -144,7 +165,9 @@ def poses(flag=0, flagged=(), learned=math.nan):
     time = np.arange(10)
     found["stamp"] = 1_000_000_000 * (5 + time)
     found["depth"] = 0.001 * (time - 2.0)
-    found["phase"][:2], found["phase"][2:8] = (PHASES.index(p) for p in ("approach", "penetration"))
+    found["phase"][:2], found["phase"][2:8] = (
+        PHASES.index(p) for p in ("approach", "penetration")
+    )
     found["phase"][8:] = -1
     found["predicted"][2:8, 2] = np.arange(1.0, 7.0)
     found["predicted"][8:] = math.nan
@@ -160,7 +183,11 @@ def chart(name, *arguments, **options):
 
 
 def traces(figure, axis, **wanted):
-    return [t for t in figure.data if t.yaxis == axis and all(getattr(t, k) == v for k, v in wanted.items())]
+    return [
+        t
+        for t in figure.data
+        if t.yaxis == axis and all(getattr(t, k) == v for k, v in wanted.items())
+    ]
 
 
 def test_the_band_is_closed_around_the_deviation_to_each_side_of_every_component():
@@ -168,12 +195,17 @@ def test_the_band_is_closed_around_the_deviation_to_each_side_of_every_component
     for axis, middle in (("y", 0.0), ("y3", 0.0), ("y5", 4.0)):
         (band,) = traces(figure, axis, fill="toself")
         assert band.x[: 2 * 8].tolist() == [*range(8), *range(7, -1, -1)]
-        assert band.y[[5, 10]].tolist() == pytest.approx([0.85 * middle - 0.1, 1.15 * middle + 0.1])
+        assert band.y[[5, 10]].tolist() == pytest.approx(
+            [0.85 * middle - 0.1, 1.15 * middle + 0.1]
+        )
         assert np.isnan(band.x[16:]).all()
 
 
 def test_the_measured_line_has_a_name_and_colour_for_each_phase():
-    for name, phases in (("wrench_over_time", ["approach", "penetration"]), ("wrench_over_depth", ["penetration"])):
+    for name, phases in (
+        ("wrench_over_time", ["approach", "penetration"]),
+        ("wrench_over_depth", ["penetration"]),
+    ):
         found = {t.name: t for t in traces(chart(name), "y5", fill=None) if t.name != "predicted"}
         assert [*found] == [f"measured, {phase}" for phase in phases]
         assert len({t.line.color for t in found.values()}) == len(phases)
@@ -193,10 +225,15 @@ def test_each_quality_flag_is_a_bar_while_it_lasts():
 
 def test_what_is_learned_is_drawn_over_time_and_over_depth():
     assert "learned" not in [c.name for c in replay_charts(poses())]
-    figure = chart("learned", learned=[1.3, 0.6, math.radians(5.0), 0.002, 0.1, 0.2, math.radians(1.0), 0.001, 4.0])
+    figure = chart(
+        "learned",
+        learned=[1.3, 0.6, math.radians(5.0), 0.002, 0.1, 0.2, math.radians(1.0), 0.001, 4.0],
+    )
     for row, expected in enumerate(([1.3, 0.6], [5.0], [2.0], [4.0])):
         for axis in ("y" if row == 0 else f"y{2 * row + 1}", f"y{2 * row + 2}"):
-            assert [line.y[3] for line in traces(figure, axis, fill=None)] == pytest.approx(expected)
+            assert [line.y[3] for line in traces(figure, axis, fill=None)] == pytest.approx(
+                expected
+            )
     (turn,), (over_depth,) = traces(figure, "y3", fill="toself"), traces(figure, "y4", fill=None)
     assert turn.y[[4, 15]].tolist() == pytest.approx([4.0, 6.0])
     np.testing.assert_allclose(over_depth.x, [math.nan] * 2 + [*range(8)], atol=1e-6)
@@ -209,7 +246,9 @@ def test_no_title_of_an_axis_is_longer_than_its_panel():
         for axis in figure.drawn.select_yaxes():
             low, high = axis.domain
             longest = max(map(len, (axis.title.text or "").split("<br>")))
-            assert 7.0 * longest <= (high - low) * room, axis.title.text  # px; a letter is 7 wide at this size
+            assert 7.0 * longest <= (high - low) * room, (
+                axis.title.text
+            )  # px; a letter is 7 wide at this size
 
 
 def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment():
@@ -226,10 +265,21 @@ def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment():
 
 def test_a_recording_that_begins_in_the_grains_and_one_in_millimetres_have_a_warning(tmp_path):
     bag = write_ros2(tmp_path / "plunge", list(plunge())[:600])
-    begins = replay(bag, tmp_path / "deep", values(surface_height=0.1, sensor__bias=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0)))
-    assert any("mm deep in the grains" in w and "mesh.quaternion" in w for w in begins.warnings), begins.warnings
+    begins = replay(
+        bag,
+        tmp_path / "deep",
+        values(surface_height=0.1, sensor__bias=(0.05, 0.0, 0.0, 0.0, 0.0, 0.0)),
+    )
+    assert any("mm deep in the grains" in w and "mesh.quaternion" in w for w in begins.warnings), (
+        begins.warnings
+    )
     millimetres = [
-        (role, time, stamp, (*(1e3 * v for v in values[:3]), *values[3:]) if role == "pose" else values)
+        (
+            role,
+            time,
+            stamp,
+            (*(1e3 * v for v in values[:3]), *values[3:]) if role == "pose" else values,
+        )
         for role, time, stamp, values in plunge()
     ]
     summary = replay(write_ros2(tmp_path / "mm", millimetres), tmp_path / "out", values())

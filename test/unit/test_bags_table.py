@@ -22,7 +22,9 @@ from rft_ros.sweeps.motions import circumnutation, sample
 GROUPS = {"pose": COLUMNS[1:8], "twist": COLUMNS[8:14], "wrench": COLUMNS[14:]}
 
 
-def write_table(file, rows, *, begin=0.0, roles=("pose", "twist", "wrench"), order=None, beside=()):
+def write_table(
+    file, rows, *, begin=0.0, roles=("pose", "twist", "wrench"), order=None, beside=()
+):
     """The samples of a recording as a table whose first row is at t = `begin` [s]."""
     table = {}
     for role, _, stamp, numbers in rows:
@@ -59,7 +61,10 @@ def test_a_table_replays_as_the_bag_with_the_same_samples(tmp_path, begin, twist
 def test_a_table_calibrates_as_the_bag_with_the_same_samples(tmp_path):
     table = write_table(tmp_path / "trial.csv", plunge(), roles=("pose", "wrench"))
     bag = write_ros2(tmp_path / "bag", plunge())
-    one, other = read_track(table, values()), read_track(bag, values(twist_source="pose_difference"))
+    one, other = (
+        read_track(table, values()),
+        read_track(bag, values(twist_source="pose_difference")),
+    )
     np.testing.assert_allclose(one.time, other.time, atol=1e-9)
     for name in ("states", "readings"):
         np.testing.assert_array_equal(getattr(one, name), getattr(other, name))
@@ -72,7 +77,9 @@ def test_columns_may_have_any_order_and_others_beside_them(tmp_path_factory, ran
     rows = list(plunge())[:90]
     tables = [
         write_table(folder / "a.csv", rows),
-        write_table(folder / "b.csv", rows, order=lambda n: random.sample(range(n), n), beside=beside),
+        write_table(
+            folder / "b.csv", rows, order=lambda n: random.sample(range(n), n), beside=beside
+        ),
     ]
     samples = []
     for table in tables:
@@ -89,7 +96,10 @@ def test_columns_may_have_any_order_and_others_beside_them(tmp_path_factory, ran
         ((",vz", ""), "has no column vz; its first line must name vx,vy,vz,wx,wy,wz"),
         ((",fx,fy", ""), "has no column fx; its first line must name fx,fy,fz,tx,ty,tz"),
         ((",qw", ""), "has no column qw; its first line must name t,px"),
-        (("\n0.02,", "\n0.005,"), "line 4: t is 0.005; it must be a time [s] that does not go back"),
+        (
+            ("\n0.02,", "\n0.005,"),
+            "line 4: t is 0.005; it must be a time [s] that does not go back",
+        ),
         (("\n0.02,", "\nnan,"), "line 4: t is nan; it must be a time"),
         (("\n0.02,", "\n1e12,"), "line 4: t is 1e+12; it must be a time"),
         (("\n0.02,", "\nsoon,"), "line 4 is not 20 numbers"),
@@ -115,8 +125,12 @@ def test_times_in_another_unit_are_named_as_such(tmp_path, unit, factor, begin):
     table = write_table(tmp_path / "trial.csv", rows, begin=begin)
     header, *lines = table.read_text().splitlines()
     cells = [line.split(",", 1) for line in lines]
-    table.write_text("\n".join([header, *(f"{factor * float(t):.0f},{rest}" for t, rest in cells)]))
-    assert f"t looks like {unit} ({0.01 * factor:.3g} s between rows); give seconds" in refusal(opened, table)
+    table.write_text(
+        "\n".join([header, *(f"{factor * float(t):.0f},{rest}" for t, rest in cells)])
+    )
+    assert f"t looks like {unit} ({0.01 * factor:.3g} s between rows); give seconds" in refusal(
+        opened, table
+    )
 
 
 def opened(table):
@@ -126,8 +140,20 @@ def opened(table):
 
 def test_the_command_takes_tables_with_a_tare_and_an_end(tmp_path):
     table = write_table(tmp_path / "trial.csv", moments(), roles=("pose", "wrench"))
-    (tmp_path / "cell.yaml").write_text("rft: {ros__parameters: {mesh.file: plate, pose_source: tf}}")
-    given = ["--params", tmp_path / "cell.yaml", "--tare", 0.15, "--end", 0.4, "-o", tmp_path / "out", "--no-report"]
+    (tmp_path / "cell.yaml").write_text(
+        "rft: {ros__parameters: {mesh.file: plate, pose_source: tf}}"
+    )
+    given = [
+        "--params",
+        tmp_path / "cell.yaml",
+        "--tare",
+        0.15,
+        "--end",
+        0.4,
+        "-o",
+        tmp_path / "out",
+        "--no-report",
+    ]
     assert main(["replay", str(table), *map(str, given)]) == 0
     summary = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert summary["messages"]["pose"] == 41
@@ -139,7 +165,9 @@ def test_the_doctor_examines_a_table_as_a_recording(tmp_path, capsys, twists):
     """The parameters name transforms and twists, and the table has poses, and velocities or none."""
     roles = ("pose", "twist", "wrench") if twists else ("pose", "wrench")
     table = write_table(tmp_path / "trial.csv", plunge(), roles=roles)
-    (tmp_path / "cell.yaml").write_text("rft: {ros__parameters: {mesh.file: plate, pose_source: tf}}")
+    (tmp_path / "cell.yaml").write_text(
+        "rft: {ros__parameters: {mesh.file: plate, pose_source: tf}}"
+    )
     main(["doctor", str(tmp_path / "cell.yaml"), "--bag", str(table)])
     said = capsys.readouterr().out
     assert "OK  pose: 100 Hz" in said
@@ -149,13 +177,19 @@ def test_the_doctor_examines_a_table_as_a_recording(tmp_path, capsys, twists):
 
 @settings(max_examples=20, deadline=None)
 @given(st.floats(3.0, 40.0), st.floats(-60.0, 60.0), st.integers(100, 400), st.floats(-1e3, 1e3))
-def test_states_without_velocities_have_those_of_their_poses(tmp_path_factory, tilt, rate, count, begin):
+def test_states_without_velocities_have_those_of_their_poses(
+    tmp_path_factory, tilt, rate, count, begin
+):
     file = tmp_path_factory.mktemp("states") / "poses.csv"
-    times, states = sample(circumnutation(tilt_deg=tilt, rate_deg_s=rate if abs(rate) > 1.0 else 1.0), count)
+    times, states = sample(
+        circumnutation(tilt_deg=tilt, rate_deg_s=rate if abs(rate) > 1.0 else 1.0), count
+    )
     times = 0.01 * np.arange(count)
     states = circumnutation(tilt_deg=tilt, rate_deg_s=rate if abs(rate) > 1.0 else 1.0).at(times)
     table = np.column_stack([times + begin, states[:, :7]])
-    np.savetxt(file, table, delimiter=",", header=",".join(("t", *STATE[:7])), comments="", fmt="%.17g")
+    np.savetxt(
+        file, table, delimiter=",", header=",".join(("t", *STATE[:7])), comments="", fmt="%.17g"
+    )
     _, found = read_states(file)
     np.testing.assert_array_equal(found[:, :3], states[:, :3])
     np.testing.assert_allclose(found[3:, TWIST], states[3:, TWIST], atol=2e-4)
@@ -163,6 +197,9 @@ def test_states_without_velocities_have_those_of_their_poses(tmp_path_factory, t
 
 def test_states_without_velocities_need_three_poses_in_order(tmp_path):
     header, row = "t,px,py,pz,qx,qy,qz,qw", ",0,0,-0.01,0,0,0,1"
-    for times, words in (((0, 1), "line 2: velocities need 3 poses"), ((0, 2, 1), "line 4: t is 1 after 2")):
+    for times, words in (
+        ((0, 1), "line 2: velocities need 3 poses"),
+        ((0, 2, 1), "line 4: t is 1 after 2"),
+    ):
         (tmp_path / "poses.csv").write_text("\n".join([header, *(f"{t}{row}" for t in times)]))
         assert words in refusal(read_states, tmp_path / "poses.csv")

@@ -17,7 +17,10 @@ from rft_ros.tool import load_tool
 PERIOD = 4_000_000  # 250 Hz
 FLANGE = 0.12  # m above the bar's lower face
 PRESS, REST, DRAG = 750, 500, 500  # poses: 30 mm, 2 s, 20 mm at 10 mm/s
-BEGIN, LATE = slice(PRESS + REST, PRESS + REST + 125), slice(PRESS + REST + 125, PRESS + REST + DRAG)
+BEGIN, LATE = (
+    slice(PRESS + REST, PRESS + REST + 125),
+    slice(PRESS + REST + 125, PRESS + REST + DRAG),
+)
 
 
 @pytest.fixture(scope="module")
@@ -35,8 +38,12 @@ def bar(tmp_path_factory):
 def forces(bar, steps, *, um=0.0, urad=0.0, seed=0):
     """Predicted forces [N], shape [poses, 3], NaN where there is no estimate; `steps`: of the flange [m], [n, 2]."""
     generic = MEDIA["generic"]
-    law = treers2021(generic, alpha_y_model("linear", generic), zeta=0.33, mobilization_length=0.003)
-    estimator = Estimator(Settings(twist_source="pose_difference"), Model(tool=bar, law=law, generation=0))
+    law = treers2021(
+        generic, alpha_y_model("linear", generic), zeta=0.33, mobilization_length=0.003
+    )
+    estimator = Estimator(
+        Settings(twist_source="pose_difference"), Model(tool=bar, law=law, generation=0)
+    )
     rng, n = np.random.default_rng(seed), len(steps)
     places = np.zeros((n, 3))
     places[:, [0, 2]] = np.cumsum(steps, axis=0)
@@ -53,7 +60,9 @@ def forces(bar, steps, *, um=0.0, urad=0.0, seed=0):
 
 def press_rest_drag(rest=REST, drag=DRAG):
     step = 0.01 * PERIOD * 1e-9
-    return np.vstack([[(0.0, -step)] * PRESS, [(0.0, 0.0)] * rest, np.full((drag, 2), (step, 0.0))])
+    return np.vstack(
+        [[(0.0, -step)] * PRESS, [(0.0, 0.0)] * rest, np.full((drag, 2), (step, 0.0))]
+    )
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,16 @@ import numpy as np
 import pytest
 import yaml
 from recordings import plunge, write_ros2, write_run
-from synthetic_track import LOAD_CELL, Path, grain_wrenches, in_the_air, law, parameters, read_by, unknown
+from synthetic_track import (
+    LOAD_CELL,
+    Path,
+    grain_wrenches,
+    in_the_air,
+    law,
+    parameters,
+    read_by,
+    unknown,
+)
 
 from rft_ros.bags.options import read_replay_options
 from rft_ros.calibration.calibrated_file import rounded
@@ -35,7 +44,11 @@ def cell(tmp_path_factory):
         grains = grain_wrenches(time, states, law(0.8), surface=0.0, length=0.003)
         readings = read_by(LOAD_CELL, states, grains, np.random.default_rng(1), noise=(0.1, 0.002))
         write_run(folder / name, time, states, readings)
-    given = {n: list(v) if isinstance(v, tuple) else v for n, v in unknown().items() if v != defaults()[n]}
+    given = {
+        n: list(v) if isinstance(v, tuple) else v
+        for n, v in unknown().items()
+        if v != defaults()[n]
+    }
     tree = {
         "/**": {"ros__parameters": given},
         "other_node": {"ros__parameters": {"kept": 1}},
@@ -47,7 +60,15 @@ def cell(tmp_path_factory):
 
 def calibrate(cell, bags, out, *more):
     return main(
-        ["calibrate", *(str(cell / b) for b in bags), "--params", str(cell / "cell.yaml"), "-o", str(out), *more]
+        [
+            "calibrate",
+            *(str(cell / b) for b in bags),
+            "--params",
+            str(cell / "cell.yaml"),
+            "-o",
+            str(out),
+            *more,
+        ]
     )
 
 
@@ -73,16 +94,38 @@ def test_the_node_and_the_replay_take_the_file_as_it_is(calibrated, cell, tmp_pa
     assert values["medium.mobilization_length"] == pytest.approx(0.003, abs=1e-4)
     assert values["medium.calibrated_depth"] == pytest.approx(0.038, abs=5e-4)
     assert values["sensor.quaternion"] == pytest.approx(LOAD_CELL.quaternion)
-    assert main(["replay", str(cell / "pressed"), "--params", str(calibrated), "-o", str(tmp_path / "out")]) == 0
-    assert json.loads((tmp_path / "out" / "summary.json").read_text())["quality_flags"]["deep"] == 0
+    assert (
+        main(
+            [
+                "replay",
+                str(cell / "pressed"),
+                "--params",
+                str(calibrated),
+                "-o",
+                str(tmp_path / "out"),
+            ]
+        )
+        == 0
+    )
+    assert (
+        json.loads((tmp_path / "out" / "summary.json").read_text())["quality_flags"]["deep"] == 0
+    )
 
 
-def test_a_replay_says_once_that_its_motion_is_of_a_kind_that_was_not_calibrated(calibrated, cell, tmp_path):
-    assert read_parameter_file(calibrated)["medium.calibrated_motions"] == "press, drag, withdrawal"
+def test_a_replay_says_once_that_its_motion_is_of_a_kind_that_was_not_calibrated(
+    calibrated, cell, tmp_path
+):
+    assert (
+        read_parameter_file(calibrated)["medium.calibrated_motions"] == "press, drag, withdrawal"
+    )
     of_press = tmp_path / "of_press.yaml"
     assert calibrate(cell, ("pressed",), of_press) == 0
     assert read_parameter_file(of_press)["medium.calibrated_motions"] == "press, withdrawal"
-    for bag, file, times in (("pressed", of_press, 0), ("dragged", calibrated, 0), ("dragged", of_press, 1)):
+    for bag, file, times in (
+        ("pressed", of_press, 0),
+        ("dragged", calibrated, 0),
+        ("dragged", of_press, 1),
+    ):
         out = tmp_path / f"{bag}_{file.stem}"
         assert main(["replay", str(cell / bag), "--params", str(file), "-o", str(out)]) == 0
         warnings = json.loads((out / "summary.json").read_text())["warnings"]
@@ -94,13 +137,19 @@ def test_a_replay_says_once_that_its_motion_is_of_a_kind_that_was_not_calibrated
 def test_files_that_are_kept_are_found_from_the_new_file(cell, tmp_path):
     tree = yaml.safe_load((cell / "cell.yaml").read_text())
     (tmp_path / "tool.stl").write_bytes(locate_mesh("plate").read_bytes())
-    tree["/**"]["ros__parameters"] |= {"alpha_y": {"table": "tables/mine.csv"}, "mesh.file": "tool.stl"}
+    tree["/**"]["ros__parameters"] |= {
+        "alpha_y": {"table": "tables/mine.csv"},
+        "mesh.file": "tool.stl",
+    }
     source = tmp_path / "source.yaml"
     source.write_text(yaml.safe_dump(tree))
     out = tmp_path / "out" / "deep" / "calibrated.yaml"
     given = ["calibrate", str(cell / "pressed"), "--params", str(source), "-o", str(out)]
     assert main([*given, "--fit", "surface"]) == 0
-    assert yaml.safe_load(out.read_text())["/**"]["ros__parameters"]["alpha_y.table"] == "../../tables/mine.csv"
+    assert (
+        yaml.safe_load(out.read_text())["/**"]["ros__parameters"]["alpha_y.table"]
+        == "../../tables/mine.csv"
+    )
     assert os.path.samefile(str(read_parameter_file(out)["mesh.file"]), tmp_path / "tool.stl")  # noqa: PTH121
 
 
@@ -117,7 +166,13 @@ def test_a_wrong_frame_is_named(cell, tmp_path, capsys):
     wrong = yaml.safe_load((cell / "cell.yaml").read_text())
     wrong["/**"]["ros__parameters"] |= {"world_frame": "base", "sensor_frame": "tool0"}
     (tmp_path / "wrong.yaml").write_text(yaml.safe_dump(wrong))
-    given = [str(cell / "pressed"), "--params", str(tmp_path / "wrong.yaml"), "-o", str(tmp_path / "out.yaml")]
+    given = [
+        str(cell / "pressed"),
+        "--params",
+        str(tmp_path / "wrong.yaml"),
+        "-o",
+        str(tmp_path / "out.yaml"),
+    ]
     assert main(["calibrate", *given]) == 2
     (sentence,) = capsys.readouterr().err.splitlines()
     assert "pose frame_id 'world' is not world_frame 'base'" in sentence
@@ -129,7 +184,13 @@ def test_other_nodes_stay_and_the_record_names_bags_dates_and_errors(calibrated,
     assert yaml.safe_load(calibrated.read_text())["other_node"] == {"ros__parameters": {"kept": 1}}
     found = record(calibrated)
     assert found["bags"] == ["pressed (2020-09-13T12:26:40Z)", "dragged (2020-09-13T12:26:40Z)"]
-    assert set(found["fitted"]["sensor_mass"]) == {"value", "standard_error", "unit", "goodness", "source"}
+    assert set(found["fitted"]["sensor_mass"]) == {
+        "value",
+        "standard_error",
+        "unit",
+        "goodness",
+        "source",
+    }
     assert 0.0 < found["fitted"]["medium_zeta"]["standard_error"][0] < 0.01
     assert set(found["motions"]) == {"press", "drag", "withdrawal", "rest"}
     assert found["motions"]["drag"]["zeta"] == pytest.approx(0.8, abs=0.03)
@@ -144,21 +205,45 @@ def test_what_is_asked_for_and_not_identifiable_is_a_failure(cell, tmp_path, cap
     assert "cell.yaml': no fit uses its tare of 0.5 s; add --fit sensor" in capsys.readouterr().err
     untared = tmp_path / "untared.yaml"
     untared.write_text((cell / "cell.yaml").read_text().replace("tare: 0.5", "tare: 0"))
-    given = "calibrate", str(cell / "pressed"), "--params", str(untared), "-o", str(out), "--end", "6"  # in the air
+    given = (
+        "calibrate",
+        str(cell / "pressed"),
+        "--params",
+        str(untared),
+        "-o",
+        str(out),
+        "--end",
+        "6",
+    )  # in the air
     assert main([*given, "--fit", "zeta"]) == 1
     assert not out.exists()  # nothing is identifiable
     assert main([*given, "--fit", "zeta", "--fit", "sensor"]) == 1
     assert "sensor.bias" in out.read_text()
-    assert any(line.startswith("medium.zeta: no vertical") for line in record(out)["not_identifiable"])
+    assert any(
+        line.startswith("medium.zeta: no vertical") for line in record(out)["not_identifiable"]
+    )
 
 
-def test_a_recording_that_identifies_the_bias_alone_is_a_failure_that_says_what_to_record(cell, tmp_path, capsys):
+def test_a_recording_that_identifies_the_bias_alone_is_a_failure_that_says_what_to_record(
+    cell, tmp_path, capsys
+):
     """Such as of a tool that only hangs in the air: the exit status was 0."""
-    time, states = Path((0.0, 0.0, 0.05)).wait(2.0).move((0.0, 0.0, -0.02), 0.01).wait(1.0).states()
-    readings = read_by(LOAD_CELL, states, np.zeros((len(time), 6)), np.random.default_rng(1), noise=(0.1, 0.002))
+    time, states = (
+        Path((0.0, 0.0, 0.05)).wait(2.0).move((0.0, 0.0, -0.02), 0.01).wait(1.0).states()
+    )
+    readings = read_by(
+        LOAD_CELL, states, np.zeros((len(time), 6)), np.random.default_rng(1), noise=(0.1, 0.002)
+    )
     write_run(tmp_path / "in_the_air", time, states, readings)
     out = tmp_path / "out.yaml"
-    given = ["calibrate", str(tmp_path / "in_the_air"), "--params", str(cell / "cell.yaml"), "-o", str(out)]
+    given = [
+        "calibrate",
+        str(tmp_path / "in_the_air"),
+        "--params",
+        str(cell / "cell.yaml"),
+        "-o",
+        str(out),
+    ]
     assert main(given) == 1
     assert "push the tool straight down into the grains" in capsys.readouterr().out
     assert set(record(out)["fitted"]) == {"sensor_bias"}
@@ -168,7 +253,10 @@ def test_a_recording_that_identifies_the_bias_alone_is_a_failure_that_says_what_
 @pytest.mark.parametrize(
     ("more", "sentence"),
     [
-        (("--mesh", "elsewhere=plate"), "--mesh 'elsewhere=plate' is not BAG=FILE with one of the bags pressed"),
+        (
+            ("--mesh", "elsewhere=plate"),
+            "--mesh 'elsewhere=plate' is not BAG=FILE with one of the bags pressed",
+        ),
         (("--start", "1e6"), "pressed"),
     ],
 )
@@ -184,14 +272,16 @@ def test_samples_that_repeat_a_stamp_are_left_out(tmp_path):
     once = list(plunge())
     again = [(role, time + 10**10, stamp, values) for role, time, stamp, values in once]
     single, looped = (
-        read_track(write_ros2(tmp_path / n, rows), parameters()) for n, rows in (("a", once), ("b", once + again))
+        read_track(write_ros2(tmp_path / n, rows), parameters())
+        for n, rows in (("a", once), ("b", once + again))
     )
     np.testing.assert_array_equal(looped.time, single.time)
     np.testing.assert_allclose(looped.smooth, single.smooth)
 
 
 @pytest.mark.parametrize(
-    ("value", "error", "kept"), [(1.23456789, 0.1, 1.235), (1.23456789, 0.0, 1.23456789), (123.456, 20.0, 123.5)]
+    ("value", "error", "kept"),
+    [(1.23456789, 0.1, 1.235), (1.23456789, 0.0, 1.23456789), (123.456, 20.0, 123.5)],
 )
 def test_digits_end_at_a_hundredth_of_the_error(value, error, kept):
     assert rounded(value, error) == kept
@@ -204,7 +294,10 @@ def test_a_doubt_of_the_fit_is_said_and_stays_in_the_file(cell, tmp_path, capsys
     wrong, out = tmp_path / "wrong.yaml", tmp_path / "out.yaml"
     wrong.write_text(yaml.safe_dump(tree))
     fit = ["--fit", "sensor", "--fit", "surface", "--fit", "zeta"]
-    assert main(["calibrate", str(cell / "pressed"), "--params", str(wrong), "-o", str(out), *fit]) == 0
+    assert (
+        main(["calibrate", str(cell / "pressed"), "--params", str(wrong), "-o", str(out), *fit])
+        == 0
+    )
     kept = record(out)["warnings"]
     assert any("mesh.quaternion" in sentence for sentence in kept)
     said = capsys.readouterr().err

@@ -16,7 +16,9 @@ TURNED = Rotation.from_euler("z", 90.0, degrees=True)
 def every_kind():
     """Down, a rest, a drag, a turn about the vertical, and up."""
     path = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.06), 0.01).wait(1.0)
-    return path.move((0.04, 0.0, 0.0), 0.01).turn_to(TURNED, seconds=4.0).move((0.0, 0.0, 0.06), 0.01)
+    return (
+        path.move((0.04, 0.0, 0.0), 0.01).turn_to(TURNED, seconds=4.0).move((0.0, 0.0, 0.06), 0.01)
+    )
 
 
 def weaker_in_drags(share):
@@ -47,11 +49,15 @@ def test_each_kind_of_motion_has_the_zeta_of_the_grains_where_the_model_is_true(
 
 
 def test_a_drag_that_needs_another_zeta_than_the_press_is_said_with_its_zeta():
-    found, warnings = of_motions(every_kind(), parts=("surface", "zeta"), force=weaker_in_drags(0.4))
+    found, warnings = of_motions(
+        every_kind(), parts=("surface", "zeta"), force=weaker_in_drags(0.4)
+    )
     assert found["press"].zeta == pytest.approx(0.8, rel=0.02)
     assert found["drag"].zeta == pytest.approx(0.32, rel=0.05)
     (sentence,) = warnings
-    assert {"drag", "press", "medium.zeta"} <= set(sentence.replace(";", " ").replace(":", " ").split())
+    assert {"drag", "press", "medium.zeta"} <= set(
+        sentence.replace(";", " ").replace(":", " ").split()
+    )
     assert "0.32" in sentence
 
 
@@ -68,7 +74,13 @@ def test_a_kind_of_motion_follows_from_the_displacement_alone():
 
 
 def test_only_kinds_with_a_path_of_some_millimetres_count():
-    path = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.06), 0.01).move((0.003, 0.0, 0.0), 0.01).wait(1.0)
+    path = (
+        Path((0.0, 0.0, 0.03))
+        .wait(1.0)
+        .move((0.0, 0.0, -0.06), 0.01)
+        .move((0.003, 0.0, 0.0), 0.01)
+        .wait(1.0)
+    )
     found, _ = of_motions(path)
     assert set(found) == {"press", "rest"}
 
@@ -83,7 +95,9 @@ def issues_of(path, *, noise=0.0):
     time, states = path.states()
     places = states[:, :3] + np.random.default_rng(3).normal(0.0, noise, (len(time), 3))
     for t, place, state in zip(time, places.tolist(), states, strict=True):
-        e.push_pose(PoseSample(START + round(1e9 * t), "world", tuple(place), tuple(state[3:7].tolist())))
+        e.push_pose(
+            PoseSample(START + round(1e9 * t), "world", tuple(place), tuple(state[3:7].tolist()))
+        )
     return [sentence for sentence in e.issues() if "calibrated_motions" in sentence]
 
 
@@ -93,7 +107,9 @@ def test_a_motion_of_a_kind_that_was_not_calibrated_is_said_after_some_millimetr
     assert issues_of(pressed, noise=noise) == []
     in_the_air = Path((0.0, 0.0, 0.02)).wait(0.5).move((0.05, 0.0, 0.0), 0.02)
     assert issues_of(in_the_air, noise=noise) == []
-    (sentence,) = issues_of(pressed.move((0.02, 0.0, 0.0), 0.01).wait(1.0).move((0.0, 0.0, 0.04), 0.01), noise=noise)
+    (sentence,) = issues_of(
+        pressed.move((0.02, 0.0, 0.0), 0.01).wait(1.0).move((0.0, 0.0, 0.04), 0.01), noise=noise
+    )
     assert "drag" in sentence
     assert "press, withdrawal" in sentence
     turned = Path((0.0, 0.0, -0.02)).wait(0.5).turn_to(TURNED, seconds=5.0).wait(0.5)

@@ -58,15 +58,23 @@ def along(axis, force):
 
 def mounted(axis):
     """The load cell as given, turned by 90° about an axis from where it is."""
-    turned = Rotation.from_quat(LOAD_CELL.quaternion) * Rotation.from_euler(axis, 90.0, degrees=True)
-    return {"values": known(sensor__quaternion=tuple(turned.as_quat())), "parts": ("sensor", "zeta")}
+    turned = Rotation.from_quat(LOAD_CELL.quaternion) * Rotation.from_euler(
+        axis, 90.0, degrees=True
+    )
+    return {
+        "values": known(sensor__quaternion=tuple(turned.as_quat())),
+        "parts": ("sensor", "zeta"),
+    }
 
 
 UPRIGHT = Rotation.from_euler("x", 90, degrees=True)
 MOVING = Path((0.0, 0.0, 0.05)).move((0.0, 0.0, -0.08), 0.01)
 NOISE = {"seed": 1, "parts": ("zeta",), "force": along(0, lambda z: 0.0 * z)}
 PULLED = {"force": along(2, lambda z: 1e3 * np.minimum(z, 0.0)), "parts": ("zeta",)}
-UNRELATED_FORCE = {"force": along(0, lambda z: 30.0 * np.sin(900.0 * z) * (z < 0.0)), "parts": ("mobilization",)}
+UNRELATED_FORCE = {
+    "force": along(0, lambda z: 30.0 * np.sin(900.0 * z) * (z < 0.0)),
+    "parts": ("mobilization",),
+}
 CHECK = {"medium.zeta": "check sensor.quaternion, sensor.sign, surface_height"}
 TOO_HIGH = {"values": known(surface_height=0.1), "parts": ("sensor", "zeta")}
 UNRELATED = "λ must be below the 10 mm of path after the turn, its error at most 75 %"
@@ -78,19 +86,43 @@ AND_UP = down(40.0).wait(1.0).move((0.0, 0.0, 0.05), 0.01)
 @pytest.mark.parametrize(
     ("path", "given", "reasons"),
     [
-        (down(1.0), {}, {"medium.zeta": r"penetration of 4.0 mm in \d+ samples is too shallow; ζ needs 5 mm"}),
+        (
+            down(1.0),
+            {},
+            {"medium.zeta": r"penetration of 4.0 mm in \d+ samples is too shallow; ζ needs 5 mm"},
+        ),
         (down(30.0), NOISE, CHECK),
         (down(30.0), PULLED, CHECK),
         (down(40.0).wait(1.0), mounted("x"), CHECK),
         (down(40.0).wait(1.0), mounted("y"), CHECK),
         (down(40.0).wait(1.0), TOO_HIGH, CHECK),
-        (down(-20.0), {}, {"surface_height": "a rise of 6 times", "medium.zeta": "no vertical penetration"}),
-        (Path((0.0, 0.0, 0.05)).move((0.03, 0.0, 0.0), 0.01), {}, {"surface_height": "never goes straight down"}),
+        (
+            down(-20.0),
+            {},
+            {"surface_height": "a rise of 6 times", "medium.zeta": "no vertical penetration"},
+        ),
+        (
+            Path((0.0, 0.0, 0.05)).move((0.03, 0.0, 0.0), 0.01),
+            {},
+            {"surface_height": "never goes straight down"},
+        ),
         (MOVING, {"values": unknown()}, {"sensor.bias": "never rests"}),
-        (down(30.0), {"values": unknown()}, {"sensor.mass": "turns by 0.0°", "sensor.center_of_mass": "mass unknown"}),
-        (in_the_air([(60, 0, 0)]), {"values": unknown()}, {"sensor.center_of_mass": "second direction"}),
+        (
+            down(30.0),
+            {"values": unknown()},
+            {"sensor.mass": "turns by 0.0°", "sensor.center_of_mass": "mass unknown"},
+        ),
+        (
+            in_the_air([(60, 0, 0)]),
+            {"values": unknown()},
+            {"sensor.center_of_mass": "second direction"},
+        ),
         (in_the_air(), {"values": {**unknown(), "sensor.sign": 1.0}}, {"sensor.bias": WRONG_SIGN}),
-        (in_the_air(), {"values": unknown(), "cell": replace(LOAD_CELL, mass=4200.0)}, {"sensor.bias": TOO_HEAVY}),
+        (
+            in_the_air(),
+            {"values": unknown(), "cell": replace(LOAD_CELL, mass=4200.0)},
+            {"sensor.bias": TOO_HEAVY},
+        ),
         (down(40.0).wait(2.0), {"length": 0.003}, {"medium.mobilization_length": "never turns"}),
         (AND_UP, {}, {"medium.mobilization_length": "at once"}),
         (AND_UP, UNRELATED_FORCE, {"medium.mobilization_length": UNRELATED}),
@@ -107,7 +139,9 @@ def test_a_recording_that_lacks_something_is_told_what_it_lacks(path, given, rea
 def test_a_mass_below_its_error_is_no_mass():
     """The readings in the air scatter by some newtons, as those of a cable that pulls."""
     track = recorded(in_the_air(), cell=replace(LOAD_CELL, mass=0.04), noise=(0.0, 0.0))
-    track.readings[:, :3] += np.random.default_rng(4).normal(0.0, 4.0, (12, 3))[(track.time / 1.3).astype(int)]
+    track.readings[:, :3] += np.random.default_rng(4).normal(0.0, 4.0, (12, 3))[
+        (track.time / 1.3).astype(int)
+    ]
     result = calibrate([track], unknown())
     reason = r"the fitted mass is -?0\.\d+ ± 0\.[1-9]\d* kg \(R² -?0\.\d+\).*kept: 0 kg"
     assert re.search(reason, why(result, "sensor.mass"))
@@ -176,9 +210,18 @@ def rubbing(friction):
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
-        (resting_at(0, 0.0), "the load cell reads 0 N and 0 N m from 0.0 s on, over 100 % of the tool's path"),
-        (resting_at(0, 1.0), r"the load cell repeats one reading \(\S+ N along its z\) from 0.0 s on, over 100 %"),
-        (resting_at(500, 1.0), r"repeats one reading \(\S+ N along its z\) from 5.0 s on, over 100 %"),
+        (
+            resting_at(0, 0.0),
+            "the load cell reads 0 N and 0 N m from 0.0 s on, over 100 % of the tool's path",
+        ),
+        (
+            resting_at(0, 1.0),
+            r"the load cell repeats one reading \(\S+ N along its z\) from 0.0 s on, over 100 %",
+        ),
+        (
+            resting_at(500, 1.0),
+            r"repeats one reading \(\S+ N along its z\) from 5.0 s on, over 100 %",
+        ),
         (in_millimetres, r"moves over 90 m at \S+ m/s.*not millimetres"),
         (beyond_any_load_cell, r"synthetic has a load-cell reading of 1e\+99"),
         (rubbing(2.0), "reading in the air depends on the motion"),
@@ -208,7 +251,9 @@ RIGHT = np.eye(4)
 def shape(name):
     """A tool as it is pressed into the grains [mm]: a cone point first, a scoop, a flat disc, a wheel on its rim."""
     if name == "cone":
-        return trimesh.creation.cone(radius=25.0, height=60.0, sections=48).apply_transform(UPSIDE_DOWN)
+        return trimesh.creation.cone(radius=25.0, height=60.0, sections=48).apply_transform(
+            UPSIDE_DOWN
+        )
     if name == "scoop":
         return trimesh.load_mesh(locate_mesh("scoop"))
     disc = trimesh.creation.cylinder(radius=40.0, height=10.0, sections=48)
@@ -221,7 +266,11 @@ def warnings_of(folder, name, turn, *, growth, zeta=0.8):
     shape(name).export(right)
     shape(name).apply_transform(turn).export(given)
     right, given = (load_tool(str(file), scale=0.001, tolerance=0.05) for file in (right, given))
-    path = Path((0.0, 0.0, 0.015 - right.corners[:, 2].min())).wait(1.0).move((0.0, 0.0, -0.055), 0.01)
+    path = (
+        Path((0.0, 0.0, 0.015 - right.corners[:, 2].min()))
+        .wait(1.0)
+        .move((0.0, 0.0, -0.055), 0.01)
+    )
     time, states = path.states(50.0)
     grains = grain_wrenches(time, states, law(zeta), surface=0.0, tool=right)
     depth = np.maximum(-right.corners[:, 2].min() - states[:, 2], 0.0)
@@ -247,8 +296,12 @@ def test_a_plate_that_stands_on_its_edge_is_said_by_its_zeta_and_by_the_turn_tha
 
 
 @pytest.mark.parametrize("growth", [-0.25, 0.3, 0.5])
-@pytest.mark.parametrize(("name", "zeta"), [("plate", 0.5), ("wheel", 0.25), ("cone", 0.8), ("scoop", 0.8)])
-def test_a_tool_in_its_attitude_is_not_doubted_in_grains_unlike_the_model(tmp_path, name, zeta, growth):
+@pytest.mark.parametrize(
+    ("name", "zeta"), [("plate", 0.5), ("wheel", 0.25), ("cone", 0.8), ("scoop", 0.8)]
+)
+def test_a_tool_in_its_attitude_is_not_doubted_in_grains_unlike_the_model(
+    tmp_path, name, zeta, growth
+):
     """The pressure under real plates and wheels grows as depth to the power 1.3 to 1.6; they were called turned."""
     assert not warnings_of(tmp_path, name, RIGHT, growth=growth, zeta=zeta)
 
@@ -259,7 +312,9 @@ def test_the_bias_has_an_error_for_the_weight_that_the_poses_do_not_separate_fro
         result = calibrated(in_the_air(orientations), values=unknown())
         assert "sensor.center_of_mass" in result.not_identifiable
         (bias,) = (f for f in result.fitted if f.name == "sensor.bias")
-        assert (np.abs(np.subtract(bias.values, LOAD_CELL.bias)) <= 3.0 * np.array(bias.errors)).all()
+        assert (
+            np.abs(np.subtract(bias.values, LOAD_CELL.bias)) <= 3.0 * np.array(bias.errors)
+        ).all()
 
 
 @given(force=st.floats(-12.0, 6.0), place=st.floats(-3.0, 3.0), offset=st.floats(-7.0, 7.0))
@@ -268,13 +323,20 @@ def test_the_bias_has_an_error_for_the_weight_that_the_poses_do_not_separate_fro
 def test_whatever_the_units_of_a_recording_are_it_is_refused_or_its_values_are_those_of_parameters(
     force, place, offset
 ):
-    track = recorded(down(30.0).wait(1.0).move((0.0, 0.0, 0.05), 0.01), length=0.003, cell=LoadCell(), noise=(0.0, 0.0))
+    track = recorded(
+        down(30.0).wait(1.0).move((0.0, 0.0, 0.05), 0.01),
+        length=0.003,
+        cell=LoadCell(),
+        noise=(0.0, 0.0),
+    )
     track.readings[:] *= 10.0**force
     track.states[:, [0, 1, 2, 7, 8, 9]] *= 10.0**place
     track.states[:, 2] += 10.0**offset
     with suppress(InputError):
         for fit in calibrate([track], parameters(medium__mobilization_length=0.003)).fitted:
-            assert checked(fit.name, fit.values if len(fit.values) > 1 else fit.values[0]) is not None
+            assert (
+                checked(fit.name, fit.values if len(fit.values) > 1 else fit.values[0]) is not None
+            )
 
 
 def test_the_error_of_a_bias_is_no_smaller_than_what_the_resolution_of_the_load_cell_hides():
@@ -295,12 +357,16 @@ def test_recordings_whose_transforms_place_the_load_cell_differently_are_refused
     track = recorded(in_the_air())
     at_cell = Placement(LOAD_CELL.position, LOAD_CELL.quaternion)
     turned = at_cell._replace(quaternion=(0.0, 0.0, 0.0, 1.0))
-    one, other = (replace(track, name=name, mount=mount) for name, mount in (("a", at_cell), ("b", turned)))
+    one, other = (
+        replace(track, name=name, mount=mount) for name, mount in (("a", at_cell), ("b", turned))
+    )
     of_tf = unknown(sensor__frame_source="tf")
     calibrate([one, replace(one, name="c")], of_tf, parts=["sensor"])
     with pytest.raises(InputError) as refused:
         calibrate([one, other], of_tf, parts=["sensor"])
-    assert {"a", "b", "differently;", "calibrate"} <= set(str(refused.value).replace(":", "").split())
+    assert {"a", "b", "differently;", "calibrate"} <= set(
+        str(refused.value).replace(":", "").split()
+    )
 
 
 PRESS_AND_LIFT = in_the_air().move((0.0, 0.0, -0.09), 0.01).wait(1.0).move((0.0, 0.0, 0.09), 0.01)

@@ -43,12 +43,16 @@ def tool_of(name, integration):
     """A coarse tool: the plate, a shipped mesh, a cylinder on its end, or a wheel on its rim."""
     if name in ("abb_plate", "scoop", "sphere"):
         return load_tool(name, scale=0.001, integration=integration, tolerance=0.1)
-    radius, height, turn = {"cylinder": (20.0, 50.0, 0.0), "wheel": (60.0, 30.0, np.pi / 2.0)}[name]
+    radius, height, turn = {"cylinder": (20.0, 50.0, 0.0), "wheel": (60.0, 30.0, np.pi / 2.0)}[
+        name
+    ]
     mesh = trimesh.creation.cylinder(radius=radius, height=height, sections=48)
     mesh.apply_transform(trimesh.transformations.rotation_matrix(turn, (0, 1, 0)))
     with TemporaryDirectory() as folder:
         mesh.export(File(folder) / "tool.stl")
-        return load_tool(str(File(folder) / "tool.stl"), scale=0.001, integration=integration, tolerance=0.1)
+        return load_tool(
+            str(File(folder) / "tool.stl"), scale=0.001, integration=integration, tolerance=0.1
+        )
 
 
 def recording(seed):
@@ -61,14 +65,24 @@ def recording(seed):
     """
     rng = np.random.default_rng(seed)
     name = str(rng.choice(["abb_plate", "scoop", "sphere", "cylinder", "wheel"]))
-    integration, every = str(rng.choice(["refined", "refined", "centroid"])), int(rng.choice([8, 8, 8, 4, 4, 2]))
+    integration, every = (
+        str(rng.choice(["refined", "refined", "centroid"])),
+        int(rng.choice([8, 8, 8, 4, 4, 2])),
+    )
     noise, shakes, difference = rng.choice([0.02, 0.3]), rng.random() < 0.5, rng.random() < 0.5
     rest, tilt = float(rng.choice([0.0, 1.0])), float(rng.choice([0.0, 0.0, 20.0]))
-    zeta, length, surface = rng.uniform(0.3, 1.5), rng.uniform(0.001, 0.006), rng.uniform(-0.01, 0.02)
+    zeta, length, surface = (
+        rng.uniform(0.3, 1.5),
+        rng.uniform(0.001, 0.006),
+        rng.uniform(-0.01, 0.02),
+    )
     depth, speed = rng.uniform(0.02, 0.05), rng.uniform(0.005, 0.015)
     tool = tool_of(name, integration)
     last = Rotation.from_euler("xyz", (tilt, 0.4 * tilt, 0.0), degrees=True)
-    below, reach = -float((tool.corners @ last.as_matrix()[2]).min()), float(np.linalg.norm(tool.corners, axis=1).max())
+    below, reach = (
+        -float((tool.corners @ last.as_matrix()[2]).min()),
+        float(np.linalg.norm(tool.corners, axis=1).max()),
+    )
     path = Path((0.3, 0.1, surface + reach + 0.03))
     for angles in ORIENTATIONS:
         path.turn_to(Rotation.from_euler("xyz", angles, degrees=True)).wait(0.8)
@@ -77,11 +91,16 @@ def recording(seed):
         path.wait(rest)
     time, states = path.move((0.0, 0.0, 0.01 + depth), speed).states(1000.0)
     grains = replace(law(zeta), mobilization_length=length)
-    force = wrenches_in_time(tool.plates, grains, states, Memory(tool.plates), surface_height=surface)
+    force = wrenches_in_time(
+        tool.plates, grains, states, Memory(tool.plates), surface_height=surface
+    )
     some = slice(int(rng.integers(every)), None, every)
     time, states, force = time[some] - time[some][0], states[some].copy(), force[some]
     readings = read_by(LOAD_CELL, states, force, rng, noise=(noise, noise / 50.0))
-    friction, speeds = rng.choice([0.0, 0.0, 0.05, 0.5, 2.0]), np.linalg.norm(states[:, 7:10], axis=1)[:, None]
+    friction, speeds = (
+        rng.choice([0.0, 0.0, 0.05, 0.5, 2.0]),
+        np.linalg.norm(states[:, 7:10], axis=1)[:, None],
+    )
     drag = friction * states[:, 7:10] / np.maximum(speeds, 1e-6)
     readings[:, :3] -= Rotation.from_quat(states[:, 3:7]).inv().apply(drag)
     delay = rng.uniform(-0.1, 0.1)
@@ -91,7 +110,16 @@ def recording(seed):
     if difference:
         states = differenced(time, states)
     cell = LOAD_CELL
-    truth = (surface,), (zeta,), (length,), (depth,), cell.bias, (cell.mass,), cell.center_of_mass, (delay,)
+    truth = (
+        (surface,),
+        (zeta,),
+        (length,),
+        (depth,),
+        cell.bias,
+        (cell.mass,),
+        cell.center_of_mass,
+        (delay,),
+    )
     given = surface + rng.normal(0.0, FILE_ERROR)
     return track_of(time, states, readings, tool=tool), dict(zip(NAMES, truth, strict=True)), given
 
@@ -119,15 +147,24 @@ def test_the_truth_lies_within_three_standard_errors_of_random_recordings():
 
 def test_a_turn_between_two_poses_does_not_shift_lambda():
     """At 125 Hz the arm does 36 µm after a pose and undoes them before the next: λ was 10 % too short."""
-    path = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.065), 0.0115).move((0.0, 0.0, 0.03), 0.0115)
+    path = (
+        Path((0.0, 0.0, 0.03))
+        .wait(1.0)
+        .move((0.0, 0.0, -0.065), 0.0115)
+        .move((0.0, 0.0, 0.03), 0.0115)
+    )
     time, states = path.states(1000.0)
     grains = replace(law(0.8), mobilization_length=0.003)
     tool = tool_of("abb_plate", "refined")
     force = wrenches_in_time(tool.plates, grains, states, Memory(tool.plates), surface_height=0.0)
     for first in (0, 3, 6):
         some = slice(first, None, 8)
-        readings = read_by(LOAD_CELL, states[some], force[some], np.random.default_rng(1), noise=(0.02, 0.0004))
-        result = calibrate([track_of(time[some] - time[first], states[some], readings, tool=tool)], known())
+        readings = read_by(
+            LOAD_CELL, states[some], force[some], np.random.default_rng(1), noise=(0.02, 0.0004)
+        )
+        result = calibrate(
+            [track_of(time[some] - time[first], states[some], readings, tool=tool)], known()
+        )
         (length,) = (f for f in result.fitted if f.name == "medium.mobilization_length")
         assert abs(length.values[0] - 0.003) <= 3.0 * length.errors[0]
         assert abs(length.values[0] - 0.003) < 0.03 * 0.003

@@ -32,9 +32,14 @@ SURFACE, ZETA, LENGTH = 0.0123, 0.8, 0.003
 
 def assert_recovered(fit, exact, truth):
     """Of 40 seeded trials of noise on the `exact` readings, each number of `truth` lies in 38 within 3 errors."""
-    trials = [{f.name: f for f in fit(noisy(exact, np.random.default_rng(k), NOISE))} for k in range(40)]
+    trials = [
+        {f.name: f for f in fit(noisy(exact, np.random.default_rng(k), NOISE))} for k in range(40)
+    ]
     for name, values in truth.items():
-        off = [np.abs(np.subtract(t[name].values, values)) / t[name].errors if name in t else np.inf for t in trials]
+        off = [
+            np.abs(np.subtract(t[name].values, values)) / t[name].errors if name in t else np.inf
+            for t in trials
+        ]
         assert (np.sum(np.array(off) <= 3.0, axis=0) >= 38).all(), name
 
 
@@ -48,7 +53,9 @@ def test_the_mobilization_length_is_recovered_from_a_start_from_rest(tmp_path):
         track = track_of(time, states, readings, tool=blade)
         return calibrate([track], known(), parts=("mobilization",)).fitted
 
-    assert_recovered(fit, read_by(LOAD_CELL, states, grains), {"medium.mobilization_length": (LENGTH,)})
+    assert_recovered(
+        fit, read_by(LOAD_CELL, states, grains), {"medium.mobilization_length": (LENGTH,)}
+    )
 
 
 @pytest.mark.parametrize(
@@ -57,12 +64,26 @@ def test_the_mobilization_length_is_recovered_from_a_start_from_rest(tmp_path):
         (Path((0, 0, 0.02)).move((0, 0, -0.05), 0.01).move((0, 0, 0.04), 0.01), [5.0]),
         (Path((0, 0, 0.02)).move((0, 0, -0.05), 0.01).wait(2.0).move((0, 0, 0.04), 0.01), [5.0]),
         (Path((0, 0, 0.02)).move((0, 0, -0.05), 0.01).wait(2.0).move((0, 0, -0.02), 0.01), []),
-        (Path((0, 0, 0.02)).move((0, 0, -0.05), 0.01).move((0.03, 0, 0), 0.01).move((0, 0, 0.03), 0.01), [5.0, 8.0]),
+        (
+            Path((0, 0, 0.02))
+            .move((0, 0, -0.05), 0.01)
+            .move((0.03, 0, 0), 0.01)
+            .move((0, 0, 0.03), 0.01),
+            [5.0, 8.0],
+        ),
         (Path((0, 0, 0.02)).move((0, 0, -0.05), 0.01).move((0.02, 0, -0.02), 0.01), []),
         (Path((0, 0, -0.03), UPRIGHT).wait(1.0).move((0, 0.03, 0), 0.01), [1.0]),
         (Path((0, 0, 0.06)).move((0, 0, -0.04), 0.01).move((0, 0, 0.04), 0.01), []),
     ],
-    ids=["turn", "rest and turn", "pause", "two turns", "45 degrees", "start in the grains", "in the air"],
+    ids=[
+        "turn",
+        "rest and turn",
+        "pause",
+        "two turns",
+        "45 degrees",
+        "start in the grains",
+        "in the air",
+    ],
 )
 def test_turns_are_found_where_the_tool_turns_in_the_grains(path, seconds):
     time, states = path.states()
@@ -92,7 +113,12 @@ def test_velocities_from_poses_give_lambda_within_15_percent():
         ((1.0, 1.2), 0.01, (), False),
         ((1.0, 1.5), 0.01, (), True),
         ((1.0, 1.31, 1.62), 0.01, (60, 80, 100), True),
-        ((1.3, 1.58, 1.85), 0.13, (60, 80, 100), True),  # 2.98 errors apart are enough where ζ follows the size
+        (
+            (1.3, 1.58, 1.85),
+            0.13,
+            (60, 80, 100),
+            True,
+        ),  # 2.98 errors apart are enough where ζ follows the size
         ((1.3, 1.58, 1.85), 0.13, (80, 80, 80), False),
     ],
 )
@@ -100,7 +126,9 @@ def test_penetrations_whose_zeta_differs_are_told(zetas, error, sizes, told):
     found = [Measurement("a", zeta, error) for zeta in zetas]
     assert (difference(found, [1e-3 * size for size in sizes]) != "") == told
     growing = [1e-3 * size for size in sorted(sizes, reverse=True)]
-    assert ("ζ grows with the tool's size, 60 to 100 mm" in difference(found, growing[::-1])) == (told and bool(sizes))
+    assert ("ζ grows with the tool's size, 60 to 100 mm" in difference(found, growing[::-1])) == (
+        told and bool(sizes)
+    )
     assert "grows" not in difference(found, growing)
 
 
@@ -113,9 +141,15 @@ def test_the_spread_of_zeta_covers_the_tools():
 @pytest.mark.parametrize("second", [False, True], ids=["treers2021", "agarwal2023"])
 def test_the_grains_inertia_is_not_taken_for_strength_or_depth(second):
     """At 0.5 m/s it is a fifth of the force; without it the surface rises by 2.7 mm."""
-    time, states = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.09), 0.5).wait(1.0).states(1000.0)
+    time, states = (
+        Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.09), 0.5).wait(1.0).states(1000.0)
+    )
     density = {"density": 1500.0}
-    grains = agarwal2023(zeta=0.4, **density) if second else treers2021(GENERIC, law().alpha_y, zeta=0.4, **density)
+    grains = (
+        agarwal2023(zeta=0.4, **density)
+        if second
+        else treers2021(GENERIC, law().alpha_y, zeta=0.4, **density)
+    )
     readings = read_by(LOAD_CELL, states, grain_wrenches(time, states, grains, surface=SURFACE))
     values = known(medium__density=1500.0, law="agarwal2023" if second else "treers2021")
     result = calibrate([track_of(time, states, readings)], values)

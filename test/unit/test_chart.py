@@ -55,7 +55,9 @@ def test_the_command_draws_the_chart_and_writes_the_table(tmp_path, monkeypatch)
     monkeypatch.setattr(models, "median_seconds", lambda calls: [1e-3] * len(calls))
     # all choices over all recordings take minutes; test/golden/test_learning_runs.py has their errors
     monkeypatch.setattr(models, "_RECORDED", ("cmu",))
-    monkeypatch.setattr(models, "_NAMES", {name: models._NAMES[name] for name in ("published", "default, learned")})
+    monkeypatch.setattr(
+        models, "_NAMES", {name: models._NAMES[name] for name in ("published", "default, learned")}
+    )
     few = tuple(choice for choice in CHOICES if choice.name in models._NAMES)
     monkeypatch.setattr(models, "CHOICES", few)
     assert main(["models", "-o", str(tmp_path)]) == 0

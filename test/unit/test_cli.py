@@ -57,14 +57,36 @@ def refused(done: subprocess.CompletedProcess[str], *words: str) -> None:
 def test_predict_agrees_with_the_authors_code(shared_data, tmp_path, model):
     paper = shared_data / "paper"
     done = rft(
-        *("predict", paper / "circumnutation_P40_states.csv", "--mesh", paper / "root-tip.stl", "--scale", 0.001),
-        *("--origin", 0, 0, 35.5, "--integration", "centroid", "--zeta", 0.33, "--alpha-y", model, "-o", "out.csv"),
+        *(
+            "predict",
+            paper / "circumnutation_P40_states.csv",
+            "--mesh",
+            paper / "root-tip.stl",
+            "--scale",
+            0.001,
+        ),
+        *(
+            "--origin",
+            0,
+            0,
+            35.5,
+            "--integration",
+            "centroid",
+            "--zeta",
+            0.33,
+            "--alpha-y",
+            model,
+            "-o",
+            "out.csv",
+        ),
         cwd=tmp_path,
     )
     assert done.returncode == 0, done.stderr
     assert (tmp_path / "out.csv").read_text().splitlines()[0] == "t,fx,fy,fz,tx,ty,tz"
     ours = np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)
-    theirs = np.loadtxt(paper / f"circumnutation_P40_expected_{model}.csv", delimiter=",", skiprows=1)
+    theirs = np.loadtxt(
+        paper / f"circumnutation_P40_expected_{model}.csv", delimiter=",", skiprows=1
+    )
     np.testing.assert_array_equal(ours[:, 0], theirs[:, 0])
     for columns in (slice(1, 4), slice(4, 7)):
         scale = np.abs(theirs[:, columns]).max()
@@ -75,8 +97,12 @@ def test_predict_takes_columns_in_any_order_and_a_table_for_alpha_y(tmp_path):
     (tmp_path / "alpha.csv").write_text("beta,alpha_y\n0,0.136\n180,0.136\n")
     moving, low = "3,0,0,-0.01,0,0,0,1,0.003,0.004,-0.01,0,0,0", ("--surface-height", "-1e-3")
     names, numbers = (",".join(reversed(line.split(","))) for line in (HEADER, moving))
-    ours = predicted(tmp_path, numbers, "--alpha-y", "alpha.csv", *low, header=f"\ufeff{names}")  # as of a spreadsheet
-    np.testing.assert_allclose(ours, predicted(tmp_path, moving, "--alpha-y", "constant", *low), rtol=1e-12)
+    ours = predicted(
+        tmp_path, numbers, "--alpha-y", "alpha.csv", *low, header=f"\ufeff{names}"
+    )  # as of a spreadsheet
+    np.testing.assert_allclose(
+        ours, predicted(tmp_path, moving, "--alpha-y", "constant", *low), rtol=1e-12
+    )
 
 
 @pytest.mark.parametrize(
@@ -84,9 +110,15 @@ def test_predict_takes_columns_in_any_order_and_a_table_for_alpha_y(tmp_path):
     [
         (HEADER.replace(",qw", "") + "\n" + ROW[:-2], ("states.csv", "no column qw")),
         (f"{STATE}{ROW.replace('-0.01', 'nan', 1)}\n", ("states.csv", "line 3", "pz is nan")),
-        (f"{HEADER}\n{ROW.replace('0,0,0,1', '0,0,0,0', 1)}\n", ("states.csv", "line 2", "norm 0")),
+        (
+            f"{HEADER}\n{ROW.replace('0,0,0,1', '0,0,0,0', 1)}\n",
+            ("states.csv", "line 2", "norm 0"),
+        ),
         (f"{HEADER}\n\n{ROW.replace('0,0', 'inf,0', 1)}\n", ("line 3", "t is inf")),
-        (f"{STATE}1,0,0,-1e308,0,0,0,1,0,0,-0.01,0,0,0\n", ("states.csv", "t = 1 ", "no finite wrench")),
+        (
+            f"{STATE}1,0,0,-1e308,0,0,0,1,0,0,-0.01,0,0,0\n",
+            ("states.csv", "t = 1 ", "no finite wrench"),
+        ),
     ],
 )
 def test_states_that_cannot_be_used(tmp_path, text, words):
@@ -112,20 +144,42 @@ def test_options_that_cannot_be_used(tmp_path, options, words):
 
 
 def test_a_states_file_that_is_not_there_and_outputs_that_cannot_be_written(tmp_path):
-    refused(rft("predict", "gone.csv", "--mesh", "plate", "-o", "out.csv", cwd=tmp_path), "gone.csv")
+    refused(
+        rft("predict", "gone.csv", "--mesh", "plate", "-o", "out.csv", cwd=tmp_path), "gone.csv"
+    )
     (tmp_path / "states.csv").write_text(STATE)
-    done = rft("predict", "states.csv", "--mesh", "plate", "-o", tmp_path / "states.csv" / "out.csv", cwd=tmp_path)
+    done = rft(
+        "predict",
+        "states.csv",
+        "--mesh",
+        "plate",
+        "-o",
+        tmp_path / "states.csv" / "out.csv",
+        cwd=tmp_path,
+    )
     refused(done, "out.csv")
-    done = rft("sweep", ROOT / "config" / "sweep_example.yaml", "-o", "states.csv/out", cwd=tmp_path)
+    done = rft(
+        "sweep", ROOT / "config" / "sweep_example.yaml", "-o", "states.csv/out", cwd=tmp_path
+    )
     refused(done, "output folder 'states.csv/out' cannot be written: Not a directory")
     assert done.stdout == ""  # refused before the work began
 
 
-def test_an_output_may_lie_in_the_home_folder_or_in_one_that_has_the_name_of_a_model(tmp_path, monkeypatch):
+def test_an_output_may_lie_in_the_home_folder_or_in_one_that_has_the_name_of_a_model(
+    tmp_path, monkeypatch
+):
     monkeypatch.setenv("HOME", str(tmp_path))
     (tmp_path / "states.csv").write_text(STATE)
     (tmp_path / "linear").mkdir()
-    words = ("predict", "~/states.csv", "--mesh", "plate", "--alpha-y", "linear", "--output=~/linear/out.csv")
+    words = (
+        "predict",
+        "~/states.csv",
+        "--mesh",
+        "plate",
+        "--alpha-y",
+        "linear",
+        "--output=~/linear/out.csv",
+    )
     done = rft(*words, cwd=tmp_path / "linear")
     assert (done.returncode, done.stderr) == (0, "")
     assert (tmp_path / "linear" / "out.csv").is_file()
@@ -148,20 +202,37 @@ def test_a_concave_tool_is_no_fault_and_its_hull_and_its_union_are_an_option_awa
     hull = rft("check-mesh", "scoop", "--hull", cwd=tmp_path)
     assert (hull.returncode, "hollows" in hull.stdout) == (0, False)
     (tmp_path / "states.csv").write_text(STATE)
-    for command, output, notes in (("predict", "out.csv", 1), ("view", "out.html", 0), ("reduce", "out.npz", 0)):
-        before = ["scoop", "--tolerance", "0.3"] if command == "reduce" else ["states.csv", "--mesh", "scoop"]
+    for command, output, notes in (
+        ("predict", "out.csv", 1),
+        ("view", "out.html", 0),
+        ("reduce", "out.npz", 0),
+    ):
+        before = (
+            ["scoop", "--tolerance", "0.3"]
+            if command == "reduce"
+            else ["states.csv", "--mesh", "scoop"]
+        )
         assert rft(command, *before, "-o", output, cwd=tmp_path).stderr.count("hollows") == notes
 
 
 def test_the_area_of_the_facets_is_told_from_that_of_the_surface_that_they_sample(tmp_path):
-    (line,) = (s for s in rft("check-mesh", "sphere", cwd=tmp_path).stdout.splitlines() if s.startswith("area: "))
+    (line,) = (
+        s
+        for s in rft("check-mesh", "sphere", cwd=tmp_path).stdout.splitlines()
+        if s.startswith("area: ")
+    )
     assert "mm² of facets; " in line
     assert "of the curved surface" in line
 
 
 def test_the_names_of_the_package_are_completed():
     code = "import rft_ros; print(set(rft_ros.__all__) <= set(dir(rft_ros)))"
-    assert subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True).stdout == "True\n"
+    assert (
+        subprocess.run(
+            [sys.executable, "-c", code], capture_output=True, text=True, check=True
+        ).stdout
+        == "True\n"
+    )
 
 
 def printing_to(stream: io.TextIOBase, *arguments: str) -> int:

@@ -26,7 +26,9 @@ PREDICT = "predict states.csv --mesh plate -o o"
 def test_without_arguments_it_shows_its_help_and_fails(tmp_path):
     done = rft(cwd=tmp_path)
     assert done.returncode == 2
-    assert all(re.search(rf"^    {name}\s+\w", done.stderr, re.MULTILINE) for name in COMMANDS), done.stderr
+    assert all(re.search(rf"^    {name}\s+\w", done.stderr, re.MULTILINE) for name in COMMANDS), (
+        done.stderr
+    )
 
 
 @pytest.mark.parametrize(
@@ -34,10 +36,19 @@ def test_without_arguments_it_shows_its_help_and_fails(tmp_path):
     [
         ("repaly bag", "rft: argument COMMAND: invalid choice: 'repaly' (choose from 'predict'"),
         ("replay bag -o o --parms x", "rft: unrecognized arguments: --parms x"),
-        ("predict states.csv --mesh plate", "rft predict: the following arguments are required: -o/--output"),
+        (
+            "predict states.csv --mesh plate",
+            "rft predict: the following arguments are required: -o/--output",
+        ),
         (f"{PREDICT} --zeta abc", "rft predict: argument --zeta: invalid number value: 'abc'"),
-        (f"{PREDICT} --alpha-y linaer", "rft predict: alpha_y.model is 'linaer'; it must be one of constant, linear"),
-        (f"{PREDICT}/o.csv --alpha-y=", "rft predict: alpha_y.model is ''; it must be one of constant, linear"),
+        (
+            f"{PREDICT} --alpha-y linaer",
+            "rft predict: alpha_y.model is 'linaer'; it must be one of constant, linear",
+        ),
+        (
+            f"{PREDICT}/o.csv --alpha-y=",
+            "rft predict: alpha_y.model is ''; it must be one of constant, linear",
+        ),
         ("doctor x.yaml --seconds 0", "rft doctor: --seconds is 0; it must be over 0"),
         ("replay /dev/null -o o", "rft replay: '/dev/null' is not a bag: give a rosbag2 folder"),
     ],
@@ -70,7 +81,10 @@ def test_help_fits_the_terminal(width, monkeypatch):
 
 def test_a_demo_too_short_to_reach_the_grains_is_refused_before_anything_starts(tmp_path):
     pytest.importorskip("rclpy")
-    refused(rft("demo", "--seconds", "3", "-o", "out", cwd=tmp_path), "--seconds is 3; it must be over 3")
+    refused(
+        rft("demo", "--seconds", "3", "-o", "out", cwd=tmp_path),
+        "--seconds is 3; it must be over 3",
+    )
     assert not (tmp_path / "out").exists()
 
 
@@ -122,10 +136,14 @@ def test_help_and_errors_show_the_command_that_works_here(tmp_path, monkeypatch)
     assert f"  {typed} check-mesh my_tool.stl" in rft("check-mesh", "--help", cwd=tmp_path).stdout
 
 
-@pytest.mark.parametrize(("options", "seconds"), [((), 2.0), (("--tare", "0"), 0.0), (("--tare", "1"), 1.0)])
+@pytest.mark.parametrize(
+    ("options", "seconds"), [((), 2.0), (("--tare", "0"), 0.0), (("--tare", "1"), 1.0)]
+)
 def test_a_tare_of_zero_on_the_command_line_undoes_the_parameter_files(options, seconds, tmp_path):
     file = tmp_path / "cell.yaml"
-    file.write_text("rft_replay:\n  ros__parameters:\n    tare: 2.0\nrft:\n  ros__parameters:\n    mesh.file: plate\n")
+    file.write_text(
+        "rft_replay:\n  ros__parameters:\n    tare: 2.0\nrft:\n  ros__parameters:\n    mesh.file: plate\n"
+    )
     words = ["replay", "bag", "--params", str(file), "-o", "out", *options]
     assert recording(parser().parse_args(words))[1].tare == seconds
 

@@ -94,7 +94,9 @@ def test_a_cache_that_cannot_be_written_does_not_fail_a_call(cache):
 
 @pytest.mark.parametrize(("verb", "method"), [("save", "_reduce"), ("load", "_rebuild")])
 @pytest.mark.usefixtures("cache")
-def test_a_numba_that_cannot_save_or_load_its_code_fails_no_call_and_warns_once(monkeypatch, verb, method):
+def test_a_numba_that_cannot_save_or_load_its_code_fails_no_call_and_warns_once(
+    monkeypatch, verb, method
+):
     if verb == "load":
         answer()
     monkeypatch.delattr(CompileResult, method)
@@ -106,9 +108,14 @@ def test_a_numba_that_cannot_save_or_load_its_code_fails_no_call_and_warns_once(
 
 def test_numba_disable_jit_leaves_forces_as_they_are():
     script = "from rft_ros.rft import *; p = Plates.from_arrays([[0, 0, -1]], [[0, 0, -1]], [1])\n"
-    script += "print(wrenches(p, agarwal2023(), [0, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0])[0, 2] > 0)"
+    script += (
+        "print(wrenches(p, agarwal2023(), [0, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0])[0, 2] > 0)"
+    )
     found = subprocess.run(
-        [sys.executable, "-c", script], env={**os.environ, "NUMBA_DISABLE_JIT": "1"}, capture_output=True, text=True
+        [sys.executable, "-c", script],
+        env={**os.environ, "NUMBA_DISABLE_JIT": "1"},
+        capture_output=True,
+        text=True,
     )
     assert found.stdout == "True\n", found.stderr
 
@@ -118,19 +125,27 @@ class Elsewhere:
 
     def __init__(self, folder: Path) -> None:
         self.folder, self.package = folder, folder / "rft_ros"
-        shutil.copytree(PACKAGE / "rft", self.package / "rft", ignore=shutil.ignore_patterns("__pycache__"))
+        shutil.copytree(
+            PACKAGE / "rft", self.package / "rft", ignore=shutil.ignore_patterns("__pycache__")
+        )
         (self.package / "tool").mkdir()
         (self.package / "tool" / "turned.py").write_text(MODULE, encoding="utf-8")
         (self.package / "tool" / "numbers.py").write_text("QUARTER = 0.25", encoding="utf-8")
 
     def answer(self, **environment: str) -> tuple[float, int]:
         """The number, and how many functions were compiled for it."""
-        inherited = {name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"}
+        inherited = {
+            name: value for name, value in os.environ.items() if name != "NUMBA_CACHE_DIR"
+        }
         # bytecode goes by the source's size and time only
         own = {"PYTHONPATH": str(self.folder), "PYTHONDONTWRITEBYTECODE": "1"}
         command = [sys.executable, "-c", "import rft_ros.tool.turned"]
         done = subprocess.run(
-            command, env={**inherited, **own, **environment}, cwd=self.folder, capture_output=True, text=True
+            command,
+            env={**inherited, **own, **environment},
+            cwd=self.folder,
+            capture_output=True,
+            text=True,
         )
         assert (done.returncode, done.stderr) == (0, "")
         number, count = done.stdout.split()
@@ -148,9 +163,14 @@ def elsewhere(tmp_path_factory):
 
 @pytest.mark.parametrize(
     ("name", "old", "new"),
-    [("rft/frames.py", "xy - wz, xz + wy", "xy + wz, xz + wy"), ("tool/numbers.py", "QUARTER = 0.2", "QUARTER = 0.7")],
+    [
+        ("rft/frames.py", "xy - wz,", "xy + wz,"),
+        ("tool/numbers.py", "QUARTER = 0.2", "QUARTER = 0.7"),
+    ],
 )
-def test_code_that_has_changed_is_compiled_again_despite_a_file_of_the_same_size_and_time(elsewhere, name, old, new):
+def test_code_that_has_changed_is_compiled_again_despite_a_file_of_the_same_size_and_time(
+    elsewhere, name, old, new
+):
     file = elsewhere.package / name
     was, text = file.stat(), file.read_text(encoding="utf-8")
     assert old in text
@@ -159,7 +179,9 @@ def test_code_that_has_changed_is_compiled_again_despite_a_file_of_the_same_size
     number, count = elsewhere.answer()
     assert number != turned(QUATERNION)
     assert count == 1
-    assert len(kept(elsewhere.folder / "__pycache__")) == 1, "code of the former source was left behind"
+    assert len(kept(elsewhere.folder / "__pycache__")) == 1, (
+        "code of the former source was left behind"
+    )
     file.write_text(text, encoding="utf-8")
     assert elsewhere.answer() == (turned(QUATERNION), 1)
 
@@ -170,7 +192,9 @@ def test_what_runs_leaves_nothing_in_the_folder_of_an_installed_package(elsewher
     assert len(list((elsewhere.folder / "__pycache__").glob("rft_ros.*.nbc"))) == 1
 
 
-def test_who_may_not_write_beside_the_package_keeps_machine_code_in_the_cache_of_the_user(elsewhere):
+def test_who_may_not_write_beside_the_package_keeps_machine_code_in_the_cache_of_the_user(
+    elsewhere,
+):
     beside = elsewhere.folder / "__pycache__"
     shutil.rmtree(beside)
     beside.write_text("no folder")  # root may write into any folder
@@ -182,15 +206,23 @@ def test_who_may_not_write_beside_the_package_keeps_machine_code_in_the_cache_of
 def test_processes_that_compile_at_once_do_not_disturb_each_other(elsewhere):
     cache = elsewhere.folder / "at_once"
     command = [sys.executable, "-c", "import rft_ros.tool.turned"]
-    environment = {**os.environ, "PYTHONPATH": str(elsewhere.folder), "NUMBA_CACHE_DIR": str(cache)}
+    environment = {
+        **os.environ,
+        "PYTHONPATH": str(elsewhere.folder),
+        "NUMBA_CACHE_DIR": str(cache),
+    }
     start = {"env": environment, "cwd": elsewhere.folder, "stdout": subprocess.PIPE, "text": True}
     running = [subprocess.Popen(command, **start) for _ in range(3)]
-    assert {float(process.communicate()[0].split()[0]) for process in running} == {turned(QUATERNION)}
+    assert {float(process.communicate()[0].split()[0]) for process in running} == {
+        turned(QUATERNION)
+    }
     assert elsewhere.answer(NUMBA_CACHE_DIR=str(cache)) == (turned(QUATERNION), 0)
     assert len(kept(cache)) == 1
 
 
-def test_a_part_of_the_loop_that_one_child_compiles_for_the_other_is_the_part_that_the_loop_loads(tmp_path):
+def test_a_part_of_the_loop_that_one_child_compiles_for_the_other_is_the_part_that_the_loop_loads(
+    tmp_path,
+):
     """Other types would be a second file: then a first start compiles that part twice."""
     code = """if __name__ == "__main__":
     from rft_ros.estimator.warm_up import prepare
@@ -199,7 +231,11 @@ def test_a_part_of_the_loop_that_one_child_compiles_for_the_other_is_the_part_th
     script = tmp_path / "first_start.py"
     script.write_text(code)
     root = Path(compilation.__file__).resolve().parents[3]
-    environment = {**os.environ, "NUMBA_CACHE_DIR": str(tmp_path / "cache"), "PYTHONPATH": str(root)}
+    environment = {
+        **os.environ,
+        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
+        "PYTHONPATH": str(root),
+    }
     subprocess.run([sys.executable, script], env=environment, check=True)
     for part in ("_tractions", "_add_memory"):
         assert len(list((tmp_path / "cache").rglob(f"*.{part}.*.nbc"))) == 1

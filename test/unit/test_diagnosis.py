@@ -24,7 +24,14 @@ from rft_ros.rft.frames import ANGULAR_VELOCITY
 STATES = motion(100.0)
 LOADS = loads(STATES)
 PEAK = np.abs(LOADS[:, 2]).max()
-NOISE = np.random.default_rng(3).standard_normal(LOADS.shape) * (0.02, 0.02, 0.02, 2e-4, 2e-4, 2e-4)
+NOISE = np.random.default_rng(3).standard_normal(LOADS.shape) * (
+    0.02,
+    0.02,
+    0.02,
+    2e-4,
+    2e-4,
+    2e-4,
+)
 SOURCES = st.sampled_from(["topic", "pose_difference"])
 few = settings(max_examples=5, deadline=None)
 
@@ -39,10 +46,16 @@ def named(found):
 
 
 @given(
-    st.floats(0.6, 1.8), st.floats(0.0, 2.0), st.sampled_from([0.0, 0.0015, 0.003]), st.floats(-0.002, 0.002), SOURCES
+    st.floats(0.6, 1.8),
+    st.floats(0.0, 2.0),
+    st.sampled_from([0.0, 0.0015, 0.003]),
+    st.floats(-0.002, 0.002),
+    SOURCES,
 )
 @settings(max_examples=12, deadline=None)
-def test_a_right_cell_in_other_grains_than_the_models_needs_nothing(strength, noise, length, above, source):
+def test_a_right_cell_in_other_grains_than_the_models_needs_nothing(
+    strength, noise, length, above, source
+):
     said = faults(
         readings=strength * LOADS + noise * NOISE,
         twist_source=source,
@@ -61,40 +74,71 @@ seeds = st.integers(0, 1000)
 sides = st.sampled_from([-1.0, 1.0])
 OF_CELL = Rotation.from_quat(MOUNT.quaternion)
 WRONG = {
-    "surface_height": st.builds(lambda side, off: SURFACE + side * off, sides, st.floats(0.02, 0.1)),
+    "surface_height": st.builds(
+        lambda side, off: SURFACE + side * off, sides, st.floats(0.02, 0.1)
+    ),
     "sensor.sign": st.just(-1.0),
     "sensor.quaternion": st.builds(
-        lambda seed, angle: (OF_CELL * Rotation.from_rotvec(angle * axis(seed))).as_quat().tolist(),
+        lambda seed, angle: (
+            (OF_CELL * Rotation.from_rotvec(angle * axis(seed))).as_quat().tolist()
+        ),
         seeds,
         st.floats(0.2, 3.1),
     ),
     "sensor.position": st.builds(
-        lambda seed, far: (np.array(MOUNT.position) + far * axis(seed)).tolist(), seeds, st.floats(0.1, 0.25)
+        lambda seed, far: (np.array(MOUNT.position) + far * axis(seed)).tolist(),
+        seeds,
+        st.floats(0.1, 0.25),
     ),
     "sensor.bias": st.builds(
-        lambda seed, size: [*(size * axis(seed)).tolist(), 0.0, 0.0, 0.0], seeds, st.floats(0.3, 20.0)
+        lambda seed, size: [*(size * axis(seed)).tolist(), 0.0, 0.0, 0.0],
+        seeds,
+        st.floats(0.3, 20.0),
     ),
     "sensor.delay": st.builds(lambda side, late: side * late, sides, st.floats(0.03, 0.15)),
     "medium.zeta": st.sampled_from([0.1, 0.15, 0.9, 4.0]),
     "mesh.scale": st.sampled_from([1e-6, 1.0]),
-    "mesh.quaternion": st.sampled_from([[0.5**0.5, 0.0, 0.0, 0.5**0.5], [0.0, 0.5**0.5, 0.0, 0.5**0.5]]),
+    "mesh.quaternion": st.sampled_from(
+        [[0.5**0.5, 0.0, 0.0, 0.5**0.5], [0.0, 0.5**0.5, 0.0, 0.5**0.5]]
+    ),
     "max_rate": st.integers(2, 6),
 }
-RIGHT = {**PARAMETERS, "sensor.sign": 1.0, "sensor.bias": [0.0] * 6, "sensor.delay": 0.0, "mesh.scale": 0.001}
-WITHIN = {"surface_height": 0.004, "sensor.position": 0.015, "sensor.bias": 0.05, "sensor.delay": 0.012}
+RIGHT = {
+    **PARAMETERS,
+    "sensor.sign": 1.0,
+    "sensor.bias": [0.0] * 6,
+    "sensor.delay": 0.0,
+    "mesh.scale": 0.001,
+}
+WITHIN = {
+    "surface_height": 0.004,
+    "sensor.position": 0.015,
+    "sensor.bias": 0.05,
+    "sensor.delay": 0.012,
+}
 
 
 @pytest.mark.parametrize("parameter", WRONG)
 @given(data=st.data())
 @few
-def test_a_parameter_that_is_wrong_beyond_its_tolerance_is_named_with_the_value_that_mends_it(parameter, data):
+def test_a_parameter_that_is_wrong_beyond_its_tolerance_is_named_with_the_value_that_mends_it(
+    parameter, data
+):
     value = data.draw(WRONG[parameter])
     if parameter == "max_rate":  # each pose is sent so often
-        found = faults(poses=STATES[np.arange(len(STATES)) // value * value, :3], twist_source=data.draw(SOURCES))
+        found = faults(
+            poses=STATES[np.arange(len(STATES)) // value * value, :3],
+            twist_source=data.draw(SOURCES),
+        )
         assert found[0].remedy["max_rate"] == pytest.approx(100.0 / value, abs=1.0)
         return
     found = faults(readings=LOADS + NOISE, **{parameter.replace(".", "__"): value})
-    remedies = [remedy for finding in found for remedy in (finding.remedy, *finding.alike) if parameter in remedy]
+    remedies = [
+        remedy
+        for finding in found
+        for remedy in (finding.remedy, *finding.alike)
+        if parameter in remedy
+    ]
     assert remedies, found
     right = remedies[0][parameter]
     if parameter == "mesh.quaternion":  # the ellipsoid is the same upside down
@@ -109,7 +153,15 @@ def test_a_parameter_that_is_wrong_beyond_its_tolerance_is_named_with_the_value_
 
 def air_and_push():
     """States and wrenches: the tool at rest in six attitudes in the air, then the motion of `STATES`."""
-    turns = [(0, 0, 0), (0.9, 0, 0), (-0.9, 0, 0), (0, 0.9, 0), (0, -0.9, 0), (1.5, 0, 0), (0, 0, 0)]
+    turns = [
+        (0, 0, 0),
+        (0.9, 0, 0),
+        (-0.9, 0, 0),
+        (0, 0.9, 0),
+        (0, -0.9, 0),
+        (1.5, 0, 0),
+        (0, 0, 0),
+    ]
     rows = np.repeat(STATES[:1], 60 * len(turns), axis=0)
     rows[:, VELOCITY] = 0.0
     rows[:, QUATERNION] = np.repeat(Rotation.from_rotvec(turns).as_quat(), 60, axis=0)
@@ -118,7 +170,9 @@ def air_and_push():
 
 def hung(states, readings, mass):
     """The readings of a cell below which a mass [kg] hangs, 60 mm along its z."""
-    frame = LoadCellFrame(LoadCell(quaternion=MOUNT.quaternion, mass=abs(mass), center_of_mass=(0.0, 0.0, 0.06)))
+    frame = LoadCellFrame(
+        LoadCell(quaternion=MOUNT.quaternion, mass=abs(mass), center_of_mass=(0.0, 0.0, 0.06))
+    )
     offsets = [frame.into_sensor(np.array(q), np.zeros(12))[1] for q in states[:, QUATERNION]]
     return readings + np.sign(mass) * np.array(offsets)
 
@@ -126,7 +180,9 @@ def hung(states, readings, mass):
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @given(mass=st.floats(0.05, 2.0), seed=seeds)
 @few
-def test_the_weight_in_several_attitudes_gives_bias_mass_and_centre_also_where_the_sign_is_wrong(sign, mass, seed):
+def test_the_weight_in_several_attitudes_gives_bias_mass_and_centre_also_where_the_sign_is_wrong(
+    sign, mass, seed
+):
     states, readings = air_and_push()
     bias = np.append(2.0 * axis(seed), 0.05 * axis(seed + 1))
     found = faults(states=states, readings=sign * hung(states, readings, mass) + bias)
@@ -281,7 +337,9 @@ def test_noise_of_poses_is_named_and_nothing_is_blamed_on_the_load_cell(sigma, s
 @few
 def test_stamps_that_jitter_on_a_busy_machine_are_no_noise_of_poses(seed, source):
     late = np.abs(np.random.default_rng(seed).normal(0.0, 0.002, len(STATES)))[:, None]
-    poses = STATES[:, POSITION] + late * STATES[:, VELOCITY]  # where the tool is when the stamp is said
+    poses = (
+        STATES[:, POSITION] + late * STATES[:, VELOCITY]
+    )  # where the tool is when the stamp is said
     assert "noise" not in named(faults(poses=poses, twist_source=source))
 
 
@@ -302,9 +360,17 @@ PITCHING = list(virtual_arm.moments(10.0))
 @settings(max_examples=8, deadline=None)
 def test_an_untared_cell_on_a_tool_that_pitches_needs_a_tare_only(start, end, mass):
     """In other grains than the model's, which get harder, from any moment in the air; also without the tool's mass."""
-    times, states, readings = zip(*(moment for moment in PITCHING if start <= moment[0] <= end), strict=True)
+    times, states, readings = zip(
+        *(moment for moment in PITCHING if start <= moment[0] <= end), strict=True
+    )
     stamps = [START + round(1e9 * t) for t in times]
-    found = wrong(np.array(states), np.array(readings), stamps=stamps, live=False, **{**DEMO, "sensor.mass": mass})
+    found = wrong(
+        np.array(states),
+        np.array(readings),
+        stamps=stamps,
+        live=False,
+        **{**DEMO, "sensor.mass": mass},
+    )
     assert set(named(found)) <= {"load cell", "strength"}
 
 
@@ -332,9 +398,13 @@ def _recorded(arrivals):
         now, stamp = START + k * STEP, arrivals(k)
         checkup.push(WrenchSample(stamp, "ft_sensor", tuple(reading)), now)
         if k % 10 == 0:
-            ahead = TransformSample(stamp + 500_000_000, "world", "odom", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+            ahead = TransformSample(
+                stamp + 500_000_000, "world", "odom", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
+            )
             checkup.push((ahead,), now)
-        checkup.push((TransformSample(stamp, "odom", "tool", tuple(state[:3]), tuple(state[3:7])),), now)
+        checkup.push(
+            (TransformSample(stamp, "odom", "tool", tuple(state[:3]), tuple(state[3:7])),), now
+        )
     return [finding for finding in checkup.findings() if not finding.ok]
 
 
@@ -356,4 +426,7 @@ def test_a_findings_sentence_takes_its_numbers_and_leaves_braces_in_names_of_fil
 
 
 def test_the_smallest_value_of_a_remedy_is_not_shown_as_0():
-    assert "mesh.scale: 1e-06" in Finding(name="mesh", said="too large", remedy={"mesh.scale": 1e-6}).text
+    assert (
+        "mesh.scale: 1e-06"
+        in Finding(name="mesh", said="too large", remedy={"mesh.scale": 1e-6}).text
+    )

@@ -25,7 +25,11 @@ GENERATED = {
 }
 COMMANDS = next(a for a in parser()._actions if a.dest == "command").choices
 METHOD = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
-ROWS = [[cell.strip() for cell in line.strip("|").split("|")] for line in METHOD.splitlines() if line.startswith("|")]
+ROWS = [
+    [cell.strip() for cell in line.strip("|").split("|")]
+    for line in METHOD.splitlines()
+    if line.startswith("|")
+]
 
 
 def commands(page):
@@ -33,7 +37,9 @@ def commands(page):
     text = page.read_text(encoding="utf-8")
     blocks = re.findall(r"```(?:sh|bash)\n(.*?)```", text, flags=re.DOTALL)
     lines = [line for block in blocks for line in block.replace("\\\n", " ").splitlines()]
-    lines += re.findall(r"`(rft [^`]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL).replace("\n", " "))
+    lines += re.findall(
+        r"`(rft [^`]+)`", re.sub(r"```.*?```", "", text, flags=re.DOTALL).replace("\n", " ")
+    )
     return [line for line in lines if line.startswith("rft ")]
 
 
@@ -51,7 +57,9 @@ def test_every_command_in_the_docs_is_one_that_can_be_typed():
 
 def test_every_parameter_in_the_docs_is_one_of_the_node():
     for page in PAGES:
-        named = re.findall(r"`((?:mesh|medium|alpha_y|sensor)\.(?!py\b)[a-z_]+)", page.read_text(encoding="utf-8"))
+        named = re.findall(
+            r"`((?:mesh|medium|alpha_y|sensor)\.(?!py\b)[a-z_]+)", page.read_text(encoding="utf-8")
+        )
         assert set(named) <= set(defaults()), page.name
 
 
@@ -59,7 +67,9 @@ def test_the_python_reference_has_every_public_name():
     text = (ROOT / "docs" / "reference.md").read_text(encoding="utf-8")
     listed = re.findall(r"^::: (\S+)$", text, flags=re.MULTILINE)
     assert sorted(listed) == sorted(
-        f"{module.__name__}.{name}" for module in (rft_ros, rft_ros.simulation) for name in module.__all__
+        f"{module.__name__}.{name}"
+        for module in (rft_ros, rft_ros.simulation)
+        for name in module.__all__
     )
 
 
@@ -69,7 +79,9 @@ def test_the_page_of_design_studies_has_every_parameter_of_every_family_of_motio
         (row,) = re.findall(rf"^- `{name}`: .*(?:\n  .*)*", text, flags=re.MULTILINE)
         for parameter in signature(family).parameters.values():
             number = f"{parameter.default:g}"
-            assert re.search(rf"`{parameter.name}`\s+\({number}\b", row), f"{name}: {parameter.name} ({number})"
+            assert re.search(rf"`{parameter.name}`\s+\({number}\b", row), (
+                f"{name}: {parameter.name} ({number})"
+            )
 
 
 def test_the_readme_names_every_command():
@@ -104,9 +116,13 @@ def test_the_coefficients_of_a_medium_are_those_in_use(name):
 
 
 def test_the_coefficients_of_the_weights_are_those_in_use():
-    printed = {name: float(value) for name, value in re.findall(r"\b([ABN]\d+) = ([\d.]{8,})", METHOD)}
+    printed = {
+        name: float(value) for name, value in re.findall(r"\b([ABN]\d+) = ([\d.]{8,})", METHOD)
+    }
     names = ("A1", "A2", "A3", "B1", "B2", "B3")
-    assert {name: printed[name] for name in names} == {name: getattr(weights, name) for name in names}
+    assert {name: printed[name] for name in names} == {
+        name: getattr(weights, name) for name in names
+    }
     bracket_1 = weights.math.tanh(weights.A2 - weights.A3) + weights.math.tanh(weights.A3)
     bracket_23 = weights.math.atanh(weights.B2 - weights.B3) + weights.math.atanh(weights.B3)
     assert printed["N1"] == pytest.approx(weights.A1 * bracket_1, rel=1e-14)

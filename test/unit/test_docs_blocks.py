@@ -31,14 +31,18 @@ RUN = ("sh", "python", "yaml")
 SHOWN = ("", "text", "math")
 
 _BLOCK = re.compile(
-    r"^(?P<indent> *)```(?P<language>[^\n`]*)\n(?P<text>.*?)^(?P=indent)```$", flags=re.DOTALL | re.MULTILINE
+    r"^(?P<indent> *)```(?P<language>[^\n`]*)\n(?P<text>.*?)^(?P=indent)```$",
+    flags=re.DOTALL | re.MULTILINE,
 )
 _MARK = re.compile(r"<!-- not run: (.*?) -->\s*$")
 _REFERENCE = "../shared/data"
 _SURFACE = 0.12
 """Height of the grains in `my_cell.yaml` [m]."""
 
-_TOPICS = {"pose": ("/tcp_pose_broadcaster/pose", POSE), "wrench": ("/force_torque_sensor_broadcaster/wrench", WRENCH)}
+_TOPICS = {
+    "pose": ("/tcp_pose_broadcaster/pose", POSE),
+    "wrench": ("/force_torque_sensor_broadcaster/wrench", WRENCH),
+}
 _FRAMES = {"pose": "base", "wrench": "tool0_controller"}
 
 
@@ -91,9 +95,15 @@ def _sh(block: Block, folder: Path) -> None:
         path = f"{folder / '.venv' / 'bin'}{os.pathsep}{os.environ['PATH']}"
         environment = without_ros() | own_domain() | {"PATH": path}
         command = ["bash", "-e", "-o", "pipefail", "-c", block.text]
-        ended = [subprocess.run(command, cwd=folder, env=environment, capture_output=True, text=True, timeout=600)]
+        ended = [
+            subprocess.run(
+                command, cwd=folder, env=environment, capture_output=True, text=True, timeout=600
+            )
+        ]
     for done in ended:
-        assert done.returncode == 0, f"{block.where}: exit status {done.returncode}\n{done.stdout}\n{done.stderr}"
+        assert done.returncode == 0, (
+            f"{block.where}: exit status {done.returncode}\n{done.stdout}\n{done.stderr}"
+        )
 
 
 def _python(block: Block, folder: Path, namespace: dict[str, object]) -> None:
@@ -118,7 +128,9 @@ def _yaml(block: Block, folder: Path) -> None:
         assert read_limits(file), block.where
 
 
-def prepared(folder: Path, *, more_cell: str = "", scripts: str = sysconfig.get_path("scripts")) -> Path:
+def prepared(
+    folder: Path, *, more_cell: str = "", scripts: str = sysconfig.get_path("scripts")
+) -> Path:
     """A copy of the project below `folder`, with what the pages assume: the reader's files, named as on the pages.
 
     The package itself is not copied, so that what runs is the installed one, which numba has compiled before.
@@ -138,17 +150,29 @@ def prepared(folder: Path, *, more_cell: str = "", scripts: str = sysconfig.get_
     (project / ".venv" / "bin").symlink_to(scripts)
     for stamp in (".demo", ".installed"):
         (project / ".venv" / stamp).touch()
-    study = project / "config" / "sweep_example.yaml"  # a tenth of its variants, of shorter motions
-    study.write_text(study.read_text().replace("count: 50", "count: 5").replace("samples: 200", "samples: 50"))
+    study = (
+        project / "config" / "sweep_example.yaml"
+    )  # a tenth of its variants, of shorter motions
+    study.write_text(
+        study.read_text().replace("count: 50", "count: 5").replace("samples: 200", "samples: 50")
+    )
     shutil.copy(TOOL_FILE, project / "my_tool.stl")
     cell = next(b.text for b in blocks(README) if b.language == "yaml" and "my_tool.stl" in b.text)
-    (project / "my_cell.yaml").write_text(cell.replace("/path/to", str(project)) + more_cell, encoding="utf-8")
+    (project / "my_cell.yaml").write_text(
+        cell.replace("/path/to", str(project)) + more_cell, encoding="utf-8"
+    )
     (project / "limits.yaml").write_text("estimates: {min: 100}\n", encoding="utf-8")
     # still in the air for 2.5 s, 45 mm into the grains and out again, the tool level
     way = Way((0.1, 0.2, _SURFACE + 0.02)).wait(2.5).move((0.0, 0.0, -0.065), 0.02).wait(1.5)
     time, states = way.move((0.0, 0.0, 0.065), 0.02).states()
     header = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
-    np.savetxt(project / "states.csv", np.column_stack([time, states]), delimiter=",", header=header, comments="")
+    np.savetxt(
+        project / "states.csv",
+        np.column_stack([time, states]),
+        delimiter=",",
+        header=header,
+        comments="",
+    )
     for k, name in enumerate(("my_bag", "monday", "tuesday", "friday")):
         _recording(project / name, time, states, seed=k)
     (project / "friday" / "friday.mcap").rename(project / "friday.mcap")
@@ -164,14 +188,18 @@ def _recording(folder: Path, time: np.ndarray, states: np.ndarray, *, seed: int)
     write_run(folder, time, states, readings, topics=_TOPICS, frames=_FRAMES)
 
 
-WITH_CODE = [page for page in PAGES if any(b.language in RUN and b.mark is None for b in blocks(page))]
+WITH_CODE = [
+    page for page in PAGES if any(b.language in RUN and b.mark is None for b in blocks(page))
+]
 ALL = [README, *PAGES]
 
 
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
     """One folder for all pages."""
-    replay_section = [b.text for b in blocks(ROOT / "docs" / "replay.md") if b.text.startswith("rft_replay:")]
+    replay_section = [
+        b.text for b in blocks(ROOT / "docs" / "replay.md") if b.text.startswith("rft_replay:")
+    ]
     return prepared(tmp_path_factory.mktemp("docs"), more_cell=replay_section[0])
 
 
@@ -180,7 +208,9 @@ def test_the_blocks_of_a_page_work(page, project):
     assert try_page(page, project) > 0
 
 
-def test_the_blocks_of_the_readme_work_in_its_order_where_nothing_but_the_wheel_was_installed(installed, tmp_path):
+def test_the_blocks_of_the_readme_work_in_its_order_where_nothing_but_the_wheel_was_installed(
+    installed, tmp_path
+):
     pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install 'rft_ros[ros]'")
     project = prepared(tmp_path, scripts=str(installed / "bin"))
     assert try_page(README, project) > 0
@@ -189,17 +219,23 @@ def test_the_blocks_of_the_readme_work_in_its_order_where_nothing_but_the_wheel_
 
 def test_blocks_that_are_not_run_give_a_reason_and_name_files_that_exist():
     for mark in (b.mark for page in ALL for b in blocks(page) if b.mark is not None):
-        file = re.fullmatch(r"needs .+ in (\S+)|minutes long; tested in (\S+)|the suite itself", mark)
+        file = re.fullmatch(
+            r"needs .+ in (\S+)|minutes long; tested in (\S+)|the suite itself", mark
+        )
         assert file, mark
         assert all((ROOT / name).is_file() for name in file.groups() if name), mark
 
 
 def test_every_code_block_is_run_or_marked():
     """In an unknown language, in a fence that was not found, or as an indented block."""
-    command = re.compile(r"^ {4,}(?:rft|make|python3?|pip|ros2|colcon|git|import|from) .*$", flags=re.MULTILINE)
+    command = re.compile(
+        r"^ {4,}(?:rft|make|python3?|pip|ros2|colcon|git|import|from) .*$", flags=re.MULTILINE
+    )
     for page in ALL:
         assert [b.where for b in blocks(page) if b.language not in (*RUN, *SHOWN)] == []
         text = page.read_text(encoding="utf-8")
-        assert len(re.findall(r"^ *```", text, flags=re.MULTILINE)) == 2 * len(blocks(page)), page.name
+        assert len(re.findall(r"^ *```", text, flags=re.MULTILINE)) == 2 * len(blocks(page)), (
+            page.name
+        )
         outside = re.sub(r"^ *```.*?^ *```$", "", text, flags=re.DOTALL | re.MULTILINE)
         assert command.findall(outside) == [], page.name

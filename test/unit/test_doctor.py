@@ -21,12 +21,26 @@ from rft_ros.parameters import defaults
 from rft_ros.rft import QUATERNION
 from rft_ros.rft.frames import Placement
 
-TURNED = (Rotation.from_quat(MOUNT.quaternion) * Rotation.from_euler("x", 180, degrees=True)).as_quat().tolist()
+TURNED = (
+    (Rotation.from_quat(MOUNT.quaternion) * Rotation.from_euler("x", 180, degrees=True))
+    .as_quat()
+    .tolist()
+)
 FAULTS = {
     "wrong frame": ("frames", "poses and twists have frame_id 'world'", {"world_frame": "map"}),
-    "wrong type": ("wrench", "/rft/pose is geometry_msgs/msg/PoseStamped", {}, "~/wrench_measured:=/rft/pose"),
+    "wrong type": (
+        "wrench",
+        "/rft/pose is geometry_msgs/msg/PoseStamped",
+        {},
+        "~/wrench_measured:=/rft/pose",
+    ),
     "no twist": ("twist", "set twist_source: pose_difference", {}, "~/twist:=/none"),
-    "no stamps": ("wrench", "1050 messages on /unstamped have no stamp", {}, "~/wrench_measured:=/unstamped"),
+    "no stamps": (
+        "wrench",
+        "1050 messages on /unstamped have no stamp",
+        {},
+        "~/wrench_measured:=/unstamped",
+    ),
     "no publisher": ("wrench", "start the load cell's driver", {}, "~/wrench_measured:=/none"),
     "surface not set": ("surface_height", "set surface_height: 0.1", {"surface_height": None}),
     "not tared": ("load cell", "tare it there", {"sensor.bias": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}),
@@ -57,15 +71,23 @@ def examined(bag, tmp_path, capsys):
 
     def of(parameters, *remaps, node="/**", replayed=None, arguments=(), bag=usual):
         named = {k: v for k, v in (PARAMETERS | parameters).items() if v is not None}
-        tree = {node: {"ros__parameters": named}} | ({"rft_replay": {"ros__parameters": replayed}} if replayed else {})
+        tree = {node: {"ros__parameters": named}} | (
+            {"rft_replay": {"ros__parameters": replayed}} if replayed else {}
+        )
         (tmp_path / "my_cell.yaml").write_text(yaml.safe_dump(tree))
         remapped = [f"--remap={remap}" for remap in remaps]
-        status = main(["doctor", str(tmp_path / "my_cell.yaml"), "--bag", str(bag), *remapped, *arguments])
+        status = main(
+            ["doctor", str(tmp_path / "my_cell.yaml"), "--bag", str(bag), *remapped, *arguments]
+        )
         said = capsys.readouterr()
-        lines = [line for line in said.out.splitlines() if not line.startswith("-> ")] or [said.err.strip()]
+        lines = [line for line in said.out.splitlines() if not line.startswith("-> ")] or [
+            said.err.strip()
+        ]
         assert all(line.startswith(("OK  ", "FIX ")) for line in lines)
         assert status == (1 if any(line.startswith("FIX") for line in lines) else 0)
-        return [line for line in lines if "compiled" not in line]  # that depends on what ran before
+        return [
+            line for line in lines if "compiled" not in line
+        ]  # that depends on what ran before
 
     return of
 
@@ -76,7 +98,12 @@ def faults(lines):
 
 @pytest.mark.parametrize(
     "more",
-    [{}, {"pose_source": "tf", "sensor.frame_source": "tf"}, {"ground.cell": 0.004}, {"learning.mode": "apply"}],
+    [
+        {},
+        {"pose_source": "tf", "sensor.frame_source": "tf"},
+        {"ground.cell": 0.004},
+        {"learning.mode": "apply"},
+    ],
     ids=["topics", "TF", "map without a camera", "learning"],
 )
 def test_a_good_cell_needs_nothing(examined, more):
@@ -97,12 +124,18 @@ def test_each_fault_is_found_and_says_what_to_do(examined, fault):
     assert fault != "no stamps" or not any(line.startswith("OK  wrench") for line in lines)
 
 
-def test_the_remedies_are_written_to_a_parameter_file_with_which_the_cell_is_right(examined, bag, tmp_path, capsys):
+def test_the_remedies_are_written_to_a_parameter_file_with_which_the_cell_is_right(
+    examined, bag, tmp_path, capsys
+):
     """Beside what the file says of other nodes, and with paths that begin at its own folder."""
     mended = tmp_path / "folder" / "mended.yaml"
     mended.parent.mkdir()
     bias = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
-    wrong = {"sensor.sign": -1.0, "surface_height": SURFACE + 0.05, "sensor.bias": [1.0, 0.0, -2.0, 0.0, 0.0, 0.0]}
+    wrong = {
+        "sensor.sign": -1.0,
+        "surface_height": SURFACE + 0.05,
+        "sensor.bias": [1.0, 0.0, -2.0, 0.0, 0.0, 0.0],
+    }
     examined(wrong, arguments=("--write", str(mended)), replayed={"end": 10.0})
     written = yaml.safe_load(mended.read_text())
     assert written["rft_replay"]["ros__parameters"] == {"end": 10.0}
@@ -111,11 +144,16 @@ def test_the_remedies_are_written_to_a_parameter_file_with_which_the_cell_is_rig
     assert of_node["surface_height"] == pytest.approx(SURFACE, abs=0.004)
     assert of_node["sensor.bias"] == pytest.approx(bias, abs=0.02)
     status = main(["doctor", str(mended), "--bag", str(bag)])
-    assert faults([line for line in capsys.readouterr().out.splitlines() if "compiled" not in line]) == [], status
+    assert (
+        faults([line for line in capsys.readouterr().out.splitlines() if "compiled" not in line])
+        == []
+    ), status
 
 
 @pytest.mark.parametrize(
-    "parameters", [{"pose_source": "tf", "sensor.frame_source": "tf"}, {"world_frame": "base"}], ids=["TF", "base"]
+    "parameters",
+    [{"pose_source": "tf", "sensor.frame_source": "tf"}, {"world_frame": "base"}],
+    ids=["TF", "base"],
 )
 @pytest.mark.parametrize("before", [75, 750], ids=["0.2 s", "2 s"])
 def test_what_comes_shortly_before_the_first_fixed_transforms_is_no_fault(bag, parameters, before):
@@ -133,7 +171,9 @@ def test_what_comes_shortly_before_the_first_fixed_transforms_is_no_fault(bag, p
 
 def test_a_tool_that_pitches_on_its_way_down_shows_the_surface():
     states, time = motion(100.0), 0.01 * np.arange(1050)
-    states[:, QUATERNION] = Rotation.from_rotvec(np.outer(0.4 * np.sin(3.0 * time), (0, 1, 0))).as_quat()
+    states[:, QUATERNION] = Rotation.from_rotvec(
+        np.outer(0.4 * np.sin(3.0 * time), (0, 1, 0))
+    ).as_quat()
     states[:, 11] = 1.2 * np.cos(3.0 * time)
     (found,) = wrong(states, loads(states), surface_height=SURFACE + 0.03)
     assert found.remedy["surface_height"] == pytest.approx(SURFACE, abs=0.008)
@@ -167,7 +207,9 @@ def test_a_topic_of_another_type_does_not_hide_the_other_checks(examined):
 TF = {"pose_source": "tf", "sensor.frame_source": "tf"}
 
 
-def test_a_wrong_fixed_transform_of_the_sensor_is_named_and_not_a_parameter_that_is_not_used(examined, tmp_path):
+def test_a_wrong_fixed_transform_of_the_sensor_is_named_and_not_a_parameter_that_is_not_used(
+    examined, tmp_path
+):
     told = record(tmp_path / "told", told=Placement(MOUNT.position, tuple(TURNED)))
     for parameters in (TF, {"sensor.frame_source": "tf"}):
         (found,) = faults(examined(parameters, bag=told))
@@ -176,7 +218,9 @@ def test_a_wrong_fixed_transform_of_the_sensor_is_named_and_not_a_parameter_that
         assert "/tf_static" in found
         assert "sensor.quaternion" not in found
         right = re.search(r"to the quaternion \[(.*?)\]", found)[1].split(", ")
-        off = Rotation.from_quat([float(number) for number in right]).inv() * Rotation.from_quat(MOUNT.quaternion)
+        off = Rotation.from_quat([float(number) for number in right]).inv() * Rotation.from_quat(
+            MOUNT.quaternion
+        )
         assert off.magnitude() < 1e-3
 
 
@@ -195,23 +239,31 @@ def test_a_frame_that_is_its_own_parent_is_named_with_what_is_wrong(examined, tm
 def of_cell_with_delays(delays):
     """The faults of a right cell whose messages arrive so late [s], shape [n]; none overtakes another."""
     states = motion(100.0)
-    arrivals = [START + k * STEP + round(1e9 * delays[k % len(delays)]) for k in range(len(states))]
+    arrivals = [
+        START + k * STEP + round(1e9 * delays[k % len(delays)]) for k in range(len(states))
+    ]
     return wrong(states, loads(states), arrivals=np.maximum.accumulate(arrivals).tolist())
 
 
 @given(st.lists(st.floats(0.0, 0.95), min_size=3, max_size=20))
-@example([0.8, 0.7, 0.9])  # half of the messages are late by more than max_input_age, and some come in time
+@example(
+    [0.8, 0.7, 0.9]
+)  # half of the messages are late by more than max_input_age, and some come in time
 @settings(max_examples=8, deadline=None)
 def test_messages_that_a_busy_machine_delays_are_no_fault_of_the_clocks_or_of_the_cell(stops):
     """It stands still for so long [s] once in a second, and then takes all that has come meanwhile."""
     delays = np.concatenate([np.maximum(stop - 0.01 * np.arange(100), 0.001) for stop in stops])
     said = of_cell_with_delays(delays)
-    assert all(finding.name == "machine" and "too busy to judge" in finding.text for finding in said), said
+    assert all(
+        finding.name == "machine" and "too busy to judge" in finding.text for finding in said
+    ), said
 
 
 @pytest.mark.parametrize("off", [0.3, -0.3])
 def test_clocks_that_differ_are_named_also_where_messages_are_delayed(off):
     random = np.random.default_rng(1)
     said = of_cell_with_delays(off + 0.05 * random.random(500))
-    assert any(finding.name == "pose" and "stamps on /rft/pose are 0." in finding.text for finding in said), said
+    assert any(
+        finding.name == "pose" and "stamps on /rft/pose are 0." in finding.text for finding in said
+    ), said
     assert all("clocks" in finding.text for finding in said)

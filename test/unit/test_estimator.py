@@ -7,7 +7,19 @@ import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from one_plate import SECOND, START, about, estimator, measurement, plate_model, plate_tool, pose, push, twist, wrench
+from one_plate import (
+    SECOND,
+    START,
+    about,
+    estimator,
+    measurement,
+    plate_model,
+    plate_tool,
+    pose,
+    push,
+    twist,
+    wrench,
+)
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, PoseSample, Reason
@@ -22,7 +34,12 @@ def test_the_force_on_a_flat_plate_is_1_newton_a_cm_of_depth_a_cm2_times_zeta():
     """α_z(0, 90°) of the generic medium is 1 N/cm³: 1 cm below the surface, 4 cm², ζ = 0.33."""
     for surface in (0.0, 0.25):
         e = estimator(model=plate_model(zeta=0.33), surface_height=surface)
-        estimate = push(e, twist(START - 20 * MS), wrench(START - 50 * MS), pose(position=(0.0, 0.0, surface - 0.01)))
+        estimate = push(
+            e,
+            twist(START - 20 * MS),
+            wrench(START - 50 * MS),
+            pose(position=(0.0, 0.0, surface - 0.01)),
+        )
         assert estimate.predicted[2] == pytest.approx(0.33 * 1.0 * 1.0 * 4.0, rel=1e-6)
         assert estimate.submerged_area == pytest.approx(4e-4)
         assert estimate.stamp == START
@@ -31,10 +48,20 @@ def test_the_force_on_a_flat_plate_is_1_newton_a_cm_of_depth_a_cm2_times_zeta():
 def test_the_speed_is_an_upper_bound_of_the_fastest_plates_speed_and_decides_on_rest():
     """20 cm from the origin: at 0.5 rad/s and 1 cm/s at most 11 cm/s; 1 mrad/s alone is 0.2 mm/s at the plate."""
     model = plate_model(tool=plate_tool(distance=0.2))
-    assert push(estimator(model=model), twist(angular=(0.5, 0.0, 0.0)), pose()).speed_bound == pytest.approx(0.11)
+    assert push(
+        estimator(model=model), twist(angular=(0.5, 0.0, 0.0)), pose()
+    ).speed_bound == pytest.approx(0.11)
     for rate, rests in ((0.9e-3, True), (1.1e-3, False)):
-        found = push(estimator(model=model), twist(linear=(0.0, 0.0, 0.0), angular=(-rate, 0.0, 0.0)), pose())
-        assert (found.reason is Reason.AT_REST) if rests else found.predicted[2] == pytest.approx(4.0, rel=1e-4)
+        found = push(
+            estimator(model=model),
+            twist(linear=(0.0, 0.0, 0.0), angular=(-rate, 0.0, 0.0)),
+            pose(),
+        )
+        assert (
+            (found.reason is Reason.AT_REST)
+            if rests
+            else found.predicted[2] == pytest.approx(4.0, rel=1e-4)
+        )
 
 
 def test_the_last_twist_at_or_before_the_pose_that_has_come_is_used():
@@ -42,7 +69,9 @@ def test_the_last_twist_at_or_before_the_pose_that_has_come_is_used():
     push(e, *(twist(START + k * MS, (0.0, 0.0, -0.01 * (k + 1))) for k in range(3)))
     assert push(e, pose(START + MS)).speed_bound == pytest.approx(0.02)
     assert push(e, pose(START + 5 * MS)).speed_bound == pytest.approx(0.03)
-    assert push(e, twist(START + 5 * MS, (0.0, 0.0, -0.05)), pose(START + 6 * MS)).speed_bound == pytest.approx(0.05)
+    assert push(
+        e, twist(START + 5 * MS, (0.0, 0.0, -0.05)), pose(START + 6 * MS)
+    ).speed_bound == pytest.approx(0.05)
 
 
 def test_new_settings_and_models_apply_to_the_next_pose_and_keep_inputs_and_history():
@@ -84,9 +113,16 @@ def recording(seed):
 @pytest.mark.parametrize("twist_source", ["topic", "pose_difference"])
 def test_the_same_samples_give_the_same_answers_bit_for_bit_also_as_arrays(twist_source):
     def answers(of=tuple):
-        cell = LoadCell(position=(0.01, 0.02, 0.03), quaternion=about((0, 1, 0), 30.0), mass=0.5, bias=(0.1,) * 6)
+        cell = LoadCell(
+            position=(0.01, 0.02, 0.03),
+            quaternion=about((0, 1, 0), 30.0),
+            mass=0.5,
+            bias=(0.1,) * 6,
+        )
         e = estimator(load_cell=cell, twist_source=twist_source)
-        samples = (type(s)(*(of(v) if isinstance(v, tuple) else v for v in s)) for s in recording(6))
+        samples = (
+            type(s)(*(of(v) if isinstance(v, tuple) else v for v in s)) for s in recording(6)
+        )
         answers = [(push(e, sample), e.measurements()) for sample in samples]
         e.finish()
         return answers, e.measurements(), e.counts, e.estimates
@@ -129,7 +165,15 @@ SETTINGS = {
     Reason.POSE_RATE_LIMITED: {"max_rate": 100.0},
     Reason.POSE_HISTORY_SHORT: {"twist_source": "pose_difference"},
 }
-ELSEWHERE = ("wrench_missing", "wrench_stale", "surface_", "tf_", "sensor_frame_unknown", "time_jump", "message_")
+ELSEWHERE = (
+    "wrench_missing",
+    "wrench_stale",
+    "surface_",
+    "tf_",
+    "sensor_frame_unknown",
+    "time_jump",
+    "message_",
+)
 """In test_estimator_load_cell.py, test_estimator_ground.py, test_transforms.py, below, and in test/ros/test_node.py."""
 
 
@@ -151,7 +195,9 @@ def test_a_refused_sample_is_counted_under_its_reason_and_the_next_are_answered(
 
 
 def test_the_last_unknown_frame_is_named_with_the_expected_one_until_the_settings_change():
-    e, _ = pushed(pose(frame="camera"), pose(frame="base_link"), twist(frame="flange"), wrench(frame="tool"))
+    e, _ = pushed(
+        pose(frame="camera"), pose(frame="base_link"), twist(frame="flange"), wrench(frame="tool")
+    )
     named = {
         "pose_frame_unknown": "pose frame_id 'base_link' is not world_frame 'world'",
         "twist_frame_unknown": "twist frame_id 'flange' is neither world_frame 'world' nor tool_frame 'tool'",
@@ -161,7 +207,9 @@ def test_the_last_unknown_frame_is_named_with_the_expected_one_until_the_setting
     remedy = "; set the parameter to an existing frame, or publish the transform between the two on /tf_static"
     named = {reason: said + remedy for reason, said in named.items()}
     assert e.unknown_frames() == named
-    assert e.counted() == [f"{name}: {1 + (name[0] == 'p')} ({said})" for name, said in named.items()]
+    assert e.counted() == [
+        f"{name}: {1 + (name[0] == 'p')} ({said})" for name, said in named.items()
+    ]
     e.use(settings=replace(e.settings, world_frame="base_link"))
     assert e.unknown_frames() == {}
     assert e.counted()[0] == "pose_frame_unknown: 2"
@@ -206,10 +254,16 @@ def test_a_jump_back_by_a_second_or_more_is_a_new_beginning_and_by_less_a_late_p
     assert Reason.TIME_JUMP not in e.counts
 
 
-@given(rate=st.sampled_from([125.0, 60.0, 25.0, 1.0]), period=st.sampled_from([8 * MS, MS]), seed=st.integers(0, 99))
+@given(
+    rate=st.sampled_from([125.0, 60.0, 25.0, 1.0]),
+    period=st.sampled_from([8 * MS, MS]),
+    seed=st.integers(0, 99),
+)
 @settings(max_examples=10, deadline=None)
 @example(rate=125.0, period=8 * MS, seed=0)
-def test_max_rate_bounds_the_estimates_and_a_limit_at_the_streams_own_rate_drops_no_pose(rate, period, seed):
+def test_max_rate_bounds_the_estimates_and_a_limit_at_the_streams_own_rate_drops_no_pose(
+    rate, period, seed
+):
     """In four seconds of stamps that jitter by a tenth of the period. A new limit counts from the next pose on."""
     e, poses = estimator(max_rate=1e-300), 4 * SECOND // period
     push(e, twist(), pose())

@@ -17,11 +17,15 @@ X, Y = (v.ravel() for v in np.meshgrid(AXIS, AXIS, indexing="ij"))
 
 
 def cloud(stamp, height=0.0, frame="world"):
-    return Cloud(stamp, frame, X, Y, np.broadcast_to(np.asarray(height, dtype=np.float64), X.shape))
+    return Cloud(
+        stamp, frame, X, Y, np.broadcast_to(np.asarray(height, dtype=np.float64), X.shape)
+    )
 
 
 def on_map(*, model=None, **settings):
-    return Estimator(Settings(**settings), replace(model or plate_model(), ground=HeightMap.unknown(CELL)))
+    return Estimator(
+        Settings(**settings), replace(model or plate_model(), ground=HeightMap.unknown(CELL))
+    )
 
 
 def forces(e, clouds=(), *, until=120, late=0):
@@ -99,7 +103,11 @@ def test_a_cloud_that_cannot_be_used_is_counted_and_changes_nothing(sent, reason
 
 def test_clouds_out_of_order_too_often_or_without_a_map_are_counted():
     e, without = on_map(), Estimator(Settings(), plate_model())
-    for after, reason in ((100, None), (110, Reason.SURFACE_RATE_LIMITED), (90, Reason.SURFACE_OUT_OF_ORDER)):
+    for after, reason in (
+        (100, None),
+        (110, Reason.SURFACE_RATE_LIMITED),
+        (90, Reason.SURFACE_OUT_OF_ORDER),
+    ):
         assert push(e, cloud(START + after * MS)) is reason
     assert push(without, cloud(START)) is Reason.SURFACE_OFF
     assert not without.level_ground()

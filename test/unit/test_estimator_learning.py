@@ -24,14 +24,22 @@ class Press:
 
     def __init__(self, mode="apply", *, surface=0.0, **settings):
         self.estimator = estimator(learning_mode=mode, **settings)
-        self.stamp, self.depth, self.surface, self.answers, self.forces = START, 0.0, surface, [], []
+        self.stamp, self.depth, self.surface, self.answers, self.forces = (
+            START,
+            0.0,
+            surface,
+            [],
+            [],
+        )
 
     def push(self, count, factor=1.0, *, offset=0.0, reading=None):
         for _ in range(count):
             self.stamp += STEP
             self.depth += 1e-4
             self.forces.append(factor * 400.0 * max(self.depth + self.surface, 0.0))
-            felt = wrench(self.stamp, reading or (0.0, 0.0, self.forces[-1] + offset, 0.0, 0.0, 0.0))
+            felt = wrench(
+                self.stamp, reading or (0.0, 0.0, self.forces[-1] + offset, 0.0, 0.0, 0.0)
+            )
             motion = twist(self.stamp), pose(self.stamp, (0.0, 0.0, -self.depth))
             self.answers.append(push(self.estimator, felt, *motion))
         return self
@@ -46,10 +54,16 @@ class Press:
 
 def test_observe_learns_the_same_and_predicts_as_the_model():
     seen, used, plain = (Press(mode).push(300, 1.6) for mode in ("observe", "apply", "off"))
-    for observed, applied, unlearned in zip(seen.answers, used.answers, plain.answers, strict=True):
+    for observed, applied, unlearned in zip(
+        seen.answers, used.answers, plain.answers, strict=True
+    ):
         assert observed.predicted == pytest.approx(unlearned.predicted, rel=1e-12)
-        correction = applied.predicted[2] - unlearned.predicted[2]  # it is an error of what is observed
-        assert observed.sigma[2] == pytest.approx(math.hypot(applied.sigma[2], correction), rel=1e-9)
+        correction = (
+            applied.predicted[2] - unlearned.predicted[2]
+        )  # it is an error of what is observed
+        assert observed.sigma[2] == pytest.approx(
+            math.hypot(applied.sigma[2], correction), rel=1e-9
+        )
     assert seen.learning.belief() == used.learning.belief()
     assert seen.learning.belief().vertical_strength > 1.4
     assert plain.learning is None
@@ -62,7 +76,10 @@ def test_readings_at_rest_update_nothing_but_late_ones_of_the_motion_before_do()
         for _ in range(count):
             press.stamp, press.depth = press.stamp + STEP, press.depth + speed * STEP * 1e-9
             felt.append(wrench(press.stamp, (0.0, 0.0, 1.6 * 400.0 * press.depth, 0.0, 0.0, 0.0)))
-            motion = twist(press.stamp, (0.0, 0.0, -speed)), pose(press.stamp, (0.0, 0.0, -press.depth))
+            motion = (
+                twist(press.stamp, (0.0, 0.0, -speed)),
+                pose(press.stamp, (0.0, 0.0, -press.depth)),
+            )
             push(press.estimator, *motion)
 
     move(1, 0.0)  # half of the way since the pose before was in motion
@@ -121,7 +138,10 @@ def test_spikes_in_the_load_cell_are_no_surprise():
 def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust(source):
     """It reads 2.4 N in the air. Other settings than the load cell's do not change that."""
     press = Press(sensor_source=source)
-    push(press.estimator, TransformSample(0, "tool", "ft_sensor", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0), True))
+    push(
+        press.estimator,
+        TransformSample(0, "tool", "ft_sensor", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0), True),
+    )
     press.depth = -0.015
     press.push(150, offset=2.4)
     assert press.estimator.issues() == [ISSUES[OFFSET]]
@@ -142,7 +162,11 @@ def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust(source):
 @pytest.mark.parametrize("mode", ["off", "observe", "apply"])
 @given(
     parts=st.lists(
-        st.tuples(st.integers(1, 100), st.sampled_from([-1.0, 0.0, 0.05, 1.0, 7.0]), st.sampled_from([0.0, 0.5, -3.0])),
+        st.tuples(
+            st.integers(1, 100),
+            st.sampled_from([-1.0, 0.0, 0.05, 1.0, 7.0]),
+            st.sampled_from([0.0, 0.5, -3.0]),
+        ),
         min_size=1,
         max_size=6,
     ),
@@ -151,7 +175,9 @@ def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust(source):
 @settings(max_examples=20, deadline=None)
 @example(parts=[(200, -1.0, 0.0)], start=0.0)
 @example(parts=[(200, 1.0, -3.0)], start=-0.01)
-def test_the_flag_of_a_disagreement_is_set_while_an_issue_is_named_and_only_then(mode, parts, start):
+def test_the_flag_of_a_disagreement_is_set_while_an_issue_is_named_and_only_then(
+    mode, parts, start
+):
     """Parts of a push: number of poses, measured force over the model's (-1: a reversed cell), its offset [N]."""
     press = Press(mode)
     press.depth = start
@@ -170,7 +196,9 @@ def test_a_force_that_triples_is_flagged_as_a_surprise_until_it_is_learned():
     assert not press.push(300, 3.0).answers[-1].quality_flags & QualityFlag.SURPRISE
 
 
-@given(st.floats(-180.0, 180.0), st.sampled_from([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)]))
+@given(
+    st.floats(-180.0, 180.0), st.sampled_from([(1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.6, 0.0, 0.8)])
+)
 def test_the_axes_of_the_sensor_do_not_change_the_size_of_the_deviation(degrees, axis):
     found = []
     for cell in (LoadCell(), LoadCell(quaternion=about(axis, degrees))):

@@ -6,7 +6,20 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from one_plate import LEVEL, MS, SECOND, START, about, estimator, measurement, plate_model, pose, push, twist, wrench
+from one_plate import (
+    LEVEL,
+    MS,
+    SECOND,
+    START,
+    about,
+    estimator,
+    measurement,
+    plate_model,
+    pose,
+    push,
+    twist,
+    wrench,
+)
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, QualityFlag, Reason, TransformSample
@@ -32,7 +45,9 @@ def weight_in_sensor(cell, orientation):
 def answer(cell, reading, *, position=IN_AIR, quaternion=LEVEL):
     """What the load cell measures in a tool that is pushed down, and what is predicted [N, N m]."""
     e = estimator(load_cell=cell)
-    predicted = push(e, twist(), wrench(numbers=reading), pose(START, position, quaternion)).predicted
+    predicted = push(
+        e, twist(), wrench(numbers=reading), pose(START, position, quaternion)
+    ).predicted
     return measurement(e), predicted
 
 
@@ -58,10 +73,14 @@ def test_a_hanging_tool_turned_any_way_is_compensated_to_zero(orientation, sign)
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_the_push_of_the_grains_is_positive_upwards_as_in_a_reading(sign):
     """1 cm deep, 4 cm², pushed straight down: 4 N up. The residual is what a driver, of either sign, reports beyond."""
-    exact, predicted = answer(LoadCell(sign=sign), [0, 0, sign * 4.0, 0, 0, 0], position=(0, 0, -0.01))
+    exact, predicted = answer(
+        LoadCell(sign=sign), [0, 0, sign * 4.0, 0, 0, 0], position=(0, 0, -0.01)
+    )
     assert predicted[2] == pytest.approx(4.0, rel=1e-6)
     assert exact.compensated[2] == 4.0
-    assert exact.residual == pytest.approx([0.0] * 6, abs=1e-4)  # the published nudge tilts the velocity by 1e-5
+    assert exact.residual == pytest.approx(
+        [0.0] * 6, abs=1e-4
+    )  # the published nudge tilts the velocity by 1e-5
     more, predicted = answer(LoadCell(), [1, 2, 7, 0.1, 0.2, 0.3], position=(0, 0, -0.01))
     assert more.residual == pytest.approx(np.subtract(more.compensated, predicted), abs=1e-15)
     assert more.residual[2] == pytest.approx(3.0, rel=1e-5)
@@ -80,18 +99,27 @@ def body(tmp_path_factory):
 
 @pytest.mark.parametrize("frame", ["world", "tool"])
 @pytest.mark.parametrize("orientation", [*ORIENTATIONS[:8], about((0, 0, 1), 90.0)], ids=range(9))
-def test_the_prediction_is_the_world_wrench_moved_to_the_sensors_axes_and_origin(orientation, frame, body):
+def test_the_prediction_is_the_world_wrench_moved_to_the_sensors_axes_and_origin(
+    orientation, frame, body
+):
     """Against numpy and scipy: force R' f, torque R' (t - p x f); the twist is told in world or in tool axes."""
     position, tool_to_world = (0.0, 0.0, -0.1), Rotation.from_quat(orientation)
     v = np.array([[0.01, -0.02, -0.03], [0.4, -0.2, 0.1]])
     linear, angular = (tool_to_world.inv().apply(v) if frame == "tool" else v).tolist()
     cell = LoadCell(position=(0.03, -0.05, 0.12), quaternion=MOUNT)
     motion = twist(START, tuple(linear), tuple(angular), frame)
-    estimate = push(estimator(load_cell=cell, model=body), motion, pose(START, position, orientation))
-    world = wrenches(body.tool.plates, body.law, checked_states([*position, *orientation, *v.ravel()]))[0]
+    estimate = push(
+        estimator(load_cell=cell, model=body), motion, pose(START, position, orientation)
+    )
+    world = wrenches(
+        body.tool.plates, body.law, checked_states([*position, *orientation, *v.ravel()])
+    )[0]
     to_sensor = (tool_to_world * Rotation.from_quat(MOUNT)).inv()
     arm = tool_to_world.apply(cell.position)
-    expected = [*to_sensor.apply(world[:3]), *to_sensor.apply(world[3:6] - np.cross(arm, world[:3]))]
+    expected = [
+        *to_sensor.apply(world[:3]),
+        *to_sensor.apply(world[3:6] - np.cross(arm, world[:3])),
+    ]
     assert np.abs(world[:3]).min() > 1e-3
     assert estimate.predicted == pytest.approx(expected, abs=1e-9)
 
@@ -113,19 +141,28 @@ IN_WORLD = {
     sign=st.sampled_from([1.0, -1.0]),
 )
 @settings(max_examples=10, deadline=None)
-def test_a_reading_in_world_axes_gives_what_the_same_reading_in_sensor_axes_gives(way, attitude, reading, sign):
+def test_a_reading_in_world_axes_gives_what_the_same_reading_in_sensor_axes_gives(
+    way, attitude, reading, sign
+):
     """The torque is about the sensor's origin, in whichever axes the driver gives it."""
     frame, choice = IN_WORLD[way]
-    cell = LoadCell(quaternion=MOUNT, position=(0.01, 0.02, 0.1), sign=sign, bias=(1.0,) * 6, mass=0.5)
+    cell = LoadCell(
+        quaternion=MOUNT, position=(0.01, 0.02, 0.1), sign=sign, bias=(1.0,) * 6, mass=0.5
+    )
     axes = Rotation.from_quat(attitude) * Rotation.from_quat(MOUNT)
     if frame == "base":
         axes = Rotation.from_quat(BASE.quaternion).inv() * axes
     turned = [*axes.apply(reading[:3]), *axes.apply(reading[3:])]
     plain, turning = estimator(load_cell=cell), estimator(load_cell=cell, **choice)
     push(turning, TransformSample(0, "world", "base", *BASE, True))
-    for e, sample in ((plain, wrench(numbers=reading)), (turning, wrench(numbers=turned, frame=frame))):
+    for e, sample in (
+        (plain, wrench(numbers=reading)),
+        (turning, wrench(numbers=turned, frame=frame)),
+    ):
         push(e, sample, twist(), pose(START, IN_AIR, attitude))
-    assert measurement(turning).compensated == pytest.approx(measurement(plain).compensated, abs=1e-9)
+    assert measurement(turning).compensated == pytest.approx(
+        measurement(plain).compensated, abs=1e-9
+    )
     assert turning.wrench_frame == ("tool" if "sensor_frame" in choice else "ft_sensor")
 
 
@@ -167,7 +204,9 @@ def test_the_first_sample_at_the_stamp_is_the_reading_before_the_pose_or_after()
         assert [m.compensated for m in e.measurements()] == [exact.wrench]
 
 
-@pytest.mark.parametrize("last", [pose(START + SECOND + 1), twist(START + SECOND + 1), ramp(START + AGE + 1), None])
+@pytest.mark.parametrize(
+    "last", [pose(START + SECOND + 1), twist(START + SECOND + 1), ramp(START + AGE + 1), None]
+)
 def test_without_a_sample_soon_after_the_stamp_or_at_the_end_the_last_one_before_counts(last):
     e = waiting(ramp(START - 2 * MS))
     push(e, twist(START + SECOND))
@@ -177,9 +216,12 @@ def test_without_a_sample_soon_after_the_stamp_or_at_the_end_the_last_one_before
 
 
 @pytest.mark.parametrize(
-    ("before", "reason"), [((), Reason.WRENCH_MISSING), ((ramp(START - AGE - 1),), Reason.WRENCH_STALE)]
+    ("before", "reason"),
+    [((), Reason.WRENCH_MISSING), ((ramp(START - AGE - 1),), Reason.WRENCH_STALE)],
 )
-def test_without_a_usable_sample_before_the_stamp_there_is_a_prediction_alone_and_the_reason(before, reason):
+def test_without_a_usable_sample_before_the_stamp_there_is_a_prediction_alone_and_the_reason(
+    before, reason
+):
     e = waiting(*before)
     assert e.counts[reason] == 0
     push(e, ramp(START + MS))
@@ -188,7 +230,9 @@ def test_without_a_usable_sample_before_the_stamp_there_is_a_prediction_alone_an
 
 
 def test_bias_sign_and_weight_are_those_in_force_at_the_pose():
-    e = waiting(ramp(START - MS), load_cell=LoadCell(sign=-1.0, bias=(0.0, 0.0, 5.0, 0.0, 0.0, 0.0)))
+    e = waiting(
+        ramp(START - MS), load_cell=LoadCell(sign=-1.0, bias=(0.0, 0.0, 5.0, 0.0, 0.0, 0.0))
+    )
     e.use(settings=estimator().settings)
     push(e, ramp(START + MS))
     assert e.measurements()[0].compensated[2] == pytest.approx(5.0)
@@ -214,13 +258,23 @@ def streams(seed, period, gaps, *, seconds=1, start=-0.01):
     """Poses at 250 Hz and a noisy load cell, with stamps that jitter; `gaps`: shares left out; `start`: height [m]."""
     random, count = np.random.default_rng(seed), 250 * seconds
     heights = start - 4e-5 * np.arange(count)
-    poses = [pose(START + k * 4 * MS + int(random.integers(0, MS)), (0.0, 0.0, z)) for k, z in enumerate(heights)]
-    stamps = [START + k * period + int(random.integers(0, period)) for k in range(seconds * SECOND // period)]
-    return poses, [wrench(t, random.normal(0.0, 5.0, 6).tolist()) for t in stamps if random.random() >= gaps]
+    poses = [
+        pose(START + k * 4 * MS + int(random.integers(0, MS)), (0.0, 0.0, z))
+        for k, z in enumerate(heights)
+    ]
+    stamps = [
+        START + k * period + int(random.integers(0, period))
+        for k in range(seconds * SECOND // period)
+    ]
+    return poses, [
+        wrench(t, random.normal(0.0, 5.0, 6).tolist()) for t in stamps if random.random() >= gaps
+    ]
 
 
 def replayed(samples, *, delay=0.0):
-    e = estimator(twist_source="pose_difference", load_cell=LoadCell(bias=(0.1,) * 6, mass=0.3, delay=delay))
+    e = estimator(
+        twist_source="pose_difference", load_cell=LoadCell(bias=(0.1,) * 6, mass=0.3, delay=delay)
+    )
     answers = [answer for sample in samples if isinstance(answer := push(e, sample), Estimate)]
     e.finish()
     return answers, e.measurements(), e.counts
@@ -238,7 +292,9 @@ def test_arrival_shuffled_by_less_than_a_second_changes_no_estimate_flag_nor_mea
 ):
     """The tool goes down for 3 s, from 100 mm above the grains; the cell is not tared, which sets a flag."""
     poses, readings = streams(seed, wrench_period, gaps, seconds=3, start=0.1)
-    readings = [r._replace(wrench=(*r.wrench[:2], r.wrench[2] + 9.0, *r.wrench[3:])) for r in readings]
+    readings = [
+        r._replace(wrench=(*r.wrench[:2], r.wrench[2] + 9.0, *r.wrench[3:])) for r in readings
+    ]
     random = np.random.default_rng(seed + 1)
 
     def arrivals(samples):
@@ -247,7 +303,9 @@ def test_arrival_shuffled_by_less_than_a_second_changes_no_estimate_flag_nor_mea
         return zip(np.maximum.accumulate(times), samples, strict=True)
 
     in_order = sorted([*readings, *poses], key=lambda s: s.stamp)
-    shuffled = [s for _, s in sorted([*arrivals(poses), *arrivals(readings)], key=lambda row: row[0])]
+    shuffled = [
+        s for _, s in sorted([*arrivals(poses), *arrivals(readings)], key=lambda row: row[0])
+    ]
     expected, got = replayed(in_order), replayed(shuffled)
     assert got == expected
     answers, measurements, _ = got

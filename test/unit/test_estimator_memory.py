@@ -21,7 +21,9 @@ class Arm:
     """Poses at 125 Hz, whose velocities the estimator takes from the poses themselves."""
 
     def __init__(self, length, **settings):
-        self.estimator = Estimator(Settings(twist_source="pose_difference", **settings), model(length))
+        self.estimator = Estimator(
+            Settings(twist_source="pose_difference", **settings), model(length)
+        )
         self.stamp, self.height = 1_000_000_000, 0.005
 
     def move(self, speed, seconds):
@@ -50,7 +52,9 @@ def test_without_memory_rest_is_a_reason_and_with_memory_it_is_an_estimate_that_
 
 
 LEVER = 0.1  # m, from the tool frame to the tool
-SPHERE = load_tool("sphere", origin=(0.0, 0.0, 1e3 * LEVER), tolerance=0.025, integration="refined")
+SPHERE = load_tool(
+    "sphere", origin=(0.0, 0.0, 1e3 * LEVER), tolerance=0.025, integration="refined"
+)
 ALONG_ITSELF = load_tool("plate", tolerance=0.025, integration="refined")
 PARTS = {
     "press": (-0.005, 2.2),
@@ -64,8 +68,15 @@ PARTS = {
 
 def forces_of(parts, *, rate, source, noise=(0.0, 0.0), seed=0, tool=SPHERE):
     """The predicted forces on a tool [N] and the flags, by part; `noise` of positions [m] and rotations [rad]."""
-    rng, e = np.random.default_rng(seed), Estimator(Settings(twist_source=source), model(0.003, tool=tool))
-    place, stamp, found = np.array([0.0, 0.0, 0.001 - tool.lowest_point(np.eye(3))]), 1_000_000_000, {}
+    rng, e = (
+        np.random.default_rng(seed),
+        Estimator(Settings(twist_source=source), model(0.003, tool=tool)),
+    )
+    place, stamp, found = (
+        np.array([0.0, 0.0, 0.001 - tool.lowest_point(np.eye(3))]),
+        1_000_000_000,
+        {},
+    )
     for name, (speed, seconds) in parts.items():
         velocity = np.array([speed, 0.0, 0.0] if "drag" in name else [0.0, 0.0, speed])
         answers = []
@@ -74,18 +85,27 @@ def forces_of(parts, *, rate, source, noise=(0.0, 0.0), seed=0, tool=SPHERE):
             turn = np.append(rng.normal(0.0, 0.5 * noise[1], 3), 1.0)
             at, turned = place + rng.normal(0.0, noise[0], 3), turn / np.linalg.norm(turn)
             motion = twist(stamp, tuple(velocity.tolist()))
-            answers.append(push(e, motion, pose(stamp, tuple(at.tolist()), tuple(turned.tolist()))))
+            answers.append(
+                push(e, motion, pose(stamp, tuple(at.tolist()), tuple(turned.tolist())))
+            )
         answers = [answer for answer in answers if isinstance(answer, Estimate)]
-        found[name] = np.array([a.predicted[:3] for a in answers]), np.array([a.quality_flags for a in answers])
+        found[name] = (
+            np.array([a.predicted[:3] for a in answers]),
+            np.array([a.quality_flags for a in answers]),
+        )
     return found
 
 
 @pytest.mark.parametrize("source", ["topic", "pose_difference"])
 @pytest.mark.parametrize("noise", [(3e-6, 3e-5), (4e-6, 0.0)], ids=["3 um, 30 urad", "4 um"])
 @pytest.mark.parametrize("tool", [SPHERE, ALONG_ITSELF], ids=["sphere", "plate along itself"])
-def test_noise_of_poses_changes_the_force_little_and_does_not_look_like_a_withdrawal(source, noise, tool):
+def test_noise_of_poses_changes_the_force_little_and_does_not_look_like_a_withdrawal(
+    source, noise, tool
+):
     """At most 5 % of the peak while pressed and at rest, 8 % in the drag and after it, 15 % where the drag begins."""
-    true, noisy = (forces_of(PARTS, rate=250, source=source, noise=n, tool=tool) for n in ((0.0, 0.0), noise))
+    true, noisy = (
+        forces_of(PARTS, rate=250, source=source, noise=n, tool=tool) for n in ((0.0, 0.0), noise)
+    )
     peak = max(np.linalg.norm(forces, axis=1).max() for forces, _ in true.values())
     limits = {"press": 0.05, "rest": 0.05, "drag begins": 0.15, "drag": 0.08, "after": 0.08}
     for name, limit in limits.items():
@@ -98,7 +118,13 @@ def test_noise_of_poses_changes_the_force_little_and_does_not_look_like_a_withdr
 @pytest.mark.parametrize("noise", [(2e-5, 0.0), (3e-6, 1e-4)], ids=["20 um", "100 urad"])
 def test_noise_of_poses_at_rest_takes_no_force_off(source, noise):
     """In half a minute, of which the last second is compared with the first."""
-    parts = {"press": (-0.005, 2.2), "settle": (0.0, 1.0), "begin": (0.0, 1.0), "rest": (0.0, 28.0), "end": (0.0, 1.0)}
+    parts = {
+        "press": (-0.005, 2.2),
+        "settle": (0.0, 1.0),
+        "begin": (0.0, 1.0),
+        "rest": (0.0, 28.0),
+        "end": (0.0, 1.0),
+    }
     found = forces_of(parts, rate=125, source=source, noise=noise)
     begin, end = (found[name][0][:, 2].mean() for name in ("begin", "end"))
     assert begin > 0.5
@@ -161,7 +187,10 @@ def test_an_absurd_pose_is_refused_and_the_memory_lives():
     assert push(arm.estimator, far) is None
     for frame, z in (("world", -1e308), ("far", -9e99)):
         arm.stamp += PERIOD
-        assert push(arm.estimator, pose(arm.stamp, (0.0, 0.0, z), frame=frame)).reason is Reason.POSE_NOT_FINITE
+        assert (
+            push(arm.estimator, pose(arm.stamp, (0.0, 0.0, z), frame=frame)).reason
+            is Reason.POSE_NOT_FINITE
+        )
     assert vertical(arm.move(-0.01, 0.1)[-1]) > before
 
 

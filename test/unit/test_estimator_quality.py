@@ -18,7 +18,11 @@ def last_flags(tool, positions, *, velocity=None, step=0.01, density=0.0, **sett
     """The quality_flags after these positions, a step of time apart."""
     e = estimator(model=plate_model(tool=tool, density=density), rest_speed=1e-6, **settings)
     positions = np.asarray(positions, dtype=float)
-    velocities = np.gradient(positions, step, axis=0) if velocity is None else np.tile(velocity, (len(positions), 1))
+    velocities = (
+        np.gradient(positions, step, axis=0)
+        if velocity is None
+        else np.tile(velocity, (len(positions), 1))
+    )
     for k, (p, v) in enumerate(zip(positions.tolist(), velocities.tolist(), strict=True)):
         stamp = SECOND + round(k * step * 1e9)
         answer = push(e, twist(stamp, tuple(v)), pose(stamp, tuple(p)))
@@ -43,7 +47,9 @@ def pressed(factors, *, offset=0.0, surface=0.0):
     for k, factor in enumerate(factors):
         stamp, depth = SECOND + 10_000_000 * k, 1e-4 * k
         force = offset + factor * 400.0 * max(depth + surface, 0.0)
-        answer = push(e, wrench(stamp, (0, 0, force, 0, 0, 0)), twist(stamp), pose(stamp, (0.0, 0.0, -depth)))
+        answer = push(
+            e, wrench(stamp, (0, 0, force, 0, 0, 0)), twist(stamp), pose(stamp, (0.0, 0.0, -depth))
+        )
     return QualityFlag(answer.quality_flags)
 
 
@@ -69,7 +75,8 @@ def open_box():
 def each_plate(velocity):
     """The flags that the plate has with either integration, but for the one of its mesh."""
     both = [
-        moving(load_tool("plate", integration=rule), velocity) & ~QualityFlag.MESH for rule in ("centroid", "refined")
+        moving(load_tool("plate", integration=rule), velocity) & ~QualityFlag.MESH
+        for rule in ("centroid", "refined")
     ]
     assert both[0] == both[1]
     return both[0]
@@ -98,7 +105,11 @@ def at_froude(number):
 def helix(root, *, pitch, radius):
     depth = np.linspace(0.0, 0.05, 600)
     turn = 2.0 * np.pi * depth / pitch
-    return last_flags(root, np.column_stack([radius * np.cos(turn), radius * np.sin(turn), -0.04 - depth]), step=0.1)
+    return last_flags(
+        root,
+        np.column_stack([radius * np.cos(turn), radius * np.sin(turn), -0.04 - depth]),
+        step=0.1,
+    )
 
 
 def at_depth(root, depth, **settings):
@@ -120,14 +131,23 @@ SCENES = {
     "20 mm/s": (QualityFlag.NONE, lambda root: moving(root, 0.02 * ASLANT)),
     "50 mm/s": (QualityFlag.FAST, lambda root: moving(root, 0.05 * ASLANT)),
     "0.3 m/s": (QualityFlag.FAST | QualityFlag.INERTIAL, lambda root: moving(root, 0.3 * ASLANT)),
-    "0.99 m/s with a density": (QualityFlag.NONE, lambda root: moving(root, 0.99 * ASLANT, density=1500.0)),
+    "0.99 m/s with a density": (
+        QualityFlag.NONE,
+        lambda root: moving(root, 0.99 * ASLANT, density=1500.0),
+    ),
     "1.1 m/s with a density": (
         QualityFlag.FAST | QualityFlag.INERTIAL,
         lambda root: moving(root, 1.1 * ASLANT, density=1500.0),
     ),
     "4 um/s": (QualityFlag.NEAR_REST, lambda root: moving(root, 4e-6 * ASLANT)),
-    "a helix of small pitch": (QualityFlag.WAKE, lambda root: helix(root, pitch=0.012, radius=0.006)),
-    "a helix of 40 mm pitch": (QualityFlag.NONE, lambda root: helix(root, pitch=0.04, radius=0.003)),
+    "a helix of small pitch": (
+        QualityFlag.WAKE,
+        lambda root: helix(root, pitch=0.012, radius=0.006),
+    ),
+    "a helix of 40 mm pitch": (
+        QualityFlag.NONE,
+        lambda root: helix(root, pitch=0.04, radius=0.003),
+    ),
     "turned back": (
         QualityFlag.WAKE | QualityFlag.WITHDRAWAL,
         lambda root: last_flags(root, np.concatenate([DOWN, DOWN[::-1]])[:-20]),
@@ -140,27 +160,50 @@ SCENES = {
     "plates along themselves": (QualityFlag.NONE, lambda _: each_plate((0.01, 0.0, 0.0))),
     "plates aslant": (QualityFlag.NONE, lambda _: each_plate((0.0098, 0.0, -0.002))),
     "plates straight down": (QualityFlag.NONE, lambda _: each_plate((0.0, 0.0, -0.01))),
-    "as deep as calibrated": (QualityFlag.NONE, lambda root: at_depth(root, 0.1, calibrated_depth=0.1)),
-    "deeper by rounding": (QualityFlag.NONE, lambda root: at_depth(root, 0.101, calibrated_depth=0.1)),
+    "as deep as calibrated": (
+        QualityFlag.NONE,
+        lambda root: at_depth(root, 0.1, calibrated_depth=0.1),
+    ),
+    "deeper by rounding": (
+        QualityFlag.NONE,
+        lambda root: at_depth(root, 0.101, calibrated_depth=0.1),
+    ),
     "deeper": (QualityFlag.DEEP, lambda root: at_depth(root, 0.103, calibrated_depth=0.1)),
     "softer grains learned": (QualityFlag.SURPRISE, lambda _: pressed([1.0] * 300 + [3.0] * 30)),
     "a tool five grains wide": (QualityFlag.NONE, lambda _: on_grains(diameter=0.0039)),
-    "a tool under five grains wide": (QualityFlag.FEW_GRAINS, lambda _: on_grains(diameter=0.0041)),
-    "a Froude number of 0.45": (QualityFlag.FAST | QualityFlag.INERTIAL, lambda _: at_froude(0.45)),
+    "a tool under five grains wide": (
+        QualityFlag.FEW_GRAINS,
+        lambda _: on_grains(diameter=0.0041),
+    ),
+    "a Froude number of 0.45": (
+        QualityFlag.FAST | QualityFlag.INERTIAL,
+        lambda _: at_froude(0.45),
+    ),
     "a Froude number of 0.35": (QualityFlag.FAST, lambda _: at_froude(0.35)),
     "a slope of 0.2": (QualityFlag.NONE, lambda _: on_ground(lambda x: 0.2 * x)),
     "a slope of 0.3": (QualityFlag.STEEP, lambda _: on_ground(lambda x: 0.3 * x)),
-    "a narrow crest": (QualityFlag.UNEVEN, lambda _: on_ground(lambda x: np.where(np.abs(x) < 0.006, 0.01, -0.01))),
-    "a cell not tared": (QualityFlag.DISAGREEMENT, lambda _: pressed([1.0] * 180, offset=3.0, surface=-0.02)),
+    "a narrow crest": (
+        QualityFlag.UNEVEN,
+        lambda _: on_ground(lambda x: np.where(np.abs(x) < 0.006, 0.01, -0.01)),
+    ),
+    "a cell not tared": (
+        QualityFlag.DISAGREEMENT,
+        lambda _: pressed([1.0] * 180, offset=3.0, surface=-0.02),
+    ),
     "an open mesh": (QualityFlag.MESH, lambda _: last_flags(open_box(), straight(0.01))),
-    "noisy poses": (QualityFlag.NOISY, lambda root: last_flags(root, straight(0.05) + NOISE, velocity=0.01 * ASLANT)),
+    "noisy poses": (
+        QualityFlag.NOISY,
+        lambda root: last_flags(root, straight(0.05) + NOISE, velocity=0.01 * ASLANT),
+    ),
     "30 m deep": (QualityFlag.IMPOSSIBLE, lambda root: at_depth(root, 30.0)),
 }
 """For each scene the flags that are set after it, and a function that plays it with the root tip. The rest is unset."""
 
 
 def test_every_flag_has_a_scene():
-    assert {flag for flags, _ in SCENES.values() for flag in flags} == {flag for flag in QualityFlag if flag}
+    assert {flag for flags, _ in SCENES.values() for flag in flags} == {
+        flag for flag in QualityFlag if flag
+    }
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -171,7 +214,8 @@ def test_a_scene_sets_its_flags_and_no_other(root, name):
 
 def test_a_flag_lowers_the_trust_and_one_of_a_force_that_cannot_be_ends_it():
     assert [
-        trust(flags) for flags in (QualityFlag.NONE, QualityFlag.FAST, QualityFlag.FAST | QualityFlag.INERTIAL)
+        trust(flags)
+        for flags in (QualityFlag.NONE, QualityFlag.FAST, QualityFlag.FAST | QualityFlag.INERTIAL)
     ] == [Trust.OK, Trust.CAUTION, Trust.NO]
 
 
@@ -180,11 +224,16 @@ def test_a_recording_played_again_does_not_cross_the_wake_of_its_first_run(root)
     for run in (2, 1):
         for k, place in enumerate(straight(0.08, direction=(0, 0, -1)).tolist()):
             stamp = run * 100 * SECOND + 10_000_000 * k
-            assert not push(e, twist(stamp), pose(stamp, tuple(place))).quality_flags & QualityFlag.WAKE
+            assert (
+                not push(e, twist(stamp), pose(stamp, tuple(place))).quality_flags
+                & QualityFlag.WAKE
+            )
 
 
 @pytest.mark.parametrize("pauses", [(), (400,), (400, 401, 405)])
-def test_a_tool_that_rises_is_flagged_and_sigma_covers_what_the_grains_held_also_after_pauses(root, pauses):
+def test_a_tool_that_rises_is_flagged_and_sigma_covers_what_the_grains_held_also_after_pauses(
+    root, pauses
+):
     e, answers, stamp = estimator(model=plate_model(tool=root)), [], SECOND
     for k, height in enumerate([*np.linspace(0.0, -0.05, 400), *np.linspace(-0.0501, -0.01, 300)]):
         speeds = [-0.01 if k < 400 else 0.01]
@@ -206,8 +255,16 @@ def test_a_tool_that_rises_is_flagged_and_sigma_covers_what_the_grains_held_also
 
 
 def test_the_page_of_failures_names_the_flag_of_every_place_and_every_flag():
-    page = (Path(__file__).parents[2] / "docs" / "where-it-fails.md").read_text().partition("\n## When inputs fail")[0]
+    page = (
+        (Path(__file__).parents[2] / "docs" / "where-it-fails.md")
+        .read_text()
+        .partition("\n## When inputs fail")[0]
+    )
     head, *places = page.split("\n## ")
-    assert [place.partition("\n")[0] for place in places if not re.search(r"Flags?:\s(none|`)", place)] == []
+    assert [
+        place.partition("\n")[0] for place in places if not re.search(r"Flags?:\s(none|`)", place)
+    ] == []
     said = [head, *(place.partition("Flag")[2] for place in places)]
-    assert {f.name.lower() for f in QualityFlag if f} <= set(re.findall(r"`(\w+)`", " ".join(said)))
+    assert {f.name.lower() for f in QualityFlag if f} <= set(
+        re.findall(r"`(\w+)`", " ".join(said))
+    )

@@ -5,7 +5,18 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from one_plate import MS, SECOND, START, estimator, plate_model, plate_tool, pose, push, twist, wrench
+from one_plate import (
+    MS,
+    SECOND,
+    START,
+    estimator,
+    plate_model,
+    plate_tool,
+    pose,
+    push,
+    twist,
+    wrench,
+)
 
 from rft_ros.estimator.run import RESTARTS, Change
 from rft_ros.ground import Cloud, HeightMap
@@ -66,7 +77,9 @@ CHANGES = {
     "another sensor_frame": of_settings(sensor_frame="other"),
     "readings in world axes": of_settings(sensor_source="world"),
     "another max_rate": of_settings(max_rate=1000.0),
-    "observe in place of apply, another lag": of_settings(learning_mode="observe", learning_lag=0.005),
+    "observe in place of apply, another lag": of_settings(
+        learning_mode="observe", learning_lag=0.005
+    ),
     "another max_input_age": of_settings(max_input_age=0.2),
     "the same parts of a model, another generation": lambda e: e.use(
         settings=replace(e.settings), model=replace(MODEL, generation=1)
@@ -77,7 +90,15 @@ CHANGES = {
 def pressed():
     """An estimator whose tool was pushed 15 mm into grains that are harder than the model's."""
     e = estimator(model=MODEL, learning_mode="apply", twist_source="topic")
-    push(e, Cloud(START, "world", *(0.001 * np.indices((20, 20)).reshape(2, -1) - 0.01), np.full(400, 0.002)))
+    push(
+        e,
+        Cloud(
+            START,
+            "world",
+            *(0.001 * np.indices((20, 20)).reshape(2, -1) - 0.01),
+            np.full(400, 0.002),
+        ),
+    )
     for k in range(150):
         stamp, depth = START + 10 * k * MS, 1e-4 * k
         force = (0.0, 0.0, 640.0 * depth + 1.0, 0.0, 0.0, 0.0)
@@ -103,13 +124,24 @@ def test_a_change_restarts_the_parts_of_the_table_and_no_other(change):
 
 def test_each_change_restarts_something_and_each_part_but_the_inputs_ends_with_a_jump_of_time():
     assert all(any(change & when for when in RESTARTS.values()) for change in Change)
-    assert {name for name, when in RESTARTS.items() if not when & Change.RUN} == {"twists", "readings", "learning"}
+    assert {name for name, when in RESTARTS.items() if not when & Change.RUN} == {
+        "twists",
+        "readings",
+        "learning",
+    }
 
 
 def test_after_a_change_of_everything_the_estimator_answers_as_a_new_one():
     """Another frame, map and law: nothing of the old ones is left in any number."""
-    model = replace(plate_model(zeta=0.5, mobilization_length=0.002), ground=HeightMap.unknown(0.002))
-    others = {"world_frame": "base", "sensor_frame": "other", "learning_mode": "observe", "max_rate": 60.0}
+    model = replace(
+        plate_model(zeta=0.5, mobilization_length=0.002), ground=HeightMap.unknown(0.002)
+    )
+    others = {
+        "world_frame": "base",
+        "sensor_frame": "other",
+        "learning_mode": "observe",
+        "max_rate": 60.0,
+    }
 
     def answers(e):
         found = []

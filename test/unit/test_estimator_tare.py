@@ -5,7 +5,19 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from one_plate import LEVEL, MS, SECOND, START, about, estimator, measurement, pose, push, twist, wrench
+from one_plate import (
+    LEVEL,
+    MS,
+    SECOND,
+    START,
+    about,
+    estimator,
+    measurement,
+    pose,
+    push,
+    twist,
+    wrench,
+)
 from refusals import refusal
 
 from rft_ros.estimator import Estimate
@@ -21,18 +33,29 @@ def run(e, seconds, *, start=START, position=AIR, linear=STILL, reading=READING,
     """100 Hz of twist, wrench and pose; returns the next stamp."""
     for stamp in range(start, start + round(seconds * SECOND), 10 * MS):
         place = tuple(np.array(position) + np.array(linear) * (stamp - start) * 1e-9)
-        push(e, *([wrench(stamp, reading)] if reading else ()), twist(stamp, linear), pose(stamp, place, quaternion))
+        push(
+            e,
+            *([wrench(stamp, reading)] if reading else ()),
+            twist(stamp, linear),
+            pose(stamp, place, quaternion),
+        )
     return stamp + 10 * MS
 
 
 def refused(e, window=0.5):
-    return refusal(e.tare, window).removeprefix("tare refused: ").removeprefix("within the last 0.5 s ")
+    return (
+        refusal(e.tare, window)
+        .removeprefix("tare refused: ")
+        .removeprefix("within the last 0.5 s ")
+    )
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_after_a_tare_is_used_the_compensated_wrench_is_zero_weight_and_all(sign):
     """Taken in a tilted attitude with 0.6 kg on a rotated sensor."""
-    cell = LoadCell(quaternion=about((1, 0, 0), 40.0), sign=sign, mass=0.6, center_of_mass=(0.01, 0.0, 0.05))
+    cell = LoadCell(
+        quaternion=about((1, 0, 0), 40.0), sign=sign, mass=0.6, center_of_mass=(0.01, 0.0, 0.05)
+    )
     e = estimator(load_cell=cell)
     after = run(e, 1.0, quaternion=about((0, 1, 0), 25.0))
     bias, before = e.tare(0.5), measurement(e).compensated
@@ -73,7 +96,11 @@ def test_the_noise_of_poses_is_no_motion_to_a_tare(sigma, rate, window):
             turned = rng.normal(0.0, 5.0 * sigma, 3)
             place = np.array([speed * k / rate, 0.0, 0.05]) + rng.normal(0.0, sigma, 3)
             quaternion = np.append(turned, 1.0) / np.sqrt(1.0 + turned @ turned) * (-1) ** k
-            push(e, pose(stamp, tuple(place.tolist()), tuple(quaternion.tolist())), wrench(stamp, READING))
+            push(
+                e,
+                pose(stamp, tuple(place.tolist()), tuple(quaternion.tolist())),
+                wrench(stamp, READING),
+            )
         last = (k - 3.5) / rate  # from the third pose on: the first two have no velocity
         if speed:
             assert re.search(r"the tool moved at 0.00(2[89]|3[012])", refused(e, last))

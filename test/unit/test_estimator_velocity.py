@@ -35,7 +35,9 @@ def screw(v, w, *, times, lever=(0.0, 0.0, 0.0), start=(0.1, -0.2, 0.3), turned=
         spin = Rotation.from_rotvec(np.array(w) * t)
         position = np.array(start) + np.array(v) * t + spin.apply(lever)
         quaternion = (spin * Rotation.from_rotvec(turned)).as_quat()
-        poses.append(pose(START + round(t * SECOND), tuple(position.tolist()), tuple(quaternion.tolist())))
+        poses.append(
+            pose(START + round(t * SECOND), tuple(position.tolist()), tuple(quaternion.tolist()))
+        )
     return poses
 
 
@@ -49,7 +51,9 @@ def test_a_constant_twist_is_found_exactly(v, w, flips, gaps):
     """Also with uneven stamps [ms], long after other poses, and of a driver that flips the sign of its quaternions."""
     poses = screw(v, w, times=1e6 + np.cumsum(gaps) * 1e-3)
     flipped = [p._replace(quaternion=tuple(-c for c in p.quaternion)) for p in poses]
-    found = twists([pose(START), *(flipped[k] if flips >> k & 1 else poses[k] for k in range(8))])[1:]
+    found = twists([pose(START), *(flipped[k] if flips >> k & 1 else poses[k] for k in range(8))])[
+        1:
+    ]
     assert ready(found[2:]) == "++++++"
     assert found[-1] == pytest.approx([*v, *w], abs=1e-6)
 
@@ -63,7 +67,10 @@ def test_a_constant_twist_is_found_exactly(v, w, flips, gaps):
 def test_under_constant_acceleration_there_is_no_lag(v, a, rate, more):
     times = np.arange(round(0.2 * rate) + more) / rate
     places = np.outer(times, v) + np.outer(times**2 / 2.0, a)
-    poses = [pose(START + round(t * SECOND), tuple(p.tolist()), LEVEL) for t, p in zip(times, places, strict=True)]
+    poses = [
+        pose(START + round(t * SECOND), tuple(p.tolist()), LEVEL)
+        for t, p in zip(times, places, strict=True)
+    ]
     assert twists(poses)[-1, :3] == pytest.approx(np.array(v) + np.array(a) * times[-1], abs=1e-6)
 
 
@@ -72,7 +79,9 @@ def test_a_turning_body_has_the_velocity_of_now(rate):
     """A parabola over T errs by at most (ω T)²/10; a line would lag by ω T/2, a fifth."""
     w, lever, window = 2.0, 0.1, 0.2
     times = np.arange(0.0, 1.0, 1.0 / rate)
-    found = twists(screw((0, 0, 0), (0, 0, w), times=times, lever=(lever, 0, 0)), window=window)[-1]
+    found = twists(screw((0, 0, 0), (0, 0, w), times=times, lever=(lever, 0, 0)), window=window)[
+        -1
+    ]
     true = np.cross((0, 0, w), Rotation.from_rotvec([0, 0, w * times[-1]]).apply([lever, 0, 0]))
     assert np.linalg.norm(found[:3] - true) < (w * window) ** 2 / 10.0 * w * lever
     assert found[3:] == pytest.approx([0, 0, w], abs=1e-6)
@@ -83,7 +92,9 @@ def shaken(poses, sigma):
     rng = np.random.default_rng(4)
     out = []
     for p in poses:
-        turned = Rotation.from_rotvec(rng.normal(0.0, 10.0 * sigma, 3)) * Rotation.from_quat(p.quaternion)
+        turned = Rotation.from_rotvec(rng.normal(0.0, 10.0 * sigma, 3)) * Rotation.from_quat(
+            p.quaternion
+        )
         position = np.array(p.position) + rng.normal(0.0, sigma, 3)
         out.append(pose(p.stamp, tuple(position.tolist()), tuple(turned.as_quat().tolist())))
     return out
@@ -167,7 +178,10 @@ def test_a_turn_at_right_angles_is_followed_within_a_few_poses_and_does_not_over
 
 def test_after_a_jump_of_the_position_the_velocity_is_right_again_at_the_second_pose():
     poses = screw((0.01, 0, 0), (0, 0, 0), times=np.arange(0, 1, 0.008))
-    poses[90:] = [p._replace(position=(p.position[0], p.position[1] + 0.005, p.position[2])) for p in poses[90:]]
+    poses[90:] = [
+        p._replace(position=(p.position[0], p.position[1] + 0.005, p.position[2]))
+        for p in poses[90:]
+    ]
     found = twists(poses)
     assert abs(found[90, 1]) > 0.1
     assert found[91:, :3] == pytest.approx(np.tile([0.01, 0, 0], (len(poses) - 91, 1)), abs=1e-6)
@@ -200,7 +214,9 @@ def test_the_estimator_predicts_from_poses_what_it_predicts_from_the_twist_topic
         if k < 2:
             assert answer.reason is Reason.POSE_HISTORY_SHORT
         else:
-            assert answer.predicted == pytest.approx(push(by_topic, twist(p.stamp, v), p).predicted, rel=1e-6, abs=1e-9)
+            assert answer.predicted == pytest.approx(
+                push(by_topic, twist(p.stamp, v), p).predicted, rel=1e-6, abs=1e-9
+            )
     assert by_poses.counts.keys() == {Reason.POSE_HISTORY_SHORT}
 
 
@@ -236,7 +252,9 @@ def test_steps_of_coarse_encoders_are_no_motion_either(seed):
     sigma=st.sampled_from([0.0, 5e-6]),
 )
 @settings(max_examples=20, deadline=None)
-def test_a_driver_that_repeats_poses_gives_the_velocities_of_the_poses_without_the_repeats(slow, fast, v, sigma):
+def test_a_driver_that_repeats_poses_gives_the_velocities_of_the_poses_without_the_repeats(
+    slow, fast, v, sigma
+):
     """It publishes at a fast rate what is measured at a slow one: at first its repeats may be a tool at rest.
 
     When the tool stops, the velocity is soon zero.

@@ -25,9 +25,15 @@ READERS = {
 
 
 def test_a_mesh_that_is_not_there_is_refused_with_the_names_of_the_shipped_ones(tmp_path):
-    for said in (refusal(load_tool, tmp_path / "tool.stl"), refusal(checked_mesh, str(tmp_path / "tool.stl"))):
+    for said in (
+        refusal(load_tool, tmp_path / "tool.stl"),
+        refusal(checked_mesh, str(tmp_path / "tool.stl")),
+    ):
         assert "tool.stl' does not exist" in said
-        assert all(name in said for name in ("abb_plate", "ellipsoid", "plate", "root_tip", "scoop", "sphere"))
+        assert all(
+            name in said
+            for name in ("abb_plate", "ellipsoid", "plate", "root_tip", "scoop", "sphere")
+        )
 
 
 def test_arrays_that_unpack_to_gigabytes_are_refused_before_they_are_unpacked(tmp_path):
@@ -44,7 +50,9 @@ def test_arrays_that_unpack_to_gigabytes_are_refused_before_they_are_unpacked(tm
 def test_arrays_of_more_numbers_than_their_bytes_tell_are_refused(tmp_path, reader, kind, count):
     """A number of no bytes, or of one, becomes one of eight."""
     array = io.BytesIO()
-    np.lib.format.write_array_header_1_0(array, {"descr": kind, "fortran_order": False, "shape": (count,)})
+    np.lib.format.write_array_header_1_0(
+        array, {"descr": kind, "fortran_order": False, "shape": (count,)}
+    )
     array.write(bytes(count if kind == "|i1" else 0))
     with zipfile.ZipFile(tmp_path / reader, "w", zipfile.ZIP_DEFLATED) as archive:
         for name in ("x", "vertices"):
@@ -97,7 +105,10 @@ def test_an_output_that_is_not_finished_leaves_the_old_one_and_no_other_file(tmp
         part.write_text("half")
         raise error
     assert file.read_text() == "good"
-    with pytest.raises((KeyboardInterrupt, InputError)), whole_folder(file.parent, [file.name]) as folder:
+    with (
+        pytest.raises((KeyboardInterrupt, InputError)),
+        whole_folder(file.parent, [file.name]) as folder,
+    ):
         (folder / file.name).write_text("half")
         raise error
     assert (file.read_text(), [*file.parent.iterdir()]) == ("good", [file])
@@ -154,7 +165,9 @@ def test_no_command_overwrites_its_input(tmp_path, monkeypatch, capsys, command)
     contents = {"states.csv": STATE, "cell.yaml": cell, "out/report.html": cell, "tool.stl": ""}
     contents |= {"table.csv": table, "tool.npz": "", "fits.html": "", "estimates.csv": table}
     contents |= {"out/summary.json": "estimates: {min: 1}", "out/results.csv": STATE}
-    contents["study.yaml"] = "{tools: [{mesh: plate}], motions: [{states_file: out/results.csv}], media: [{zeta: 1.0}]}"
+    contents["study.yaml"] = (
+        "{tools: [{mesh: plate}], motions: [{states_file: out/results.csv}], media: [{zeta: 1.0}]}"
+    )
     for name, content in contents.items():
         (tmp_path / name).write_text(content)
     (tmp_path / "link.html").symlink_to("states.csv")
@@ -164,8 +177,14 @@ def test_no_command_overwrites_its_input(tmp_path, monkeypatch, capsys, command)
 
 
 @pytest.mark.parametrize(
-    "value", [[1.0] * 10**6, "x" * 10**7, 10**5000, ["x" * 10**6] * 6], ids=["numbers", "text", "digits", "texts"]
+    "value",
+    [[1.0] * 10**6, "x" * 10**7, 10**5000, ["x" * 10**6] * 6],
+    ids=["numbers", "text", "digits", "texts"],
 )
-@pytest.mark.parametrize("name", ["sensor.bias", "medium.zeta", "law", "mesh.file", pytest.param("x" * 10**6, id="x")])
-def test_huge_values_and_names_of_parameters_are_refused_with_a_sentence_that_can_be_read(name, value):
+@pytest.mark.parametrize(
+    "name", ["sensor.bias", "medium.zeta", "law", "mesh.file", pytest.param("x" * 10**6, id="x")]
+)
+def test_huge_values_and_names_of_parameters_are_refused_with_a_sentence_that_can_be_read(
+    name, value
+):
     assert len(refusal(checked, name, value)) < 500

@@ -2,7 +2,19 @@
 
 import numpy as np
 import pytest
-from recordings import CLOUD, STEP, TF, TOPICS, cdr, cloud_cdr, plunge, rows_of, transforms_cdr, values, write_messages
+from recordings import (
+    CLOUD,
+    STEP,
+    TF,
+    TOPICS,
+    cdr,
+    cloud_cdr,
+    plunge,
+    rows_of,
+    transforms_cdr,
+    values,
+    write_messages,
+)
 
 from rft_ros.bags.replay import replay
 from rft_ros.errors import InputError
@@ -52,7 +64,12 @@ def test_a_replay_uses_the_clouds_and_writes_the_ground(bag, mapped, tmp_path):
     for file in ("estimates.csv", "ground.csv", "summary.json"):
         assert (tmp_path / file).read_bytes() == (mapped / file).read_bytes()
     replay(bag, tmp_path, values())
-    left = ["estimates", "estimates.csv", "notes.txt", "summary.json"]  # nothing of the earlier replay
+    left = [
+        "estimates",
+        "estimates.csv",
+        "notes.txt",
+        "summary.json",
+    ]  # nothing of the earlier replay
     assert sorted(path.name for path in tmp_path.iterdir()) == left
     ground = read_height_map(mapped / "ground.csv", CELL)
     np.testing.assert_allclose(ground.points()[:, 2], 0.004, atol=1e-6)
@@ -62,11 +79,15 @@ def test_a_replay_uses_the_clouds_and_writes_the_ground(bag, mapped, tmp_path):
     assert "figure-tool" in (mapped / "report.html").read_text()
     with pytest.raises(InputError, match="does not exist"):
         replay(tmp_path / "gone", tmp_path, values())
-    assert sorted(path.name for path in tmp_path.iterdir()) == left  # nothing was lost for a mistyped name
+    assert (
+        sorted(path.name for path in tmp_path.iterdir()) == left
+    )  # nothing was lost for a mistyped name
 
 
 def test_clouds_count_as_much_beside_poses_from_transforms(mapped, tmp_path):
-    given = values(ground__cell=CELL, pose_source="tf", learning__mode="observe")  # which predicts as without
+    given = values(
+        ground__cell=CELL, pose_source="tf", learning__mode="observe"
+    )  # which predicts as without
     replay(bag_with_clouds(tmp_path / "bag", tf=True), tmp_path / "tf", given)
     posed, transformed = (p[~np.isnan(p)] for p in (predicted(mapped), predicted(tmp_path / "tf")))
     assert transformed == pytest.approx(posed, rel=1e-6, abs=1e-9)

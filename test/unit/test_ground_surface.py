@@ -7,7 +7,14 @@ from hypothesis import strategies as st
 from numpy.testing import assert_allclose, assert_array_equal
 
 from rft_ros.errors import InputError
-from rft_ros.ground import LAST_SURFACE, MOST_CELLS, HeightMap, Support, read_height_map, write_height_map
+from rft_ros.ground import (
+    LAST_SURFACE,
+    MOST_CELLS,
+    HeightMap,
+    Support,
+    read_height_map,
+    write_height_map,
+)
 from rft_ros.tool import load_tool
 
 CELL = 0.002
@@ -99,7 +106,10 @@ def test_no_points_change_nothing():
         ({"cell": np.nan}, "cell is nan"),
         ({"corner": (0.0, 1e300)}, "corner is"),
         ({"heights": np.zeros(4)}, "heights has shape"),
-        *(({"heights": [[0.0, high]]}, "heights has values beyond 1e") for high in (np.inf, -np.inf, -1e300)),
+        *(
+            ({"heights": [[0.0, high]]}, "heights has values beyond 1e")
+            for high in (np.inf, -np.inf, -1e300)
+        ),
     ],
 )
 def test_a_map_that_cannot_be_one_is_refused(change, sentence):
@@ -124,13 +134,20 @@ def test_a_file_gives_the_map_that_was_written(tmp_path, suffix):
     begin=st.tuples(st.integers(-500, 500), st.integers(-500, 500)),
     offset=st.floats(0.0, 1.0),
 )
-def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(tmp_path_factory, cell, begin, offset):
+def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(
+    tmp_path_factory, cell, begin, offset
+):
     """Also at multiples of the cell's side, where rounding puts x / cell on either side of a whole number."""
-    x, y = (v.ravel() for v in np.meshgrid(*(cell * (np.arange(12) + b + offset) for b in begin), indexing="ij"))
+    x, y = (
+        v.ravel()
+        for v in np.meshgrid(*(cell * (np.arange(12) + b + offset) for b in begin), indexing="ij")
+    )
     h = 0.3 * x - 0.2 * y
     file = tmp_path_factory.mktemp("grid") / "ground.csv"
     points = np.column_stack([x, y, h])
-    np.savetxt(file, points, fmt="%.9g", delimiter=",", header="x,y,h", comments="", encoding="utf-8-sig")
+    np.savetxt(
+        file, points, fmt="%.9g", delimiter=",", header="x,y,h", comments="", encoding="utf-8-sig"
+    )
     ground = read_height_map(file, cell)
     assert_allclose(ground.points(), points, rtol=1e-6, atol=2e-6 * cell)
     assert_allclose(ground.heights_at(x, y), h, rtol=1e-6, atol=1e-9)
@@ -139,7 +156,9 @@ def test_heights_on_a_grid_as_wide_as_the_cells_stay_where_they_are(tmp_path_fac
 
 
 @given(spacing=st.floats(0.5, 1.5) | st.floats(4.0, 40.0), seed=st.integers(0, 9))
-def test_a_map_sparser_than_its_cells_says_so_with_a_cell_that_fits(tmp_path_factory, spacing, seed):
+def test_a_map_sparser_than_its_cells_says_so_with_a_cell_that_fits(
+    tmp_path_factory, spacing, seed
+):
     places = np.stack(np.meshgrid(*[np.arange(20.0)] * 2), axis=-1).reshape(-1, 2)
     places += np.random.default_rng(seed).uniform(-0.1, 0.1, places.shape)
     file = tmp_path_factory.mktemp("bed") / "bed.csv"
@@ -207,7 +226,9 @@ def test_noise_at_rest_has_no_direction():
     slope, last = mapped(lambda x, _: 0.2 * x), np.zeros(1, LAST_SURFACE)
     first = SUPPORT.local_surface(slope, state(FORWARD), level=0.0, last=last)
     for k, back in enumerate(([-1e-6, 0.0, 0.0], [0.0, 1e-6, -1e-6])):
-        noisy = SUPPORT.local_surface(slope, state(back, x=5e-5 * k, z=-0.01 - 2e-5 * k), level=0.0, last=last)
+        noisy = SUPPORT.local_surface(
+            slope, state(back, x=5e-5 * k, z=-0.01 - 2e-5 * k), level=0.0, last=last
+        )
         assert noisy[:3] == first[:3]
         assert noisy.depth == pytest.approx(first.depth + (2e-5 + 0.2 * 5e-5) * k, abs=1e-9)
     for x, level in ((0.0, 0.1), (2e-4, 0.1)):
@@ -242,7 +263,9 @@ def test_the_height_is_continuous_along_a_path():
     waves = mapped(lambda x, y: 0.008 * np.sin(100.0 * x) * np.cos(80.0 * y))
     step = 1e-5
     places = np.arange(0.0, 0.02, step)
-    planes = [SUPPORT.local_surface(waves, state(FORWARD, z=-0.02, x=x), level=0.0) for x in places]
+    planes = [
+        SUPPORT.local_surface(waves, state(FORWARD, z=-0.02, x=x), level=0.0) for x in places
+    ]
     at_tool = [plane.height + plane.slope[0] * x for plane, x in zip(planes, places, strict=True)]
     assert np.abs(np.diff(at_tool)).max() < 2.0 * step
 

@@ -37,7 +37,9 @@ ALLOWED = {
     " installation files",
     "cli": "commands installation files errors",
 }
-ROS = re.compile(r"(rclpy|rcl_interfaces|std_srvs|builtin_interfaces|rosgraph_msgs|launch|\w+_msgs)(\.|$)")
+ROS = re.compile(
+    r"(rclpy|rcl_interfaces|std_srvs|builtin_interfaces|rosgraph_msgs|launch|\w+_msgs)(\.|$)"
+)
 
 
 @pytest.fixture(scope="module")
@@ -74,7 +76,10 @@ def modules_imported(file, modules):
 
 
 def test_no_module_imports_itself_by_way_of_others():
-    files = {".".join(f.relative_to(PACKAGE.parent).with_suffix("").parts): f for f in PACKAGE.rglob("*.py")}
+    files = {
+        ".".join(f.relative_to(PACKAGE.parent).with_suffix("").parts): f
+        for f in PACKAGE.rglob("*.py")
+    }
     files = {name.removesuffix(".__init__"): file for name, file in files.items()}
     del files["rft_ros"]  # it imports a module when one of its names is used
     left = {name: modules_imported(file, files.keys()) - {name} for name, file in files.items()}
@@ -86,8 +91,15 @@ def test_no_module_imports_itself_by_way_of_others():
 def drawn_arrows():
     """Of the picture of the packages: each arrow as the package that imports and the one that is imported."""
     picture = PACKAGE.parent / "docs" / "images" / "architecture_packages.svg"
-    ends = re.findall(r'data-from="([^"]+)" data-to="([^"]+)"', picture.read_text(encoding="utf-8"))
-    return {(importer, imported) for many, fewer in ends for importer in many.split() for imported in fewer.split()}
+    ends = re.findall(
+        r'data-from="([^"]+)" data-to="([^"]+)"', picture.read_text(encoding="utf-8")
+    )
+    return {
+        (importer, imported)
+        for many, fewer in ends
+        for importer in many.split()
+        for imported in fewer.split()
+    }
 
 
 def test_every_import_between_packages_follows_from_the_arrows_of_their_picture(imports):
@@ -114,7 +126,9 @@ def test_only_the_node_imports_ros(imports):
 def test_only_one_module_compiles_so_that_all_machine_code_has_its_cache(imports):
     compiler = re.compile(r"numba\.(n?jit|cfunc|vectorize|guvectorize|stencil)$")
     files = [file.name for file, (_, names) in imports.items() if any(map(compiler.match, names))]
-    by_attribute = [f.name for f in imports if re.search(r"numba\.n?jit\(", f.read_text(encoding="utf-8"))]
+    by_attribute = [
+        f.name for f in imports if re.search(r"numba\.n?jit\(", f.read_text(encoding="utf-8"))
+    ]
     assert {*files, *by_attribute} == {"compilation.py"}
 
 
@@ -132,7 +146,9 @@ def test_package_and_command_work_without_ros_and_load_no_mesh_library(tmp_path)
         "from rft_ros.node.main import main\n"
         "sys.exit(main())\n"
     )
-    done = subprocess.run([sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, cwd=tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(tmp_path)], capture_output=True, text=True, cwd=tmp_path
+    )
     assert done.returncode == 2
     for program in ("rft demo: ", "rft_node: "):
         (line,) = (line for line in done.stderr.splitlines() if line.startswith(program))
@@ -140,3 +156,8 @@ def test_package_and_command_work_without_ros_and_load_no_mesh_library(tmp_path)
         assert "source a ROS 2 setup file" in line
     assert "pip install" in done.stderr
     assert "Traceback" not in done.stderr
+
+
+def test_public_names_are_listed_at_the_doors_of_the_packages():
+    modules = [file for file in PACKAGE.rglob("*.py") if file.name != "__init__.py"]
+    assert [file for file in modules if "__all__" in file.read_text(encoding="utf-8")] == []

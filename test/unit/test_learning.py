@@ -37,7 +37,9 @@ class Series:
 
 
 def row(force, per_height):
-    return np.concatenate([force, np.cross(LEVER, force), [1e-3], per_height, np.outer(LEVER, force).ravel()])
+    return np.concatenate(
+        [force, np.cross(LEVER, force), [1e-3], per_height, np.outer(LEVER, force).ravel()]
+    )
 
 
 def plunge(*, rate=200.0, depth=0.05, strength=1.0, seed=None):
@@ -63,7 +65,9 @@ def steps(series, learning, *, delay=0, repeats=False):
     n, out = len(series.stamps), None
     for k in range(n + delay):
         if k < n:
-            out = learning.predict(int(series.stamps[k]), series.rows[k], step=series.step if k else 0.0)
+            out = learning.predict(
+                int(series.stamps[k]), series.rows[k], step=series.step if k else 0.0
+            )
         if (j := k - delay) >= 0:
             same = repeats and j > 0 and bool((series.forces[j] == series.forces[j - 1]).all())
             learning.learn(int(series.stamps[j]), series.forces[j], repeated=same)
@@ -172,13 +176,20 @@ def test_a_prediction_uses_no_sample_of_the_lag_before_it_late_or_not(moment, de
 @settings(max_examples=100, deadline=None)
 @example(calls=[(1, [0.0] * 18, 1e-3, 0.1, False, [1e300, 1e300, 1e300], 1)] * 5)
 @example(calls=[(10, [0.0] * 18, 1e-3, 1e3, False, [0.0, 0.0, 0.0], 1)] * 30)
-@example(calls=[(k // 2, [0.0] * 18, 1e-3, step, False, [0.0] * 3, 1) for k, step in enumerate((1.0, 1e-300, 1.0))])
+@example(
+    calls=[
+        (k // 2, [0.0] * 18, 1e-3, step, False, [0.0] * 3, 1)
+        for k, step in enumerate((1.0, 1e-300, 1.0))
+    ]
+)
 @example(calls=[(10, [0.0] * 18, 1e-3, step, False, [0.0] * 3, 1) for step in (5e-324, 1.0, 1.0)])
 def test_for_any_input_the_covariance_is_symmetric_positive_definite_and_all_is_finite(calls):
     learning, stamp = learner(), START
     for milliseconds, numbers, area, step, passing, force, count in calls:
         stamp += milliseconds * 1_000_000
-        out = learning.predict(stamp, np.array([*numbers[:6], area, *numbers[6:]]), step=step, passing=passing)
+        out = learning.predict(
+            stamp, np.array([*numbers[:6], area, *numbers[6:]]), step=step, passing=passing
+        )
         assert np.isfinite(out).all()
         assert (out[6:9] > 0.0).all()
         for _ in range(count):
@@ -214,12 +225,17 @@ def test_a_layer_that_changes_the_force_within_2_mm_is_reported_within_3_mm(firs
             found = series.path[k]
             assert learning.change == kind
             assert abs(learning.belief().excess) > 0.1
-        assert not re.search(rf"{percent}|[+-]0 %", learning.surprise_sentence())  # also while it is held
+        assert not re.search(
+            rf"{percent}|[+-]0 %", learning.surprise_sentence()
+        )  # also while it is held
     assert first <= found <= first + 0.003
 
 
 FAULTS = {
-    "not a number": (lambda f: np.full_like(f, np.nan), None),  # `Reason.WRENCH_NOT_FINITE` counts it before
+    "not a number": (
+        lambda f: np.full_like(f, np.nan),
+        None,
+    ),  # `Reason.WRENCH_NOT_FINITE` counts it before
     "zero": (np.zeros_like, ISSUES[STUCK]),
     "stuck": (lambda f: np.repeat(f[:1], len(f), axis=0), ISSUES[STUCK]),
     "wrong sign": (lambda f: -f, ISSUES[OPPOSED]),
@@ -229,7 +245,9 @@ FAULTS = {
 @pytest.mark.parametrize("fault", FAULTS)
 @given(first=st.floats(0.012, 0.03), strength=st.floats(0.7, 2.0))
 @settings(max_examples=5, deadline=None)
-def test_a_load_cell_that_fails_for_10_mm_does_no_lasting_harm_and_is_named(fault, first, strength):
+def test_a_load_cell_that_fails_for_10_mm_does_no_lasting_harm_and_is_named(
+    fault, first, strength
+):
     change, named = FAULTS[fault]
     series, learning, healthy = plunge(seed=9, strength=strength), learner(), learner()
     bad = (series.path > first) & (series.path < first + 0.01)
@@ -304,7 +322,10 @@ def test_sigma_covers_a_vertical_force_that_outgrows_the_model(lag):
 
     def within_sigma(factor):
         series = plunge(depth=0.08)
-        forces = series.forces * [1.0, 1.0, 0.0] + series.forces * [0.0, 0.0, 1.0] * factor(series.path)[:, None]
+        forces = (
+            series.forces * [1.0, 1.0, 0.0]
+            + series.forces * [0.0, 0.0, 1.0] * factor(series.path)[:, None]
+        )
         out = run(replace(series, forces=forces), Learning(lag=lag, reach=0.02))
         errors = np.abs(out[800:, 2] - forces[800:, 2])
         return np.mean(errors < out[800:, 8])
@@ -316,7 +337,9 @@ def test_sigma_covers_a_vertical_force_that_outgrows_the_model(lag):
 def test_sigma_of_each_horizontal_component_follows_the_errors_of_that_component():
     """A tool dragged along x: errors of a tenth across the motion say nothing about the force along it."""
     series = plunge()
-    wrong = np.where(np.arange(len(series.stamps)) // 12 % 2, 0.1, -0.1) * np.linalg.norm(series.rows[:, :3], axis=1)
+    wrong = np.where(np.arange(len(series.stamps)) // 12 % 2, 0.1, -0.1) * np.linalg.norm(
+        series.rows[:, :3], axis=1
+    )
     forces = series.forces + np.outer(wrong, [0.0, 1.0, 0.0])
     sigma = run(replace(series, forces=forces), learner())[-200:, 6:8]
     assert (sigma[:, 0] < 0.5 * sigma[:, 1]).all()

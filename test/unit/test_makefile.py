@@ -39,7 +39,11 @@ def make(project: Path, version: str) -> "subprocess.CompletedProcess[str]":
     stand_in = python(project.parent / f"python_{version}" / "python", version)
     command = ["make", f"PYTHON={stand_in}", ".venv/.demo"]
     # not as a part of the make that runs the tests, which would announce folders
-    alone = {name: value for name, value in os.environ.items() if name not in ("MAKELEVEL", "MAKEFLAGS", "MFLAGS")}
+    alone = {
+        name: value
+        for name, value in os.environ.items()
+        if name not in ("MAKELEVEL", "MAKEFLAGS", "MFLAGS")
+    }
     return subprocess.run(command, cwd=project, capture_output=True, text=True, env=alone)
 
 

@@ -21,7 +21,10 @@ def cells(beta=1.0, gamma=1.0, stress=1.0):
     """Rows of beta, gamma, alpha_x, alpha_z of loose poppy seeds, each times a factor."""
     angles = np.deg2rad(DEGREES).T
     x, z = LOOSE.stresses(*angles)
-    return [(b * beta, g * gamma, x * stress, z * stress) for (b, g), x, z in zip(DEGREES, x, z, strict=True)]
+    return [
+        (b * beta, g * gamma, x * stress, z * stress)
+        for (b, g), x, z in zip(DEGREES, x, z, strict=True)
+    ]
 
 
 def lines(rows, order=(0, 1, 2, 3), separator=","):
@@ -39,7 +42,8 @@ def write(tmp_path):
 
 def test_a_map_is_read_by_the_names_and_units_of_its_header(write):
     in_degrees = write(
-        "# a plate\nbeta_deg;gamma_deg;alpha_x;alpha_z\n" + lines(cells(), separator=";").replace(".", ",")
+        "# a plate\nbeta_deg;gamma_deg;alpha_x;alpha_z\n"
+        + lines(cells(), separator=";").replace(".", ",")
     )
     header = "alpha_z (Pa/m)\talpha_x [N/cm³]\tgamma_rad\tbeta\n"
     mixed = write(header + lines(MIXED, (3, 2, 1, 0), separator="\t"), "mixed.csv")
@@ -59,14 +63,20 @@ HEADER = "beta_deg,gamma_deg,alpha_x,alpha_z\n"
     ("text", "words"),
     [
         ("beta_deg,gamma_deg,alpha_x\n0,90,0\n", ("no column alpha_z", "N/cm3")),
-        ("beta_deg,gamma_deg,alpha_x_Pa,alpha_z_Pa\n0,90,0,1000\n", ("no column alpha_x", "N/cm3", "alpha_x_Pa")),
+        (
+            "beta_deg,gamma_deg,alpha_x_Pa,alpha_z_Pa\n0,90,0,1000\n",
+            ("no column alpha_x", "N/cm3", "alpha_x_Pa"),
+        ),
         (HEADER + "0,inf,0.1,0.1\n", ("line 2", "gamma is inf", "finite")),
         (HEADER + "0,nan,0.1,0.1\n", ("line 2", "gamma is nan", "finite")),
         (HEADER + "0,90,0.1,inf\n", ("line 2", "alpha_z is inf", "finite")),
         (HEADER + lines(cells(stress=1e6)), ("N/cm³", "Pa/m")),
         (HEADER + lines(cells(stress=1e-5)), ("N/cm³", "Pa/m")),
         (HEADER + lines(cells(np.pi / 180, np.pi / 180)), ("radians", "beta_rad")),
-        (HEADER + lines(cells(np.pi / 180)), ("different beta, none beyond 1.57", "radians", "beta_rad")),
+        (
+            HEADER + lines(cells(np.pi / 180)),
+            ("different beta, none beyond 1.57", "radians", "beta_rad"),
+        ),
         (HEADER + lines(cells(gamma=np.pi / 180)), ("different gamma", "radians", "gamma_rad")),
         (HEADER.replace("deg", "rad") + lines(cells()), ("degrees", "beta_deg")),
         (HEADER + "0,90,,\n", ("no stress",)),
@@ -96,7 +106,10 @@ def test_coefficients_are_read_from_yaml_under_their_names_or_lis(write):
         ({"B11": "0.2"}, ("B11 is '0.2'", "number")),
         ({"C01": float("nan")}, ("line 6", ".nan", "number")),
         ({"A10": 47000.0}, ("A10 is 47000", "N/cm³")),
-        ({name: -value for name, value in LOOSE.coefficients.items()}, ("along the motion", "signs")),
+        (
+            {name: -value for name, value in LOOSE.coefficients.items()},
+            ("along the motion", "signs"),
+        ),
         ({name: 1e-6 * value for name, value in LOOSE.coefficients.items()}, ("N/cm³",)),
     ],
 )
@@ -108,9 +121,15 @@ def test_coefficients_that_cannot_be_used_are_refused_by_file_and_name(write, ch
         assert word in sentence
 
 
-def test_fit_medium_writes_coefficients_errors_misfit_and_a_picture_and_they_come_back(write, tmp_path, capsys):
+def test_fit_medium_writes_coefficients_errors_misfit_and_a_picture_and_they_come_back(
+    write, tmp_path, capsys
+):
     rows = [f"{b},{g},{x},{z if b or g != 30 else ''}" for b, g, x, z in cells()]
-    map_file, out, figure = write(HEADER + "\n".join(rows)), tmp_path / "mine.yaml", tmp_path / "map.png"
+    map_file, out, figure = (
+        write(HEADER + "\n".join(rows)),
+        tmp_path / "mine.yaml",
+        tmp_path / "map.png",
+    )
     assert main(["fit-medium", str(map_file), "-o", str(out), "--figure", str(figure)]) == 0
     said = capsys.readouterr()
     assert "144 cells" in said.out
@@ -131,7 +150,9 @@ def test_fit_medium_writes_coefficients_errors_misfit_and_a_picture_and_they_com
         (["-o", "mine.yaml", "--figure", "mine.yaml"], ("mine.yaml", ".png")),
     ],
 )
-def test_fit_medium_refuses_outputs_that_it_cannot_write(write, tmp_path, monkeypatch, capsys, arguments, words):
+def test_fit_medium_refuses_outputs_that_it_cannot_write(
+    write, tmp_path, monkeypatch, capsys, arguments, words
+):
     monkeypatch.chdir(tmp_path)
     assert main(["fit-medium", str(write(HEADER + lines(cells()))), *arguments]) == 2
     err = capsys.readouterr().err
@@ -140,17 +161,34 @@ def test_fit_medium_refuses_outputs_that_it_cannot_write(write, tmp_path, monkey
         assert word in err
 
 
-def test_a_map_with_wrong_cells_is_warned_of_by_every_command_that_uses_it(write, tmp_path, capsys):
+def test_a_map_with_wrong_cells_is_warned_of_by_every_command_that_uses_it(
+    write, tmp_path, capsys
+):
     rows = cells()
     rows[70] = (*rows[70][:3], 2.0)
     wrong = write(HEADER + lines(rows))
-    states = write("t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n0,0,0,-0.02,0,0,0,1,0,0,-0.01,0,0,0\n", "states.csv")
+    states = write(
+        "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n0,0,0,-0.02,0,0,0,1,0,0,-0.01,0,0,0\n",
+        "states.csv",
+    )
     for command in (
         ["fit-medium", str(wrong), "-o", str(tmp_path / "wrong.yaml")],
-        ["predict", str(states), "--mesh", "plate", "--medium", str(wrong), "-o", str(tmp_path / "out.csv")],
+        [
+            "predict",
+            str(states),
+            "--mesh",
+            "plate",
+            "--medium",
+            str(wrong),
+            "-o",
+            str(tmp_path / "out.csv"),
+        ],
     ):
         assert main(command) == 0
-        assert f"furthest from the cells beta {rows[70][0]:g}, gamma {rows[70][1]:g} " in capsys.readouterr().err
+        assert (
+            f"furthest from the cells beta {rows[70][0]:g}, gamma {rows[70][1]:g} "
+            in capsys.readouterr().err
+        )
 
 
 def test_a_parameter_file_names_a_medium_beside_it_in_place_of_medium_name(write, tmp_path):
@@ -159,7 +197,11 @@ def test_a_parameter_file_names_a_medium_beside_it_in_place_of_medium_name(write
     values = read_parameter_file(file)
     assert values["medium.file"] == str(tmp_path / "poppy.yaml")
     law = model_of(values).law
-    assert (law.medium.name, law.stresses["medium"], law.medium.coefficients) == ("poppy", "poppy", LOOSE.coefficients)
+    assert (law.medium.name, law.stresses["medium"], law.medium.coefficients) == (
+        "poppy",
+        "poppy",
+        LOOSE.coefficients,
+    )
     assert "medium.file '/no/where.yaml' does not exist" in refusal(
         model_of, {**defaults(), "medium.file": "/no/where.yaml"}
     )
@@ -167,18 +209,40 @@ def test_a_parameter_file_names_a_medium_beside_it_in_place_of_medium_name(write
 
 def test_predict_and_sweep_take_a_file_where_they_take_the_name_of_a_medium(write, tmp_path):
     own = write(yaml.safe_dump(LOOSE.coefficients), "poppy.yaml")
-    states = write("t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n0,0,0,-0.02,0,0,0,1,0,0,-0.01,0,0,0\n", "states.csv")
+    states = write(
+        "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n0,0,0,-0.02,0,0,0,1,0,0,-0.01,0,0,0\n",
+        "states.csv",
+    )
     forces = []
     for medium in ("poppy_seeds_loose", str(own)):
         out = tmp_path / "out.csv"
-        assert main(["predict", str(states), "--mesh", "plate", "--medium", medium, "-o", str(out)]) == 0
+        assert (
+            main(["predict", str(states), "--mesh", "plate", "--medium", medium, "-o", str(out)])
+            == 0
+        )
         forces.append(out.read_text())
     assert forces[0] == forces[1]
-    assert main(["predict", str(states), "--mesh", "plate", "--medium", "mars", "-o", str(tmp_path / "out.csv")]) == 2
+    assert (
+        main(
+            [
+                "predict",
+                str(states),
+                "--mesh",
+                "plate",
+                "--medium",
+                "mars",
+                "-o",
+                str(tmp_path / "out.csv"),
+            ]
+        )
+        == 2
+    )
     assert parameters_of({"medium": "poppy_seeds_loose"})["medium.file"] == ""
 
     study = "tools: [{mesh: plate}]\nmotions: [{family: straight, travel: 0.02, samples: 9}]\n"
-    design = read_design(write(f"{study}media: [{{medium: [poppy_seeds_loose, {own}]}}]\n", "study.yaml"))
+    design = read_design(
+        write(f"{study}media: [{{medium: [poppy_seeds_loose, {own}]}}]\n", "study.yaml")
+    )
     before = design.fingerprint()
     named, of_file = (evaluate(variant, before) for variant in design.variants)
     assert named == of_file

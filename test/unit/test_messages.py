@@ -28,7 +28,11 @@ def test_the_last_stamp_can_be_published_again_and_larger_seconds_or_nanoseconds
     sample = decoder("wrench", ros1=ros1)(encoded(LAST, 999_999_999, ros1=ros1))
     assert sample.wrench == tuple(range(6))
     assert decoder("wrench", ros1=False)(stamped_cdr("")(sample.stamp, sample.wrench)) == sample
-    for stamp in ((5, 1_000_000_000), (LAST, 2**32 - 1), *([(LAST + 1, 0)] if ros1 else [])):  # ROS 2: negative times
+    for stamp in (
+        (5, 1_000_000_000),
+        (LAST, 2**32 - 1),
+        *([(LAST + 1, 0)] if ros1 else []),
+    ):  # ROS 2: negative times
         with pytest.raises(UNREADABLE):
             decoder("wrench", ros1=ros1)(encoded(*stamp, ros1=ros1))
 
@@ -86,7 +90,15 @@ POINTS = np.arange(12.0).reshape(4, 3)
 @pytest.mark.parametrize(("height", "pad_rows"), [(1, 0), (2, 0), (2, 5)])
 @pytest.mark.parametrize("frame", ["world", "a", ""])
 def test_a_cloud_is_read_as_it_was_written(ros1, dtype, height, pad_rows, frame):
-    data = cloud_cdr(POINTS, ros1=ros1, dtype=dtype, height=height, pad_rows=pad_rows, frame=frame, stamp=START + 34)
+    data = cloud_cdr(
+        POINTS,
+        ros1=ros1,
+        dtype=dtype,
+        height=height,
+        pad_rows=pad_rows,
+        frame=frame,
+        stamp=START + 34,
+    )
     cloud = decoder("surface", ros1=ros1)(data)
     assert (cloud.stamp, cloud.frame) == (START + 34, frame)
     assert_array_equal(np.column_stack([cloud.x, cloud.y, cloud.z]), POINTS)

@@ -29,7 +29,10 @@ def rft(bag, tmp_path, capsys):
 
     def run(command, *arguments, parameters=CELL):
         file = tmp_path / "my_cell.yaml"
-        sections = {"/**": {"ros__parameters": parameters}, "rft_replay": {"ros__parameters": REMAP}}
+        sections = {
+            "/**": {"ros__parameters": parameters},
+            "rft_replay": {"ros__parameters": REMAP},
+        }
         file.write_text(yaml.safe_dump(sections))
         where = [str(file), "--bag", bag] if command == "doctor" else [bag, "--params", str(file)]
         status = main([command, *where, *arguments])
@@ -43,16 +46,22 @@ def test_the_newcomers_way_leads_to_right_numbers(bag, rft, tmp_path, capsys):
     out, calibrated = tmp_path / "replay", tmp_path / "calibrated.yaml"
     status, said = rft("replay", "--tare", "1", "--no-report", "-o", str(out))
     assert status == 0 and "warning" not in said, said
-    assert json.loads((out / "summary.json").read_text())["bias"] == pytest.approx(OFFSET, abs=0.02)
+    assert json.loads((out / "summary.json").read_text())["bias"] == pytest.approx(
+        OFFSET, abs=0.02
+    )
     parts = ("--fit", "sensor", "--fit", "surface", "--fit", "zeta")  # λ takes most of the time
     status, said = rft("calibrate", *parts, "-o", str(calibrated))
     values = read_parameter_file(calibrated)
-    assert values["medium.zeta"] == pytest.approx(1.3 * ZETA, rel=0.065), said  # its standard error
+    assert values["medium.zeta"] == pytest.approx(1.3 * ZETA, rel=0.065), (
+        said
+    )  # its standard error
     assert values["surface_height"] == pytest.approx(SURFACE, abs=1e-3)
     assert values["sensor.bias"] == pytest.approx(OFFSET, abs=0.02)
     main(["doctor", str(calibrated), "--bag", bag])
     said = capsys.readouterr().out
-    assert [line for line in said.splitlines() if line.startswith("FIX") and "compiled" not in line] == []
+    assert [
+        line for line in said.splitlines() if line.startswith("FIX") and "compiled" not in line
+    ] == []
     learning = CELL | {"learning.mode": "apply", "medium.zeta_error": 0.3}
     status, said = rft("replay", "--tare", "1", "--no-report", "-o", str(out), parameters=learning)
     learned = json.loads((out / "summary.json").read_text())["learning"]
@@ -67,9 +76,18 @@ FAULTS = {
     "tared at the wrong height": ("set surface_height: 0.1", {"surface_height": SURFACE - 0.03}),
     "no tare, learning": ("or tare it there (~/tare, --tare)", LEARNING, False),
     "sign": (" %: check the set-up with rft doctor", {"sensor.sign": -1.0}),
-    "sign, learning": ("the measured force points against the model", LEARNING | {"sensor.sign": -1.0}),
-    "turned, learning": ("turned by over 45", LEARNING | {"sensor.quaternion": [0.0, 0.0, 0.0, 1.0]}),
-    "surface": ("in the grains (of the first 1 s, surface_height 0.22 m", {"surface_height": SURFACE + 0.1}),
+    "sign, learning": (
+        "the measured force points against the model",
+        LEARNING | {"sensor.sign": -1.0},
+    ),
+    "turned, learning": (
+        "turned by over 45",
+        LEARNING | {"sensor.quaternion": [0.0, 0.0, 0.0, 1.0]},
+    ),
+    "surface": (
+        "in the grains (of the first 1 s, surface_height 0.22 m",
+        {"surface_height": SURFACE + 0.1},
+    ),
 }
 
 
@@ -77,5 +95,7 @@ FAULTS = {
 def test_a_replay_names_the_fault(rft, tmp_path, fault):
     sentence, parameters, *untared = FAULTS[fault]
     tare = () if untared else ("--tare", "1")
-    _, said = rft("replay", "--no-report", "-o", str(tmp_path / "out"), *tare, parameters=CELL | parameters)
+    _, said = rft(
+        "replay", "--no-report", "-o", str(tmp_path / "out"), *tare, parameters=CELL | parameters
+    )
     assert sentence in said

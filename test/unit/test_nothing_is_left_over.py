@@ -20,11 +20,17 @@ def unread(parameters):
     """The parameters whose value no code takes: by its name, as an attribute of the settings, or as one of a law."""
     attributes = {node.attr for node in NODES if isinstance(node, ast.Attribute)}
     keys = {
-        node.slice.value for node in NODES if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant)
+        node.slice.value
+        for node in NODES
+        if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant)
     }
     taken = keys | {f"medium.{name}" for name in LAW_NUMBERS if name in attributes}
     for owner in (LoadCell, Settings):
-        taken |= {parameter.name for field, parameter in parameters_of(owner).items() if field in attributes}
+        taken |= {
+            parameter.name
+            for field, parameter in parameters_of(owner).items()
+            if field in attributes
+        }
     return [name for name in parameters if name not in taken]
 
 
@@ -39,15 +45,28 @@ def other_tests():
 
 
 def test_every_quality_flag_is_named_in_a_test():
-    nodes = [node for tree in other_tests() for node in ast.walk(tree) if isinstance(node, ast.Attribute)]
-    tested = {node.attr for node in nodes if isinstance(node.value, ast.Name) and node.value.id == "QualityFlag"}
+    nodes = [
+        node
+        for tree in other_tests()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Attribute)
+    ]
+    tested = {
+        node.attr
+        for node in nodes
+        if isinstance(node.value, ast.Name) and node.value.id == "QualityFlag"
+    }
     assert {flag.name for flag in QualityFlag if flag} - tested == set()
 
 
 def test_every_option_of_every_command_is_given_in_a_test():
     commands = next(action for action in parser()._actions if action.dest == "command").choices
-    options = {option for c in commands.values() for a in c._actions for option in a.option_strings[-1:]}
-    nodes = [node for tree in other_tests() for node in ast.walk(tree) if isinstance(node, ast.Constant)]
+    options = {
+        option for c in commands.values() for a in c._actions for option in a.option_strings[-1:]
+    }
+    nodes = [
+        node for tree in other_tests() for node in ast.walk(tree) if isinstance(node, ast.Constant)
+    ]
     texts = [node.value for node in nodes if isinstance(node.value, str)]
     given = {word.partition("=")[0].strip("`',;:()") for text in texts for word in text.split()}
     without_a_cluster = {"--scheduler"}  # `run` itself is tested with one

@@ -25,15 +25,36 @@ MODULES = {
     "python3-collada": "collada",
 }
 NO_KEY_ON_NOBLE = {"numba", "mcap", "plotly", "fast_simplification"}
-BROUGHT = {"llvmlite": "numba", "lz4": "mcap", "zstandard": "mcap"}  # modules, and the package that requires each
+BROUGHT = {
+    "llvmlite": "numba",
+    "lz4": "mcap",
+    "zstandard": "mcap",
+}  # modules, and the package that requires each
 EXTRAS = {"distributed", "matplotlib", "mujoco"}
 
 
 def test_the_wheel_holds_every_module_and_every_shared_file(wheel):
-    folders = "config/*.*", "config/robots/*.yaml", "launch/*.*", "rviz/*.*", "meshes/*.stl", "package.xml"
-    shared = {f"share/rft_ros/{file.relative_to(ROOT)}" for pattern in folders for file in ROOT.glob(pattern)}
-    shared |= {"share/ament_index/resource_index/packages/rft_ros", "lib/rft_ros/rft", "lib/rft_ros/rft_node"}
-    modules = {str(f.relative_to(ROOT)) for f in (ROOT / "rft_ros").rglob("*.py")} | {"rft_ros/py.typed"}
+    folders = (
+        "config/*.*",
+        "config/robots/*.yaml",
+        "launch/*.*",
+        "rviz/*.*",
+        "meshes/*.stl",
+        "package.xml",
+    )
+    shared = {
+        f"share/rft_ros/{file.relative_to(ROOT)}"
+        for pattern in folders
+        for file in ROOT.glob(pattern)
+    }
+    shared |= {
+        "share/ament_index/resource_index/packages/rft_ros",
+        "lib/rft_ros/rft",
+        "lib/rft_ros/rft_node",
+    }
+    modules = {str(f.relative_to(ROOT)) for f in (ROOT / "rft_ros").rglob("*.py")} | {
+        "rft_ros/py.typed"
+    }
     with zipfile.ZipFile(wheel) as files:
         names = {n for n in files.namelist() if ".dist-info/" not in n}
     assert {n for n in names if ".data/" not in n} == modules
@@ -44,16 +65,33 @@ def test_the_sdist_has_its_licence_and_changelog_and_no_stray_files(dist):
     (sdist,) = dist.glob("rft_ros-*.tar.gz")
     with tarfile.open(sdist) as files:
         names = {name.partition("/")[2] for name in files.getnames()}
-    assert {"LICENSE", "README.md", "CHANGELOG.rst", "package.xml", "setup.py", "setup.cfg"} <= names
-    assert not {n for n in names if n.endswith((".pyc", ".nbi", ".nbc")) or n.startswith((".", "out", "build"))}
+    assert {
+        "LICENSE",
+        "README.md",
+        "CHANGELOG.rst",
+        "package.xml",
+        "setup.py",
+        "setup.cfg",
+    } <= names
+    assert not {
+        n
+        for n in names
+        if n.endswith((".pyc", ".nbi", ".nbc")) or n.startswith((".", "out", "build"))
+    }
 
 
 def test_every_package_that_is_imported_is_required(wheel):
     package, _ = manifest()
-    of_ros = {dependency.name for dependency in package.exec_depends}  # one requirement brings them all
+    of_ros = {
+        dependency.name for dependency in package.exec_depends
+    }  # one requirement brings them all
     of_dask = {"distributed"}  # dask[distributed]
-    required = {canonicalize_name(Requirement(line).name) for line in metadata(wheel)["Requires-Dist"]}
-    by_module = packages_distributions() | {module: [package] for module, package in BROUGHT.items()}
+    required = {
+        canonicalize_name(Requirement(line).name) for line in metadata(wheel)["Requires-Dist"]
+    }
+    by_module = packages_distributions() | {
+        module: [package] for module, package in BROUGHT.items()
+    }
     missing = {
         module
         for module in third_party_imports() - of_ros - of_dask
@@ -65,7 +103,9 @@ def test_every_package_that_is_imported_is_required(wheel):
 def test_the_installed_wheel_is_found_by_ros_and_by_itself(installed, wheel):
     """Where ROS looks; without ROS, too, `package://` finds the shipped meshes."""
     share, node = installed / "share" / "rft_ros", installed / "lib" / "rft_ros"
-    assert (installed / "share" / "ament_index" / "resource_index" / "packages" / "rft_ros").is_file()
+    assert (
+        installed / "share" / "ament_index" / "resource_index" / "packages" / "rft_ros"
+    ).is_file()
     assert all(os.access(node / name, os.X_OK) for name in ("rft_node", "rft"))
     package, _ = manifest()
     assert metadata(wheel)["Version"] == [package.version]
@@ -77,14 +117,20 @@ def test_the_installed_wheel_is_found_by_ros_and_by_itself(installed, wheel):
         ([python, "-c", code % (names,)], {}, [mesh, mesh]),
         ([python, "-c", code % (names,)], {"AMENT_PREFIX_PATH": str(installed)}, [mesh, mesh]),
     ):
-        done = subprocess.run(command, capture_output=True, text=True, cwd=installed, env=without_ros() | extra)
+        done = subprocess.run(
+            command, capture_output=True, text=True, cwd=installed, env=without_ros() | extra
+        )
         assert done.stdout.split() == said, done.stderr
 
 
 def test_the_manifest_is_valid_without_warnings():
     package, warnings = manifest()
     assert warnings == []
-    assert (package.name, package.package_format, package.get_build_type()) == ("rft_ros", 3, "ament_python")
+    assert (package.name, package.package_format, package.get_build_type()) == (
+        "rft_ros",
+        3,
+        "ament_python",
+    )
     assert package.licenses == ["Apache-2.0"]
     assert "Apache License" in (ROOT / "LICENSE").read_text(encoding="utf-8")
 
@@ -94,13 +140,17 @@ def test_each_dependency_is_imported_and_each_import_is_a_dependency():
     keys = {d.name for d in package.exec_depends}
     imported = third_party_imports()
     own = imported - NO_KEY_ON_NOBLE - EXTRAS - set(BROUGHT)
-    assert {MODULES.get(key, key) for key in keys} == own | {"collada"}  # by which trimesh reads DAE
+    assert {MODULES.get(key, key) for key in keys} == own | {
+        "collada"
+    }  # by which trimesh reads DAE
 
 
 def test_dependencies_without_a_rosdep_key_are_listed_for_installation_by_pip():
     names = {name.replace("_", "-") for name in NO_KEY_ON_NOBLE}
     comments = " ".join(
-        re.findall(r"<!--(.*?)-->", (ROOT / "package.xml").read_text(encoding="utf-8"), flags=re.DOTALL)
+        re.findall(
+            r"<!--(.*?)-->", (ROOT / "package.xml").read_text(encoding="utf-8"), flags=re.DOTALL
+        )
     )
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
     (by_hand,) = re.findall(r"pip install --break-system-packages (.+)", readme)

@@ -13,7 +13,13 @@ from distribution import clean_copy, own_domain, share_machine_code
 
 pytest.importorskip("colcon_core", reason="needs colcon: pip install 'rft_ros[test]'")
 
-SHARED = ("package.xml", "config/default.yaml", "config/demo.yaml", "launch/rft.launch.py", "rviz/rft.rviz")
+SHARED = (
+    "package.xml",
+    "config/default.yaml",
+    "config/demo.yaml",
+    "launch/rft.launch.py",
+    "rviz/rft.rviz",
+)
 RFT = "install/rft_ros/lib/rft_ros/rft"
 
 
@@ -29,7 +35,9 @@ def sourced(script: str) -> list[str]:
 
 def run(workspace: Path, *command: str) -> str:
     """What a command prints in the workspace; it must succeed."""
-    done = subprocess.run(command, capture_output=True, text=True, cwd=workspace, env=environment())
+    done = subprocess.run(
+        command, capture_output=True, text=True, cwd=workspace, env=environment()
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     return done.stdout
 
@@ -42,19 +50,25 @@ def test_ros_finds_the_package_of_a_workspace_and_it_runs_from_there(tmp_path):
     assert (prefix / "share" / "ament_index" / "resource_index" / "packages" / "rft_ros").is_file()
     assert [file for file in SHARED if not (share / file).is_file()] == []
     code = shlex.quote("import rft_ros; print(rft_ros.__path__[0])")
-    script = f"printenv AMENT_PREFIX_PATH; python3 -c {code}; {RFT} --version; {RFT} check-mesh plate"
+    script = (
+        f"printenv AMENT_PREFIX_PATH; python3 -c {code}; {RFT} --version; {RFT} check-mesh plate"
+    )
     prefixes, package, version, *mesh = run(tmp_path, *sourced(script)).splitlines()
     assert prefixes.split(os.pathsep)[0] == str(prefix)
     assert Path(package).is_relative_to(tmp_path)
     said = version.split()[-1]
-    assert f"<version>{said}</version>" in (tmp_path / "src" / "rft_ros" / "package.xml").read_text(encoding="utf-8")
+    assert f"<version>{said}</version>" in (
+        tmp_path / "src" / "rft_ros" / "package.xml"
+    ).read_text(encoding="utf-8")
     assert f"({share}/meshes/plate.stl)" in "\n".join(mesh)
     if importlib.util.find_spec("rclpy") is None:
         return
     share_machine_code(Path(package))
     node = sourced("exec install/rft_ros/lib/rft_ros/rft_node --ros-args -p mesh.file:=plate")
     pipe, both = subprocess.PIPE, subprocess.STDOUT
-    with subprocess.Popen(node, stdout=pipe, stderr=both, text=True, cwd=tmp_path, env=environment()) as process:
+    with subprocess.Popen(
+        node, stdout=pipe, stderr=both, text=True, cwd=tmp_path, env=environment()
+    ) as process:
         said = []
         for line in process.stdout:
             said.append(line)

@@ -28,7 +28,9 @@ from rft_ros.rft import LAW_NUMBERS, LAWS, MEDIA, Constant, Linear, law_named
 
 
 @pytest.mark.parametrize("parameter", PARAMETERS, ids=lambda p: p.name)
-def test_a_parameter_is_described_passes_its_own_check_and_refuses_what_has_another_type(parameter):
+def test_a_parameter_is_described_passes_its_own_check_and_refuses_what_has_another_type(
+    parameter,
+):
     name, (low, high) = parameter.name, parameter.bounds
     assert re.fullmatch(r"\S.{15,}\.", parameter.description)
     assert checked(name, parameter.default) == parameter.default == defaults()[name]
@@ -52,7 +54,9 @@ def test_a_parameter_is_described_passes_its_own_check_and_refuses_what_has_anot
         for limit, beyond in ((low, -math.inf), (high, math.inf)):
             assert checked(name, limit) == limit
             outside = math.nextafter(limit, beyond)
-            assert_says(refusal(checked, name, outside), name, f"{outside:g}", f"{low:g}", f"{high:g}")
+            assert_says(
+                refusal(checked, name, outside), name, f"{outside:g}", f"{low:g}", f"{high:g}"
+            )
 
 
 @pytest.mark.parametrize(
@@ -95,7 +99,11 @@ def test_a_parameter_of_0_is_none_in_python_where_0_means_not_known(name):
 
 def test_a_zeta_whose_error_is_not_known_counts_as_calibrated_only_where_nothing_corrects_it():
     assert Settings().strength_error == CALIBRATED_ERROR
-    assert Settings(learning_mode="observe").strength_error == Settings(learning_mode="apply").strength_error == 1.0
+    assert (
+        Settings(learning_mode="observe").strength_error
+        == Settings(learning_mode="apply").strength_error
+        == 1.0
+    )
     for mode in ("off", "observe", "apply"):
         assert Settings(learning_mode=mode, zeta_error=0.07).strength_error == 0.07
 
@@ -113,12 +121,16 @@ def test_default_values_make_the_default_settings_and_other_values_reach_them():
 def test_an_unknown_kind_of_motion_is_refused_with_those_that_exist():
     name = "medium.calibrated_motions"
     assert checked(name, "press, drag") == "press, drag"
-    assert_says(refusal(checked, name, "press, drags"), name, "'press, drags'", "drag", "withdrawal")
+    assert_says(
+        refusal(checked, name, "press, drags"), name, "'press, drags'", "drag", "withdrawal"
+    )
 
 
 def test_one_frame_for_two_is_refused():
     words = "world_frame", "tool_frame", "'base'", "different frames"
-    assert_says(refusal(settings_of, {**defaults(), "world_frame": "base", "tool_frame": "base"}), *words)
+    assert_says(
+        refusal(settings_of, {**defaults(), "world_frame": "base", "tool_frame": "base"}), *words
+    )
 
 
 @pytest.fixture
@@ -129,7 +141,11 @@ def values(tmp_path):
 
 
 def test_a_model_is_the_tool_medium_and_alpha_y_of_the_values(values):
-    given = {"mesh.origin": (5.0, 5.0, 0.0), "medium.zeta": 0.33, "medium.name": "poppy_seeds_loose"}
+    given = {
+        "mesh.origin": (5.0, 5.0, 0.0),
+        "medium.zeta": 0.33,
+        "medium.name": "poppy_seeds_loose",
+    }
     model = model_of({**values, **given}, generation=7)
     assert model.law.stresses == {"medium": "poppy_seeds_loose", "alpha_y": "linear"}
     assert (model.law.zeta, model.generation) == (0.33, 7)
@@ -138,16 +154,22 @@ def test_a_model_is_the_tool_medium_and_alpha_y_of_the_values(values):
     assert model.law.stiffness == 0.33e6
     assert model.tool.plates.area == pytest.approx(1e-4)
     assert model.tool.vertices.min(axis=0) == pytest.approx([-0.005, -0.005, 0.0])
-    again = model_of({**values, "mesh.file": "/nowhere.stl"}, tool=model.tool)  # it is not loaded again
+    again = model_of(
+        {**values, "mesh.file": "/nowhere.stl"}, tool=model.tool
+    )  # it is not loaded again
     assert again.tool is model.tool
 
 
 def test_the_alpha_y_model_is_chosen_by_name(values, table, tmp_path):
     read = table("beta,alpha_y\n0,0.2\n90,0.1\n")
     assert model_of({**values, "alpha_y.model": "linear"}).law.alpha_y == Linear(0.2035, -0.0015)
-    chosen = model_of({**values, "alpha_y.model": "table", "alpha_y.table": str(tmp_path / "alpha_y.csv")}).law.alpha_y
+    chosen = model_of(
+        {**values, "alpha_y.model": "table", "alpha_y.table": str(tmp_path / "alpha_y.csv")}
+    ).law.alpha_y
     assert chosen == read
-    with pytest.raises(InputError, match=r"alpha_y\.model 'table' needs alpha_y\.table to name a CSV file"):
+    with pytest.raises(
+        InputError, match=r"alpha_y\.model 'table' needs alpha_y\.table to name a CSV file"
+    ):
         model_of({**values, "alpha_y.model": "table"})
 
 
@@ -167,13 +189,25 @@ def read(tmp_path):
 @pytest.fixture
 def table(read):
     """Read an α_y table with this text."""
-    return lambda text: read(text, of=lambda file: read_alpha_y_table(str(file)), name="alpha_y.csv")
+    return lambda text: read(
+        text, of=lambda file: read_alpha_y_table(str(file)), name="alpha_y.csv"
+    )
 
 
-def test_nested_and_dotted_names_are_the_same_parameter_and_the_others_stay_at_their_defaults(read):
-    nested = "rft:\n  ros__parameters:\n    medium:\n      zeta: 0.33\n      name: poppy_seeds_loose\n"
-    dotted = "rft:\n  ros__parameters:\n    medium.zeta: 0.33\n    medium.name: poppy_seeds_loose\n"
-    assert read(nested) == read(dotted) == {**defaults(), "medium.zeta": 0.33, "medium.name": "poppy_seeds_loose"}
+def test_nested_and_dotted_names_are_the_same_parameter_and_the_others_stay_at_their_defaults(
+    read,
+):
+    nested = (
+        "rft:\n  ros__parameters:\n    medium:\n      zeta: 0.33\n      name: poppy_seeds_loose\n"
+    )
+    dotted = (
+        "rft:\n  ros__parameters:\n    medium.zeta: 0.33\n    medium.name: poppy_seeds_loose\n"
+    )
+    assert (
+        read(nested)
+        == read(dotted)
+        == {**defaults(), "medium.zeta": 0.33, "medium.name": "poppy_seeds_loose"}
+    )
 
 
 @pytest.mark.parametrize("key", ["/**", "rft", "/rft", "/**/rft"])
@@ -186,7 +220,11 @@ def test_a_later_section_overrides_an_earlier_one_and_parameters_of_every_node_a
     every = "/**:\n  ros__parameters:\n    max_rate: 10.0\n    surface_height: 0.2\n"
     every += "    use_sim_time: true\n    qos_overrides./tf.depth: 3\n"
     other = "other_node:\n  ros__parameters:\n    speed: 3\n    list: []\n"
-    for text, rate in ((every + own, 50.0), (own + every, 10.0), (other + own + other.replace("node", "name"), 50.0)):
+    for text, rate in (
+        (every + own, 50.0),
+        (own + every, 10.0),
+        (other + own + other.replace("node", "name"), 50.0),
+    ):
         assert read(text)["max_rate"] == rate
     assert read(own + every)["surface_height"] == 0.2
 
@@ -207,8 +245,14 @@ def test_text_with_an_exponent_is_a_number_as_in_ros_and_names_that_look_like_on
         ("- 1\n- 2\n", "has no node name at its top level, such as '/**'"),
         ("rft:\n  medium.zeta: 1.0\n", "'rft' has no 'ros__parameters'"),
         ("rft: 3\n", "'rft' has no 'ros__parameters'"),
-        ("arm:\n  ros__parameters:\n    x: 1\n", "has no parameters for the node /rft; its sections are arm"),
-        ("arm:\n  ros__parameters:\n    x: {y: [1, a]}\n", "x.y is [1, 'a']; ROS takes lists of one type only"),
+        (
+            "arm:\n  ros__parameters:\n    x: 1\n",
+            "has no parameters for the node /rft; its sections are arm",
+        ),
+        (
+            "arm:\n  ros__parameters:\n    x: {y: [1, a]}\n",
+            "x.y is [1, 'a']; ROS takes lists of one type only",
+        ),
         ("/**:\n  ros__parameters:\n    medium.zetta: 1.0\n", "did you mean 'medium.zeta'?"),
         ("/**:\n  ros__parameters:\n    medium.zeta: .nan\n", "line 3 has '.nan'"),
         (b"\xff\xfe\x00", "cannot be read"),
@@ -222,8 +266,12 @@ def test_a_file_that_cannot_be_used_is_refused_with_a_sentence_that_names_it(rea
 
 def test_missing_files_are_named(tmp_path):
     file = tmp_path / "nowhere.yaml"
-    assert f"parameter file '{file}' does not exist; give the path" in refusal(read_parameter_file, file)
-    assert "alpha_y.table '/nowhere.csv' does not exist" in refusal(read_alpha_y_table, "/nowhere.csv")
+    assert f"parameter file '{file}' does not exist; give the path" in refusal(
+        read_parameter_file, file
+    )
+    assert "alpha_y.table '/nowhere.csv' does not exist" in refusal(
+        read_alpha_y_table, "/nowhere.csv"
+    )
 
 
 @pytest.mark.parametrize(
@@ -234,7 +282,12 @@ def test_missing_files_are_named(tmp_path):
         "# measured\n\nalpha_y [N/m³], beta [deg]\n5e4, 180\n1e5,90\n2e5, 0\n",
         b'\xef\xbb\xbf"beta_rad","alpha_y"\r\n0,0.2\r\n1.570796326794897,0.1\r\n3.141592653589793,0.05\r\n',
     ],
-    ids=["plain", "decimal commas", "order and unit by the header", "as spreadsheets write it, in radians"],
+    ids=[
+        "plain",
+        "decimal commas",
+        "order and unit by the header",
+        "as spreadsheets write it, in radians",
+    ],
 )
 def test_a_table_of_beta_is_read_as_a_medium_is(table, text):
     read = table(text)
@@ -256,11 +309,17 @@ def test_a_table_of_beta_and_gamma_is_a_full_grid_in_any_order(table):
         ("beta,alpha_y\n0,0.1\n90,0,0.1\n", "line 3 is not 2 numbers"),
         ("beta,alpha_y\n0,O.1\n90,0.2\n", "line 2 is not 2 numbers"),
         ("0,0.1\n90,0.2\n", "has no column beta; its first line must name beta,alpha_y"),
-        ("# beta,alpha_y\n0,0.1\n", "has no column beta; its first line must name beta,alpha_y, without #"),
+        (
+            "# beta,alpha_y\n0,0.1\n",
+            "has no column beta; its first line must name beta,alpha_y, without #",
+        ),
         ("beta,gamma_grad,alpha_y\n0,0,0.2\n", "no column gamma; it must be in deg or rad"),
         ("beta,alpha_y\nnan,0.1\n0,0.2\n", "line 2: beta is nan; it must be a finite number"),
         ("beta,alpha_y\n0,0.1\n90,-0.2\n", "has a negative alpha_y (-0.2)"),
-        ("beta,alpha_y\n0,0.1\n0,0.2\n", "has 2 rows; a grid of 1 beta x 1 gamma values needs each pair once (1 rows)"),
+        (
+            "beta,alpha_y\n0,0.1\n0,0.2\n",
+            "has 2 rows; a grid of 1 beta x 1 gamma values needs each pair once (1 rows)",
+        ),
         (
             "beta,gamma,alpha_y\n0,0,1\n0,30,1\n90,0,1\n",
             "has 3 rows; a grid of 2 beta x 2 gamma values needs each pair once (4 rows)",
@@ -272,7 +331,9 @@ def test_a_table_of_beta_and_gamma_is_a_full_grid_in_any_order(table):
         ("beta,alpha_y\n0,0.2\n0.785,0.136\n1.571,0.06\n3.1416,0\n", "radians"),
     ],
 )
-def test_a_table_that_cannot_be_used_is_refused_with_a_sentence_that_names_it(table, text, sentence):
+def test_a_table_that_cannot_be_used_is_refused_with_a_sentence_that_names_it(
+    table, text, sentence
+):
     said = refusal(table, text)
     assert sentence in said
     assert "alpha_y.csv" in said
@@ -280,7 +341,9 @@ def test_a_table_that_cannot_be_used_is_refused_with_a_sentence_that_names_it(ta
 
 @pytest.mark.parametrize("parameter", ["mesh.file", "alpha_y.table", "ground.file"])
 @pytest.mark.parametrize("named", ["a.stl", "below/a.stl", "/else/a.stl", "~nobody/a.stl"])
-def test_a_relative_path_is_beside_the_file_that_names_it(tmp_path, monkeypatch, read, parameter, named):
+def test_a_relative_path_is_beside_the_file_that_names_it(
+    tmp_path, monkeypatch, read, parameter, named
+):
     monkeypatch.chdir("/")
     there = named if named[0] in "/~" else f"{tmp_path}/{named}"
     assert read(node=f"{parameter}: {named}")[parameter] == there
@@ -288,12 +351,20 @@ def test_a_relative_path_is_beside_the_file_that_names_it(tmp_path, monkeypatch,
 
 
 @pytest.mark.parametrize(
-    "mesh", ["plate", "package://rft_ros/meshes/plate.stl", "/else/a.stl", "tool.stl", "below/tool"]
+    "mesh",
+    ["plate", "package://rft_ros/meshes/plate.stl", "/else/a.stl", "tool.stl", "below/tool"],
 )
-def test_a_file_that_was_written_means_the_same_tool_from_any_folder(tmp_path, monkeypatch, read, mesh):
+def test_a_file_that_was_written_means_the_same_tool_from_any_folder(
+    tmp_path, monkeypatch, read, mesh
+):
     monkeypatch.chdir(tmp_path)
     relative = mesh in ("tool.stl", "below/tool")
-    values = {**defaults(), "mesh.file": mesh, "medium.zeta": 0.312, "sensor.position": (0.0, 0.1, 0.2)}
+    values = {
+        **defaults(),
+        "mesh.file": mesh,
+        "medium.zeta": 0.312,
+        "sensor.position": (0.0, 0.1, 0.2),
+    }
     write_parameter_file(tmp_path / "new" / "saved.yaml", values, comment="from a test")
     written = {**values, "mesh.file": f"{tmp_path}/{mesh}" if relative else mesh}
     assert read_parameter_file(tmp_path / "new" / "saved.yaml") == written
@@ -314,9 +385,9 @@ def test_a_law_is_made_by_its_name_and_has_the_defaults_of_the_table_but_no_memo
     law, values = law_named(name, MEDIA["generic"], Constant(0.1)), defaults()
     numbers = [number for number in LAW_NUMBERS if hasattr(law, number)]
     assert law.name == name
-    assert {number: values[f"medium.{number}"] for number in numbers} | {"mobilization_length": 0.0} == {
-        number: getattr(law, number) for number in numbers
-    }
+    assert {number: values[f"medium.{number}"] for number in numbers} | {
+        "mobilization_length": 0.0
+    } == {number: getattr(law, number) for number in numbers}
 
 
 def test_a_number_that_no_law_has_is_refused_by_its_name():

@@ -4,7 +4,14 @@ import signal
 from pathlib import Path
 
 import pytest
-from path_arguments import GOOD, command_lines, hostile_paths, parameters_with, path_arguments, write_good
+from path_arguments import (
+    GOOD,
+    command_lines,
+    hostile_paths,
+    parameters_with,
+    path_arguments,
+    write_good,
+)
 
 from rft_ros.cli import main
 
@@ -58,12 +65,16 @@ def named(sentence, kind, path):
 INPUTS = [(name, action) for name, action in path_arguments() if action.dest not in OUTPUTS]
 
 
-@pytest.mark.parametrize(("command", "action"), INPUTS, ids=[f"{name}-{action.dest}" for name, action in INPUTS])
+@pytest.mark.parametrize(
+    ("command", "action"), INPUTS, ids=[f"{name}-{action.dest}" for name, action in INPUTS]
+)
 def test_a_path_that_is_no_file_of_use_is_refused_with_one_sentence(folder, said, command, action):
     if action.dest in ("medium", "alpha_y"):
         suffix = ".csv"
     else:
-        suffix = Path(next(good[action.dest] for good in GOOD[command] if action.dest in good)).suffix
+        suffix = Path(
+            next(good[action.dest] for good in GOOD[command] if action.dest in good)
+        ).suffix
     for kind, path in hostile_paths(folder / "hostile", suffix).items():
         for words in command_lines(str(path), command=command, action=action):
             status, lines = said(words)
@@ -84,10 +95,16 @@ def test_a_parameter_that_names_no_file_of_use_is_refused_with_one_sentence(fold
                 assert named(lines[0], kind, path), (kind, name, suffix, lines)
 
 
-RESULTS = [(name, action) for name, action in path_arguments() if action.dest in OUTPUTS and name != "demo"]
+RESULTS = [
+    (name, action)
+    for name, action in path_arguments()
+    if action.dest in OUTPUTS and name != "demo"
+]
 
 
-@pytest.mark.parametrize(("command", "action"), RESULTS, ids=[f"{name}-{action.dest}" for name, action in RESULTS])
+@pytest.mark.parametrize(
+    ("command", "action"), RESULTS, ids=[f"{name}-{action.dest}" for name, action in RESULTS]
+)
 def test_a_path_that_cannot_be_written_is_refused_with_one_sentence(folder, said, command, action):
     suffix = Path(next(good[action.dest] for good in GOOD[command] if action.dest in good)).suffix
     paths = hostile_paths(folder / "hostile", suffix)

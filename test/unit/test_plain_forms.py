@@ -12,14 +12,22 @@ def test_a_statement_sets_one_thing():
 
 
 @pytest.mark.parametrize(
-    "dense", ["low, high = 0.0, 1.0", "a, b = b, a", "self.x, self.y = p", "a[0], a[1] = 1, 2", "(x, y), z = p, 0.0"]
+    "dense",
+    [
+        "low, high = 0.0, 1.0",
+        "a, b = b, a",
+        "self.x, self.y = p",
+        "a[0], a[1] = 1, 2",
+        "(x, y), z = p, 0.0",
+    ],
 )
 def test_what_sets_several_things_is_found(dense):
     assert dense_assignments(f"def f(self):\n    {dense}\n") == [dense]
 
 
 @pytest.mark.parametrize(
-    "plain", ["x, y, z = p", "low, high = limits()", "tau_x, tau_y = tx - 1.0, ty", "i0, j0 = i, j"]
+    "plain",
+    ["x, y, z = p", "low, high = limits()", "tau_x, tau_y = tx - 1.0, ty", "i0, j0 = i, j"],
 )
 def test_coordinates_and_one_value_that_is_unpacked_are_plain(plain):
     assert dense_assignments(plain) == []

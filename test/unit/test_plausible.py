@@ -40,8 +40,17 @@ SIZES = st.floats(np.log(2e-3), np.log(2.5)).map(np.exp)
 
 
 @settings(max_examples=30, deadline=None)
-@given(SIZES, SHAPES, st.floats(0.0, 0.3), st.floats(-0.5, 1.0), st.floats(0.1, 3.0), st.floats(-1.0, 1.0))
-def test_what_an_arm_or_an_excavator_can_do_is_not_flagged(size, shape, flange, share, zeta, height):
+@given(
+    SIZES,
+    SHAPES,
+    st.floats(0.0, 0.3),
+    st.floats(-0.5, 1.0),
+    st.floats(0.1, 3.0),
+    st.floats(-1.0, 1.0),
+)
+def test_what_an_arm_or_an_excavator_can_do_is_not_flagged(
+    size, shape, flange, share, zeta, height
+):
     depth = share * (size + 0.2)
     answer = estimated(box(size, shape, flange=flange), depth, zeta=zeta, surface_height=height)
     assume(np.linalg.norm(answer.predicted[:3]) < 1e5)
@@ -53,7 +62,9 @@ def test_what_an_arm_or_an_excavator_can_do_is_not_flagged(size, shape, flange, 
 def test_poses_in_millimetres_are_not_trusted(size, shape, flange, share, above):
     tool = box(size, shape, flange=flange)
     depth = 0.002 + share * (size + 0.1)
-    assume(depth + tool.lowest_point(np.eye(3)) > 0.01 * size + 0.001)  # the frame's origin is below the surface too
+    assume(
+        depth + tool.lowest_point(np.eye(3)) > 0.01 * size + 0.001
+    )  # the frame's origin is below the surface too
     deep = estimated(tool, depth, unit=1e3)
     aloft = estimated(tool, -0.06 - above, unit=1e3)
     for answer in (deep, aloft):
@@ -83,7 +94,10 @@ def test_meshes_in_millimetres_are_not_trusted(size, shape, share):
 def test_predict_and_view_say_what_cannot_be_and_a_first_state_in_the_grains(
     tmp_path, capsys, command, z, options, words
 ):
-    states, out = tmp_path / "states.csv", tmp_path / ("out.csv" if command == "predict" else "out.html")
+    states, out = (
+        tmp_path / "states.csv",
+        tmp_path / ("out.csv" if command == "predict" else "out.html"),
+    )
     rows = np.zeros((3, 14))
     rows[:, 0], rows[:, 7], rows[:, 10] = (0.0, 0.1, 0.2), 1.0, -0.01
     rows[:, 3] = z - 0.01 * rows[:, 0]
@@ -93,9 +107,15 @@ def test_predict_and_view_say_what_cannot_be_and_a_first_state_in_the_grains(
     assert any(all(word in line for word in words) for line in lines), lines
 
 
-def test_the_motion_of_the_readme_begins_at_the_surface_for_a_tool_below_its_flange(tmp_path, monkeypatch, capsys):
+def test_the_motion_of_the_readme_begins_at_the_surface_for_a_tool_below_its_flange(
+    tmp_path, monkeypatch, capsys
+):
     page = (Path(__file__).parents[2] / "README.md").read_text()
-    (script,) = (code for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL) if "states.csv" in code)
+    (script,) = (
+        code
+        for code in re.findall(r"```python\n(.*?)```", page, re.DOTALL)
+        if "states.csv" in code
+    )
     tool = trimesh.creation.box(extents=(40.0, 30.0, 120.0))
     tool.apply_translation([0.0, 0.0, -60.0])  # the flange is at the origin
     tool.export(tmp_path / "my_tool.stl")

@@ -17,7 +17,9 @@ def reductions(tmp_path, monkeypatch):
     monkeypatch.setenv("XDG_CACHE_HOME", str(tmp_path / "cache"))
     made, reduced = [], reduce.reduced_for_any_motion
     monkeypatch.setattr(
-        reduce, "reduced_for_any_motion", lambda *arguments: made.append(arguments) or reduced(*arguments)
+        reduce,
+        "reduced_for_any_motion",
+        lambda *arguments: made.append(arguments) or reduced(*arguments),
     )
     return made
 
@@ -27,9 +29,14 @@ def tool(file="root_tip", **options):
 
 
 def same(a, b):
-    arrays = [(getattr(a.plates, name), getattr(b.plates, name)) for name in ("rows", "blocks", "order", "bounds")]
+    arrays = [
+        (getattr(a.plates, name), getattr(b.plates, name))
+        for name in ("rows", "blocks", "order", "bounds")
+    ]
     return (
-        a.reduction == b.reduction and all(np.array_equal(x, y) for x, y in arrays) and a.plates.reach == b.plates.reach
+        a.reduction == b.reduction
+        and all(np.array_equal(x, y) for x, y in arrays)
+        and a.plates.reach == b.plates.reach
     )
 
 
@@ -63,7 +70,9 @@ def test_the_content_decides_and_not_the_files_name(reductions, tmp_path):
         assert len(reductions) == count, changed
 
 
-@pytest.mark.parametrize("damage", ["truncated", "changed", "empty", "fifo", "folder", "of another kind"])
+@pytest.mark.parametrize(
+    "damage", ["truncated", "changed", "empty", "fifo", "folder", "of another kind"]
+)
 def test_a_damaged_file_is_not_used_and_is_replaced(reductions, damage):
     first, (file,) = tool(), kept()
     data = file.read_bytes()
@@ -74,7 +83,11 @@ def test_a_damaged_file_is_not_used_and_is_replaced(reductions, damage):
         file.mkdir()
     else:
         middle = len(data) // 2
-        contents = {"truncated": data[:-5], "changed": data[:middle] + b"!" + data[middle + 1 :], "empty": b""}
+        contents = {
+            "truncated": data[:-5],
+            "changed": data[:middle] + b"!" + data[middle + 1 :],
+            "empty": b"",
+        }
         file.write_bytes(contents.get(damage, b"\0" * 100))
     assert same(first, tool())
     assert len(reductions) == 2
@@ -106,7 +119,10 @@ def test_processes_that_reduce_the_same_tool_at_once_do_not_disturb_each_other()
         "import hashlib; from rft_ros.tool import load_tool;"
         "print(hashlib.sha256(load_tool('root_tip', tolerance=0.05).plates.rows.tobytes()).hexdigest())"
     )
-    running = [subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True) for _ in range(3)]
+    running = [
+        subprocess.Popen([sys.executable, "-c", code], stdout=subprocess.PIPE, text=True)
+        for _ in range(3)
+    ]
     said = {process.communicate(timeout=600)[0] for process in running}
     assert len(said) == 1
     assert len(kept()) == 1

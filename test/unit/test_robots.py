@@ -25,8 +25,12 @@ def recorded(path, states, readings, values, remap=()):
     topics = topics_of(values, remap)
     kinds = {"pose": (topics["pose"], POSE), "wrench": (topics["wrench"], WRENCH)}
     frames = {"pose": values["world_frame"], "wrench": values["sensor_frame"]}
-    noise = np.random.default_rng(7).normal(scale=(0.02, 0.02, 0.02, 2e-4, 2e-4, 2e-4), size=readings.shape)
-    return write_run(path, 0.01 * np.arange(len(states)), states, readings + noise, topics=kinds, frames=frames)
+    noise = np.random.default_rng(7).normal(
+        scale=(0.02, 0.02, 0.02, 2e-4, 2e-4, 2e-4), size=readings.shape
+    )
+    return write_run(
+        path, 0.01 * np.arange(len(states)), states, readings + noise, topics=kinds, frames=frames
+    )
 
 
 @pytest.mark.parametrize("file", sorted(ROBOTS.glob("*.yaml")), ids=lambda file: file.stem)
@@ -51,14 +55,18 @@ def test_without_grains_the_compensated_wrench_is_what_pushes_the_tool(tmp_path)
     angles = [(0, 0), (40, 0), (0, 40), (-40, 0), (0, -40), (25, 25), (0, 0)]
     still = np.repeat(np.arange(13) // 2, 150)
     moving = np.tile(np.linspace(0.0, 1.0, 150), 13) * (np.repeat(np.arange(13), 150) % 2)
-    attitudes = Slerp(np.arange(7), Rotation.from_euler("xy", angles, degrees=True))(still + moving)
+    attitudes = Slerp(np.arange(7), Rotation.from_euler("xy", angles, degrees=True))(
+        still + moving
+    )
     states = np.zeros((len(still), len(STATE)))
     states[:, 2] = 0.3
     states[:, QUATERNION] = attitudes.as_quat()
     weight = attitudes.inv().apply([0.0, 0.0, -0.8 * 9.80665])
     readings = np.hstack([weight, np.cross([0.0, 0.01, 0.06], weight)]) + OFFSET
     cell = tmp_path / "cell.yaml"
-    cell.write_text("/**:\n  ros__parameters:\n    surface_height: -1.0\n    twist_source: pose_difference\n")
+    cell.write_text(
+        "/**:\n  ros__parameters:\n    surface_height: -1.0\n    twist_source: pose_difference\n"
+    )
     values = read_parameter_file(cell)
     bag = recorded(tmp_path / "bag", states, readings, values)
     weighed = tmp_path / "weighed.yaml"
@@ -70,7 +78,9 @@ def test_without_grains_the_compensated_wrench_is_what_pushes_the_tool(tmp_path)
     replay(pushed, tmp_path / "out", read_parameter_file(weighed))
     with (tmp_path / "out" / "estimates.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if row["compensated_fz"]]
-    found = np.array([[float(row[f"compensated_{name}"]) for name in ("fx", "fy", "fz", "tx")] for row in rows])
+    found = np.array(
+        [[float(row[f"compensated_{name}"]) for name in ("fx", "fy", "fz", "tx")] for row in rows]
+    )
     known = push[-len(found) :, [0, 1, 2, 3]]
     assert np.abs(found[:, :3] - known[:, :3]).max() < 0.2
     assert np.abs(found[:, 3] - known[:, 3]).max() < 0.01

@@ -10,13 +10,18 @@ from hypothesis import strategies as st
 from rft_ros.parameters.stress_map import StressMap, fit_medium
 from rft_ros.rft import MEDIA, Medium
 
-BETA, GAMMA = (np.deg2rad(a).ravel() for a in np.meshgrid(np.arange(-75.0, 91.0, 15.0), np.arange(-75.0, 91.0, 15.0)))
+BETA, GAMMA = (
+    np.deg2rad(a).ravel()
+    for a in np.meshgrid(np.arange(-75.0, 91.0, 15.0), np.arange(-75.0, 91.0, 15.0))
+)
 
 
 def map_of(medium, beta=BETA, gamma=GAMMA, *, noise=0.0, seed=0):
     alpha_x, alpha_z = medium.stresses(beta, gamma)
     scatter = noise * np.random.default_rng(seed).normal(size=(2, len(beta)))
-    return StressMap(beta=beta, gamma=gamma, alpha_x=alpha_x + scatter[0], alpha_z=alpha_z + scatter[1])
+    return StressMap(
+        beta=beta, gamma=gamma, alpha_x=alpha_x + scatter[0], alpha_z=alpha_z + scatter[1]
+    )
 
 
 @pytest.mark.parametrize("medium", MEDIA.values(), ids=MEDIA)
@@ -37,7 +42,10 @@ def test_the_errors_cover_the_truth_on_random_angles_with_cells_missing(seed, ce
     missing = random.random((2, cells)) < 0.2
     alpha_x, alpha_z = np.where(missing, np.nan, [measured.alpha_x, measured.alpha_z])
     fit = fit_medium(replace(measured, alpha_x=alpha_x, alpha_z=alpha_z), name="mine")
-    off = [abs(fit.medium.coefficients[n] - medium.coefficients[n]) / fit.errors[n] for n in fit.errors]
+    off = [
+        abs(fit.medium.coefficients[n] - medium.coefficients[n]) / fit.errors[n]
+        for n in fit.errors
+    ]
     assert max(off) < 6.0
     assert np.mean(np.less(off, 3.0)) >= 7 / 9
 
@@ -45,7 +53,10 @@ def test_the_errors_cover_the_truth_on_random_angles_with_cells_missing(seed, ce
 @pytest.mark.parametrize(
     ("kept", "groups"),
     [
-        (np.isclose(GAMMA, np.deg2rad(90.0)), ("A00 and B01", "A10, B11 and Bm11", "C11, Cm11 and D10", "C01")),
+        (
+            np.isclose(GAMMA, np.deg2rad(90.0)),
+            ("A00 and B01", "A10, B11 and Bm11", "C11, Cm11 and D10", "C01"),
+        ),
         (np.isclose(BETA % np.deg2rad(90.0), 0.0), ("B11 and Bm11", "C11 and Cm11", "D10")),
         (np.isclose(BETA, 0.0), ("A00 and A10", "B11, B01 and Bm11", "C11, C01 and Cm11", "D10")),
         (np.arange(len(BETA)) < 0, ()),
@@ -54,7 +65,9 @@ def test_the_errors_cover_the_truth_on_random_angles_with_cells_missing(seed, ce
 )
 def test_coefficients_that_the_angles_leave_open_are_named_and_filled_in(kept, groups):
     kept = kept if kept.any() else np.ones(len(BETA), dtype=bool)
-    half = Medium.of("half", {name: 0.5 * value for name, value in MEDIA["generic"].coefficients.items()})
+    half = Medium.of(
+        "half", {name: 0.5 * value for name, value in MEDIA["generic"].coefficients.items()}
+    )
     fit = fit_medium(map_of(half, BETA[kept], GAMMA[kept]), name="mine")
     assert fit.medium.coefficients == pytest.approx(half.coefficients, abs=1e-9)
     assert len(fit.remarks) == len(groups)
@@ -68,10 +81,16 @@ def test_coefficients_that_the_angles_leave_open_are_named_and_filled_in(kept, g
 
 
 @pytest.mark.parametrize(
-    ("stress", "names"), [("alpha_x", ("C11", "C01", "Cm11", "D10")), ("alpha_z", ("A00", "A10", "B11", "B01", "Bm11"))]
+    ("stress", "names"),
+    [
+        ("alpha_x", ("C11", "C01", "Cm11", "D10")),
+        ("alpha_z", ("A00", "A10", "B11", "B01", "Bm11")),
+    ],
 )
 def test_a_stress_that_was_not_measured_is_said_once_and_its_angles_are_not_blamed(stress, names):
-    half = Medium.of("half", {name: 0.5 * value for name, value in MEDIA["generic"].coefficients.items()})
+    half = Medium.of(
+        "half", {name: 0.5 * value for name, value in MEDIA["generic"].coefficients.items()}
+    )
     fit = fit_medium(replace(map_of(half), **{stress: np.full_like(BETA, np.nan)}), name="mine")
     assert fit.medium.coefficients == pytest.approx(half.coefficients, abs=1e-9)
     assert all(np.isnan(fit.errors[name]) for name in names)
@@ -86,7 +105,9 @@ def test_a_stress_that_was_not_measured_is_said_once_and_its_angles_are_not_blam
 )
 def test_stresses_far_from_those_of_any_grains_are_doubted_for_their_unit(factor, doubtful):
     """20: a pressure in kPa at a depth of 2 cm."""
-    medium = Medium.of("scaled", {name: factor * value for name, value in MEDIA["generic"].coefficients.items()})
+    medium = Medium.of(
+        "scaled", {name: factor * value for name, value in MEDIA["generic"].coefficients.items()}
+    )
     doubts = fit_medium(map_of(medium), name="mine").medium.doubts
     assert any("N/cm³" in doubt and f"{factor:g} times" in doubt for doubt in doubts) == doubtful
 
@@ -94,19 +115,32 @@ def test_stresses_far_from_those_of_any_grains_are_doubted_for_their_unit(factor
 def test_stresses_along_the_motion_are_refused():
     measured = map_of(MEDIA["generic"])
     with pytest.raises(ValueError, match="along the motion"):
-        fit_medium(replace(measured, alpha_x=-measured.alpha_x, alpha_z=-measured.alpha_z), name="mine")
+        fit_medium(
+            replace(measured, alpha_x=-measured.alpha_x, alpha_z=-measured.alpha_z), name="mine"
+        )
     with pytest.raises(ValueError, match="no cell has a stress"):
         fit_medium(replace(measured, alpha_x=0.0 * BETA, alpha_z=0.0 * BETA), name="mine")
 
 
 @settings(max_examples=40, deadline=None)
-@given(seed=st.integers(0, 2**32 - 1), noise=st.floats(0.0, 0.1), damage=st.sampled_from(["swap", "copy", "cell"]))
-def test_swapped_columns_copied_cells_and_one_wrong_cell_raise_a_doubt_and_a_right_map_does_not(seed, noise, damage):
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    noise=st.floats(0.0, 0.1),
+    damage=st.sampled_from(["swap", "copy", "cell"]),
+)
+def test_swapped_columns_copied_cells_and_one_wrong_cell_raise_a_doubt_and_a_right_map_does_not(
+    seed, noise, damage
+):
     random = np.random.default_rng(seed)
     medium = random.choice(list(MEDIA.values()))
     right = map_of(medium, noise=noise * 0.3 * medium.strength, seed=seed)
     assert fit_medium(right, name="mine").medium.doubts == ()
-    alpha_x, alpha_z, beta, gamma = right.alpha_x.copy(), right.alpha_z.copy(), right.beta, right.gamma
+    alpha_x, alpha_z, beta, gamma = (
+        right.alpha_x.copy(),
+        right.alpha_z.copy(),
+        right.beta,
+        right.gamma,
+    )
     if damage == "swap":
         beta, gamma = gamma, beta
     elif damage == "copy":

@@ -71,7 +71,15 @@ def chunks(out):
 def expected(tmp_path_factory):
     """The rows of LONG, computed in one go."""
     variants = read_design(study(tmp_path_factory.mktemp("expected"), LONG)).variants
-    names = ("tool.mesh", "motion.family", "motion.pitch", "motion.samples", "medium.zeta", *runs.RESULTS, "reason")
+    names = (
+        "tool.mesh",
+        "motion.family",
+        "motion.pitch",
+        "motion.samples",
+        "medium.zeta",
+        *runs.RESULTS,
+        "reason",
+    )
     return [dict(zip(names, row, strict=True)) for row in rows_of(variants, names)]
 
 
@@ -94,16 +102,26 @@ def test_every_tool_meets_every_motion_and_medium_in_one_order(tmp_path):
 
 def test_a_row_holds_what_the_core_gives_for_its_variant(small):
     row = table(small / "results.csv")[3]
-    assert (row["tool.mesh"], row["motion.pitch"], row["medium.zeta"]) == ("root_tip", "0.1", "0.33")
+    assert (row["tool.mesh"], row["motion.pitch"], row["medium.zeta"]) == (
+        "root_tip",
+        "0.1",
+        "0.33",
+    )
     generic = MEDIA["generic"]
-    law = treers2021(generic, alpha_y_model("linear", generic), zeta=0.33, mobilization_length=0.003)
+    law = treers2021(
+        generic, alpha_y_model("linear", generic), zeta=0.33, mobilization_length=0.003
+    )
     times, states = sample(circumnutation(pitch=0.1), 30)
     plates = load_tool("root_tip").plates
     expected = wrenches_in_time(plates, law, states, Memory(plates))[:, :6]
-    assert float(row["mean_fz"]) == pytest.approx(expected[:, 2].mean(), rel=1e-14)  # sums of another order
+    assert float(row["mean_fz"]) == pytest.approx(
+        expected[:, 2].mean(), rel=1e-14
+    )  # sums of another order
     assert float(row["peak_force"]) == np.linalg.norm(expected[:, :3], axis=1).max()
     power = -(expected * states[:, TWIST]).sum(axis=1)
-    assert float(row["total_work"]) == pytest.approx(np.diff(times) @ (power[1:] + power[:-1]) / 2.0)
+    assert float(row["total_work"]) == pytest.approx(
+        np.diff(times) @ (power[1:] + power[:-1]) / 2.0
+    )
 
 
 def test_a_variant_that_fails_is_a_row_with_its_reason(small):
@@ -114,23 +132,42 @@ def test_a_variant_that_fails_is_a_row_with_its_reason(small):
 
 def test_a_sample_is_drawn_by_its_seed(tmp_path):
     first, again, other = (
-        read_design(study(tmp_path, SMALL + f"sample: 7\nseed: {seed}\n")).variants for seed in (1, 1, 2)
+        read_design(study(tmp_path, SMALL + f"sample: 7\nseed: {seed}\n")).variants
+        for seed in (1, 1, 2)
     )
     assert len(first) == 7
     assert first == again != other
 
 
-def test_a_sweep_continues_after_an_interrupt_a_killed_driver_and_a_killed_worker(tmp_path, expected):
+def test_a_sweep_continues_after_an_interrupt_a_killed_driver_and_a_killed_worker(
+    tmp_path, expected
+):
     """No row is lost or computed twice, and nothing runs on."""
     design, out = read_design(study(tmp_path, LONG)), tmp_path / "out"
-    command = [sys.executable, "-m", "rft_ros.cli", "sweep", str(design.file), "-o", str(out), "--workers", "1"]
-    for number, status in ((signal.SIGINT, 130), (signal.SIGTERM, 130), (signal.SIGKILL, -signal.SIGKILL)):
+    command = [
+        sys.executable,
+        "-m",
+        "rft_ros.cli",
+        "sweep",
+        str(design.file),
+        "-o",
+        str(out),
+        "--workers",
+        "1",
+    ]
+    for number, status in (
+        (signal.SIGINT, 130),
+        (signal.SIGTERM, 130),
+        (signal.SIGKILL, -signal.SIGKILL),
+    ):
         before = len(chunks(out))
         streams = {"stdout": subprocess.DEVNULL, "stderr": subprocess.PIPE, "text": True}
         with subprocess.Popen(command, **streams, start_new_session=True) as driver:
             wait_for(lambda: len(chunks(out)) > before)  # noqa: B023
             started = Path(f"/proc/{driver.pid}/task/{driver.pid}/children").read_text().split()
-            os.kill(-driver.pid if number == signal.SIGINT else driver.pid, number)  # a terminal interrupts all
+            os.kill(
+                -driver.pid if number == signal.SIGINT else driver.pid, number
+            )  # a terminal interrupts all
             _, said = driver.communicate()
         assert driver.returncode == status
         assert "Traceback" not in said
@@ -143,7 +180,9 @@ def test_a_sweep_continues_after_an_interrupt_a_killed_driver_and_a_killed_worke
         target=lambda: wait_for(lambda: len(chunks(out)) > before) and active_children()[0].kill()
     )
     killer.start()
-    with pytest.raises(InputError, match=r"the system ended a worker, .* the same command continues"):
+    with pytest.raises(
+        InputError, match=r"the system ended a worker, .* the same command continues"
+    ):
         run(design, out, workers=1)
     killer.join()
     done = sum(len(file.read_text().splitlines()) for file in chunks(out))
@@ -161,7 +200,10 @@ def test_the_rows_of_another_study_are_not_mixed_in(small, tmp_path):
 
 def test_another_mesh_states_file_or_version_makes_another_study(tmp_path, monkeypatch):
     mesh, states = tmp_path / "my.stl", tmp_path / "states.csv"
-    file = study(tmp_path, f"tools: [{{mesh: {mesh}}}]\nmotions: [{{states_file: {states}}}]\nmedia: [{{zeta: 1}}]")
+    file = study(
+        tmp_path,
+        f"tools: [{{mesh: {mesh}}}]\nmotions: [{{states_file: {states}}}]\nmedia: [{{zeta: 1}}]",
+    )
     prints = [read_design(file).fingerprint()]
     for changed, content in ((mesh, "one"), (mesh, "two"), (states, "three")):
         changed.write_text(content)
@@ -192,7 +234,9 @@ def test_a_worker_with_another_file_of_the_same_name_is_refused(tmp_path, monkey
     for folder in ("there", "."):
         monkeypatch.chdir(tmp_path / folder)
         runs._check_contents.cache_clear()  # as in a worker of its own
-        with pytest.raises(InputError, match=r"another mesh 'my\.stl' than this process; give an absolute path"):
+        with pytest.raises(
+            InputError, match=r"another mesh 'my\.stl' than this process; give an absolute path"
+        ):
             rows_of(variants, ["reason"], contents)
 
 
@@ -213,7 +257,10 @@ def test_a_chunk_that_was_cut_at_the_end_of_a_row_is_computed_again(small, tmp_p
     folder = shutil.copytree(small, tmp_path / "small")
     found = read_design(folder / "study.yaml")
     run(found, folder, workers=1)
-    table, cut = (folder / "results.csv").read_bytes(), folder / f"chunks_{found.fingerprint():08x}" / "000010.csv"
+    table, cut = (
+        (folder / "results.csv").read_bytes(),
+        folder / f"chunks_{found.fingerprint():08x}" / "000010.csv",
+    )
     rows = cut.read_bytes().splitlines(keepends=True)
     assert len(rows) == 10
     cut.write_bytes(b"".join(rows[:7]))
@@ -225,12 +272,18 @@ def test_a_chunk_that_was_cut_at_the_end_of_a_row_is_computed_again(small, tmp_p
 @pytest.mark.parametrize(
     ("motion", "medium", "reason"),
     [
-        ({"states_file": "far.csv"}, {"mobilization_length": 0.0}, "its forces, work or path are too large"),
+        (
+            {"states_file": "far.csv"},
+            {"mobilization_length": 0.0},
+            "its forces, work or path are too large",
+        ),
         ({"states_file": "back.csv"}, {}, "'back.csv': t goes back; work needs it in order"),
         ({"family": "straight"}, {"alpha_y": "table"}, "needs alpha_y.table"),
     ],
 )
-def test_a_variant_that_cannot_be_computed_gives_a_reason(tmp_path, monkeypatch, motion, medium, reason):
+def test_a_variant_that_cannot_be_computed_gives_a_reason(
+    tmp_path, monkeypatch, motion, medium, reason
+):
     monkeypatch.chdir(tmp_path)
     for name, times in (("far.csv", (0, 1)), ("back.csv", (1, 0))):
         rows = "".join(f"{t},0,0,-1e150,0,0,0,1,1e200,0,0,0,0,0\n" for t in times)
@@ -245,20 +298,35 @@ def test_a_variant_that_cannot_be_computed_gives_a_reason(tmp_path, monkeypatch,
         (("family: straight", "family: [[straight]]"), ("motions 2", "family is ['straight']")),
         (("pitch: ", "pitsch: "), ("motions 1", "there is no 'pitsch'", "tilt_deg")),
         (("[0.04, 0.1]", "[]"), ("motions 1", "pitch", "empty")),
-        (("[0.04, 0.1]", "[spam]"), ("motions 1", "pitch is 'spam'; it must be a number from 1e-09 to")),
+        (
+            ("[0.04, 0.1]", "[spam]"),
+            ("motions 1", "pitch is 'spam'; it must be a number from 1e-09 to"),
+        ),
         (("mesh: plate", "mesh: plaet"), ("tools 2", "mesh.file 'plaet' is not a shipped mesh")),
         (("count: 3", "number: 3"), ("motions 2", "travel", "from, to and count")),
-        (("count: 3", "count: 1000000000000"), ("motions 2", "travel", "count, of 1 to 1,000,000")),
+        (
+            ("count: 3", "count: 1000000000000"),
+            ("motions 2", "travel", "count, of 1 to 1,000,000"),
+        ),
         (("count: 3", "count: 200000"), ("has 1,200,012 variants; the limit is 1,000,000",)),
         (("samples: 30", "samples: .inf"), ("line", ".inf", "decimal number")),
         (("mesh: plate", "mesh: 3"), ("tools 2", "mesh", "3")),
         (("mesh: plate, ", ""), ("tools 2", "mesh")),
         (("zeta:", "zetta:"), ("media 1", "zetta")),
         (("alpha_y: linear", "mobilization_length: -0.003"), ("media 1", "must lie between 0")),
-        (("alpha_y: linear", "law: li2013"), ("law is 'li2013'; it must be one of treers2021, agarwal2023",)),
+        (
+            ("alpha_y: linear", "law: li2013"),
+            ("law is 'li2013'; it must be one of treers2021, agarwal2023",),
+        ),
         (("media:", "mediums:"), ("mediums",)),
-        (("\ntools:", "\nsample: 31\ntools:"), ("sample is 31; it must be a whole number from 1 to 30",)),
-        ((SMALL, "/**: {ros__parameters: {}}"), ("there is no '/**'; use tools, motions, media, sample",)),
+        (
+            ("\ntools:", "\nsample: 31\ntools:"),
+            ("sample is 31; it must be a whole number from 1 to 30",),
+        ),
+        (
+            (SMALL, "/**: {ros__parameters: {}}"),
+            ("there is no '/**'; use tools, motions, media, sample",),
+        ),
     ],
 )
 def test_a_wrong_entry_is_named(tmp_path, change, words):
@@ -268,9 +336,13 @@ def test_a_wrong_entry_is_named(tmp_path, change, words):
 
 def test_a_cluster_gives_the_same_table_and_survives_the_loss_of_a_worker(tmp_path, expected):
     distributed = pytest.importorskip("distributed")
-    with distributed.LocalCluster(n_workers=1, threads_per_worker=1, dashboard_address=None) as cluster:
+    with distributed.LocalCluster(
+        n_workers=1, threads_per_worker=1, dashboard_address=None
+    ) as cluster:
         loss = threading.Thread(
-            target=lambda: wait_for(lambda: chunks(tmp_path)) and os.kill(cluster.workers[0].pid, 9)
+            target=lambda: (
+                wait_for(lambda: chunks(tmp_path)) and os.kill(cluster.workers[0].pid, 9)
+            )
         )
         loss.start()
         run(read_design(study(tmp_path, LONG)), tmp_path, scheduler=cluster.scheduler_address)
@@ -286,7 +358,10 @@ def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
 
 
 def test_a_study_compares_laws_and_densities():
-    tool, motion = {"mesh": "plate"}, {"family": "straight", "speed": 1.0, "travel": 0.03, "tilt_deg": 30.0}
+    tool, motion = (
+        {"mesh": "plate"},
+        {"family": "straight", "speed": 1.0, "travel": 0.03, "tilt_deg": 30.0},
+    )
     media = {}, {"law": "agarwal2023", "density": 1500.0}, {"density": 1500.0}
     peaks = [evaluate(Variant(tool, motion, m))["peak_force"] for m in media]
     assert len(set(peaks)) == 3

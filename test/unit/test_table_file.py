@@ -12,7 +12,10 @@ from rft_ros.states_file import read_states
 from rft_ros.table_file import Column, columns_named, read_table
 
 UNITS = {"": 1.0, "deg": 1.0, "rad": 180.0 / np.pi}
-COLUMNS = (Column("beta", UNITS), Column("alpha_x", {"": 1.0, "n/cm3": 1.0, "pa/m": 1e-6}, gaps=True))
+COLUMNS = (
+    Column("beta", UNITS),
+    Column("alpha_x", {"": 1.0, "n/cm3": 1.0, "pa/m": 1e-6}, gaps=True),
+)
 MORE = (Column("gamma", UNITS),)
 SPELLINGS = {  # of each column, with the factor to the reader's unit
     "beta": [("beta", 1.0), ("beta_deg", 1.0), ("β [rad]", 180.0 / np.pi)],
@@ -26,7 +29,11 @@ number = st.floats(-1e3, 1e3, allow_subnormal=False)
 @st.composite
 def tables(draw):
     """A text, and the columns that it means, in the reader's units, by name."""
-    names = draw(st.permutations(["beta", "alpha_x", *draw(st.sampled_from([[], ["gamma"], ["label", "gamma"]]))]))
+    names = draw(
+        st.permutations(
+            ["beta", "alpha_x", *draw(st.sampled_from([[], ["gamma"], ["label", "gamma"]]))]
+        )
+    )
     separator = draw(st.sampled_from([",", ";", "\t"]))
     decimal_comma = separator == ";" and draw(st.booleans())
     spelled = {name: draw(st.sampled_from(SPELLINGS[name])) for name in names}
@@ -41,7 +48,11 @@ def tables(draw):
             missing = gap and name == "alpha_x"
             cells.append(draw(st.sampled_from(["", "NaN", "n/a"])) if missing else repr(value))
             meant[name].append(np.nan if missing else value * spelled[name][1])
-        lines += [separator.join(cells).replace(".", "," if decimal_comma else "."), "", "# a remark"]
+        lines += [
+            separator.join(cells).replace(".", "," if decimal_comma else "."),
+            "",
+            "# a remark",
+        ]
     end = draw(st.sampled_from(["\n", "\r\n", "\r"]))
     mark = draw(st.sampled_from(["", "\ufeff"]))
     return mark + end.join([*lines, ""]), meant
@@ -86,7 +97,9 @@ def test_a_line_that_is_no_row_is_refused_by_its_number_and_not_quoted(tmp_path,
     for text in ("root:hunter2:19000\n", "# nothing\n", "words\n"):
         file.write_text(text)
         said = refusal(READERS[reader], file)
-        assert_says(said, str(file), f"has no column {HEADERS[reader].split(',')[0]}", HEADERS[reader])
+        assert_says(
+            said, str(file), f"has no column {HEADERS[reader].split(',')[0]}", HEADERS[reader]
+        )
         assert "hunter2" not in said
     file.write_text(HEADERS[reader] + "\n")
     assert_says(refusal(READERS[reader], file), "no rows")

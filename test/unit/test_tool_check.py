@@ -47,7 +47,10 @@ CENTRES = BALL.triangles.mean(axis=1, keepdims=True)
 @pytest.mark.parametrize(
     ("mesh", "issues"),
     [
-        (of(BALL.vertices, BALL.faces[1:]), {"not_closed": "the surface is not closed (open edges: 3)"}),
+        (
+            of(BALL.vertices, BALL.faces[1:]),
+            {"not_closed": "the surface is not closed (open edges: 3)"},
+        ),
         (
             trimesh.creation.annulus(r_min=0.018, r_max=0.02, height=0.02),
             {"concave": "rft check-mesh says whether the convex hull (mesh.hull"},
@@ -55,14 +58,20 @@ CENTRES = BALL.triangles.mean(axis=1, keepdims=True)
         (of(BALL.vertices, turned(BALL.faces, 7)), {"inconsistent_winding": WINDING}),
         (of(BALL.vertices, BALL.faces[:, ::-1]), {"inside_out": INSIDE_OUT}),
         (soup(BALL.triangles[:, ::-1]), {"inside_out": INSIDE_OUT}),
-        (soup(0.9 * (BALL.triangles[:, ::-1] - CENTRES) + CENTRES), {"not_closed": "", "inside_out": ""}),
+        (
+            soup(0.9 * (BALL.triangles[:, ::-1] - CENTRES) + CENTRES),
+            {"not_closed": "", "inside_out": ""},
+        ),
         (soup([SHEET]), {"not_closed": ""}),
         (
             of(BALL.vertices, np.vstack([BALL.faces, [[0, 0, 1], [1, 1, 1]]])),
             {"degenerate_facets": "2 of 322 facets have no area: dropped"},
         ),
         (
-            of([[0.1, 0.1, 0.1], [0.2, 0.3, 0.4], [0.4, 0.7, 1.0], [0.0, 0.0, 1.0]], [[0, 1, 2], [0, 1, 3]]),
+            of(
+                [[0.1, 0.1, 0.1], [0.2, 0.3, 0.4], [0.4, 0.7, 1.0], [0.0, 0.0, 1.0]],
+                [[0, 1, 2], [0, 1, 3]],
+            ),
             {
                 "degenerate_facets": "1 of 2 facets have no area: dropped",
                 "not_closed": "",
@@ -80,7 +89,9 @@ CENTRES = BALL.triangles.mean(axis=1, keepdims=True)
         *(
             (
                 trimesh.creation.box((e, e / 2, e / 16)),
-                {"size": f"is {said} m at mesh.scale 1; if {meant} m is meant, set mesh.scale (--scale) to {by}"},
+                {
+                    "size": f"is {said} m at mesh.scale 1; if {meant} m is meant, set mesh.scale (--scale) to {by}"
+                },
             )
             for e, said, meant, by in (
                 (51.0, "51", "0.051", "0.001"),
@@ -99,7 +110,9 @@ def test_each_issue_is_named_with_numbers_and_no_other(mesh, issues):
 
 
 def boxes(*places, extents=(0.04, 0.02, 0.06)):
-    return trimesh.util.concatenate([trimesh.creation.box(extents).apply_translation(place) for place in places])
+    return trimesh.util.concatenate(
+        [trimesh.creation.box(extents).apply_translation(place) for place in places]
+    )
 
 
 @pytest.mark.parametrize("axis", range(3))
@@ -112,7 +125,9 @@ def test_bodies_that_touch_or_overlap_are_named_and_bodies_apart_are_not(axis, d
 def test_a_cavity_is_no_body_inside_another():
     inner = trimesh.creation.box((0.01,) * 3)
     inner.invert()
-    assert "overlap" not in check_mesh(trimesh.util.concatenate([trimesh.creation.box((0.03,) * 3), inner]))
+    assert "overlap" not in check_mesh(
+        trimesh.util.concatenate([trimesh.creation.box((0.03,) * 3), inner])
+    )
 
 
 def test_a_mesh_far_from_the_tool_frame_is_named_with_its_distance():

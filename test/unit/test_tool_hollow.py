@@ -11,7 +11,10 @@ PLATE = (0.03, 0.03, 0.003)
 
 
 def plates(gap, *, extents=PLATE, count=2):
-    made = [trimesh.creation.box(extents).apply_translation((0.0, 0.0, k * (gap + extents[2]))) for k in range(count)]
+    made = [
+        trimesh.creation.box(extents).apply_translation((0.0, 0.0, k * (gap + extents[2])))
+        for k in range(count)
+    ]
     return trimesh.util.concatenate(made)
 
 
@@ -41,7 +44,11 @@ def test_both_forces_are_told_with_the_one_that_simulated_grains_support(mesh, p
     tool = tool_of_mesh(mesh, name="hollow")
     assert "rft check-mesh" in tool.issues["concave"]
     lines = {line.partition(":")[0]: line for line in describe_hollow(tool)}
-    for motion, advice in (("press along -z", press), ("drag along x", drag), ("drag along y", drag)):
+    for motion, advice in (
+        ("press along -z", press),
+        ("drag along x", drag),
+        ("drag along y", drag),
+    ):
         assert advice in lines[motion]
         assert " N; " in lines[motion]
 
@@ -65,5 +72,12 @@ def test_mesh_hull_takes_the_hull_which_has_no_hollow_and_keeps_origin_and_unit(
 
 
 def test_what_has_no_hull_is_refused_with_what_to_do(tmp_path):
-    (tmp_path / "flat.obj").write_text("v 0 0 0\nv 10 0 0\nv 10 10 0\nv 0 10 0\nf 1 3 2\nf 1 4 3\n")
-    assert_says(refusal(lambda: load_tool(tmp_path / "flat.obj", hull=True)), "flat.obj", "plane", "mesh.hull")
+    (tmp_path / "flat.obj").write_text(
+        "v 0 0 0\nv 10 0 0\nv 10 10 0\nv 0 10 0\nf 1 3 2\nf 1 4 3\n"
+    )
+    assert_says(
+        refusal(lambda: load_tool(tmp_path / "flat.obj", hull=True)),
+        "flat.obj",
+        "plane",
+        "mesh.hull",
+    )

@@ -56,7 +56,9 @@ def test_package_uri_is_found_where_pip_installs(tmp_path, monkeypatch):
 
 
 @pytest.mark.parametrize("name", SHIPPED)
-def test_shipped_mesh_by_name_and_by_uri_is_not_hidden_by_a_folder_of_that_name(name, tmp_path, monkeypatch):
+def test_shipped_mesh_by_name_and_by_uri_is_not_hidden_by_a_folder_of_that_name(
+    name, tmp_path, monkeypatch
+):
     monkeypatch.chdir(tmp_path)
     Path(name).mkdir()
     assert locate_mesh(name).is_file()
@@ -66,11 +68,17 @@ def test_shipped_mesh_by_name_and_by_uri_is_not_hidden_by_a_folder_of_that_name(
 @pytest.mark.parametrize(
     ("file", "message"),
     [
-        *((name, f"mesh.file '{name}' is not a shipped mesh .*{', '.join(SHIPPED)}") for name in ("elipsoid", "", "~")),
+        *(
+            (name, f"mesh.file '{name}' is not a shipped mesh .*{', '.join(SHIPPED)}")
+            for name in ("elipsoid", "", "~")
+        ),
         (3, "^mesh.file is 3; it must be a path or the name"),
         ("file:///a%00.stl", "; it must be a path or the name"),
         ("file://nas/c.stl", "is on another machine, 'nas'"),
-        ("package://gone/a.stl", "^package 'gone' has no share folder in AMENT_PREFIX_PATH .*overlay"),
+        (
+            "package://gone/a.stl",
+            "^package 'gone' has no share folder in AMENT_PREFIX_PATH .*overlay",
+        ),
         ("package:///a.stl", "^package '' has no share folder in AMENT_PREFIX_PATH .*overlay"),
         ("package://gripper/../other/a.stl", "leaves its package"),
         ("package://gripper/%2e%2e/other/a.stl", "leaves its package"),

@@ -35,7 +35,9 @@ def refused(path, **given):
     return str(caught.value)
 
 
-@pytest.mark.parametrize("options", [*({"suffix": suffix} for suffix in SUFFIXES), {"file_type": "stl_ascii"}])
+@pytest.mark.parametrize(
+    "options", [*({"suffix": suffix} for suffix in SUFFIXES), {"file_type": "stl_ascii"}]
+)
 def test_every_format_keeps_facets_order_and_winding(tmp_path, options):
     path = written(tmp_path, **options)
     np.testing.assert_allclose(read(path).triangles, TRIANGLES, atol=1e-5)
@@ -52,8 +54,12 @@ def test_names_that_are_not_utf_8(tmp_path, suffix):
 
 
 SQUARE = np.array([(0, 0), (30, 0), (30, 30), (0, 30)], dtype=float)
-L = np.array([(10, 10), (10, 30), (0, 30), (0, 0), (30, 0), (30, 10)], dtype=float)  # its first corner sees all others
-U = np.array([(0, 0), (30, 0), (30, 40), (20, 40), (20, 10), (10, 10), (10, 40), (0, 40)], dtype=float)
+L = np.array(
+    [(10, 10), (10, 30), (0, 30), (0, 0), (30, 0), (30, 10)], dtype=float
+)  # its first corner sees all others
+U = np.array(
+    [(0, 0), (30, 0), (30, 40), (20, 40), (20, 10), (10, 10), (10, 40), (0, 40)], dtype=float
+)
 DART = np.array([(0, 0), (-3, 10), (0, 30), (-10, 10)], dtype=float)
 
 
@@ -68,7 +74,9 @@ def prism(folder, outline):
     return folder / "prism.obj"
 
 
-def test_polygons_become_triangles_and_concave_ones_that_readers_divide_wrongly_are_refused(tmp_path):
+def test_polygons_become_triangles_and_concave_ones_that_readers_divide_wrongly_are_refused(
+    tmp_path,
+):
     """Readers of OBJ, PLY and DAE divide a polygon into a fan from its first corner."""
     for outline, area in ((SQUARE, 900.0), (L, 500.0)):
         side = np.linalg.norm(outline - np.roll(outline, 1, axis=0), axis=1).sum()
@@ -83,8 +91,12 @@ def test_scene_is_one_mesh_with_its_transforms_applied(tmp_path, suffix):
     box = trimesh.creation.box(extents=(1.0, 2.0, 3.0))
     if suffix == "glb":
         scene = trimesh.Scene()
-        scene.add_geometry(box, transform=trimesh.transformations.translation_matrix([10.0, 0.0, 0.0]))
-        scene.add_geometry(box, transform=np.diag([-1.0, 1.0, 1.0, 1.0]))  # a mirror must not turn it inside out
+        scene.add_geometry(
+            box, transform=trimesh.transformations.translation_matrix([10.0, 0.0, 0.0])
+        )
+        scene.add_geometry(
+            box, transform=np.diag([-1.0, 1.0, 1.0, 1.0])
+        )  # a mirror must not turn it inside out
         scene.export(tmp_path / "scene.glb")
     else:
         text = box.export(file_type="dae").decode()
@@ -107,7 +119,10 @@ def test_scale_and_origin_place_the_vertices(tmp_path):
         ({"scale": "1"}, ("mesh.scale", "'1'", "at least 0")),
         ({"origin": "abc"}, ("mesh.origin", "real numbers")),
         *(({"origin": v}, ("mesh.origin", f"[{len(v)}]", "[3]")) for v in ((), (0.0, 0.0))),
-        *(({"origin": (0.0, 0.0, v)}, ("mesh.origin", str(v), "near mesh file")) for v in (1e30, np.nan, np.inf)),
+        *(
+            ({"origin": (0.0, 0.0, v)}, ("mesh.origin", str(v), "near mesh file"))
+            for v in (1e30, np.nan, np.inf)
+        ),
     ],
 )
 def test_a_wrong_scale_or_origin_is_refused(tmp_path, placed, words):
@@ -148,14 +163,21 @@ NOT_VALID = r"is not a valid [A-Z]+ file: it may be empty, cut short or without 
     [
         ("absent/mesh.stl", None, "does not exist; give a path, or one of abb_plate, .*, sphere$"),
         ("nothing.obj", b"", "is empty"),
-        *((name, b"ISO", "has no supported suffix; these are .stl, .obj, .*, .npz$") for name in ("mesh.step", "mesh")),
+        *(
+            (name, b"ISO", "has no supported suffix; these are .stl, .obj, .*, .npz$")
+            for name in ("mesh.step", "mesh")
+        ),
         ("missing.ply", (PLY + "7").encode(), NOT_VALID),
         ("missing.ply", (PLY + "-1").encode(), NOT_VALID),
         ("flat.obj", b"v 0 0\nv 1 0\nv 0 1\nf 1 2 3\n", NOT_VALID),
         ("word.stl", STL.replace("vertex", "vertex oops", 1).encode(), NOT_VALID),
         ("no_facets.stl", soup(TRIANGLES[:0]).export(file_type="stl"), NOT_VALID),
         ("points.ply", trimesh.PointCloud(TRIANGLES[:, 0]).export(file_type="ply"), NOT_VALID),
-        ("line.stl", soup([[[0, 0, 0], [1, 0, 0], [2, 0, 0]]]).export(file_type="stl"), "has no facet with an area"),
+        (
+            "line.stl",
+            soup([[[0, 0, 0], [1, 0, 0], [2, 0, 0]]]).export(file_type="stl"),
+            "has no facet with an area",
+        ),
         *(
             (f"mesh.{suffix}", content, NOT_VALID)
             for suffix in SUFFIXES
@@ -221,27 +243,32 @@ def test_a_scene_of_very_many_parts_is_refused_before_it_is_put_together(tmp_pat
     (tmp_path / "many.glb").write_bytes(
         b"glTF" + (2).to_bytes(4, "little") + (12 + len(body)).to_bytes(4, "little") + body
     )
-    assert "has 200,000 parts; the limit is 10,000; export it as one mesh" in refused(tmp_path / "many.glb")
+    assert "has 200,000 parts; the limit is 10,000; export it as one mesh" in refused(
+        tmp_path / "many.glb"
+    )
 
 
 @pytest.mark.parametrize("suffix", ["ply", "stl", "obj", "dae", "glb"])
-def test_a_mesh_that_claims_gigabytes_or_names_other_files_is_refused_or_loaded_without_them(tmp_path, suffix):
+def test_a_mesh_that_claims_gigabytes_or_names_other_files_is_refused_or_loaded_without_them(
+    tmp_path, suffix
+):
     """Counts of 4e9 that no data follows, external buffers and materials, entities that grow or are devices."""
     ply = "ply\nformat binary_little_endian 1.0\nelement vertex 4000000000\nproperty float x\nproperty float y\n"
     ply += "property float z\nelement face 4000000000\nproperty list uchar int vertex_indices\nend_header\n"
     entities = '<!ENTITY a "1111111111">' + "".join(
         f'<!ENTITY {b} "{f"&{a};" * 10}">' for a, b in pairwise("abcdefghij")
     )
-    dae = (
-        f"<?xml version='1.0'?><!DOCTYPE x [{entities}<!ENTITY z SYSTEM 'file:///dev/zero'>]><COLLADA>&j;&z;</COLLADA>"
-    )
+    dae = f"<?xml version='1.0'?><!DOCTYPE x [{entities}<!ENTITY z SYSTEM 'file:///dev/zero'>]><COLLADA>&j;&z;</COLLADA>"
     buffers = [{"byteLength": 2**32, "uri": "/dev/zero"}]
     content = {
         "asset": {"version": "2.0"},
         "buffers": buffers,
         "meshes": [{"primitives": [{"attributes": {"POSITION": 0}}]}],
     }
-    content |= {"accessors": [{"componentType": 5126, "count": 2**30, "type": "VEC3"}], "nodes": [{"mesh": 0}]}
+    content |= {
+        "accessors": [{"componentType": 5126, "count": 2**30, "type": "VEC3"}],
+        "nodes": [{"mesh": 0}],
+    }
     text = json.dumps(content | {"scenes": [{"nodes": [0]}]}).encode()
     text += b" " * (-len(text) % 4)
     glb = b"glTF" + (2).to_bytes(4, "little") + (20 + len(text)).to_bytes(4, "little")

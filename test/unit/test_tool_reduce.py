@@ -12,7 +12,16 @@ from test_cli import HEADER, refused, rft
 
 from rft_ros.cli import main
 from rft_ros.errors import InputError
-from rft_ros.rft import MEDIA, Memory, Plates, alpha_y_model, checked_states, treers2021, wrenches, wrenches_in_time
+from rft_ros.rft import (
+    MEDIA,
+    Memory,
+    Plates,
+    alpha_y_model,
+    checked_states,
+    treers2021,
+    wrenches,
+    wrenches_in_time,
+)
 from rft_ros.sweeps.motions import circumnutation, oscillating_insertion, sample
 from rft_ros.tool import load_tool, random_motions
 from rft_ros.tool.reduce import merged_plates
@@ -34,7 +43,9 @@ def test_a_reduced_tool_keeps_the_tolerance_in_motions_that_it_was_not_chosen_by
     size, off = np.linalg.norm(full, axis=1), np.linalg.norm(few - full, axis=1)
     assert np.percentile(off[size > 0.0] / size[size > 0.0], 95.0) < 0.055
     said = f"{len(tool.facets):,} facets -> {len(tool.plates):,} plates, "
-    assert re.fullmatch(rf"{said}(4\.\d|5\.0) % at the 95th percentile of any motion", tool.reduction)
+    assert re.fullmatch(
+        rf"{said}(4\.\d|5\.0) % at the 95th percentile of any motion", tool.reduction
+    )
 
 
 def reversing_path(tool, random):
@@ -42,10 +53,16 @@ def reversing_path(tool, random):
     about = Rotation.from_quat(random.normal(size=4))
     heights = (about.as_matrix() @ tool.corners.T)[2]
     fall, azimuth = random.uniform(np.pi / 6.0, np.pi / 2.0), random.uniform(0.0, 2.0 * np.pi)
-    along = np.array([np.cos(fall) * np.cos(azimuth), np.cos(fall) * np.sin(azimuth), -np.sin(fall)])
-    way = np.concatenate([np.linspace(0.0, 0.8, 80), np.linspace(0.8, 0.6, 30), np.linspace(0.6, 1.0, 40)])
+    along = np.array(
+        [np.cos(fall) * np.cos(azimuth), np.cos(fall) * np.sin(azimuth), -np.sin(fall)]
+    )
+    way = np.concatenate(
+        [np.linspace(0.0, 0.8, 80), np.linspace(0.8, 0.6, 30), np.linspace(0.6, 1.0, 40)]
+    )
     states = np.zeros((len(way), 13))
-    states[:, :3] = [0.0, 0.0, -heights.min()] + (np.ptp(heights) / np.sin(fall) * way)[:, None] * along
+    states[:, :3] = [0.0, 0.0, -heights.min()] + (np.ptp(heights) / np.sin(fall) * way)[
+        :, None
+    ] * along
     states[:, 3:7] = about.as_quat()
     states[:, 7:10] = np.where(np.diff(way, prepend=0.0) < 0.0, -0.01, 0.01)[:, None] * along
     return states
@@ -54,12 +71,16 @@ def reversing_path(tool, random):
 @pytest.mark.parametrize("name", ["sphere", "plate", "ellipsoid", "root_tip", "scoop"])
 def test_with_memory_a_reduced_tool_keeps_the_tolerance_over_the_peak_of_paths_that_reverse(name):
     full, few = (load_tool(name, tolerance=tolerance).plates for tolerance in (0.0, 0.025))
-    law = treers2021(MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), mobilization_length=0.003)
+    law = treers2021(
+        MEDIA["generic"], alpha_y_model("linear", MEDIA["generic"]), mobilization_length=0.003
+    )
     random, errors = np.random.default_rng(2), []
     for _ in range(12):
         states = reversing_path(load_tool(name), random)
         exact, reduced = (wrenches_in_time(p, law, states, Memory(p))[:, :3] for p in (full, few))
-        errors.append(np.linalg.norm(reduced - exact, axis=1) / np.linalg.norm(exact, axis=1).max())
+        errors.append(
+            np.linalg.norm(reduced - exact, axis=1) / np.linalg.norm(exact, axis=1).max()
+        )
     assert np.percentile(errors, 95.0) < 0.03
 
 
@@ -80,7 +101,9 @@ def test_a_tool_that_needs_all_its_facets_keeps_them_and_says_so(tmp_path):
 
 @pytest.mark.parametrize("tolerance", [-0.1, 1.5, float("nan")])
 def test_a_tolerance_outside_0_to_1_is_refused_with_a_sentence(tolerance):
-    with pytest.raises(ValueError, match=r"tolerance is .*; it must (lie between 0 .* and 1|be a finite)"):
+    with pytest.raises(
+        ValueError, match=r"tolerance is .*; it must (lie between 0 .* and 1|be a finite)"
+    ):
         load_tool("plate", tolerance=tolerance)
 
 
@@ -91,12 +114,16 @@ def test_merging_keeps_area_and_first_moment(rule):
     assert 80 <= len(few) <= 100
     assert few.integration == rule
     assert few.area == pytest.approx(full.area, rel=1e-12)
-    np.testing.assert_allclose(*(p.centroids @ p.areas for p in (few, full)), atol=1e-12 * full.area)
+    np.testing.assert_allclose(
+        *(p.centroids @ p.areas for p in (few, full)), atol=1e-12 * full.area
+    )
 
 
 def test_a_flat_square_merged_to_one_triangle_feels_the_same_wrench_while_it_is_submerged():
     """The triangle has the square's second moments, and so its centre of pressure."""
-    square = trimesh.Trimesh([[0, 0, 0], [0, 0.03, 0], [0, 0.03, 0.03], [0, 0, 0.03]], [[0, 2, 1], [0, 3, 2]])
+    square = trimesh.Trimesh(
+        [[0, 0, 0], [0, 0.03, 0], [0, 0.03, 0.03], [0, 0, 0.03]], [[0, 2, 1], [0, 3, 2]]
+    )
     triangles = square.subdivide().subdivide().triangles - [0.0, 0.015, 0.015]
     full = Plates.from_triangles(triangles, np.full(len(triangles), 0.02))
     one = merged_plates(full, 1)
@@ -104,7 +131,9 @@ def test_a_flat_square_merged_to_one_triangle_feels_the_same_wrench_while_it_is_
     for q in ([0, 0, 0, 1], [0.3, 0.2, 0.1, 0.9273618495]):
         state = checked_states([0.01, 0.02, -0.06, *q, -0.01, 0.002, -0.003, 0, 0, 0])
         assert np.linalg.norm(wrenches(full, LAW, state)[0, :3]) > 1.0
-        np.testing.assert_allclose(wrenches(one, LAW, state), wrenches(full, LAW, state), rtol=1e-9, atol=1e-12)
+        np.testing.assert_allclose(
+            wrenches(one, LAW, state), wrenches(full, LAW, state), rtol=1e-9, atol=1e-12
+        )
 
 
 @pytest.mark.parametrize("rule", RULES)
@@ -141,14 +170,23 @@ def test_the_file_holds_the_tool_that_the_tolerance_gives(tmp_path, rule):
 
 
 def test_scale_and_origin_mean_what_they_mean_for_the_mesh(of_refined):
-    moved, plain = load_tool(of_refined, scale=0.002, origin=(1.0, 2.0, 3.0)), load_tool(of_refined)
-    for there, here in ((moved.vertices, plain.vertices), (moved.plates.centroids.T, plain.plates.centroids.T)):
+    moved, plain = (
+        load_tool(of_refined, scale=0.002, origin=(1.0, 2.0, 3.0)),
+        load_tool(of_refined),
+    )
+    for there, here in (
+        (moved.vertices, plain.vertices),
+        (moved.plates.centroids.T, plain.plates.centroids.T),
+    ):
         np.testing.assert_allclose(there, 2.0 * (here - [0.001, 0.002, 0.003]), atol=1e-15)
     assert moved.plates.area == pytest.approx(4.0 * plain.plates.area)
 
 
 def test_the_line_says_what_was_done_and_the_same_command_gives_the_same_bytes(tmp_path, capsys):
-    one, two = (reduce(tmp_path, "--tolerance", "0.1", mesh="plate", name=name) for name in ("one.npz", "two.npz"))
+    one, two = (
+        reduce(tmp_path, "--tolerance", "0.1", mesh="plate", name=name)
+        for name in ("one.npz", "two.npz")
+    )
     said = capsys.readouterr().out
     for text in ("plate, refined: 672 facets -> ", " % at the 95th percentile of any motion"):
         assert text in said
@@ -167,7 +205,14 @@ def write_states(file, height=0.0):
 
 
 def test_predict_reduces_when_it_is_asked_to(tmp_path, capsys):
-    given = ["predict", write_states(tmp_path / "states.csv"), "--mesh", "plate", "-o", str(tmp_path / "out.csv")]
+    given = [
+        "predict",
+        write_states(tmp_path / "states.csv"),
+        "--mesh",
+        "plate",
+        "-o",
+        str(tmp_path / "out.csv"),
+    ]
     assert main([*given, "--tolerance", "0.1"]) == 0
     assert "plate: 672 facets -> " in capsys.readouterr().out
 
@@ -177,7 +222,9 @@ def test_a_reduced_tool_belongs_to_its_rule(of_refined, tmp_path):
         load_tool(of_refined, integration="centroid")
     kept = load_tool(of_refined, integration="refined", tolerance=0.025)
     assert kept.reduction == load_tool(of_refined).reduction
-    refused(rft("reduce", of_refined, "-o", "again.npz", cwd=tmp_path), "is already a reduced tool")
+    refused(
+        rft("reduce", of_refined, "-o", "again.npz", cwd=tmp_path), "is already a reduced tool"
+    )
 
 
 @pytest.mark.parametrize(
@@ -200,7 +247,10 @@ def test_an_option_that_cannot_be_used_is_refused_with_a_sentence(tmp_path, opti
         (lambda c: c.update(about=c["about"][::-1]), "is of another version"),
         (lambda c: c["plates"].__setitem__((0, 0), 1e308), "must be finite"),
         (lambda c: c.update(plates=c["plates"][:5]), "plates have 7 rows, or 14"),
-        (lambda c: c.update(vertices=c["vertices"][:, :2]), "its facets are not of three of its vertices"),
+        (
+            lambda c: c.update(vertices=c["vertices"][:, :2]),
+            "its facets are not of three of its vertices",
+        ),
         (lambda c: c.update(faces=c["faces"] + 10_000), "out of bounds"),
         (lambda c: c.update(faces=c["faces"].astype(float)), "integer"),
         (lambda c: c.update(vertices=c["vertices"].astype(str)[:, :1] + "x"), "could not convert"),

@@ -20,7 +20,9 @@ ANGLE = st.floats(-np.pi, np.pi)
 
 
 @settings(max_examples=25, deadline=None)
-@given(st.tuples(ANGLE, ANGLE, ANGLE), st.sampled_from(["centroid", "refined"]), st.integers(0, 1000))
+@given(
+    st.tuples(ANGLE, ANGLE, ANGLE), st.sampled_from(["centroid", "refined"]), st.integers(0, 1000)
+)
 def test_a_turned_mesh_in_a_frame_turned_back_has_the_same_force_in_the_world(angles, rule, seed):
     turn = Rotation.from_euler("xyz", angles)
     origin = (1.0, -2.0, 3.0)
@@ -34,7 +36,10 @@ def test_a_turned_mesh_in_a_frame_turned_back_has_the_same_force_in_the_world(an
     force = wrenches(plain.plates, law, states)
     # a facet at the edge of leading, whose normal rounding turns, has next to no force
     np.testing.assert_allclose(
-        wrenches(turned.plates, law, checked_states(back)), force, rtol=1e-6, atol=1e-6 * np.abs(force).max()
+        wrenches(turned.plates, law, checked_states(back)),
+        force,
+        rtol=1e-6,
+        atol=1e-6 * np.abs(force).max(),
     )
 
 
@@ -46,7 +51,9 @@ def test_the_parameter_turns_the_tool_and_no_rotation_keeps_every_bit():
     same = tool_of({**defaults(), "mesh.file": "root_tip"})
     assert same.plates.rows.tobytes() == plain.plates.rows.tobytes()
     for wrong in ((0.0, 0.0, 0.0, 2.0), (0.0, 0.0, 0.0, np.nan)):
-        with pytest.raises(InputError, match=r"mesh\.quaternion is \[0\.0, 0\.0, 0\.0, .*; it must be 1"):
+        with pytest.raises(
+            InputError, match=r"mesh\.quaternion is \[0\.0, 0\.0, 0\.0, .*; it must be 1"
+        ):
             load_tool("plate", quaternion=wrong)
 
 
@@ -69,12 +76,19 @@ def test_every_command_that_places_a_mesh_turns_it(states, tmp_path, capsys):
     assert "--rotate 1 0 0 0" in capsys.readouterr().out
 
     def predicted(mesh, *options):
-        assert main(["predict", str(states), "--mesh", mesh, *options, "-o", str(tmp_path / "out.csv")]) == 0
+        assert (
+            main(
+                ["predict", str(states), "--mesh", mesh, *options, "-o", str(tmp_path / "out.csv")]
+            )
+            == 0
+        )
         return np.loadtxt(tmp_path / "out.csv", delimiter=",", skiprows=1)[:, 1:4]
 
     full = predicted("root_tip", *turn)  # its flat base enters first
     assert np.abs(full - predicted("root_tip")).max() > 1.0
-    assert np.linalg.norm(predicted(str(few), *turn) - full, axis=1).max() < 0.1 * np.abs(full).max()
+    assert (
+        np.linalg.norm(predicted(str(few), *turn) - full, axis=1).max() < 0.1 * np.abs(full).max()
+    )
     assert main(["view", str(states), "--mesh", "root_tip", *turn, "-o", str(page)]) == 0
     assert "z [mm]" in page.read_text()
 
@@ -82,9 +96,16 @@ def test_every_command_that_places_a_mesh_turns_it(states, tmp_path, capsys):
 def test_a_study_turns_its_tools(tmp_path):
     study = "tools:\n  - {mesh: root_tip, rotate: [[1, 0, 0, 0], [0, 0, 0, 1]]}\n"
     study += "  - {mesh: root_tip, rotate: [0, 0, 0, 1]}\n"
-    study += "motions:\n  - {family: straight, travel: 0.02, samples: 20}\nmedia:\n  - {zeta: 1.0}\n"
+    study += (
+        "motions:\n  - {family: straight, travel: 0.02, samples: 20}\nmedia:\n  - {zeta: 1.0}\n"
+    )
     (tmp_path / "study.yaml").write_text(study)
-    assert main(["sweep", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out"), "--workers", "1"]) == 0
+    assert (
+        main(
+            ["sweep", str(tmp_path / "study.yaml"), "-o", str(tmp_path / "out"), "--workers", "1"]
+        )
+        == 0
+    )
     with (tmp_path / "out" / "results.csv").open() as file:
         turned, plain, again = csv.DictReader(file)
     assert plain["peak_force"] == again["peak_force"]

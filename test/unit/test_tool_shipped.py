@@ -25,7 +25,9 @@ def spheroid(a, c):
 
 
 def paraboloid(r, h):
-    return pi / 2 * r**2 * h, pi * r / (6.0 * h**2) * ((r**2 + 4.0 * h**2) ** 1.5 - r**3) + pi * r**2
+    return pi / 2 * r**2 * h, pi * r / (6.0 * h**2) * (
+        (r**2 + 4.0 * h**2) ** 1.5 - r**3
+    ) + pi * r**2
 
 
 # low and high corner [mm], facets, volume [mm³] and area [mm²]
@@ -36,7 +38,12 @@ EXPECTED = {
     "sphere": ([-25.0] * 3, [25.0] * 3, 1200, (4 / 3 * pi * 25**3, 4 * pi * 25**2)),
     "root_tip": ([-10.0, -10.0, -34.5], [10.0, 10.0, 0.0], 1232, paraboloid(10.0, 34.5)),
     # of 3 mm cells: a box less its hollow; its outside less the openings, and the hollow's inside
-    "scoop": ([-33.0, -24.0, -27.0], [33.0, 24.0, 0.0], 3448, (27.0 * (22 * 16 * 9 - 21 * 14 * 8), 9.0 * 1724)),
+    "scoop": (
+        [-33.0, -24.0, -27.0],
+        [33.0, 24.0, 0.0],
+        3448,
+        (27.0 * (22 * 16 * 9 - 21 * 14 * 8), 9.0 * 1724),
+    ),
 }
 
 
@@ -46,10 +53,15 @@ def test_every_mesh_is_tested():
 
 @pytest.mark.parametrize("name", EXPECTED)
 def test_each_shipped_mesh_is_what_its_script_makes_with_the_documented_size_and_even_facets(name):
-    assert GENERATE["stl"](name, GENERATE["meshes"]()[name]) == (MESHES / f"{name}.stl").read_bytes()
+    assert (
+        GENERATE["stl"](name, GENERATE["meshes"]()[name]) == (MESHES / f"{name}.stl").read_bytes()
+    )
     low, high, facets, (volume, area) = EXPECTED[name]
     tool = load_tool(str(MESHES / f"{name}.stl"))
-    assert (tool.issues.keys(), len(tool.plates)) == ({"concave"} if name == "scoop" else set(), facets)
+    assert (tool.issues.keys(), len(tool.plates)) == (
+        {"concave"} if name == "scoop" else set(),
+        facets,
+    )
     np.testing.assert_allclose(tool.vertices.min(axis=0), np.array(low) / 1e3, atol=1e-8)
     np.testing.assert_allclose(tool.vertices.max(axis=0), np.array(high) / 1e3, atol=1e-8)
     assert tool.plates.area == pytest.approx(area * 1e-6, rel=0.02)

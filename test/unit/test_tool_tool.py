@@ -35,7 +35,9 @@ def test_plates_are_the_facets(tmp_path):
     assert ((np.stack([x - 0.005, y, z], axis=1) * normals).sum(axis=1) > 0.019).all()
     assert area.sum() == pytest.approx(4.0 * np.pi * 0.02**2, rel=0.01)
     np.testing.assert_allclose(area @ normals, 0.0, atol=1e-12)
-    np.testing.assert_allclose(ball.vertices[ball.faces].mean(axis=1), np.stack([x, y, z], axis=1), atol=1e-15)
+    np.testing.assert_allclose(
+        ball.vertices[ball.faces].mean(axis=1), np.stack([x, y, z], axis=1), atol=1e-15
+    )
 
 
 def test_normals_come_from_the_winding_not_from_the_file(tmp_path):
@@ -45,7 +47,9 @@ def test_normals_come_from_the_winding_not_from_the_file(tmp_path):
         start = 84 + 50 * facet
         data[start : start + 12] = np.array([0.6, 0.0, 0.8], dtype="<f4").tobytes()
     (tmp_path / "box.stl").write_bytes(data)
-    np.testing.assert_allclose(load_tool(str(tmp_path / "box.stl")).plates.normals.T, mesh.face_normals, atol=1e-6)
+    np.testing.assert_allclose(
+        load_tool(str(tmp_path / "box.stl")).plates.normals.T, mesh.face_normals, atol=1e-6
+    )
 
 
 def test_facets_without_area_are_dropped(tmp_path):
@@ -63,7 +67,9 @@ def test_facets_without_area_are_dropped(tmp_path):
 def test_lowest_point_is_that_of_all_vertices(name):
     tool = load_tool(name)
     for rotation in Rotation.random(50, random_state=1).as_matrix():
-        assert tool.lowest_point(rotation) == pytest.approx((tool.vertices @ rotation.T)[:, 2].min(), abs=1e-12)
+        assert tool.lowest_point(rotation) == pytest.approx(
+            (tool.vertices @ rotation.T)[:, 2].min(), abs=1e-12
+        )
 
 
 def test_lowest_point_of_a_flat_tool_and_without_vertices_that_no_facet_has(flat, tmp_path):
@@ -97,4 +103,7 @@ def test_description_of_a_good_tool():
 
 
 def test_description_of_an_open_tool_warns_and_gives_no_volume(flat):
-    assert describe_tool(flat)[-2:] == ["area: 50.0 mm²", "warning: the surface is not closed (open edges: 3)"]
+    assert describe_tool(flat)[-2:] == [
+        "area: 50.0 mm²",
+        "warning: the surface is not closed (open edges: 3)",
+    ]

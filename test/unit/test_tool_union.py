@@ -23,7 +23,9 @@ EXTENTS = np.array((0.04, 0.02, 0.06))
     distance=st.one_of(st.just(1.0), st.floats(0.05, 1.5)),
     place=st.tuples(*[st.floats(-0.1, 0.1)] * 3),
 )
-def test_the_union_of_two_boxes_has_the_volume_of_both_once_and_no_covered_surface(axis, distance, place):
+def test_the_union_of_two_boxes_has_the_volume_of_both_once_and_no_covered_surface(
+    axis, distance, place
+):
     tool = tool_of_mesh(boxes(place, place + distance * np.eye(3)[axis] * EXTENTS), name="two")
     union = union_of(tool)
     assert union.volume == pytest.approx(EXTENTS.prod() * (1.0 + min(distance, 1.0)), rel=1e-4)
@@ -33,18 +35,24 @@ def test_the_union_of_two_boxes_has_the_volume_of_both_once_and_no_covered_surfa
 def test_a_cavity_stays():
     inner = trimesh.creation.box((0.01,) * 3)
     inner.invert()
-    tool = tool_of_mesh(trimesh.util.concatenate([trimesh.creation.box((0.03,) * 3), inner]), name="hollow")
+    tool = tool_of_mesh(
+        trimesh.util.concatenate([trimesh.creation.box((0.03,) * 3), inner]), name="hollow"
+    )
     assert union_of(tool).volume == pytest.approx(0.03**3 - 0.01**3, rel=1e-4)
 
 
 def test_it_is_written_in_the_units_and_coordinates_of_the_mesh(tmp_path):
-    boxes((0.0, 0.0, 0.0), (20.0, 0.0, 0.0), extents=(40.0, 20.0, 60.0)).export(tmp_path / "two.stl")
+    boxes((0.0, 0.0, 0.0), (20.0, 0.0, 0.0), extents=(40.0, 20.0, 60.0)).export(
+        tmp_path / "two.stl"
+    )
     placed = {"scale": 0.001, "origin": (1.0, 2.0, 30.0), "quaternion": (0.0, 0.6, 0.0, 0.8)}
     tool = load_tool(tmp_path / "two.stl", **placed)
     write_union(tmp_path / "one.stl", tool)
     one = load_tool(tmp_path / "one.stl", **placed)
     for bound in (np.min, np.max):
-        np.testing.assert_allclose(bound(one.vertices, axis=0), bound(tool.vertices, axis=0), atol=1e-7)
+        np.testing.assert_allclose(
+            bound(one.vertices, axis=0), bound(tool.vertices, axis=0), atol=1e-7
+        )
     assert not {"overlap", "not_closed"} & one.issues.keys()
 
 

@@ -15,7 +15,10 @@ BOX = trimesh.creation.box((0.1, 0.2, 0.3)).apply_translation((0.01, 0.02, 0.03)
 
 
 def element(kind, mesh, *, scale="1 1 1", xyz="0 0 0", rpy="0 0 0"):
-    place, geometry = f'<origin xyz="{xyz}" rpy="{rpy}"/>', f'<mesh filename="{mesh}" scale="{scale}"/>'
+    place, geometry = (
+        f'<origin xyz="{xyz}" rpy="{rpy}"/>',
+        f'<mesh filename="{mesh}" scale="{scale}"/>',
+    )
     return f"<{kind}>{place}<geometry>{geometry}</geometry></{kind}>"
 
 
@@ -33,7 +36,9 @@ def package(tmp_path_factory):
 
 def robot(package, *elements, name="robot.urdf"):
     file = package / "urdf" / name
-    file.write_text(f'<robot name="r"><link name="base"/><link name="arm/bucket">{"".join(elements)}</link></robot>')
+    file.write_text(
+        f'<robot name="r"><link name="base"/><link name="arm/bucket">{"".join(elements)}</link></robot>'
+    )
     return f"{file}#arm/bucket"
 
 
@@ -41,9 +46,14 @@ triple = st.tuples(*[st.floats(-3.0, 3.0).map(lambda x: round(x, 3))] * 3)
 
 
 @settings(deadline=None, max_examples=20)
-@given(scale=st.tuples(*[st.sampled_from((-2.0, -0.5, 0.5, 1.0, 3.0))] * 3), xyz=triple, rpy=triple)
+@given(
+    scale=st.tuples(*[st.sampled_from((-2.0, -0.5, 0.5, 1.0, 3.0))] * 3), xyz=triple, rpy=triple
+)
 def test_a_link_has_its_mesh_where_the_robot_has_it_with_facets_outward(package, scale, xyz, rpy):
-    words = {name: " ".join(map(str, value)) for name, value in (("scale", scale), ("xyz", xyz), ("rpy", rpy))}
+    words = {
+        name: " ".join(map(str, value))
+        for name, value in (("scale", scale), ("xyz", xyz), ("rpy", rpy))
+    }
     tool = load_tool(robot(package, element("collision", "../meshes/bucket.stl", **words)))
     placed = BOX.vertices * scale @ Rotation.from_euler("xyz", rpy).as_matrix().T + xyz
     np.testing.assert_allclose(tool.vertices.min(axis=0), placed.min(axis=0), atol=1e-5)
@@ -54,9 +64,17 @@ def test_a_link_has_its_mesh_where_the_robot_has_it_with_facets_outward(package,
 
 @pytest.mark.parametrize("place", ["../meshes/bucket.stl", "package://digger/meshes/bucket.stl"])
 @pytest.mark.parametrize("kind", ["collision", "visual"])
-def test_collision_meshes_are_joined_and_visual_ones_taken_where_there_are_none(package, kind, place):
-    drawn = element("visual", "gone.stl") if kind == "collision" else "<collision><geometry/></collision>"
-    tool = load_tool(robot(package, drawn, element(kind, place), element(kind, place, xyz="1 0 0")))
+def test_collision_meshes_are_joined_and_visual_ones_taken_where_there_are_none(
+    package, kind, place
+):
+    drawn = (
+        element("visual", "gone.stl")
+        if kind == "collision"
+        else "<collision><geometry/></collision>"
+    )
+    tool = load_tool(
+        robot(package, drawn, element(kind, place), element(kind, place, xyz="1 0 0"))
+    )
     assert len(tool.faces) == 2 * len(BOX.faces)
 
 
@@ -73,14 +91,20 @@ def solid(text, *, kind="collision", xyz="0 0 0", rpy="0 0 0"):
         ('<capsule radius="0.1" length="0.5"/>', (0.2, 0.2, 0.7)),
     ],
 )
-def test_solids_of_a_link_count_alone_and_beside_a_mesh_where_the_robot_has_them(package, text, extents):
+def test_solids_of_a_link_count_alone_and_beside_a_mesh_where_the_robot_has_them(
+    package, text, extents
+):
     half_turn = f"{np.pi / 2} 0 0"
-    alone = load_tool(robot(package, solid(text, xyz="1 2 3", rpy=half_turn), element("visual", "gone.stl")))
+    alone = load_tool(
+        robot(package, solid(text, xyz="1 2 3", rpy=half_turn), element("visual", "gone.stl"))
+    )
     x, y, z = extents
     np.testing.assert_allclose(np.ptp(alone.vertices, axis=0), (x, z, y), atol=1e-9)
     np.testing.assert_allclose(alone.vertices.mean(axis=0), (1.0, 2.0, 3.0), atol=1e-3)
     assert not {"not_closed", "inside_out", "inconsistent_winding"} & alone.issues.keys()
-    both = load_tool(robot(package, element("collision", "../meshes/bucket.stl"), solid(text, xyz="1 2 3")))
+    both = load_tool(
+        robot(package, element("collision", "../meshes/bucket.stl"), solid(text, xyz="1 2 3"))
+    )
     assert len(both.faces) == len(alone.faces) + len(BOX.faces)
 
 
@@ -98,7 +122,9 @@ def test_a_mesh_of_another_link_is_not_looked_for(package, name):
 def test_a_xacro_file_is_expanded_where_xacro_is_installed_and_else_is_told_what_expands_it(
     package, tmp_path, monkeypatch
 ):
-    file = robot(package, element("collision", "$(find digger)/meshes/bucket.stl"), name="robot.urdf.xacro")
+    file = robot(
+        package, element("collision", "$(find digger)/meshes/bucket.stl"), name="robot.urdf.xacro"
+    )
     monkeypatch.setenv("PATH", str(tmp_path))
     assert_says(refusal(load_tool, file), "robot.urdf.xacro", "expand it with xacro")
     program = tmp_path / "xacro"
@@ -113,9 +139,13 @@ def test_a_declared_unit_scales_the_mesh_and_mesh_origin_moves_it_in_the_link(pa
     dae = package / "meshes" / "inch.dae"
     text = (package / "meshes" / "bucket.dae").read_text()
     dae.write_text(text.replace("<up_axis>", '<unit name="inch" meter="0.0254"/><up_axis>'))
-    tool = load_tool(robot(package, element("visual", "../meshes/inch.dae")), origin=(0.0, 0.0, 1.0))
+    tool = load_tool(
+        robot(package, element("visual", "../meshes/inch.dae")), origin=(0.0, 0.0, 1.0)
+    )
     np.testing.assert_allclose(np.ptp(tool.vertices, axis=0), 0.0254 * BOX.extents)
-    np.testing.assert_allclose(tool.vertices.mean(axis=0), 0.0254 * BOX.vertices.mean(axis=0) - [0.0, 0.0, 1.0])
+    np.testing.assert_allclose(
+        tool.vertices.mean(axis=0), 0.0254 * BOX.vertices.mean(axis=0) - [0.0, 0.0, 1.0]
+    )
 
 
 def test_the_file_of_a_link_is_the_urdf_and_a_hash_elsewhere_is_part_of_a_name():
@@ -134,20 +164,32 @@ def test_the_file_of_a_link_is_the_urdf_and_a_hash_elsewhere_is_part_of_a_name()
             ("has no link 'tip'", "have a shape: b"),
         ),
         *(
-            (f'<robot><link name="tip">{element("visual", "x.stl", **wrong)}</link></robot>', words)
+            (
+                f'<robot><link name="tip">{element("visual", "x.stl", **wrong)}</link></robot>',
+                words,
+            )
             for wrong, words in (
                 ({"scale": "1 2"}, ("scale", "'1 2'", "three numbers")),
                 ({"rpy": "a b c"}, ("rpy", "'a b c'", "three numbers")),
                 ({"xyz": "nan 0 0"}, ("xyz", "three numbers")),
             )
         ),
-        (f'<robot><link name="tip">{element("visual", "x.stl")}</link></robot>', ("x.stl' does not exist",)),
-        (f'<robot><link name="tip">{solid("<box/>")}</link></robot>', ("'tip'", "size", "three numbers")),
+        (
+            f'<robot><link name="tip">{element("visual", "x.stl")}</link></robot>',
+            ("x.stl' does not exist",),
+        ),
+        (
+            f'<robot><link name="tip">{solid("<box/>")}</link></robot>',
+            ("'tip'", "size", "three numbers"),
+        ),
         (
             f'<robot><link name="tip">{solid(NO_WIDTH)}</link></robot>',
             ("size", "[1.0, 0.0, 1.0]", "positive"),
         ),
-        (f'<robot><link name="tip">{element("visual", "package://gone/x.stl")}</link></robot>', ("package 'gone'",)),
+        (
+            f'<robot><link name="tip">{element("visual", "package://gone/x.stl")}</link></robot>',
+            ("package 'gone'",),
+        ),
     ],
 )
 def test_a_urdf_that_cannot_be_used_is_named_with_what_to_write(tmp_path, text, words):

@@ -61,7 +61,9 @@ def test_what_cannot_be_loaded_is_a_sentence_and_the_worker_continues_at_a_low_p
     assert os.getpriority(os.PRIO_PROCESS, pid) == max(os.getpriority(os.PRIO_PROCESS, 0), 10)
 
 
-TRIANGLE = "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+TRIANGLE = (
+    "facet normal 0 0 1\nouter loop\nvertex 0 0 0\nvertex 1 0 0\nvertex 0 1 0\nendloop\nendfacet\n"
+)
 
 
 @pytest.fixture
@@ -80,12 +82,16 @@ def test_a_worker_that_ends_at_each_try_fails_its_swap_and_is_replaced(worker, b
             os.kill(first.pid, signal.SIGKILL)
             while worker.process is first and not loading.done():
                 time.sleep(0.001)
-        with pytest.raises(InputError, match=r"the process that loads mesh.file '.*big.stl' ended; set it again"):
+        with pytest.raises(
+            InputError, match=r"the process that loads mesh.file '.*big.stl' ended; set it again"
+        ):
             loading.result()
     assert loaded(worker, "plate").name == "plate"
 
 
-def test_a_worker_killed_while_idle_is_replaced_at_the_next_swap_once_there_are_descriptors(worker):
+def test_a_worker_killed_while_idle_is_replaced_at_the_next_swap_once_there_are_descriptors(
+    worker,
+):
     os.kill(worker.process.pid, signal.SIGKILL)
     os.waitid(os.P_PID, worker.process.pid, os.WEXITED | os.WNOWAIT)
     lowest_free = os.dup(0)
@@ -131,13 +137,17 @@ def test_a_file_that_gives_nothing_to_read_is_given_up_and_says_so(worker, big, 
         patched.setattr(tool_worker, "_LOOK", 0.01)
         patched.setattr(tool_worker, "_BLOCKED_AFTER", 0.0)
         patched.setattr(tool_worker, "_BLOCKED_CPU", 1e9)
-        with pytest.raises(InputError, match=r"mesh\.file '.*big\.stl' could not be read for 0 s; give a"):
+        with pytest.raises(
+            InputError, match=r"mesh\.file '.*big\.stl' could not be read for 0 s; give a"
+        ):
             loaded(worker, big)
     assert loaded(worker, "plate").name == "plate"
 
 
 def swapped(pending):
-    end = time.monotonic() + 300.0  # beside other work the process of low priority starves for long
+    end = (
+        time.monotonic() + 300.0
+    )  # beside other work the process of low priority starves for long
     while (found := pending.poll()) is None:
         assert time.monotonic() < end
         time.sleep(0.01)
@@ -163,7 +173,11 @@ def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker, big):
     process = worker.process.pid
     os.kill(process, signal.SIGSTOP)
     changed = {}
-    for others in ({"learning.mode": "observe"}, {"twist_source": "pose_difference"}, {"medium.zeta": 0.5}):
+    for others in (
+        {"learning.mode": "observe"},
+        {"twist_source": "pose_difference"},
+        {"medium.zeta": 0.5},
+    ):
         changed |= others | {"ground.cell": 0.01}
         pending.want(pending.prepare({**values, **changed}))
         assert f"mesh.file '{big}' for " in pending.preparing

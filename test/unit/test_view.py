@@ -14,12 +14,28 @@ from rft_ros.report import animate, drawn_mesh
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.tool import load_tool
 
-STATES = "\n".join([HEADER, *(f"{k / 4},0,0,{-0.004 * k},0,0,0,1,0.002,0,-0.016,0,0,0" for k in range(12))]) + "\n"
+STATES = (
+    "\n".join(
+        [HEADER, *(f"{k / 4},0,0,{-0.004 * k},0,0,0,1,0.002,0,-0.016,0,0,0" for k in range(12))]
+    )
+    + "\n"
+)
 
 
 def view(tmp_path, output, *options):
     (tmp_path / "states.csv").write_text(STATES)
-    return rft("view", "states.csv", "--mesh", "root_tip", "--zeta", "0.33", *options, "-o", output, cwd=tmp_path)
+    return rft(
+        "view",
+        "states.csv",
+        "--mesh",
+        "root_tip",
+        "--zeta",
+        "0.33",
+        *options,
+        "-o",
+        output,
+        cwd=tmp_path,
+    )
 
 
 def test_the_page_is_self_contained_and_has_the_same_bytes_each_time(tmp_path):
@@ -56,7 +72,10 @@ def test_a_bag_is_drawn_from_its_estimates(shared_data, tmp_path):
 
 @pytest.mark.parametrize("height", [-0.03, 0.03])
 def test_the_force_is_that_of_the_plates_and_in_the_air_there_is_none(height):
-    tool, law = load_tool("ellipsoid"), treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
+    tool, law = (
+        load_tool("ellipsoid"),
+        treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"])),
+    )
     state = np.array([[0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.01, 0.0, 0.0, 0.0]])
     forces = wrenches(tool.plates, law, state)[:, :3]
     scene = animate("ellipsoid", tool, law, np.zeros(1), state, forces, surface_height=0.0)
@@ -102,22 +121,35 @@ def tools(draw):
         across = np.tile([1.0, 0.0], (points, 1))
     else:
         across = np.column_stack([np.sin(angle), np.cos(angle)])
-    outline = np.concatenate([middle - 0.5 * thickness * across, (middle + 0.5 * thickness * across)[::-1]])
+    outline = np.concatenate(
+        [middle - 0.5 * thickness * across, (middle + 0.5 * thickness * across)[::-1]]
+    )
     mesh = shell(outline, draw(st.floats(20.0, 120.0)), cells=cells)
-    mesh.apply_transform(trimesh.transformations.rotation_matrix(draw(st.floats(0.0, 3.1)), [1.0, 0.3, 0.0]))
+    mesh.apply_transform(
+        trimesh.transformations.rotation_matrix(draw(st.floats(0.0, 3.1)), [1.0, 0.3, 0.0])
+    )
     mesh.apply_translation([0.0, 0.0, -mesh.bounds[0, 2]])
     return mesh
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-@given(tools(), st.floats(-1.0, 1.0), st.sampled_from([None, 0.0, 0.003]), st.sampled_from([None, 0.05]))
+@settings(
+    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
+@given(
+    tools(),
+    st.floats(-1.0, 1.0),
+    st.sampled_from([None, 0.0, 0.003]),
+    st.sampled_from([None, 0.05]),
+)
 def test_a_page_says_the_forces_of_the_table(tmp_path, mesh, sideways, length, tolerance):
     mesh.export(tmp_path / "tool.stl")
     rows = np.zeros((80, 14))
     rows[:, 0] = 0.1 * np.arange(80)
     rows[:, 1], rows[:, 3], rows[:, 7] = 0.01 * sideways * rows[:, 0], -0.01 * rows[:, 0], 1.0
     rows[:, 8], rows[:, 10] = 0.01 * sideways, -0.01
-    np.savetxt(tmp_path / "states.csv", rows, delimiter=",", header=HEADER, comments="", fmt="%.17g")
+    np.savetxt(
+        tmp_path / "states.csv", rows, delimiter=",", header=HEADER, comments="", fmt="%.17g"
+    )
     same = ["--mesh", str(tmp_path / "tool.stl")]
     same += [] if length is None else ["--mobilization-length", str(length)]
     same += [] if tolerance is None else ["--tolerance", str(tolerance)]
@@ -130,31 +162,42 @@ def _page_says_the_table(folder, same):
         assert main([command, str(folder / "states.csv"), *same, "-o", str(folder / output)]) == 0
     table = np.loadtxt(folder / "out.csv", delimiter=",", skiprows=1)
     sizes = {f"{t:.2f}": f"{np.linalg.norm(f):.2f}" for t, *f in table[:, :4]}
-    said = dict(re.findall(r"t = ([0-9.]+) s   \|F\| = ([0-9.]+) N", (folder / "out.html").read_text()))
+    said = dict(
+        re.findall(r"t = ([0-9.]+) s   \|F\| = ([0-9.]+) N", (folder / "out.html").read_text())
+    )
     assert len(said) >= 3
     assert said == {time: sizes[time] for time in said}
     assert max(map(float, said.values())) == max(map(float, sizes.values()))
 
 
-@pytest.mark.parametrize("memory", [[], ["--mobilization-length", "0.003"]], ids=["default", "memory"])
+@pytest.mark.parametrize(
+    "memory", [[], ["--mobilization-length", "0.003"]], ids=["default", "memory"]
+)
 def test_a_page_has_memory_only_where_the_table_has(tmp_path, memory):
     """A plate pressed 20 mm deep and raised by 1 mm: with memory the force falls, without it turns round."""
     height = np.append(np.linspace(0.0, -0.02, 41), np.linspace(-0.0195, -0.019, 2))
     rows = np.zeros((len(height), 14))
     rows[:, 0], rows[:, 3], rows[:, 7] = 0.1 * np.arange(len(height)), height, 1.0
     rows[:, 10] = np.gradient(height, 0.1)
-    np.savetxt(tmp_path / "states.csv", rows, delimiter=",", header=HEADER, comments="", fmt="%.17g")
+    np.savetxt(
+        tmp_path / "states.csv", rows, delimiter=",", header=HEADER, comments="", fmt="%.17g"
+    )
     _page_says_the_table(tmp_path, ["--mesh", "plate", *memory])
 
 
-@settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+@settings(
+    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
+)
 @given(tools(), st.sampled_from([100, 1000, 10_000]))
-def test_the_drawn_mesh_keeps_extent_and_area_and_shows_the_tractions_of_the_tool(tmp_path, mesh, most):
+def test_the_drawn_mesh_keeps_extent_and_area_and_shows_the_tractions_of_the_tool(
+    tmp_path, mesh, most
+):
     mesh.export(tmp_path / "tool.stl")
     tool = load_tool(str(tmp_path / "tool.stl"))
     drawn = drawn_mesh(tool, most_faces=most)
     full, shown = (
-        trimesh.Trimesh(*parts, process=False) for parts in ((tool.vertices, tool.faces), (drawn.vertices, drawn.faces))
+        trimesh.Trimesh(*parts, process=False)
+        for parts in ((tool.vertices, tool.faces), (drawn.vertices, drawn.faces))
     )
     np.testing.assert_allclose(shown.bounds, full.bounds, atol=0.01 * full.extents.max())
     assert shown.area == pytest.approx(full.area, rel=0.05)

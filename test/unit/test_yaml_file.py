@@ -14,8 +14,20 @@ from rft_ros.yaml_file import read_yaml, yaml_content, yaml_text
 
 @pytest.mark.parametrize(
     ("text", "value"),
-    [("1e-4", 1e-4), ("off", False), ("true", True), ("-3", -3), (".5", 0.5), ("2.", 2.0), ("~", None), ("", None)]
-    + [(text, text) for text in ("1e", "1e-4x", "plate-1e5.stl", "package://a/b.stl", "3 mm", "/a b", "nano")],
+    [
+        ("1e-4", 1e-4),
+        ("off", False),
+        ("true", True),
+        ("-3", -3),
+        (".5", 0.5),
+        ("2.", 2.0),
+        ("~", None),
+        ("", None),
+    ]
+    + [
+        (text, text)
+        for text in ("1e", "1e-4x", "plate-1e5.stl", "package://a/b.stl", "3 mm", "/a b", "nano")
+    ],
 )
 def test_what_has_one_meaning_is_read(text, value):
     read = yaml_content(f"a: {text}", "text")["a"]
@@ -41,7 +53,9 @@ def test_what_has_one_meaning_is_read(text, value):
         ("a: " + "9" * 5000, ("line 1", "999...", "decimal number")),
     ],
 )  # fmt: skip
-def test_what_has_several_meanings_is_refused_by_its_line_with_what_to_write(tmp_path, text, words):
+def test_what_has_several_meanings_is_refused_by_its_line_with_what_to_write(
+    tmp_path, text, words
+):
     file = tmp_path / "study.yaml"
     file.write_text(text)
     said = refusal(read_yaml, file, "study")
@@ -49,13 +63,23 @@ def test_what_has_several_meanings_is_refused_by_its_line_with_what_to_write(tmp
     assert len(said) < 500
 
 
-_scalars = st.one_of(st.booleans(), st.integers(-(10**17), 10**17), st.floats(-1e9, 1e9).map(lambda x: round(x, 6)))
+_scalars = st.one_of(
+    st.booleans(), st.integers(-(10**17), 10**17), st.floats(-1e9, 1e9).map(lambda x: round(x, 6))
+)
 _texts = st.text(st.characters(codec="utf-8", exclude_characters="\0"))
-_words = st.sampled_from(["010", "yes", "off", "~", "", "1e-4", "0x1p3", "12:30", "*a", "<<", "a: b", "# a", "é", "n"])
-_values = st.one_of(_scalars, _texts, _words, st.lists(st.floats(-9, 9).map(lambda x: round(x, 3)), max_size=3))
+_words = st.sampled_from(
+    ["010", "yes", "off", "~", "", "1e-4", "0x1p3", "12:30", "*a", "<<", "a: b", "# a", "é", "n"]
+)
+_values = st.one_of(
+    _scalars, _texts, _words, st.lists(st.floats(-9, 9).map(lambda x: round(x, 3)), max_size=3)
+)
 
 
-@given(tree=st.dictionaries(st.text("abc_", min_size=1), st.one_of(_values, st.lists(_texts, max_size=3))))
+@given(
+    tree=st.dictionaries(
+        st.text("abc_", min_size=1), st.one_of(_values, st.lists(_texts, max_size=3))
+    )
+)
 def test_what_is_written_is_read_back_unchanged(tree):
     assert yaml_content(yaml_text(tree), "text") == (tree or {})
 

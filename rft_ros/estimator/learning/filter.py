@@ -23,14 +23,18 @@ from rft_ros.rft.kernel.compilation import inlined
 VERTICAL, HORIZONTAL, TURN, SURFACE = range(4)  # places in θ: s_v, s_h, ρ, δ
 X, Y, Z = range(3)
 
-_X_MOMENTS, _Y_MOMENTS, _Z_MOMENTS = (slice(MOMENTS.start + 3 * r, MOMENTS.start + 3 * r + 3) for r in (X, Y, Z))
+_X_MOMENTS, _Y_MOMENTS, _Z_MOMENTS = (
+    slice(MOMENTS.start + 3 * r, MOMENTS.start + 3 * r + 3) for r in (X, Y, Z)
+)
 
 _PRIOR_EACH = 0.3  # deviation of s_v, s_h and ρ, in addition to the error that s_v and s_h share
 _PRIOR_SURFACE = 0.003  # deviation of δ [m]
 _NOISE = 0.093  # deviation over the predicted force
 _NOISE_FLOOR = 0.025  # deviation [N]
 _NOISE_LENGTH = 0.003  # errors of samples closer than this are correlated
-_GATE = 2.2  # a larger innovation, over the root of the trace of its covariance, is reduced to this
+_GATE = (
+    2.2  # a larger innovation, over the root of the trace of its covariance, is reduced to this
+)
 _STRENGTH_LEAST = 0.1
 _STRENGTH_MOST = 10.0
 _HORIZONTAL_SCALE_RISE = 0.0015  # path of the mean of the squared errors while it grows
@@ -98,7 +102,9 @@ def _form(a, m, b):
 @inlined
 def copy(target, source):
     """Copy mean and covariance."""
-    for i in range(4):  # number by number: an assignment of arrays also compiles an error message, which takes 4 s
+    for i in range(
+        4
+    ):  # number by number: an assignment of arrays also compiles an error message, which takes 4 s
         target.theta[i] = source.theta[i]
         for j in range(4):
             target.p[i, j] = source.p[i, j]
@@ -145,7 +151,9 @@ def _design(h, row):
     x_f, y_f, z_f = row[_X_MOMENTS], row[_Y_MOMENTS], row[_Z_MOMENTS]  # Σ x f, Σ y f, Σ z f
     fx, fy, fz = force[X], force[Y], force[Z]
     square = dot(force, force)
-    per_force = dot(force, by_height) / square if square > 1e-200 else 0.0  # smaller squares lose digits
+    per_force = (
+        dot(force, by_height) / square if square > 1e-200 else 0.0
+    )  # smaller squares lose digits
     of_force = h[FORCE]
     of_torque = h[TORQUE]
     _set_row(of_force[X], 0.0, fx, -fy)
@@ -192,7 +200,9 @@ def correct(state, record, row, out, apply, lag, reach):
             variance = greatest * (_form(h[i], now.p, h[i]) + (_NOISE * learned) ** 2)
             variance += (LEVER * reach) ** 2 * square
         wrench[i] = learned if apply else model
-        sigma[i] = math.sqrt(variance + (learned - wrench[i]) ** 2)  # a correction not applied is an error, too
+        sigma[i] = math.sqrt(
+            variance + (learned - wrench[i]) ** 2
+        )  # a correction not applied is an error, too
 
 
 @inlined
@@ -212,9 +222,13 @@ def _adapt(state, record, step):
     scale = state.scale
     for i in (X, Y):
         square = (y[i] - predicted[i]) ** 2 / s[i, i]
-        scale[i] = _followed_scale(scale[i], square, _HORIZONTAL_SCALE_RISE, _HORIZONTAL_SCALE_FALL, step)
+        scale[i] = _followed_scale(
+            scale[i], square, _HORIZONTAL_SCALE_RISE, _HORIZONTAL_SCALE_FALL, step
+        )
     vertical = (y[Z] - predicted[Z]) / math.sqrt(s[Z, Z])
-    scale[Z] = _followed_scale(scale[Z], vertical**2, _VERTICAL_SCALE_RISE, _VERTICAL_SCALE_FALL, step)
+    scale[Z] = _followed_scale(
+        scale[Z], vertical**2, _VERTICAL_SCALE_RISE, _VERTICAL_SCALE_FALL, step
+    )
     error = min(max(vertical, -_ERROR_MOST), _ERROR_MOST)
     state.bias += (1.0 - math.exp(-step / _BIAS_LENGTH)) * (error - state.bias)
 

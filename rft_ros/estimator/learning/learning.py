@@ -10,7 +10,15 @@ from typing import Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.learning.filter import FILTER_FIELDS, copy, copy_place, correct, grow, start, update
+from rft_ros.estimator.learning.filter import (
+    FILTER_FIELDS,
+    copy,
+    copy_place,
+    correct,
+    grow,
+    start,
+    update,
+)
 from rft_ros.estimator.learning.surprise import ISSUES, JUDGE_FIELDS, OFFSET, judge
 from rft_ros.estimator.samples import ABSURD
 from rft_ros.estimator.tare import AirReading
@@ -55,7 +63,10 @@ _STATE = np.dtype(
         *FILTER_FIELDS,
         *JUDGE_FIELDS,
         ("doubts", int),  # issues under which the filter was updated
-        ("first", int),  # number of the first record that waits; record n is at index n modulo `_CAPACITY`
+        (
+            "first",
+            int,
+        ),  # number of the first record that waits; record n is at index n modulo `_CAPACITY`
         ("open", int),  # number of the first record whose measurement may still come
         ("end", int),  # number of the next record
         ("travel", float),
@@ -96,7 +107,9 @@ class Learning:
     and reach may change.
     """
 
-    def __init__(self, *, lag: float = 0.002, strength_error: float = CALIBRATED_ERROR, reach: float = 0.0) -> None:
+    def __init__(
+        self, *, lag: float = 0.002, strength_error: float = CALIBRATED_ERROR, reach: float = 0.0
+    ) -> None:
         self.lag = lag
         self.reach = reach
         self._states = np.zeros(1, _STATE)
@@ -107,7 +120,9 @@ class Learning:
         self._row = np.zeros(WIDTH)
         self._y = np.zeros(3)
         arrays = self._states, self._records
-        self._predict = machine_code(_predict, (*arrays, self._row, np.zeros(12), 0, 0.0, False, True, 0.0, 0.0))
+        self._predict = machine_code(
+            _predict, (*arrays, self._row, np.zeros(12), 0, 0.0, False, True, 0.0, 0.0)
+        )
         self._learn: Any = machine_code(_add_reading, (*arrays, self._y, 0, False, 0.0, False))
         start(self._state, strength_error)
 
@@ -124,7 +139,9 @@ class Learning:
         state["latest"]["p"][_STRENGTHS, _STRENGTHS] = of_push["p"][_STRENGTHS, _STRENGTHS]
         state["stage"] = _AWAY
 
-    def predict(self, stamp: int, row: Array, *, step: float, passing: bool = False, apply: bool = True) -> Array:
+    def predict(
+        self, stamp: int, row: Array, *, step: float, passing: bool = False, apply: bool = True
+    ) -> Array:
         """Corrected wrench and its standard deviations at a pose, world axes.
 
         `stamp` [ns], increasing (after a jump back call `forget_place`). `row`, shape [19]: the model's result, finite:
@@ -143,7 +160,12 @@ class Learning:
         return out
 
     def learn(
-        self, stamp: int, force: Array | Vector, *, repeated: bool = False, air: AirReading | None = None
+        self,
+        stamp: int,
+        force: Array | Vector,
+        *,
+        repeated: bool = False,
+        air: AirReading | None = None,
     ) -> None:
         """Add the compensated force [N] at a pose, world axes, shape [3]. A force that is not finite is ignored.
 
@@ -154,7 +176,9 @@ class Learning:
             self._y[:] = force
             load = 0.0 if air is None else air.load
             has_offset = air is not None and air.is_offset
-            self._learn(self._states, self._records, self._y, int(stamp), bool(repeated), load, has_offset)
+            self._learn(
+                self._states, self._records, self._y, int(stamp), bool(repeated), load, has_offset
+            )
 
     @property
     def theta(self) -> Array:
@@ -183,7 +207,9 @@ class Learning:
             surface_error=surface_error,
             path=float(state["path"]),
             surprise=float(state["surprise"]),
-            excess=float(state["mean_error"] / state["mean_force"]) if state["mean_force"] > 0.0 else 0.0,
+            excess=float(state["mean_error"] / state["mean_force"])
+            if state["mean_force"] > 0.0
+            else 0.0,
         )
 
     def strength(self) -> tuple[float, float] | None:
@@ -211,7 +237,9 @@ class Learning:
         change = self._change[0]
         if change == 0:
             return ""
-        by = f": force {percent:+.0f} %" if percent * change >= 1.0 else ""  # not while its sign changes
+        by = (
+            f": force {percent:+.0f} %" if percent * change >= 1.0 else ""
+        )  # not while its sign changes
         return f"grains {self.change} than learned{by}"
 
     @property
@@ -258,12 +286,16 @@ def _move(state, step, wet, passing):
 @inlined
 def _update_with_due(state, records, lag):
     """Update the filter with the records that the tool has passed by the lag."""
-    while state.first < state.open and records[state.first % _CAPACITY].travel <= state.travel - lag:
+    while (
+        state.first < state.open and records[state.first % _CAPACITY].travel <= state.travel - lag
+    ):
         oldest = records[state.first % _CAPACITY]
         if oldest.fault:  # earlier updates may have been wrong as well
             copy(state.latest, state.prior)
             copy(state.of_push, state.prior)
-        elif oldest.measured and oldest.path > max(state.path_learned, state.path_entered if oldest.passing else 0.0):
+        elif oldest.measured and oldest.path > max(
+            state.path_learned, state.path_entered if oldest.passing else 0.0
+        ):
             update(state, oldest)
         state.first += 1
     if state.end - state.first == _CAPACITY:  # no reading came for the oldest record: drop it

@@ -34,7 +34,10 @@ JUDGE_FIELDS = [
     ("mean_force", float),
     ("change", int),  # 1: the grains are harder than believed, -1: softer
     ("along", float),  # mean over _SUM_LENGTH: y·F, with outliers reduced
-    ("square", float),  # the same mean of F·F; next: of the horizontal parts' dot product, cross product and square
+    (
+        "square",
+        float,
+    ),  # the same mean of F·F; next: of the horizontal parts' dot product, cross product and square
     ("flat_along", float),
     ("flat_cross", float),
     ("flat_square", float),
@@ -80,7 +83,9 @@ def _compare(state, record, y, step):
     square = dot(f, f)
     if square < _OPPOSING**2:
         state.path_feeble = record.path
-    ratio = min(1.0, (_RATIO_MOST * math.sqrt(square) + _OPPOSING) / max(math.sqrt(dot(y, y)), 1e-300))
+    ratio = min(
+        1.0, (_RATIO_MOST * math.sqrt(square) + _OPPOSING) / max(math.sqrt(dot(y, y)), 1e-300)
+    )
     share = 1.0 - math.exp(-step / _SUM_LENGTH)
     state.along += share * (ratio * dot(y, f) - state.along)
     state.square += share * (square - state.square)
@@ -92,7 +97,10 @@ def _compare(state, record, y, step):
 @inlined
 def _is_comparable(state):
     """Whether the means compare enough: a path of `_ENTRY` since the tool entered, with a large enough force."""
-    return state.square > 0.0 and state.path_judged - max(state.path_entered, state.path_feeble) >= _ENTRY
+    return (
+        state.square > 0.0
+        and state.path_judged - max(state.path_entered, state.path_feeble) >= _ENTRY
+    )
 
 
 @inlined
@@ -109,7 +117,11 @@ def _find_issues(state):
         elif state.along > _STRONG * state.square:
             issues |= STRONG
         is_sideways = state.flat_square > _SIDEWAYS * state.square
-        if state.along >= 0.0 and is_sideways and abs(state.flat_cross) > _TANGENT_MOST * state.flat_along:
+        if (
+            state.along >= 0.0
+            and is_sideways
+            and abs(state.flat_cross) > _TANGENT_MOST * state.flat_along
+        ):
             issues |= TURNED
     state.issues = issues
     state.doubts |= issues
@@ -141,7 +153,9 @@ def _measure_surprise(state, record, y, step):
         for i in range(3):
             variance += predicted[i] * dot(record.s[i], predicted)
         variance *= max(1.0, state.scale[0], state.scale[1], state.scale[2])
-        normalised = min(max(error * size / math.sqrt(variance), -_NORMALISED_MOST), _NORMALISED_MOST)
+        normalised = min(
+            max(error * size / math.sqrt(variance), -_NORMALISED_MOST), _NORMALISED_MOST
+        )
         share = min(1.0 - math.exp(-step / _SURPRISE_LENGTH), _SHARE_MOST)
         state.surprise += share * (normalised - state.surprise)
         state.mean_error += share * (error - state.mean_error)

@@ -42,14 +42,19 @@ from numba.extending import register_jitable
 _PACKAGE = Path(__file__).resolve().parents[2]
 _SHARED = "rft", "ground"  # folders whose functions become part of loops elsewhere in the package
 
-OPTIONS: dict[str, Any] = {"error_model": "numpy", "fastmath": {"reassoc", "contract", "arcp", "nsz"}}
+OPTIONS: dict[str, Any] = {
+    "error_model": "numpy",
+    "fastmath": {"reassoc", "contract", "arcp", "nsz"},
+}
 """Reassociation lets LLVM vectorise sums over plates. The compiled code fixes their order, the same for one state and
 for many. NaN and infinity keep their meaning."""
 
 STEP: dict[str, Any] = {**OPTIONS, "forceinline": True, "no_cfunc_wrapper": True}
 """Options of a function that LLVM inlines into the loop which calls it, and that C never calls."""
 
-numba.config.DISABLE_JIT = 0  # whatever NUMBA_DISABLE_JIT says: with their intrinsics the loops cannot run as Python
+numba.config.DISABLE_JIT = (
+    0  # whatever NUMBA_DISABLE_JIT says: with their intrinsics the loops cannot run as Python
+)
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -94,7 +99,9 @@ class _Cache(NullCache):
 
     def __init__(self, function: FunctionType) -> None:
         self._source = Path(inspect.getfile(function)).resolve()
-        self._name = f"{function.__module__}.{function.__qualname__}.{sys.implementation.cache_tag}"
+        self._name = (
+            f"{function.__module__}.{function.__qualname__}.{sys.implementation.cache_tag}"
+        )
 
     @property
     def cache_path(self) -> str:
@@ -104,7 +111,9 @@ class _Cache(NullCache):
         """Names that end in SOURCES.TYPES.nbc. Files of this function with other SOURCES are out of date."""
         # the processor and its features: machine code for others may not run on this one
         types = _digest(repr((signature, codegen.magic_tuple())).encode())
-        return [folder / f"{self._name}.{_sources(self._source)}.{types}.nbc" for folder in _folders()]
+        return [
+            folder / f"{self._name}.{_sources(self._source)}.{types}.nbc" for folder in _folders()
+        ]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
         # Machine code calls numba's runtime. numba's own way, `target_context.refresh`, prepares the whole compiler
@@ -113,7 +122,11 @@ class _Cache(NullCache):
         for file in self._files(sig, target_context.codegen()):
             try:
                 checksum, _, content = file.read_bytes().partition(b"\n")
-                if _is_safe(file.parent) and _is_safe(file) and checksum == _digest(content).encode():
+                if (
+                    _is_safe(file.parent)
+                    and _is_safe(file)
+                    and checksum == _digest(content).encode()
+                ):
                     return CompileResult._rebuild(target_context, *pickle.loads(content))
             except OSError:  # most often there is no file
                 continue
@@ -135,7 +148,9 @@ class _Cache(NullCache):
                 part = file.with_suffix(f".{os.getpid()}.part")
                 try:
                     part.write_bytes(_digest(content).encode() + b"\n" + content)
-                    part.chmod(0o644)  # whatever the umask: a file that a group may write is not loaded
+                    part.chmod(
+                        0o644
+                    )  # whatever the umask: a file that a group may write is not loaded
                     part.replace(file)
                 finally:
                     part.unlink(missing_ok=True)  # as where the disk is full
@@ -167,7 +182,9 @@ def _folders() -> list[Path]:
         return [Path(chosen) / name]
     folders = [_PACKAGE.parent / "__pycache__"]
     with suppress(RuntimeError):  # a user without a home
-        folders.append(Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rft_ros" / name)
+        folders.append(
+            Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "rft_ros" / name
+        )
     return folders
 
 
@@ -179,7 +196,11 @@ def _is_safe(path: Path) -> bool:
     if not hasattr(os, "geteuid"):  # Windows: a user's folders are closed to others
         return True
     status = path.lstat()
-    return not S_ISLNK(status.st_mode) and status.st_uid in (0, os.geteuid()) and not status.st_mode & 0o022
+    return (
+        not S_ISLNK(status.st_mode)
+        and status.st_uid in (0, os.geteuid())
+        and not status.st_mode & 0o022
+    )
 
 
 @cache
@@ -189,4 +210,6 @@ def _warn_once(verb: str, cause: str) -> None:
 
 
 def _digest(*parts: bytes) -> str:
-    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()[:16]
+    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()[
+        :16
+    ]

@@ -51,7 +51,9 @@ _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT = range(5)
 possibly cut by the surface; possibly with horizontal plates. The plates of blocks from `_PLAIN` on are evaluated one
 by one."""
 
-_FORCE, _TORQUE, _BY_HEIGHT, _MOMENTS = (row.TOTAL + part.start for part in (FORCE, TORQUE, BY_HEIGHT, MOMENTS))
+_FORCE, _TORQUE, _BY_HEIGHT, _MOMENTS = (
+    row.TOTAL + part.start for part in (FORCE, TORQUE, BY_HEIGHT, MOMENTS)
+)
 _SUBMERGED = row.TOTAL + SUBMERGED_AREA
 """Where each part of a result begins in the chunk, which has the totals of the state in the order of a result."""
 
@@ -105,7 +107,9 @@ def _range(bounds, b, box, v):
     `box`: `BOUND_NORMAL`, `BOUND_MOMENT` (of r x n) or `BOUND_PLACE`.
     """
     middle = v[0] * bounds[box, b] + v[1] * bounds[box + 1, b] + v[2] * bounds[box + 2, b]
-    return middle, abs(v[0]) * bounds[box + 3, b] + abs(v[1]) * bounds[box + 4, b] + abs(v[2]) * bounds[box + 5, b]
+    return middle, abs(v[0]) * bounds[box + 3, b] + abs(v[1]) * bounds[box + 4, b] + abs(
+        v[2]
+    ) * bounds[box + 5, b]
 
 
 @inlined
@@ -128,7 +132,14 @@ def _classify(chunk, bounds, first, last, scene, reach, level):
         # v·n of a plate is linear · n + angular · (r x n)
         along, more_along = _range(bounds, b, BOUND_NORMAL, linear)
         around, more_around = _range(bounds, b, BOUND_MOMENT, angular)
-        trails = along + more_along + around + more_around + (bounds[BOUND_SINE, b] + ROUNDING) * fastest <= 0.0
+        trails = (
+            along
+            + more_along
+            + around
+            + more_around
+            + (bounds[BOUND_SINE, b] + ROUNDING) * fastest
+            <= 0.0
+        )
         upwards, more_upwards = _range(bounds, b, BOUND_NORMAL, axes[6:])
         tilt = abs(upwards) + more_upwards + ROUNDING
         kind = _FLAT_OR_CUT if tilt >= level else (_PLAIN if wet else _CUT)
@@ -316,7 +327,12 @@ def _inertia(chunk, n, inertia, per_scale2, has_memory):
         speed = chunk[at(row.SPEED, i)]
         normal = triple(chunk, row.NORMAL, i)
         direction = triple(chunk, row.VELOCITY, i)
-        put(chunk, row.TRACTION, i, inertia_force(inertia, normal, direction, area, per_scale2 * speed * speed))
+        put(
+            chunk,
+            row.TRACTION,
+            i,
+            inertia_force(inertia, normal, direction, area, per_scale2 * speed * speed),
+        )
         chunk[at(row.LOAD, i)] = 1.0
         chunk[at(row.AREA, i)] = 0.0
 
@@ -353,9 +369,13 @@ def _sums(form, law, height, slope, states, past, out):
     for k in range(states.shape[0]):
         state = states[k]
         axes = attitude(state[QUATERNION])
-        twist, scale = _scaled((state[7], state[8], state[9], state[10], state[11], state[12]), reach)
+        twist, scale = _scaled(
+            (state[7], state[8], state[9], state[10], state[11], state[12]), reach
+        )
         speed = 1.0 / scale if scale > 0.0 else 0.0
-        per_scale2 = min(speed * speed, 1e30)  # restores the speed for inertia; bounded, since 0 times infinity is NaN
+        per_scale2 = min(
+            speed * speed, 1e30
+        )  # restores the speed for inertia; bounded, since 0 times infinity is NaN
         below, rise = _surface(height, slope, state, axes)
         body = k if bodies > 1 else 0
         kept = past.blocks[body]
@@ -386,12 +406,16 @@ def _sums(form, law, height, slope, states, past, out):
         while b <= blocks:
             place = b & np.uint64(row.KINDS - 1)
             if place == np.uint64(0):
-                _classify(chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), scene, reach, level)
+                _classify(
+                    chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), scene, reach, level
+                )
             kind = chunk[at(row.KIND, place)] if b < blocks else _SKIP_DRY
             if has_memory and kind == _SKIP_WET and is_elastic(kept[b]):
                 kind = _PLAIN
             changes = kind >= _PLAIN and flat != (kind == _FLAT_OR_CUT)
-            if count == np.uint64(row.BLOCKS) or (count > np.uint64(0) and (b == blocks or changes)):
+            if count == np.uint64(row.BLOCKS) or (
+                count > np.uint64(0) and (b == blocks or changes)
+            ):
                 n = count * np.uint64(BLOCK)
                 for j in range(count):
                     w = np.uint64(chunk[at(row.NUMBER, j)])
@@ -415,7 +439,12 @@ def _sums(form, law, height, slope, states, past, out):
                     _add_sums(chunk, n)
                     if of_plates:
                         for j in range(count):
-                            _add_forces(chunk, j * np.uint64(BLOCK), np.uint64(chunk[at(row.NUMBER, j)]), out)
+                            _add_forces(
+                                chunk,
+                                j * np.uint64(BLOCK),
+                                np.uint64(chunk[at(row.NUMBER, j)]),
+                                out,
+                            )
                 count = np.uint64(0)
             if kind >= _PLAIN:
                 flat = kind == _FLAT_OR_CUT
