@@ -11,13 +11,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft.arguments import number
-from rft_ros.rft.frames import QUATERNION, attitude, from_frame, into_frame
+from rft_ros.rft.frames import QUATERNION, attitude, from_frame, into_frame, parts_of_state
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
 Array = NDArray[np.float64]
 
 DISPLACEMENT = 12
 """Numbers of a displacement."""
+
+_XY, _XZ, _YX, _YZ, _ZX, _ZY = 4, 5, 6, 8, 9, 10
+"""Places in a displacement of the numbers of its matrix that a rotation changes first."""
 
 SLACK = 10e-6
 """Dead band [m] for measured poses: five standard deviations of encoders of 2 µm."""
@@ -58,29 +61,63 @@ def between(before, state, moved):
 
 
 @inlined
+def as_motion(moved):
+    """A displacement in an array, shape [12], as origin and matrix."""
+    origin = moved[0], moved[1], moved[2]
+    matrix = (
+        moved[3],
+        moved[4],
+        moved[5],
+        moved[6],
+        moved[7],
+        moved[8],
+        moved[9],
+        moved[10],
+        moved[11],
+    )
+    return origin, matrix
+
+
+@inlined
+def twist_along(motion):
+    """A twist in whose direction a displacement goes."""
+    (dx, dy, dz), (_, xy, xz, yx, _, yz, zx, zy, _) = motion
+    return dx, dy, dz, 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
+
+
+@inlined
+def product(moved, twist, reach):
+    """The inner product of a displacement, shape [12], and a twist [m²/s]. `reach` [m] weighs turns."""
+    dx, dy, dz, rx, ry, rz = twist_along(as_motion(moved))
+    vx, vy, vz, wx, wy, wz = twist
+    return dx * vx + dy * vy + dz * vz + reach * reach * (rx * wx + ry * wy + rz * wz)
+
+
+@inlined
+def _bounded(x):
+    return min(max(x, -FAR), FAR)
+
+
+@inlined
 def _reduce(moved, state, reach, dead_band):
     """Reduce a displacement D to its part beyond the dead band b.
 
     Its component along the velocity is scaled by 1 - b / |D|. The component across it is scaled by 1 - b / |across|, so
     it counts only where it exceeds b by itself: noise of the poses then hardly changes the direction.
     """
-    vx, vy, vz = (
-        min(max(state[7], -FAR), FAR),
-        min(max(state[8], -FAR), FAR),
-        min(max(state[9], -FAR), FAR),
-    )
-    wx, wy, wz = (
-        min(max(state[10], -FAR), FAR),
-        min(max(state[11], -FAR), FAR),
-        min(max(state[12], -FAR), FAR),
-    )
+    _, _, velocity, angular_velocity = parts_of_state(state)
+    vx = _bounded(velocity[0])
+    vy = _bounded(velocity[1])
+    vz = _bounded(velocity[2])
+    wx = _bounded(angular_velocity[0])
+    wy = _bounded(angular_velocity[1])
+    wz = _bounded(angular_velocity[2])
     square = 0.0
     for c in range(3):
         square += moved[c] * moved[c]
     for c in range(3, DISPLACEMENT):
         square += 0.5 * reach * reach * moved[c] * moved[c]
-    turned = (moved[10] - moved[8]) * wx + (moved[5] - moved[9]) * wy + (moved[6] - moved[4]) * wz
-    along = moved[0] * vx + moved[1] * vy + moved[2] * vz + 0.5 * reach * reach * turned
+    along = product(moved, (vx, vy, vz, wx, wy, wz), reach)
     speed_square = vx * vx + vy * vy + vz * vz + reach * reach * (wx * wx + wy * wy + wz * wz)
     share = max(1.0 - dead_band / max(sqrt(square), _TINY), 0.0)
     time = 0.0
@@ -95,12 +132,12 @@ def _reduce(moved, state, reach, dead_band):
     moved[0] += time * vx
     moved[1] += time * vy
     moved[2] += time * vz
-    moved[4] -= time * wz
-    moved[5] += time * wy
-    moved[6] += time * wz
-    moved[8] -= time * wx
-    moved[9] -= time * wy
-    moved[10] += time * wx
+    moved[_XY] -= time * wz
+    moved[_XZ] += time * wy
+    moved[_YX] += time * wz
+    moved[_YZ] -= time * wx
+    moved[_ZX] -= time * wy
+    moved[_ZY] += time * wx
 
 
 @inlined
@@ -141,13 +178,6 @@ def into_tool_axes(axes, motion):
     q = into_frame(axes, x[1], y[1], z[1])
     r = into_frame(axes, x[2], y[2], z[2])
     return into_frame(axes, dx, dy, dz), (p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2])
-
-
-@inlined
-def twist_along(motion):
-    """A twist in whose direction a displacement goes."""
-    (dx, dy, dz), (_, xy, xz, yx, _, yz, zx, zy, _) = motion
-    return dx, dy, dz, 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
 
 
 @inlined

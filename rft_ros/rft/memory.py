@@ -141,6 +141,21 @@ NO_MEMORY = Past(
 
 
 @inlined
+def clear_stiffness(total):
+    """Set a record of `STIFFNESS` to zero."""
+    total.k = 0.0
+    total.x = 0.0
+    total.y = 0.0
+    total.z = 0.0
+    total.xx = 0.0
+    total.yy = 0.0
+    total.zz = 0.0
+    total.xy = 0.0
+    total.xz = 0.0
+    total.yz = 0.0
+
+
+@inlined
 def _times(s, v):
     return s * v[0], s * v[1], s * v[2]
 
@@ -212,20 +227,20 @@ def _worn(before, lead, dive, down, path, span):
 
 
 @inlined
-def advance(past, normal, moved, target, span, strength):
+def advance(before, normal, moved, target, span, strength):
     """A plate's state after one step, Eqs. (10a) to (10f), and its tangent [N/m⁴].
 
-    `past`: its `PlateState` before. `moved`: the displacement D [m]. `target`: t [N/m³]. `span`: λ [m]. `strength`: σ
+    `before`: its `PlateState`. `moved`: the displacement D [m]. `target`: t [N/m³]. `span`: λ [m]. `strength`: σ
     [N/m³]. The tangent: the modulus of the change of the traction with the displacement. In the code a is
     `elastic_path`, c `closed`, r `beyond` and p `plastic`.
     """
-    tau_x, tau_y, tau_z = past.tau
+    tau_x, tau_y, tau_z = before.tau
     nx, ny, nz = normal
     dx, dy, dz = moved
     per_modulus = span * (1.0 / (STIFF * strength))
 
     outward = dx * nx + dy * ny + dz * nz
-    closed = min(max(outward, 0.0), past.gap)
+    closed = min(max(outward, 0.0), before.gap)
     pressure = max(-(tau_x * nx + tau_y * ny + tau_z * nz), 0.0)
     beyond = max(-outward - pressure * per_modulus, 0.0)
     step = max(sqrt(dx * dx + dy * dy + dz * dz), _TINY)
@@ -242,7 +257,7 @@ def advance(past, normal, moved, target, span, strength):
 
     along = ex * tau_x + ey * tau_y + ez * tau_z
     tau = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
-    elastic_path = (2.0 * max(along, 0.0) + max(past.radius - tau, 0.0)) * per_modulus
+    elastic_path = (2.0 * max(along, 0.0) + max(before.radius - tau, 0.0)) * per_modulus
     elastic = min(elastic_path, way)
     plastic = way - elastic
     fall = modulus * elastic
@@ -250,7 +265,9 @@ def advance(past, normal, moved, target, span, strength):
 
     sheared = min(plastic, TOUCHES * tau * per_modulus)
     dive = max(-moved[2], 0.0) * per_step
-    worn = _worn(past.worn, lead=outward * per_step, dive=dive, down=-nz, path=sheared, span=span)
+    worn = _worn(
+        before.worn, lead=outward * per_step, dive=dive, down=-nz, path=sheared, span=span
+    )
     tx, ty, tz = _times(1.0 - worn, target)
 
     cx, cy, cz = tx - tau_x, ty - tau_y, tz - tau_z
@@ -262,7 +279,7 @@ def advance(past, normal, moved, target, span, strength):
     approach = 1.0 - _exp_minus(plastic * per_span * (1.0 + falls))
     tau_x, tau_y, tau_z = tau_x + approach * cx, tau_y + approach * cy, tau_z + approach * cz
     size = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
-    radius = past.radius + (size - tried) - approach * max(past.radius - tried, 0.0)
+    radius = before.radius + (size - tried) - approach * max(before.radius - tried, 0.0)
 
     keeps = 1.0 - min(RELEASE * modulus * beyond, size) / max(size, _TINY)
     radius = max(radius * max(1.0 - beyond * per_span * (1.0 / FADES), 0.0), keeps * size)
@@ -270,7 +287,7 @@ def advance(past, normal, moved, target, span, strength):
     tangent *= 1.0 if keeps * size > 0.0 else 0.0  # without traction nothing is stiff
     traction = keeps * tau_x, keeps * tau_y, keeps * tau_z
     return PlateState(
-        tau=traction, radius=radius, gap=past.gap - closed + OPEN * beyond, worn=worn
+        tau=traction, radius=radius, gap=before.gap - closed + OPEN * beyond, worn=worn
     ), tangent
 
 
@@ -292,14 +309,14 @@ def _add_memory(chunk, count, blocks, motion, below, slope, law):
             ratio = min(max(depth * depth * (1.0 / (DEPTH * DEPTH)), LEAST), GREATEST)
             span = max(law.mobilization_length, 1.0 / FAR) * ratio
             target = _times(chunk[at(row.SHARE, i)], triple(chunk, row.TRACTION, i))
-            past = PlateState(
+            before = PlateState(
                 tau=(block.tau_x[j], block.tau_y[j], block.tau_z[j]),
                 radius=block.radius[j],
                 gap=block.gap[j],
                 worn=block.worn[j],
             )
             normal = triple(chunk, row.NORMAL, i)
-            now, tangent = advance(past, normal, moved, target, span, law.stiffness)
+            now, tangent = advance(before, normal, moved, target, span, law.stiffness)
             load = chunk[at(row.LOAD, i)]
             wet = 1.0 if load > 0.0 else 0.0
             tau_x, tau_y, tau_z = traction = _times(wet, now.tau)

@@ -9,7 +9,7 @@ from math import cos, radians, sqrt
 
 import numpy as np
 
-from rft_ros.rft.displacement import into_tool_axes, twist_along
+from rft_ros.rft.displacement import as_motion, into_tool_axes, twist_along
 from rft_ros.rft.frames import (
     BY_HEIGHT,
     FORCE,
@@ -26,7 +26,7 @@ from rft_ros.rft.grains import inertia_force
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import OPTIONS, compiled, inlined
-from rft_ros.rft.memory import add_memory, clear, follow_gap, is_elastic
+from rft_ros.rft.memory import add_memory, clear, clear_stiffness, follow_gap, is_elastic
 from rft_ros.rft.plates import (
     AREA,
     BLOCK,
@@ -49,7 +49,8 @@ from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED
 _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT = range(5)
 """Kinds of blocks: dry (skipped); submerged and trailing (only its area counts); submerged without horizontal plates;
 possibly cut by the surface; possibly with horizontal plates. The plates of blocks from `_PLAIN` on are evaluated one
-by one."""
+by one. With memory, a trailing block whose plates still carry traction is `_PLAIN`: none of them leads, so their law
+does not count."""
 
 _FORCE, _TORQUE, _BY_HEIGHT, _MOMENTS = (
     row.TOTAL + part.start for part in (FORCE, TORQUE, BY_HEIGHT, MOMENTS)
@@ -241,14 +242,14 @@ def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
 
 
 @inlined
-def _follow_gaps(kept, form, b, below, rise, motion):
+def _follow_gaps(block, form, b, below, rise, motion):
     """Follow the gaps behind the plates of a submerged block that trails and is not elastic. `motion`: in tool axes."""
     rows, _, refined, _ = form
-    block = b * np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK)
+    first = b * np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK)
     for i in range(BLOCK):
-        place, _, _ = _centre_and_load(rows, block, i, below, rise, refined, False)
-        normal = triple(rows, block + _NORMAL, i, BLOCK)
-        follow_gap(kept, i, normal, place, motion)
+        place, _, _ = _centre_and_load(rows, first, i, below, rise, refined, False)
+        normal = triple(rows, first + _NORMAL, i, BLOCK)
+        follow_gap(block, i, normal, place, motion)
 
 
 @inlined
@@ -378,22 +379,12 @@ def _sums(form, law, height, slope, states, past, out):
         )  # restores the speed for inertia; bounded, since 0 times infinity is NaN
         below, rise = _surface(height, slope, state, axes)
         body = k if bodies > 1 else 0
-        kept = past.blocks[body]
+        body_blocks = past.blocks[body]
         stiffness = past.stiffness[body]
-        motion = motion_in_tool = (0.0, 0.0, 0.0), axes
+        motion = motion_in_tool = (0.0, 0.0, 0.0), axes  # not used, but of the type of a motion
         if has_memory:
-            stiffness.k = 0.0
-            stiffness.x = 0.0
-            stiffness.y = 0.0
-            stiffness.z = 0.0
-            stiffness.xx = 0.0
-            stiffness.yy = 0.0
-            stiffness.zz = 0.0
-            stiffness.xy = 0.0
-            stiffness.xz = 0.0
-            stiffness.yz = 0.0
-            d = past.displacements[k]
-            motion = (d[0], d[1], d[2]), (d[3], d[4], d[5], d[6], d[7], d[8], d[9], d[10], d[11])
+            clear_stiffness(stiffness)
+            motion = as_motion(past.displacements[k])
             motion_in_tool = into_tool_axes(axes, motion)
             if scale == 0.0:
                 twist, _ = _scaled(twist_along(motion), reach)
@@ -410,7 +401,7 @@ def _sums(form, law, height, slope, states, past, out):
                     chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), scene, reach, level
                 )
             kind = chunk[at(row.KIND, place)] if b < blocks else _SKIP_DRY
-            if has_memory and kind == _SKIP_WET and is_elastic(kept[b]):
+            if has_memory and kind == _SKIP_WET and is_elastic(body_blocks[b]):
                 kind = _PLAIN
             changes = kind >= _PLAIN and flat != (kind == _FLAT_OR_CUT)
             if count == np.uint64(row.BLOCKS) or (
@@ -431,7 +422,7 @@ def _sums(form, law, height, slope, states, past, out):
                 flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
                 tractions(law, chunk, n, flatness, refined)
                 if has_memory:
-                    add_memory(chunk, count, kept, motion, below, slope, law.numbers[0])
+                    add_memory(chunk, count, body_blocks, motion, below, slope, law.numbers[0])
                     _add_stiffness(chunk, n, stiffness)
                 for inertial in range(2 if inertia > 0.0 else 1):
                     if inertial == 1:
@@ -454,9 +445,9 @@ def _sums(form, law, height, slope, states, past, out):
             elif kind == _SKIP_WET:
                 chunk[_SUBMERGED] += bounds[BOUND_AREA, b]
                 if has_memory:
-                    _follow_gaps(kept[b], form, b, below, rise, motion_in_tool)
+                    _follow_gaps(body_blocks[b], form, b, below, rise, motion_in_tool)
             elif has_memory and b < blocks:
-                clear(kept[b])
+                clear(body_blocks[b])
             b += one
         if not of_plates:
             for c in range(out.shape[1]):
