@@ -111,12 +111,10 @@ def main() -> int:
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder, "bag")
         poses = record(bag)
-        summary = replay(
-            bag, Path(folder, "first"), values, model=model
-        )  # compiles what is not yet compiled
-        wrenches = (
-            4 * summary.estimates
-        )  # predicted and its standard deviation, compensated, residual
+        # compiles what is not yet compiled
+        summary = replay(bag, Path(folder, "first"), values, model=model)
+        # predicted and its standard deviation, compensated, residual
+        wrenches = 4 * summary.estimates
         ours = []
         theirs = []
         for turn in range(TURNS):

@@ -26,9 +26,8 @@ def main() -> int:
         wrench = grains.step(
             position, quaternion, twist, STEP, inverse_inertia=inverse, free_acceleration=GRAVITY
         )
-        twist = twist + STEP * (
-            GRAVITY + inverse @ wrench
-        )  # a round body would need its gyroscopic torque too
+        # a round body would need its gyroscopic torque too
+        twist = twist + STEP * (GRAVITY + inverse @ wrench)
         position = position + STEP * twist[:3]
         a, b, c = 0.5 * STEP * twist[3:]
         x, y, z, w = quaternion

@@ -30,9 +30,8 @@ def watch_parent() -> None:
     """In the child: end when the parent ends."""
 
     def end() -> None:
-        os.read(
-            0, 1
-        )  # the parent never writes: the call returns when the parent's end of the pipe closes
+        # the parent never writes: the call returns when the parent's end of the pipe closes
+        os.read(0, 1)
         os._exit(1)
 
     threading.Thread(target=end, daemon=True).start()

@@ -85,12 +85,10 @@ class _Parser(argparse.ArgumentParser):
         from rft_ros.files import expanded  # imports numpy; `main` handles a Ctrl-C during it
 
         super().__init__(**options)
-        self._negative_number_matcher = re.compile(
-            r"-\.?\d"
-        )  # argparse's own takes -1e-3 for an option
-        self.register(
-            "type", Path, expanded
-        )  # a shell leaves the ~ of --output=~/out.csv to the program
+        # argparse's own takes -1e-3 for an option
+        self._negative_number_matcher = re.compile(r"-\.?\d")
+        # a shell leaves the ~ of --output=~/out.csv to the program
+        self.register("type", Path, expanded)
 
     def error(self, message: str) -> NoReturn:
         name = self.prog.rpartition("/")[2].replace("'", "")  # the path of `program` may be quoted
@@ -110,9 +108,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         sys.stdout.reconfigure(errors="backslashreplace")  # a file's name need not be UTF-8
     if arguments is None:  # as a program
         arguments = sys.argv[1:]
-        signal.signal(
-            signal.SIGTERM, signal.default_int_handler
-        )  # as Ctrl-C, so that unfinished files are removed
+        # as Ctrl-C, so that unfinished files are removed
+        signal.signal(signal.SIGTERM, signal.default_int_handler)
     name = "rft"
     try:
         try:
@@ -137,9 +134,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
         return 130
     except OSError as error:
         with suppress(AttributeError, ValueError):  # no stdout, or one without a descriptor
-            os.dup2(
-                os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno()
-            )  # Python would report it again at exit
+            # Python would report it again at exit
+            os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):  # the reader, such as head, has closed the pipe
             return 128 + signal.SIGPIPE
         what = error.filename or "the output or the working directory"

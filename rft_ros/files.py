@@ -38,9 +38,8 @@ def expanded(file: Path | str) -> Path:
 
 def resolved(file: Path | str) -> Path:
     """The absolute path, ~ expanded and symbolic links followed; a loop of links stays as it is."""
-    return Path(
-        os.path.realpath(expanded(file))
-    )  # Path.resolve raises RuntimeError for a loop before Python 3.13
+    # Path.resolve raises RuntimeError for a loop before Python 3.13
+    return Path(os.path.realpath(expanded(file)))
 
 
 def checked_file(

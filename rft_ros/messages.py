@@ -94,9 +94,8 @@ def _transforms(
     order = _order(data, ros1)
     # CDR begins with 4 bytes, from which on each number is aligned to its size; ROS 1 does neither
     begin, of_integers, of_doubles = (0, 1, 1) if ros1 else (4, 4, 8)
-    header = struct.Struct(
-        order + ("4xIII" if ros1 else "iII")
-    )  # stamp, length of the parent's name
+    # stamp, length of the parent's name
+    header = struct.Struct(order + ("4xIII" if ros1 else "iII"))
     length = struct.Struct(f"{order}I")
     pose = struct.Struct(f"{order}7d")
     (count,) = (1,) if one else length.unpack_from(data, begin)

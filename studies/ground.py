@@ -41,9 +41,8 @@ Array = NDArray[np.float64]
 CELL = 0.003
 """Cells of the maps [m]: those of the data."""
 
-_TOPS = (
-    0.00025  # m; the highest grain tops lie this far below z = 0 on average (the data's README)
-)
+# m; the highest grain tops lie this far below z = 0 on average (the data's README)
+_TOPS = 0.00025
 
 
 def seen_before(number: int, tool: tuple[Array, Array, Array] | None = None) -> HeightMap:

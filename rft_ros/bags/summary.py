@@ -28,9 +28,8 @@ _COMPONENTS = (*AXES, "force", "torque")
 _SIZE_OF_FORCE = _COMPONENTS.index("force")
 _BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
 _MOST_BINS = 10
-_TOUCHES = (
-    1e-3  # m: least depth of a first pose in the grains, beyond the noise of a pose at the surface
-)
+# m: least depth of a first pose in the grains, beyond the noise of a pose at the surface
+_TOUCHES = 1e-3
 _WRONG = 0.5  # a larger median error is likely due to the set-up
 
 

@@ -18,9 +18,8 @@ from rft_ros.yaml_file import yaml_text
 SECTION = "rft_calibration"
 """Top-level key of the record, which the node ignores."""
 
-_BEDS_DIFFER = (
-    0.1  # relative standard deviation of ζ between beds of the same grains (docs/accuracy.md)
-)
+# relative standard deviation of ζ between beds of the same grains (docs/accuracy.md)
+_BEDS_DIFFER = 0.1
 
 
 def rounded(value: float, error: float) -> float:
@@ -58,9 +57,8 @@ def write_calibrated(
     head = f"# {source.name} calibrated by rft calibrate; bags, sources and standard errors: {SECTION} below.\n"
     text = head + yaml_text(tree)
     with whole(file, "calibrated file") as part:
-        part.write_text(
-            text, encoding="utf-8", errors="backslashreplace"
-        )  # the source's name may not be UTF-8
+        # the source's name may not be UTF-8
+        part.write_text(text, encoding="utf-8", errors="backslashreplace")
 
 
 def _rounded_values(fitted: FittedValue) -> list[float]:

@@ -49,9 +49,8 @@ def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Me
     part = _part_of(recording, turn)
     starts = [(float(delay), float(log_length)) for log_length in LOG_LENGTHS for delay in _DELAYS]
     found = fitted(part, BedValues(surface, log_length=0.0), ("delay", "log_length"), starts)
-    between_poses = (
-        float(np.median(np.diff(recording.track.time[part.rows]))) / 12.0**0.5
-    )  # where the turn lies
+    # where the turn lies
+    between_poses = float(np.median(np.diff(recording.track.time[part.rows]))) / 12.0**0.5
     by_friction = found.by_force(recording.friction)
     error = float(np.linalg.norm([found.error, _RESOLUTION, between_poses, by_friction]))
     misfit = found.fit.rms / max(float(np.ptp(part.observed, axis=0).max()), 1e-300)

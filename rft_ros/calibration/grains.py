@@ -41,9 +41,8 @@ GIVEN_SURFACE_ERROR = 0.002
 
 _ROUNDS = 8  # of fits with each other's results
 _SETTLED = 1e-6  # change of the surface [m] below which another round changes nothing
-_UNKNOWN_LENGTH = (
-    0.7  # standard deviation of log λ where the recordings do not determine it: half to double
-)
+# standard deviation of log λ where the recordings do not determine it: half to double
+_UNKNOWN_LENGTH = 0.7
 _NOTEWORTHY = 0.25  # greatest relative difference of ζ between penetrations without a note
 _GROWS = 0.8  # least correlation of ζ with the size of the tool that is reported
 
@@ -90,9 +89,8 @@ def fit_grains(
     if contacts:
         begin = begin._replace(surface=float(np.mean([contact.surface for contact in contacts])))
     turns: list[Phase] = []
-    own_errors = np.array(
-        [given.surface_error, 0.0, 0.0]
-    )  # of the surface [m], log λ and ζ, without each other's
+    # of the surface [m], log λ and ζ, without each other's
+    own_errors = np.array([given.surface_error, 0.0, 0.0])
     if "mobilization" in parts:
         try:
             turns = _fitted_turns(recordings, begin)

@@ -50,13 +50,11 @@ MOST_UNLIKE = 0.15
 
 _VERTICAL = slice(2, 3)
 _AIR = 0.02  # height [m] up to which the force in the air is used: further up the load cell may have drifted
-_SHALLOW = (
-    0.25  # share of the stroke's depth to which first contact is fitted, and at least `_AT_LEAST`.
-)
+# share of the stroke's depth to which first contact is fitted, and at least `_AT_LEAST`.
+_SHALLOW = 0.25
 _AT_LEAST = 0.004  # m. Over the whole depth, a pressure that grows faster than linearly would shift the surface down.
-_MOST_WINDOWS = (
-    6  # of a first contact that are tried, each with the surface found in the one before
-)
+# of a first contact that are tried, each with the surface found in the one before
+_MOST_WINDOWS = 6
 _HEIGHTS = 24  # heights that are tried before the best one is refined
 _DEPTHS = 256  # at which the force of a first contact is computed
 _LEAST_RISE = 6.0  # least rise of the force at a first contact, relative to the RMS residual

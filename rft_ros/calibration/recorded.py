@@ -24,9 +24,8 @@ SHAKEN = 2
 """Number of motions with more noise, to which each fit is compared."""
 
 _LOST_MOTION = 5e-6  # m: path that an arm loses when it turns back, by backlash or in the dead band of noisy poses
-_CLEAR = (
-    0.001  # m: at this height above the surface the memory is empty, despite noise of the poses
-)
+# m: at this height above the surface the memory is empty, despite noise of the poses
+_CLEAR = 0.001
 
 
 class BedValues(NamedTuple):

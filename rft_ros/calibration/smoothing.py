@@ -27,15 +27,13 @@ _QUIET = 1e-8  # noise [m], [rad/2]; smaller noise is rounding and is not smooth
 _CALM = 0.8  # share of the third differences that contain no corner
 _CHI2_OF_CALM = 4.642  # that quantile of chi-squared with 3 degrees of freedom
 _THIRD = 20.0  # variance of a third difference over that of a number
-_BENDS = (
-    0.2  # least change of the velocity at a corner, relative to the speeds before and after it
-)
+# least change of the velocity at a corner, relative to the speeds before and after it
+_BENDS = 0.2
 _BETWEEN = 0.02  # a corner that is nearer to a pose than this share of the time between two poses is that pose
 _STEP = 2e-5  # m: longest step of a fine motion,
 _MOST_STEPS = 8  # unless that takes more steps than this from pose to pose
-_ROUNDED = (
-    9  # decimals of velocities: rounding must not decide whether a wall along the motion leads
-)
+# decimals of velocities: rounding must not decide whether a wall along the motion leads
+_ROUNDED = 9
 
 
 class FineMotion(NamedTuple):

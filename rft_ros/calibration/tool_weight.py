@@ -24,17 +24,14 @@ _WIDEST = 30.0  # least turn of gravity in the sensor frame that separates mass 
 _LEAST = 1e-6  # kg; a smaller mass is rounding
 _SURE = 3.0  # a mass is accepted if it exceeds 0 by this many standard errors
 _EXPLAINED = 0.5  # least share of the readings' variance that the mass explains
-_NOTHING = (
-    0.01  # kg; a mass near 0 with a smaller error is no mass: the driver subtracts the weight
-)
+# kg; a mass near 0 with a smaller error is no mass: the driver subtracts the weight
+_NOTHING = 0.01
 _USUAL_MASS = 1.0  # kg: standard deviation of a tool's mass if the poses do not tell
 _LEVER = 0.1  # m: the same of its centre
-_FARTHEST = (
-    1.0  # m: a centre of mass that is farther from the load cell is a torque in another unit
-)
-_ALIKE = np.deg2rad(
-    10.0
-)  # greatest angle between two directions of gravity that count as one attitude
+# m: a centre of mass that is farther from the load cell is a torque in another unit
+_FARTHEST = 1.0
+# greatest angle between two directions of gravity that count as one attitude
+_ALIKE = np.deg2rad(10.0)
 _SPREAD = 0.15  # least RMS spread of gravity's unit vector in a second direction that identifies the centre of mass
 
 _BIAS = slice(0, 6)

@@ -44,9 +44,8 @@ _SHORTEST_STILL = 0.25  # shortest time at rest, after settling [s]
 _UP = 0.002  # shortest movement up that ends a stroke down [m]
 _TILT = np.deg2rad(3.0)  # greatest difference of orientations that count as one [rad]
 _STEEP = np.tan(np.deg2rad(15.0))
-_TURNING = (
-    0.2  # greatest speed from rotation in a straight motion, relative to that from translation
-)
+# greatest speed from rotation in a straight motion, relative to that from translation
+_TURNING = 0.2
 _CHORD = 0.001  # path over which the directions before and after a turn are taken [m]
 _TURNED = 0.5  # cosine of the least angle of a turn, 60°
 _BEFORE = 0.003  # path used before a turn [m]
@@ -87,9 +86,8 @@ class Track:
     def smooth(self) -> Array:
         """The states with velocities averaged over 0.1 s, shape [n, 13], units of `STATE`: noise averages out."""
         step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
-        count = max(
-            1, round(_SMOOTHING / max(step, 1e-4))
-        )  # stamps may lie closer than any driver's
+        # stamps may lie closer than any driver's
+        count = max(1, round(_SMOOTHING / max(step, 1e-4)))
         # uniform_filter1d would leave 1e-18 in place of 0, and walls along the motion would count as leading
         mean = correlate1d(
             self.states[:, TWIST], np.full(count, 1.0 / count), axis=0, mode="nearest"
@@ -231,9 +229,8 @@ def still_intervals(track: Track) -> list[Indices]:
 
 def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
     """Rows of straight motion down in each movement to a point below a height [m], in the orientation of that point."""
-    from scipy.signal import (
-        find_peaks,
-    )  # takes 0.5 s, which rft doctor, demo and warm-up need not wait
+    # takes 0.5 s, which rft doctor, demo and warm-up need not wait
+    from scipy.signal import find_peaks
 
     heights = track.heights
     rotations = track.rotations

@@ -49,9 +49,8 @@ def demo(bag: Path, parameters: Path, *, seconds: float) -> None:
                     if t > tare_at:
                         tared, said = node.call("tare")
                         live.console.print(f"t = {t:4.1f} s  tare: {said}", soft_wrap=True)
-                        tare_at = (
-                            math.inf if tared else t + 0.3
-                        )  # try again: a busy machine may have delayed a twist
+                        # try again: a busy machine may have delayed a twist
+                        tare_at = math.inf if tared else t + 0.3
             node.spin(time.monotonic() + 0.5)  # the last answers
         finally:
             node.end()

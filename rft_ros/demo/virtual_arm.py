@@ -39,9 +39,8 @@ _RATE = 125.0  # Hz, of the poses
 _STRENGTH = np.array([0.6, 0.6, 1.3])  # of the grains over the model's, world axes
 _HARDNESS = 2.0  # of the layer: its strength over that of the grains above
 _TRANSITION = 0.002  # m: depth over which the strength changes
-_DESCENT = oscillating_insertion(
-    start_height=0.020
-)  # starts with the ellipsoid's lowest point 2 mm above the surface
+# starts with the ellipsoid's lowest point 2 mm above the surface
+_DESCENT = oscillating_insertion(start_height=0.020)
 _NOISE = (0.02, 0.02, 0.02, 0.0005, 0.0005, 0.0005)  # N, N m, standard deviations
 LOAD_CELL = LoadCell(
     position=(0.0, 0.0, 0.12),

@@ -30,18 +30,16 @@ OF_POSES = ("world frame", "quaternions")
 _POWERS = np.linspace(-0.3, 0.6, 10)  # of depth by which the force may differ from the model's
 _FAINT = 0.05  # of the greatest predicted force: the direction of a smaller one is not compared
 _TURNED = 0.15  # least RMS change of gravity's direction in the cell that shows the tool's weight
-_OF_PEAK = (
-    0.02  # of the greatest predicted force: a smaller change of the force in the air counts little
-)
+# of the greatest predicted force: a smaller change of the force in the air counts little
+_OF_PEAK = 0.02
 _BETTER = 0.5  # greatest residual, of that of the set-up as given, of an explanation that is told
 _SURER = 0.3  # the same for angles that are not multiples of 90 degrees
 _SUREST = 0.1  # the same of a turned mesh: grains unlike the model change the growth, too
 _TOLD = 0.02  # least decrease of the residual that is told
 _TOLD_OF_MESH = 0.005  # the same of a turned mesh, which changes the growth
 _ANGLE = np.radians(4.0)  # real grains push plates up to 3 degrees out of the model's direction
-_LEAST_ANGLE = np.radians(
-    1.5
-)  # between measured and predicted force, where a tilted world is tried
+# between measured and predicted force, where a tilted world is tried
+_LEAST_ANGLE = np.radians(1.5)
 _AS_GOOD = 1.5  # residuals up to this factor of the smallest one, plus a share of the set-up's as given, are alike
 _SLACK = 0.02
 _SLACK_OF_ANGLES = 0.15  # the same of angles, whose smallest residual is not found exactly

@@ -15,9 +15,8 @@ _LAGS = np.linspace(0.0, 0.2, 41)[
 _WINDOW = 0.4  # s before and after a change of the motion
 _SHARP = 0.05  # s in which such a change takes place
 _LEAST = 0.012  # s: a smaller delay is not told from the time between two samples
-_EXPLAINED = (
-    0.3  # of the changes of the force: a greater misfit at every delay tells nothing about it
-)
+# of the changes of the force: a greater misfit at every delay tells nothing about it
+_EXPLAINED = 0.3
 _BETTER = 0.5  # of the misfit without a delay: the greatest one with it
 _FILTERED = 0.3  # of the misfit with a delay: the greatest one with a filter in its place
 _NEAR = 0.35  # of the delay: events within this share agree with it
@@ -109,9 +108,8 @@ def _misfits(e: Evidence, at: float) -> tuple[Array, float] | None:
         return None
     time = e.time[rows]
     wide = np.flatnonzero(np.abs(e.time - at) <= _WINDOW + _LONGEST)
-    gap = float(
-        np.diff(e.time[wide]).max()
-    )  # a busy machine leaves gaps; beyond `max_input_age` nothing lies between
+    # a busy machine leaves gaps; beyond `max_input_age` nothing lies between
+    gap = float(np.diff(e.time[wide]).max())
     if (
         time.min() > at - 0.5 * _WINDOW
         or time.max() < at + 0.5 * _WINDOW

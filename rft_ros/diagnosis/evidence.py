@@ -39,9 +39,8 @@ LEAST_FORCE = 0.2
 
 _SAME = 0.95  # correlation beyond which a tiny reading is that of the grains in another unit, such as kN
 _BEGUN = 0.05  # of the greatest force of a descent: a larger one shows that the tool has touched the grains
-_CONTACT_ERROR = (
-    0.005  # m, and this share of the depth: together the greatest error of surface_height
-)
+# m, and this share of the depth: together the greatest error of surface_height
+_CONTACT_ERROR = 0.005
 _CONTACT_SHARE = 0.1
 _DEPTHS = 50  # depths at which the force of a contact is computed
 _ALIKE = 0.94  # cosine of the angle by which the tool may turn on its way down

@@ -19,9 +19,8 @@ _UNITS = {"kgf": 9.80665, "lbf": 4.44822, "kN": 1e3, "mN": 1e-3, "gf": 9.80665e-
 _TURNED_AS_GOOD = 2.0  # residual of a turned mesh over the given one's, whose ζ no dry grains have
 _SLACK = 0.002
 _FEW_ROWS = 400  # on which turned meshes are compared
-_LEVER = (
-    0.01  # m, and this share of the tool's size: the model does not give the lever more exactly
-)
+# m, and this share of the tool's size: the model does not give the lever more exactly
+_LEVER = 0.01
 _LEVER_OF_SIZE = 0.25
 _LONGEST_LEVER = 2.0  # m: a longer one comes from a torque in another unit
 _NOISE_OF_LEVER = 0.1  # of the misfit of the torque; with more, no lever is judged

@@ -18,9 +18,8 @@ _STEPS = 40  # moments at which the zero may step
 _TURNED = 0.15  # least RMS spread of gravity's direction in the cell, along two axes, that shows the tool's weight
 _LIGHT = 0.01  # kg: a smaller mass is none
 _UPRIGHT = 4.0  # degrees: the weight's direction is not known better
-_LONGEST_CENTER = (
-    1.0  # m: a centre of mass that is further away comes from a torque in another unit
-)
+# m: a centre of mass that is further away comes from a torque in another unit
+_LONGEST_CENTER = 1.0
 
 
 def threshold(e: Evidence) -> Iterator[Finding]:

@@ -62,9 +62,8 @@ def compiled() -> Finding:
 
 
 _SOONEST = 0.02  # quantile of the ages at arrival: due to clocks and drivers alone, without delays on the way
-_LEAST_SPAN = (
-    1_500_000_000  # ns on both sides of a step of the clock: a busy machine stands still for less
-)
+# ns on both sides of a step of the clock: a busy machine stands still for less
+_LEAST_SPAN = 1_500_000_000
 _RARE = 0.01  # share of poses: rarer reasons are not reported
 _AHEAD = 1.5  # s: senders of transforms that change slowly date them ahead by up to this
 _PLAYED = 60.0  # s: stamps in a recording that are older come from one that was played
@@ -221,9 +220,8 @@ class Checkup:
         """
         rows = self._run.rows()
         late = list(self._of_clocks())
-        whole = (
-            complete and not late
-        )  # otherwise the node may have received samples that are missing here
+        # otherwise the node may have received samples that are missing here
+        whole = complete and not late
         poses = np.array(self._poses).reshape(-1, 8)
         evidence = evidence_of(rows, self._estimator, poses=poses)
         evidence = replace(evidence, named=self._cell.named, tare=self._tare, complete=whole)
@@ -311,9 +309,8 @@ class Checkup:
             role == "tf" and -_AHEAD < age < 0.0
         ):  # as of localisation with a tolerance
             return True
-        return (
-            not self._live and age > _PLAYED
-        )  # all messages of a recording that was played and recorded again
+        # all messages of a recording that was played and recorded again
+        return not self._live and age > _PLAYED
 
     def _of_frames(self) -> Iterator[Finding]:
         unknown = self._estimator.unknown_frames()

@@ -36,9 +36,8 @@ def examine_running(cell: Cell, node: str, *, seconds: float) -> list[Finding]:
         advice = "start it with ros2 launch rft_ros rft.launch.py, or give --node"
         of_node = Finding(name="node", said=f"no node {node} was found", advice=advice)
     # the estimates are computed after listening, so that they take no CPU time while messages arrive
-    values = (
-        {**cell.values, "sensor.bias": running["sensor.bias"]} if running else cell.values
-    )  # a tare changes it
+    # a tare changes it
+    values = {**cell.values, "sensor.bias": running["sensor.bias"]} if running else cell.values
     checkup = Checkup(replace(cell, values=values))
     for sample, received in _as_if_in_time(
         list(_samples(messages)), limit=values["max_input_age"]

@@ -32,9 +32,8 @@ from rft_ros.parameters import Settings
 from rft_ros.rft import unit_quaternion
 from rft_ros.rft.frames import Placement
 
-_CLOUD_PERIOD = (
-    190_000_000  # ns; a cloud that follows another one sooner is dropped: 5 Hz are enough
-)
+# ns; a cloud that follows another one sooner is dropped: 5 Hz are enough
+_CLOUD_PERIOD = 190_000_000
 _MOST_WANTED = 4096  # stamps that wait for transforms
 
 _LINK = "set the parameter to an existing frame, or publish the transform between the two on /tf_static"

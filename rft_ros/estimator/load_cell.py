@@ -23,9 +23,8 @@ GRAVITY = 9.80665
 HISTORY = 8192
 """Load-cell samples kept: 8 s of a 1 kHz stream. A pose that is older than all of them has no measurement."""
 
-_MOST_PENDING = (
-    4096  # estimates that wait for samples; if there are more, the oldest is compared early
-)
+# estimates that wait for samples; if there are more, the oldest is compared early
+_MOST_PENDING = 4096
 
 _MOUNT = np.dtype(
     [

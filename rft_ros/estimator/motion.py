@@ -75,9 +75,8 @@ class Kinematics:
     def __init__(self) -> None:
         self._difference = PoseDifference()
         self._followed = np.zeros(1, FOLLOWED)
-        self._direction = np.zeros(
-            6
-        )  # of the last twist along the displacement, scaled to a speed of 1 m/s
+        # of the last twist along the displacement, scaled to a speed of 1 m/s
+        self._direction = np.zeros(6)
         states = np.zeros((1, len(STATE)))
         self._follow: Any = machine_code(
             _follow, (self._followed, states, 0.0, 0.0, np.zeros((1, DISPLACEMENT)))

@@ -20,15 +20,12 @@ _FEWEST = 3
 _FEWEST_OF_PARABOLA = 5
 _UNLIKELY = 8.0  # standard deviations of chi-squared; beyond, the window is shortened, and the slope is noisier
 _BENDS = 16.3  # chi-squared with probability 1e-3: a smaller bend of the parabola is left out
-_MOVES = (
-    40.0  # chi-squared with probability 1e-8: false motion at rest would release the held force
-)
-_THIN = (
-    1.0 / 64.0
-)  # of the window: in its older part, poses closer than this to the one before are skipped
-_POSITIONS, _ROTATIONS = range(
-    2
-)  # the two kinds of coordinates of a pose, which have noise of their own
+# chi-squared with probability 1e-8: false motion at rest would release the held force
+_MOVES = 40.0
+# of the window: in its older part, poses closer than this to the one before are skipped
+_THIN = 1.0 / 64.0
+# the two kinds of coordinates of a pose, which have noise of their own
+_POSITIONS, _ROTATIONS = range(2)
 
 
 class PoseDifference:

@@ -31,9 +31,8 @@ _OF_TIP = (
 )  # the same across the motion; the median, since a tenth of the misfits may be those of corners
 _ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
 _REPEATS = 1.5  # a pose that stays the same for longer than this many times the last interval has come to rest
-_LAST = (
-    6  # poses: the four of a misfit, with one on each side, which show the direction of the motion
-)
+# poses: the four of a misfit, with one on each side, which show the direction of the motion
+_LAST = 6
 
 
 _TRACK = np.dtype(
@@ -158,9 +157,8 @@ def _add(tracks, pose, stamp, gap):
             for i in range(first, last):
                 step += (poses[k, i] - poses[k + 1, i]) * (poses[0, i] - poses[_LAST - 1, i])
             goes_on = goes_on and step > 0.0
-        across = (
-            1.5 * max(square - along * along / way, 0.0) if goes_on else square
-        )  # two coordinates stand for three
+        # two coordinates stand for three
+        across = 1.5 * max(square - along * along / way, 0.0) if goes_on else square
         if kind == 1:  # a rotation moves a quaternion by half of its angle
             square *= 4.0
             across *= 4.0

@@ -17,9 +17,8 @@ from rft_ros.rft.frames import Vector
 from rft_ros.rft.grains import WITH_INERTIA, WITHOUT_INERTIA
 from rft_ros.tool import LARGEST, SMALLEST, Tool
 
-_LARGEST_FORCE = (
-    5e5  # N: more than that of any arm, and than the breakout force of an excavator of 50 t
-)
+# N: more than that of any arm, and than the breakout force of an excavator of 50 t
+_LARGEST_FORCE = 5e5
 _HIGHEST = 50.0  # m: greatest plausible height of a tool frame above the surface
 _DEEPEST = 0.3  # m: greatest plausible depth, plus the next number times the tool's largest extent
 _DEEPEST_OF_SIZE = 10.0  # small probes go deep
@@ -71,12 +70,10 @@ def sentence_on(tool: Tool, *, depth: float, force: float) -> str:
     return ""
 
 
-_FROUDE = (
-    0.4  # Kumar et al., arXiv:1712.09057: drag depends on the speed from v / sqrt(g D) = 0.35 on
-)
-_FEWEST_GRAINS = (
-    5.0  # across the tool; with fewer the force rises: Paume et al., doi:10.1039/D3SM01242E
-)
+# Kumar et al., arXiv:1712.09057: drag depends on the speed from v / sqrt(g D) = 0.35 on
+_FROUDE = 0.4
+# across the tool; with fewer the force rises: Paume et al., doi:10.1039/D3SM01242E
+_FEWEST_GRAINS = 5.0
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
 _HARMLESS = {
     "concave",

@@ -21,9 +21,8 @@ from rft_ros.parameters import LoadCell, Model, Settings
 from rft_ros.rft import Memory
 from rft_ros.rft.wrench import prepared
 
-_TWISTS = (
-    256  # a pose that waited in a queue of 200 messages still finds the twist of its own time
-)
+# a pose that waited in a queue of 200 messages still finds the twist of its own time
+_TWISTS = 256
 
 
 class Change(Flag):

@@ -40,9 +40,8 @@ class AirReading:
     """The mean of the last compensated forces in the air, and whether it is an offset."""
 
     def __init__(self) -> None:
-        self._waiting: deque[tuple[Prediction, Vector]] = (
-            deque()
-        )  # until no late reading can come before it
+        # until no late reading can come before it
+        self._waiting: deque[tuple[Prediction, Vector]] = deque()
         self._mean = (0.0, 0.0, 0.0)
         self._count = 0
         self._greatest = 0.0  # predicted force in the grains so far [N]

@@ -28,9 +28,8 @@ class Succession(Enum):
     NEW_RUN = "it is earlier by `TIME_JUMP` or more: the sample is the first one of a new run"
 
 
-NEXT, REPEATED, LATE, NEW_RUN = (
-    Succession  # names of the module: an attribute of an Enum takes 0.1 us to look up
-)
+# names of the module: an attribute of an Enum takes 0.1 us to look up
+NEXT, REPEATED, LATE, NEW_RUN = Succession
 
 
 def succession(stamp: int, *, after: int) -> Succession:

@@ -26,9 +26,8 @@ _HIGHEST = 1e6  # greatest |height| [m]
 _MARGIN = 2.0  # cells around the tool in which points may be the tool's own
 _REACH = 700.0  # cells; points further from the tool are left out, so that a stray one does not use up `MOST_CELLS`
 _JUMP = 3.0  # cells; grains cannot be this steep, so a cell that differs more from its neighbours is an outlier
-_CLOSE = (
-    2  # cells; the plane around a tool is fitted to the known cells within this radius, or more
-)
+# cells; the plane around a tool is fitted to the known cells within this radius, or more
+_CLOSE = 2
 _LEFT_OUT = np.iinfo(np.int64).min
 _COLUMNS = ("x", "y", "h")
 
@@ -114,9 +113,8 @@ class HeightMap:
         corners or within two cells of it, or that would enlarge the map over `MOST_CELLS`. Outliers are left out, too:
         cells whose height differs from the median of their neighbours by more than three sides of a cell.
         """
-        phase = np.append(
-            np.mod(self.corner, 1.0), 0.0
-        )  # distance of the cells from multiples of `cell`, in cells
+        # distance of the cells from multiples of `cell`, in cells
+        phase = np.append(np.mod(self.corner, 1.0), 0.0)
         offset = self.cell * phase
         box = _NO_BOX if tool is None else _box_of(tool, offset, self.cell)
         p = np.vstack([x, y, z]).astype(np.float64) - offset[:, None]
@@ -242,9 +240,8 @@ def _medians(z, index, i0, j0, seen):
     for k in range(z.shape[0]):
         if index[0, k] != _LEFT_OUT:
             c = (index[0, k] - i0) * m + index[1, k] - j0
-            end[c] -= (
-                1  # a cell is filled from its end, so that this becomes the index of its first point
-            )
+            # a cell is filled from its end, so that this becomes the index of its first point
+            end[c] -= 1
             ordered[end[c]] = z[k]
     for c in range(seen.size):
         n = (end[c + 1] if c + 1 < seen.size else len(ordered)) - end[c]
@@ -261,9 +258,8 @@ def _take_plausible(seen, heights, jump):
             if np.isnan(seen[i, j]):
                 continue
             count = 0
-            alike = (
-                True  # if all neighbours are near this height, so is their median: no need to sort
-            )
+            # if all neighbours are near this height, so is their median: no need to sort
+            alike = True
             for a in range(max(i - 1, 0), min(i + 2, seen.shape[0])):
                 for b in range(max(j - 1, 0), min(j + 2, seen.shape[1])):
                     if not np.isnan(seen[a, b]) and (a != i or b != j):

@@ -57,9 +57,8 @@ class GroundMapper:
         self._thread = ThreadPoolExecutor(1)
         self._clouds: deque[tuple[Cloud, Placement | None]] = deque(maxlen=_CLOUDS)
         self._places: deque[ToolPlace] = deque(maxlen=_PLACES)
-        self._waiting: deque[tuple[int, Future[HeightMap]]] = (
-            deque()
-        )  # the stamp at which a map is due, and the map
+        # the stamp at which a map is due, and the map
+        self._waiting: deque[tuple[int, Future[HeightMap]]] = deque()
         self.cloud_stamp = 0
         self.pose_stamp = 0
 

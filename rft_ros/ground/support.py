@@ -200,9 +200,8 @@ def _wet_part(placed, height, slope_x, slope_y, bottom):
     mx /= whole
     my /= whole
     mz /= whole
-    spread = max(
-        square / whole - mx * mx - my * my, 0.0
-    )  # half of the squared radius of an even disc
+    # half of the squared radius of an even disc
+    spread = max(square / whole - mx * mx - my * my, 0.0)
     return mx, my, mz, deepest, np.sqrt(2.0 * spread)
 
 
@@ -236,9 +235,8 @@ def _find_plane(grid, placed, state, last):
     least = _LEAST_RADIUS * grid.cell
     fitted, slope_x, slope_y, roughness = _fit(grid, px + x, py + y, least)
     height = fitted - slope_x * x - slope_y * y  # at the tool frame's origin
-    bottom = (
-        placed[lowest, 2] + least
-    )  # in the air the disc is placed by the lowest part of the tool
+    # in the air the disc is placed by the lowest part of the tool
+    bottom = placed[lowest, 2] + least
     for _ in range(_ROUNDS):
         mx, my, mz, deepest, wide = _wet_part(placed, height - pz, slope_x, slope_y, bottom)
         radius = max(wide, deepest, least)

@@ -43,9 +43,8 @@ class Diagnostics:
         ] = {}  # for each problem, the number of reports since it was last present
         self._idle = True  # no pose came in the second before the last report
         self._answered = False  # whether an estimate has come
-        self._first_depth: float | None = (
-            None  # of a first estimate that is in the grains [m], until it is logged
-        )
+        # of a first estimate that is in the grains [m], until it is logged
+        self._first_depth: float | None = None
         self._start_period()
 
     def _start_period(self) -> None:
@@ -98,9 +97,8 @@ class Diagnostics:
         learning = self._estimator.learning
         issues = self._estimator.issues()
         array.header.stamp = now.to_msg()
-        of_inputs = (
-            bad if learning is not None else bad + issues
-        )  # with learning, the status of the medium has them
+        # with learning, the status of the medium has them
+        of_inputs = bad if learning is not None else bad + issues
         array.status = [
             self._inputs(now.nanoseconds, of_inputs),
             self._estimates(new_estimates),
@@ -186,9 +184,8 @@ class Diagnostics:
             values["latency_median_us"], values["latency_p99_us"] = 1e6 * np.percentile(
                 self._latencies, (50, 99)
             )
-        speed = (
-            f"{self._fastest:.3f} m/s is " if flags & QualityFlag.FAST else ""
-        )  # completes the sentence of FAST
+        # completes the sentence of FAST
+        speed = f"{self._fastest:.3f} m/s is " if flags & QualityFlag.FAST else ""
         problem = speed + sentences(flags) if new else "no estimates"
         return self._status("estimates", values, problem=problem, fine=f"{new} estimates")
 

@@ -21,9 +21,8 @@ from rft_ros.rft.frames import Placement, Wrench
 _PERIOD = 0.01  # s, between two outputs while there are no estimates
 _ZERO: Wrench = (0.0,) * 6
 _LONGEST_STEP = 2.0 * _PERIOD  # longest time of one step of the ramp, also after a pause
-_LEAST = (
-    1e-9  # N, N m: least rate times rise time; with a limit of 0 the ramp to zero would not end
-)
+# N, N m: least rate times rise time; with a limit of 0 the ramp to zero would not end
+_LEAST = 1e-9
 _END = 0.25  # s: the longest ramp when the node ends
 
 

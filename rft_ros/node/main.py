@@ -74,14 +74,12 @@ def _run(stop: threading.Event) -> None:
         from rft_ros.node.rft_node import RftNode, executor_of
         from rft_ros.node.topics import start_ros
 
-        given_sections(
-            sys.argv[1:]
-        )  # raises the errors of a replay; ROS would say more, and block on a pipe
+        # raises the errors of a replay; ROS would say more, and block on a pipe
+        given_sections(sys.argv[1:])
         running.callback(rclpy.try_shutdown)
         try:
-            start_ros(
-                signal_handler_options=SignalHandlerOptions.NO
-            )  # first: it checks arguments before code compiles
+            # first: it checks arguments before code compiles
+            start_ros(signal_handler_options=SignalHandlerOptions.NO)
             node = RftNode(worker)
         except (
             ParameterException,
@@ -95,9 +93,8 @@ def _run(stop: threading.Event) -> None:
         node.announce("ready")
         try:
             while not stop.is_set():
-                executor.spin_once(
-                    timeout_sec=0.1
-                )  # EventsExecutor.spin hangs in the PyPI wheel of rclpy 7.1.5
+                # EventsExecutor.spin hangs in the PyPI wheel of rclpy 7.1.5
+                executor.spin_once(timeout_sec=0.1)
         finally:
             node.feedforward.end()
         executor.shutdown()

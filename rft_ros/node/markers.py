@@ -44,9 +44,8 @@ def _spliced(marker: Marker, points: Array, rgb: Array) -> bytes:
     end = 4 + (lifetime - 4 + 8 + 1 + 3) // 4 * 4
     head = template[:lifetime] + b"\x00\x00\x00\x00" + template[lifetime + 4 : end]
     count = struct.pack("<I", len(points))
-    padding = b"\x00" * (
-        -len(head) % 8
-    )  # the doubles start at a multiple of 8 from byte 4, after a length of 4 bytes
+    # the doubles start at a multiple of 8 from byte 4, after a length of 4 bytes
+    padding = b"\x00" * (-len(head) % 8)
     rgba = np.column_stack([rgb, np.ones(len(rgb))])
     places = points.astype("<f8").tobytes()
     colours = rgba.astype("<f4").tobytes()
@@ -65,9 +64,8 @@ class Markers:
         self._estimator = estimator
         self._publisher = node.create_publisher(MarkerArray, "~/markers", 1)
         self._answer: Estimate | None = None
-        self.measured: Wrench | None = (
-            None  # the last compensated wrench; None if there was no measurement
-        )
+        # the last compensated wrench; None if there was no measurement
+        self.measured: Wrench | None = None
         self._drawn: tuple[HeightMap, Array] | None = None
         self._state = estimator.state.copy()
 
@@ -108,9 +106,8 @@ class Markers:
         )
         traction = np.linalg.norm(forces[drawn], axis=1) / tool.facets.areas[drawn]
         share = traction[:, None] / max(traction.max(), 1e-12)
-        rgb = np.where(
-            share > 0.0, _YELLOW + share * (_RED - _YELLOW), 0.8
-        )  # light grey without traction
+        # light grey without traction
+        rgb = np.where(share > 0.0, _YELLOW + share * (_RED - _YELLOW), 0.8)
         marker = self._marker(stamp, 0, Marker.TRIANGLE_LIST, Vector3(x=1.0, y=1.0, z=1.0))
         qx, qy, qz, qw = self._state[QUATERNION].tolist()
         marker.pose.position = _point(self._state[POSITION])

@@ -64,9 +64,8 @@ class RefusedChangeError(ParameterNotDeclaredException):
     """Refuses a change of parameters. rclpy answers a client with its sentence; other exceptions would end the node."""
 
     def __init__(self, sentence: str) -> None:
-        Exception.__init__(
-            self, sentence
-        )  # rclpy's own names no parameter: "undeclared parameter(s): []"
+        # rclpy's own names no parameter: "undeclared parameter(s): []"
+        Exception.__init__(self, sentence)
 
 
 class NodeParameters:

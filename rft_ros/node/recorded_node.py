@@ -74,9 +74,8 @@ class RecordedNode:
             "--params-file",
             str(parameters),
         ]
-        self._process = subprocess.Popen(
-            command, start_new_session=True
-        )  # Ctrl-C in the terminal does not reach it
+        # Ctrl-C in the terminal does not reach it
+        self._process = subprocess.Popen(command, start_new_session=True)
 
     def _on_answer(self, name: str, data: bytes) -> None:
         self._newest[name] = data

@@ -27,9 +27,8 @@ from rft_ros.parameters import (
 )
 from rft_ros.tool import checked_mesh
 
-_ANSWERS_WITHIN = (
-    0.05  # s; a tick waits so long for a drive that does not say whether a file exists
-)
+# s; a tick waits so long for a drive that does not say whether a file exists
+_ANSWERS_WITHIN = 0.05
 
 
 class _InForce(NamedTuple):
@@ -86,9 +85,8 @@ class Swap:
         prepare(self._code, on_cold_cache)
         self._code_thread = prepare_later(PARTS - self._code)
         wanted = parts_of(values)
-        loaded = worker.load(
-            wanted
-        )  # after the code is in the cache; otherwise the worker compiles it, too
+        # after the code is in the cache; otherwise the worker compiles it, too
+        loaded = worker.load(wanted)
         in_force = {part: _InForce(wanted[part], content) for part, content in loaded.items()}
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
@@ -159,9 +157,8 @@ class Swap:
 
     def _load(self, part: str, wanted: Values) -> dict[str, Any]:
         if part == "ground":
-            decoder(
-                "surface", ros1=False
-            )  # takes 0.3 s the first time; in this thread no tick waits for it
+            # takes 0.3 s the first time; in this thread no tick waits for it
+            decoder("surface", ros1=False)
         return self._worker.load(
             {part: wanted}, lambda: parts_of(self.prepared.values)[part] == wanted
         )

@@ -94,9 +94,8 @@ class ToolWorker:
         """CPU time that the process has used [s]; 0 where the system does not tell."""
         with suppress(OSError):
             fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
-            return (int(fields[11]) + int(fields[12])) / os.sysconf(
-                "SC_CLK_TCK"
-            )  # utime and stime
+            # utime and stime
+            return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
         return 0.0
 
     def end(self) -> None:

@@ -19,9 +19,8 @@ Values = Mapping[str, Any]
 
 LONGEST_NAME = 256  # characters, of a frame or a parameter
 _LONGEST = 4096  # characters, of a path
-_LARGEST = (
-    sys.float_info.max
-)  # a comparison with it also refuses large integers, for which math.isfinite raises
+# a comparison with it also refuses large integers, for which math.isfinite raises
+_LARGEST = sys.float_info.max
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,9 +60,8 @@ class Parameter:
     def checked(self, value: object) -> Value:
         """The value in the parameter's type. Raises InputError that names parameter and value, and what is allowed."""
         if isinstance(self.default, str):
-            is_off = (
-                value is False and "off" in self.choices
-            )  # YAML reads an unquoted off as false
+            # YAML reads an unquoted off as false
+            is_off = value is False and "off" in self.choices
             return self._text("off" if is_off else value)
         if isinstance(self.default, bool):
             if not isinstance(value, bool):

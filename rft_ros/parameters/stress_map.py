@@ -176,9 +176,8 @@ def _fit(
     terms_there = terms[there]
     values_there = values[there]
     first = np.array([getattr(start, name) for name in names])
-    mean_squares, combinations = np.linalg.eigh(
-        terms_there.T @ terms_there / count
-    )  # combinations: a column each
+    # combinations: a column each
+    mean_squares, combinations = np.linalg.eigh(terms_there.T @ terms_there / count)
     known = mean_squares > _OPEN**2
     determined = combinations[:, known]
     inverse = determined / mean_squares[known] @ determined.T / count

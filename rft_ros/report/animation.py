@@ -17,9 +17,8 @@ _MOST_FACES = 10_000  # of a mesh that is drawn as it is
 _FEWER = 5000, 20_000, 80_000  # numbers of faces that are tried for a finer one
 _EXTENT_ERROR = 0.01  # of the largest extent: how far a face of the bounding box may move
 _AREA_ERROR = 0.02  # of the area: error of the area that faces +x, -x, ..., -z
-_TURN = (
-    0.1  # of the largest extent: the distance that is as bad as an error of the normal by 1 rad
-)
+# of the largest extent: the distance that is as bad as an error of the normal by 1 rad
+_TURN = 0.1
 
 
 class DrawnMesh(NamedTuple):
@@ -42,9 +41,8 @@ def drawn_mesh(tool: Tool, *, most_faces: int = _MOST_FACES) -> DrawnMesh:
     import trimesh
     from scipy.spatial import KDTree
 
-    vertices, merged = np.unique(
-        tool.vertices, axis=0, return_inverse=True
-    )  # each face of an STL file has its own
+    # each face of an STL file has its own
+    vertices, merged = np.unique(tool.vertices, axis=0, return_inverse=True)
     full = trimesh.Trimesh(vertices, merged.reshape(-1)[tool.faces], process=False)
     for count in _FEWER if len(full.faces) > most_faces else ():
         if count < len(full.faces):

@@ -47,9 +47,8 @@ class Mechanism:
         self._euler = int(mujoco.mjtIntegrator.mjINT_EULER)
         self._rk4 = int(mujoco.mjtIntegrator.mjINT_RK4)
         flags = mujoco.mjtDisableBit
-        dampers = getattr(
-            flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0)
-        )  # by version
+        # by version
+        dampers = getattr(flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0))
         self._undamped = int(dampers | flags.mjDSBL_EULERDAMP)
         self.data = mujoco.MjData(model)
         self._scratch = mujoco.MjData(model)

@@ -29,9 +29,8 @@ _LENGTH = 0.003  # m
 
 _LONGEST_RK4 = 0.002  # s; in longer steps of RK4 bodies may not come to rest
 _SAME = 1e-9  # relative difference of a force in xfrc_applied from what was written there, below which it is that
-_AHEAD = (
-    1.5  # steps; data that moved on by more since the last call was stepped without the grains
-)
+# steps; data that moved on by more since the last call was stepped without the grains
+_AHEAD = 1.5
 
 _log = logging.getLogger("rft_ros.simulation")
 

@@ -204,7 +204,6 @@ def _tool_of_triangles(triangles: bytes, tolerance: float) -> Tool:
     import trimesh
 
     corners = np.frombuffer(triangles).reshape(-1, 3)
-    mesh = trimesh.Trimesh(
-        corners, np.arange(len(corners)).reshape(-1, 3)
-    )  # which merges the corners
+    # which merges the corners
+    mesh = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3))
     return tool_of_mesh(mesh, name="body", tolerance=tolerance)

@@ -20,9 +20,8 @@ LARGEST = 10.0
 _SMALLEST_USUAL = 5e-3  # m; below, the check proposes a scale
 _LARGEST_USUAL = 5.0  # m; above, too
 
-_COLLINEAR = (
-    1e-12  # of the longest edge squared: rounding error of the cross product of parallel edges
-)
+# of the longest edge squared: rounding error of the cross product of parallel edges
+_COLLINEAR = 1e-12
 _CLOSED = 0.01  # greatest sum of the area vectors, over the area, of a surface that counts as closed; 0 without holes
 _HOLLOW = 0.02  # of the largest extent: how far other parts may reach beyond a facet's plane
 _CONCAVE_SHARE = 0.05  # of the area: a tool with a larger share in hollows is concave
@@ -30,9 +29,8 @@ _SAMPLED = 2000  # facets, and points, in the check for hollows
 _COVERED_SHARE = 0.005  # of the area: more of it inside other bodies is no rounding at an edge
 _COVERED_SAMPLES = 400  # points in the check for bodies in each other
 _MOST_PAIRS = 10_000_000  # of a point and a facet in that check
-_OUTSIDE = (
-    1e-4  # of the largest extent: distance in front of a facet at which another body covers it
-)
+# of the largest extent: distance in front of a facet at which another body covers it
+_OUTSIDE = 1e-4
 
 _Surface = Literal[
     "not_closed", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"

@@ -25,9 +25,8 @@ Array = NDArray[np.float64]
 _PRESS = (0.0, 0.0, -1.0)
 _DRAGS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}
 
-_NARROW = (
-    1.0 / 3.0
-)  # of the tool's middle extent: a gap in which grains move along; 0.3 did, 0.8 did not
+# of the tool's middle extent: a gap in which grains move along; 0.3 did, 0.8 did not
+_NARROW = 1.0 / 3.0
 _POINTS = 1000  # in the tool's hull
 _MOST_PAIRS = 100_000_000  # of a point and a facet
 _SPEED = 0.01  # m/s

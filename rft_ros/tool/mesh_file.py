@@ -44,9 +44,8 @@ _MOST_FACETS = 2_000_000
 _MOST_PARTS = 10_000  # of a scene; trimesh takes a millisecond to read each
 _FOLDED = math.pi - 1e-3  # rad; neighbours whose normals differ by more lie on each other
 _SLIVER = 1e-6  # of the largest facet's area; rounding may have turned a smaller facet over
-_FARTHEST = (
-    1e6  # greatest |origin| over the farthest vertex; further away, rounding deforms the mesh
-)
+# greatest |origin| over the farthest vertex; further away, rounding deforms the mesh
+_FARTHEST = 1e6
 _TOO_BIG = 1e60  # m; squared areas of larger tools overflow
 
 # Without a handler, Python prints trimesh's warnings (of textures, for example) on stderr with a traceback.
@@ -154,14 +153,12 @@ def _load_link(urdf: Path, link: str) -> "trimesh.Trimesh":
         unit = 1.0
         if isinstance(shape.source, Path):
             part = _load(shape.source)
-            unit = (
-                _declared_unit(part) or unit
-            )  # files that declare no unit are in metres, as in RViz and Gazebo
+            # files that declare no unit are in metres, as in RViz and Gazebo
+            unit = _declared_unit(part) or unit
         else:
             corners = shape.source.reshape(-1, 3)
-            part = trimesh.Trimesh(
-                corners, np.arange(len(corners)).reshape(-1, 3)
-            )  # which merges the corners
+            # which merges the corners
+            part = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3))
         to_link = np.eye(4)
         to_link[:3, :3] = shape.rotation * shape.scale * unit
         to_link[:3, 3] = shape.position
@@ -253,9 +250,8 @@ def _in_tool_frame(
 ) -> "trimesh.Trimesh":
     import trimesh
 
-    farthest = (
-        _FARTHEST * np.abs(corners).max()
-    )  # NaN if a vertex is NaN; then the check of the vertices refuses it
+    # NaN if a vertex is NaN; then the check of the vertices refuses it
+    farthest = _FARTHEST * np.abs(corners).max()
     shift = frame.origin
     if not np.isfinite(shift).all() or (abs(shift) > farthest).any():
         near = f"near mesh file '{path}', in its units (within {_FARTHEST:,.0f} times its farthest vertex)"

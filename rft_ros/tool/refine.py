@@ -18,9 +18,8 @@ if TYPE_CHECKING:
 FLAT_HALF_ANGLE = np.deg2rad(1.0)
 """Half angle [rad] over which a flat facet begins to lead: the smallest of any facet."""
 
-_CREASE = np.deg2rad(
-    50.0
-)  # facets at a larger angle meet at an edge of the tool, not within a curved surface
+# facets at a larger angle meet at an edge of the tool, not within a curved surface
+_CREASE = np.deg2rad(50.0)
 _SPAN = 0.85  # half angle of a curved facet over the mean angle between its normal and those at its corners
 _TIP = 0.7
 """A point is a tip if more of its squared tilt than this is left over, and if the tilt exceeds `_POINTED`.
@@ -53,9 +52,8 @@ def refined_plates(vertices: Array, faces: Indices) -> Plates:
     angles = np.arccos(np.clip(_dot(surface.normals, facet[:, None]), -1.0, 1.0))
     half_angles = np.clip(_SPAN * angles.mean(axis=1), FLAT_HALF_ANGLE, 0.5 * np.pi)
     triangles = _with_area_of_surface(points, corners, surface)
-    is_lost = ~(
-        np.linalg.norm(doubled_areas(triangles), axis=1) > 0.0
-    )  # smaller than the welding distance
+    # smaller than the welding distance
+    is_lost = ~(np.linalg.norm(doubled_areas(triangles), axis=1) > 0.0)
     triangles[is_lost] = vertices[faces[is_lost]]
     return Plates.from_triangles(triangles, half_angles)
 

@@ -161,9 +161,8 @@ def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(
         )
     )
     assert main(["calibrate", *bags, "--params", str(file), *rules, "-o", str(out)]) == 0
-    assert (
-        "mesh points" not in capsys.readouterr().err
-    )  # a plate on its edge has a force of the measured growth
+    # a plate on its edge has a force of the measured growth
+    assert "mesh points" not in capsys.readouterr().err
     zeta = record(out)["fitted"]["medium_zeta"]
     assert "ζ differs by 39 %: tools of different size" in zeta["goodness"]
     assert "60mm_1 1.29" in zeta["source"]
@@ -171,6 +170,5 @@ def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(
     assert zeta["value"] == [pytest.approx(1.545, abs=0.01)]
     assert zeta["standard_error"][0] > 0.1
     assert "ζ grows with the tool's size, 60 to 100 mm wide" in zeta["goodness"]
-    assert read_parameter_file(out)["medium.zeta_error"] == pytest.approx(
-        0.19, abs=0.02
-    )  # of the smallest tool
+    # of the smallest tool
+    assert read_parameter_file(out)["medium.zeta_error"] == pytest.approx(0.19, abs=0.02)

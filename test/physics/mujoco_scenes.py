@@ -289,9 +289,8 @@ def slid(
     while data.time < 6.0 and not (data.time > 0.3 and np.abs(data.qvel).max() < 1e-3):
         if explicit:
             scene.mujoco.mj_fwdPosition(scene.model, data)
-            data.xfrc_applied[scene.body] = (
-                scene.remembered()
-            )  # the plate's centre of mass is its origin
+            # the plate's centre of mass is its origin
+            data.xfrc_applied[scene.body] = scene.remembered()
             scene.mujoco.mj_step(scene.model, data)
         else:
             scene.advance()

@@ -63,9 +63,8 @@ def test_it_is_the_published_polynomial_wherever_grains_press_and_the_plate_is_n
     expected = published(normal, velocity)
     if abs(normal[2]) < UPRIGHT or np.dot(normal, velocity) <= 0.0 or expected @ normal > 0.0:
         return
-    np.testing.assert_allclose(
-        traction(ROUGH, normal, velocity), expected, rtol=0, atol=1e-7
-    )  # of acos near 1
+    # of acos near 1
+    np.testing.assert_allclose(traction(ROUGH, normal, velocity), expected, rtol=0, atol=1e-7)
 
 
 def test_a_flat_plate_pressed_straight_down_feels_the_same_as_by_treers():

@@ -145,9 +145,8 @@ def test_memory_answers_by_its_equation_whatever_the_types_and_whatever_came_bef
     moved = [WHOLE[k] + WHOLE[7 + k] for k in range(3)]
     states = form(np.array([WHOLE, [*moved, *WHOLE[3:]]], dtype=float))
     force = wrenches_in_time(POINT, law, states, memory)[1, :3]
-    grown = 1.0 - math.exp(
-        -math.sqrt(3.0) / (float(length) * (0.045 / 0.03) ** 2)
-    )  # λ grows down to 45 mm
+    # λ grows down to 45 mm
+    grown = 1.0 - math.exp(-math.sqrt(3.0) / (float(length) * (0.045 / 0.03) ** 2))
     assert np.allclose(
         force, grown * np.array(expected(alpha_y, 1.0, 2.0)[:3]), rtol=1e-6, atol=1e-6
     ), force

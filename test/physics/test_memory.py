@@ -259,9 +259,8 @@ def test_a_path_has_the_same_bits_in_one_call_state_by_state_and_in_a_batch(
         0.02 * rng.normal(size=(3, 15, 4)), axis=1
     )
     paths[:, :, 3:7] /= np.linalg.norm(paths[:, :, 3:7], axis=2, keepdims=True)
-    paths[:, :, 7:] = rng.normal(size=(3, 15, 6)) * rng.integers(
-        0, 2, (3, 15, 1)
-    )  # at rest now and then
+    # at rest now and then
+    paths[:, :, 7:] = rng.normal(size=(3, 15, 6)) * rng.integers(0, 2, (3, 15, 1))
     whole = np.array([remembered(path, plates=plates, law=law) for path in paths])
     many, one = Memory(plates, bodies=3), [Memory(plates) for _ in paths]
     for k in range(15):

@@ -139,9 +139,8 @@ def test_a_vertical_plate_is_pressed_at_two_thirds_of_its_depth_wherever_the_sur
         )[0]
         assert pressed == pytest.approx(-by_point[0], rel=1e-12)
         assert area[0] == pytest.approx(w * depth, rel=1e-12)
-        assert t[1] == pytest.approx(
-            f[0] * depth / 3, rel=1e-9
-        )  # a third of the depth above the lower edge
+        # a third of the depth above the lower edge
+        assert t[1] == pytest.approx(f[0] * depth / 3, rel=1e-9)
 
 
 def test_the_two_sides_of_a_thin_plate_that_moves_along_itself_share_one_sides_load():

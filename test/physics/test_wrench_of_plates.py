@@ -30,9 +30,8 @@ def test_force_and_torque_of_a_tumbling_body_are_the_published_rules(
 ):
     rng = np.random.default_rng(seed)
     state = random_scene(rng, 1)
-    body = without_flat(
-        random_plates(rng, 60), state[0]
-    )  # the cap is compared plate by plate in test_traction
+    # the cap is compared plate by plate in test_traction
+    body = without_flat(random_plates(rng, 60), state[0])
     expected = rule.wrench(listed(body), state[0].tolist(), "generic", zeta, alpha_y, surface)
     law = treers2021(GENERIC, alpha_y_model(name, GENERIC), zeta=zeta)
     actual = wrenches(body, law, state, surface_height=surface)[0, :6]

@@ -284,9 +284,8 @@ class NodeProcess(Harness):
                 cwd=folder,
                 preexec_fn=_end_with_tests,
             )
-        self._open(
-            SingleThreadedExecutor()
-        )  # rclpy.spin_once would add and remove the node at each call
+        # rclpy.spin_once would add and remove the node at each call
+        self._open(SingleThreadedExecutor())
 
     def stop(self, number: int = signal.SIGINT) -> int:
         if self.process.poll() is None:

@@ -170,9 +170,8 @@ def test_a_message_arrives_when_the_middleware_receives_it_not_when_it_is_read(s
         while not ended.wait(0.01):
             stamp = time.time_ns()
             publisher.publish(cdr("pose", stamp, (0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0)))
-            sent[stamp] = (
-                time.time_ns()
-            )  # the middleware of this process has received it before `publish` returns
+            # the middleware of this process has received it before `publish` returns
+            sent[stamp] = time.time_ns()
 
     thread = threading.Thread(target=publish)
     try:

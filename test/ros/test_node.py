@@ -70,9 +70,8 @@ def test_laws_densities_and_memory_change_without_a_restart(rft):
         np.testing.assert_allclose(found, expected, rtol=1e-12, atol=1e-15)
     assert rft.set(medium__mobilization_length=0.003) == (True, "")
     rft.until(lambda: rft.diagnostic("model")[2]["preparing"] == "")
-    assert (
-        abs(numbers(rft.ask(rft.moment(), **motion))[2]) < 1e-6 * expected[2]
-    )  # nothing has built up yet
+    # nothing has built up yet
+    assert abs(numbers(rft.ask(rft.moment(), **motion))[2]) < 1e-6 * expected[2]
     assert rft.set(law="treers2021", medium__mobilization_length=0.0) == (True, "")
     np.testing.assert_array_equal(numbers(rft.ask(rft.moment())), predicted_by_the_core())
 

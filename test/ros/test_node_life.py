@@ -130,9 +130,8 @@ def test_a_best_effort_driver_is_heard_by_default_and_not_where_reliability_is_a
     reliable.open_inputs(best_effort)
     reliable.until(lambda: "'~/pose', offering incompatible QoS" in reliable.said())
     assert reliable.pose.get_subscription_count() == 0
-    assert (
-        INPUTS["pose"].reliability == ReliabilityPolicy.BEST_EFFORT
-    )  # of every other node of this process
+    # of every other node of this process
+    assert INPUTS["pose"].reliability == ReliabilityPolicy.BEST_EFFORT
 
 
 def test_speed_beyond_the_papers_is_a_warning_with_the_number(rft):

@@ -214,9 +214,8 @@ def test_no_file_that_a_parameter_names_delays_a_pose_while_its_drive_stalls(
         [0.0, 0.0, MOTION["z"], 0.0, 0.0, 0.0, 1.0, *MOTION["linear"], 0.0, 0.0, 0.0]
     )
     expected = wrenches(model.tool.plates, model.law, state, surface_height=0.002)[0]
-    np.testing.assert_allclose(
-        numbers(rft.ask(rft.moment(), **MOTION)), expected[:6], rtol=1e-7
-    )  # heights are float32
+    # heights are float32
+    np.testing.assert_allclose(numbers(rft.ask(rft.moment(), **MOTION)), expected[:6], rtol=1e-7)
 
 
 def write_files(folder):

@@ -86,9 +86,8 @@ def command_lines(path: str, *, command: str, action: argparse.Action) -> Iterat
         if action.dest in good:
             words = [command]
             for dest, value in good.items():
-                bag, equals, _ = value.partition(
-                    "="
-                )  # of BAG=FILE, which has a path only if it is the one in question
+                # of BAG=FILE, which has a path only if it is the one in question
+                bag, equals, _ = value.partition("=")
                 if dest == action.dest:
                     words += [
                         *actions[dest].option_strings[-1:],

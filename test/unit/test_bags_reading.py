@@ -354,9 +354,8 @@ def test_what_a_killed_recorder_left_beside_a_database_is_read(number, mode):
             database.commit()
             database.execute(f"PRAGMA journal_mode = {mode}")
             database.execute("PRAGMA wal_autocheckpoint = 0")
-            database.execute(
-                "PRAGMA cache_size = 2"
-            )  # so that pages are written before the end of the transaction
+            # so that pages are written before the end of the transaction
+            database.execute("PRAGMA cache_size = 2")
             database.executemany("INSERT INTO messages VALUES (?, ?, ?, ?)", rows[number + 1 :])
             if mode == "wal":
                 database.commit()

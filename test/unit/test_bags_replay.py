@@ -143,9 +143,8 @@ def test_messages_that_arrive_up_to_5_ms_late_change_no_row_and_no_message(tmp_p
     for name, delay in (("prompt", 0), ("late", 5_000_000)):
         received, last = [], dict.fromkeys(TOPICS, 0)
         for role, stamp, numbers in rows:
-            last[role] = max(
-                last[role], stamp + int(random.integers(0, delay + 1))
-            )  # a topic keeps its order
+            # a topic keeps its order
+            last[role] = max(last[role], stamp + int(random.integers(0, delay + 1)))
             received.append((role, last[role], stamp, numbers))
         received.sort(key=lambda row: row[1])
         _, found = replay_of(tmp_path / name, received, twist_source="pose_difference")

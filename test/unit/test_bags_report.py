@@ -246,9 +246,8 @@ def test_no_title_of_an_axis_is_longer_than_its_panel():
         for axis in figure.drawn.select_yaxes():
             low, high = axis.domain
             longest = max(map(len, (axis.title.text or "").split("<br>")))
-            assert 7.0 * longest <= (high - low) * room, (
-                axis.title.text
-            )  # px; a letter is 7 wide at this size
+            # px; a letter is 7 wide at this size
+            assert 7.0 * longest <= (high - low) * room, axis.title.text
 
 
 def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment():

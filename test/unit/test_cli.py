@@ -97,9 +97,8 @@ def test_predict_takes_columns_in_any_order_and_a_table_for_alpha_y(tmp_path):
     (tmp_path / "alpha.csv").write_text("beta,alpha_y\n0,0.136\n180,0.136\n")
     moving, low = "3,0,0,-0.01,0,0,0,1,0.003,0.004,-0.01,0,0,0", ("--surface-height", "-1e-3")
     names, numbers = (",".join(reversed(line.split(","))) for line in (HEADER, moving))
-    ours = predicted(
-        tmp_path, numbers, "--alpha-y", "alpha.csv", *low, header=f"\ufeff{names}"
-    )  # as of a spreadsheet
+    # as of a spreadsheet
+    ours = predicted(tmp_path, numbers, "--alpha-y", "alpha.csv", *low, header=f"\ufeff{names}")
     np.testing.assert_allclose(
         ours, predicted(tmp_path, moving, "--alpha-y", "constant", *low), rtol=1e-12
     )

@@ -337,9 +337,8 @@ def test_noise_of_poses_is_named_and_nothing_is_blamed_on_the_load_cell(sigma, s
 @few
 def test_stamps_that_jitter_on_a_busy_machine_are_no_noise_of_poses(seed, source):
     late = np.abs(np.random.default_rng(seed).normal(0.0, 0.002, len(STATES)))[:, None]
-    poses = (
-        STATES[:, POSITION] + late * STATES[:, VELOCITY]
-    )  # where the tool is when the stamp is said
+    # where the tool is when the stamp is said
+    poses = STATES[:, POSITION] + late * STATES[:, VELOCITY]
     assert "noise" not in named(faults(poses=poses, twist_source=source))
 
 

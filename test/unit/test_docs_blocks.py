@@ -150,9 +150,8 @@ def prepared(
     (project / ".venv" / "bin").symlink_to(scripts)
     for stamp in (".demo", ".installed"):
         (project / ".venv" / stamp).touch()
-    study = (
-        project / "config" / "sweep_example.yaml"
-    )  # a tenth of its variants, of shorter motions
+    # a tenth of its variants, of shorter motions
+    study = project / "config" / "sweep_example.yaml"
     study.write_text(
         study.read_text().replace("count: 50", "count: 5").replace("samples: 200", "samples: 50")
     )

@@ -58,9 +58,8 @@ def test_observe_learns_the_same_and_predicts_as_the_model():
         seen.answers, used.answers, plain.answers, strict=True
     ):
         assert observed.predicted == pytest.approx(unlearned.predicted, rel=1e-12)
-        correction = (
-            applied.predicted[2] - unlearned.predicted[2]
-        )  # it is an error of what is observed
+        # it is an error of what is observed
+        correction = applied.predicted[2] - unlearned.predicted[2]
         assert observed.sigma[2] == pytest.approx(
             math.hypot(applied.sigma[2], correction), rel=1e-9
         )

@@ -78,9 +78,8 @@ def test_the_push_of_the_grains_is_positive_upwards_as_in_a_reading(sign):
     )
     assert predicted[2] == pytest.approx(4.0, rel=1e-6)
     assert exact.compensated[2] == 4.0
-    assert exact.residual == pytest.approx(
-        [0.0] * 6, abs=1e-4
-    )  # the published nudge tilts the velocity by 1e-5
+    # the published nudge tilts the velocity by 1e-5
+    assert exact.residual == pytest.approx([0.0] * 6, abs=1e-4)
     more, predicted = answer(LoadCell(), [1, 2, 7, 0.1, 0.2, 0.3], position=(0, 0, -0.01))
     assert more.residual == pytest.approx(np.subtract(more.compensated, predicted), abs=1e-15)
     assert more.residual[2] == pytest.approx(3.0, rel=1e-5)

@@ -79,15 +79,13 @@ def test_a_replay_uses_the_clouds_and_writes_the_ground(bag, mapped, tmp_path):
     assert "figure-tool" in (mapped / "report.html").read_text()
     with pytest.raises(InputError, match="does not exist"):
         replay(tmp_path / "gone", tmp_path, values())
-    assert (
-        sorted(path.name for path in tmp_path.iterdir()) == left
-    )  # nothing was lost for a mistyped name
+    # nothing was lost for a mistyped name
+    assert sorted(path.name for path in tmp_path.iterdir()) == left
 
 
 def test_clouds_count_as_much_beside_poses_from_transforms(mapped, tmp_path):
-    given = values(
-        ground__cell=CELL, pose_source="tf", learning__mode="observe"
-    )  # which predicts as without
+    # which predicts as without
+    given = values(ground__cell=CELL, pose_source="tf", learning__mode="observe")
     replay(bag_with_clouds(tmp_path / "bag", tf=True), tmp_path / "tf", given)
     posed, transformed = (p[~np.isnan(p)] for p in (predicted(mapped), predicted(tmp_path / "tf")))
     assert transformed == pytest.approx(posed, rel=1e-6, abs=1e-9)

@@ -225,9 +225,8 @@ def test_a_layer_that_changes_the_force_within_2_mm_is_reported_within_3_mm(firs
             found = series.path[k]
             assert learning.change == kind
             assert abs(learning.belief().excess) > 0.1
-        assert not re.search(
-            rf"{percent}|[+-]0 %", learning.surprise_sentence()
-        )  # also while it is held
+        # also while it is held
+        assert not re.search(rf"{percent}|[+-]0 %", learning.surprise_sentence())
     assert first <= found <= first + 0.003
 
 

@@ -154,9 +154,8 @@ def test_a_model_is_the_tool_medium_and_alpha_y_of_the_values(values):
     assert model.law.stiffness == 0.33e6
     assert model.tool.plates.area == pytest.approx(1e-4)
     assert model.tool.vertices.min(axis=0) == pytest.approx([-0.005, -0.005, 0.0])
-    again = model_of(
-        {**values, "mesh.file": "/nowhere.stl"}, tool=model.tool
-    )  # it is not loaded again
+    # it is not loaded again
+    again = model_of({**values, "mesh.file": "/nowhere.stl"}, tool=model.tool)
     assert again.tool is model.tool
 
 

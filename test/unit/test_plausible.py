@@ -62,9 +62,8 @@ def test_what_an_arm_or_an_excavator_can_do_is_not_flagged(
 def test_poses_in_millimetres_are_not_trusted(size, shape, flange, share, above):
     tool = box(size, shape, flange=flange)
     depth = 0.002 + share * (size + 0.1)
-    assume(
-        depth + tool.lowest_point(np.eye(3)) > 0.01 * size + 0.001
-    )  # the frame's origin is below the surface too
+    # the frame's origin is below the surface too
+    assume(depth + tool.lowest_point(np.eye(3)) > 0.01 * size + 0.001)
     deep = estimated(tool, depth, unit=1e3)
     aloft = estimated(tool, -0.06 - above, unit=1e3)
     for answer in (deep, aloft):

@@ -114,9 +114,8 @@ def test_a_row_holds_what_the_core_gives_for_its_variant(small):
     times, states = sample(circumnutation(pitch=0.1), 30)
     plates = load_tool("root_tip").plates
     expected = wrenches_in_time(plates, law, states, Memory(plates))[:, :6]
-    assert float(row["mean_fz"]) == pytest.approx(
-        expected[:, 2].mean(), rel=1e-14
-    )  # sums of another order
+    # sums of another order
+    assert float(row["mean_fz"]) == pytest.approx(expected[:, 2].mean(), rel=1e-14)
     assert float(row["peak_force"]) == np.linalg.norm(expected[:, :3], axis=1).max()
     power = -(expected * states[:, TWIST]).sum(axis=1)
     assert float(row["total_work"]) == pytest.approx(
@@ -165,9 +164,8 @@ def test_a_sweep_continues_after_an_interrupt_a_killed_driver_and_a_killed_worke
         with subprocess.Popen(command, **streams, start_new_session=True) as driver:
             wait_for(lambda: len(chunks(out)) > before)  # noqa: B023
             started = Path(f"/proc/{driver.pid}/task/{driver.pid}/children").read_text().split()
-            os.kill(
-                -driver.pid if number == signal.SIGINT else driver.pid, number
-            )  # a terminal interrupts all
+            # a terminal interrupts all
+            os.kill(-driver.pid if number == signal.SIGINT else driver.pid, number)
             _, said = driver.communicate()
         assert driver.returncode == status
         assert "Traceback" not in said

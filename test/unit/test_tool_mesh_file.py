@@ -54,9 +54,8 @@ def test_names_that_are_not_utf_8(tmp_path, suffix):
 
 
 SQUARE = np.array([(0, 0), (30, 0), (30, 30), (0, 30)], dtype=float)
-L = np.array(
-    [(10, 10), (10, 30), (0, 30), (0, 0), (30, 0), (30, 10)], dtype=float
-)  # its first corner sees all others
+# its first corner sees all others
+L = np.array([(10, 10), (10, 30), (0, 30), (0, 0), (30, 0), (30, 10)], dtype=float)
 U = np.array(
     [(0, 0), (30, 0), (30, 40), (20, 40), (20, 10), (10, 10), (10, 40), (0, 40)], dtype=float
 )
@@ -94,9 +93,8 @@ def test_scene_is_one_mesh_with_its_transforms_applied(tmp_path, suffix):
         scene.add_geometry(
             box, transform=trimesh.transformations.translation_matrix([10.0, 0.0, 0.0])
         )
-        scene.add_geometry(
-            box, transform=np.diag([-1.0, 1.0, 1.0, 1.0])
-        )  # a mirror must not turn it inside out
+        # a mirror must not turn it inside out
+        scene.add_geometry(box, transform=np.diag([-1.0, 1.0, 1.0, 1.0]))
         scene.export(tmp_path / "scene.glb")
     else:
         text = box.export(file_type="dae").decode()

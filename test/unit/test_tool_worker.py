@@ -145,9 +145,8 @@ def test_a_file_that_gives_nothing_to_read_is_given_up_and_says_so(worker, big, 
 
 
 def swapped(pending):
-    end = (
-        time.monotonic() + 300.0
-    )  # beside other work the process of low priority starves for long
+    # beside other work the process of low priority starves for long
+    end = time.monotonic() + 300.0
     while (found := pending.poll()) is None:
         assert time.monotonic() < end
         time.sleep(0.01)

@@ -32,9 +32,8 @@ _PRIOR_SURFACE = 0.003  # deviation of δ [m]
 _NOISE = 0.093  # deviation over the predicted force
 _NOISE_FLOOR = 0.025  # deviation [N]
 _NOISE_LENGTH = 0.003  # errors of samples closer than this are correlated
-_GATE = (
-    2.2  # a larger innovation, over the root of the trace of its covariance, is reduced to this
-)
+# a larger innovation, over the root of the trace of its covariance, is reduced to this
+_GATE = 2.2
 _STRENGTH_LEAST = 0.1
 _STRENGTH_MOST = 10.0
 _HORIZONTAL_SCALE_RISE = 0.0015  # path of the mean of the squared errors while it grows
@@ -151,9 +150,8 @@ def _design(h, row):
     x_f, y_f, z_f = row[_X_MOMENTS], row[_Y_MOMENTS], row[_Z_MOMENTS]  # Σ x f, Σ y f, Σ z f
     fx, fy, fz = force[X], force[Y], force[Z]
     square = dot(force, force)
-    per_force = (
-        dot(force, by_height) / square if square > 1e-200 else 0.0
-    )  # smaller squares lose digits
+    # smaller squares lose digits
+    per_force = dot(force, by_height) / square if square > 1e-200 else 0.0
     of_force = h[FORCE]
     of_torque = h[TORQUE]
     _set_row(of_force[X], 0.0, fx, -fy)
@@ -200,9 +198,8 @@ def correct(state, record, row, out, apply, lag, reach):
             variance = greatest * (_form(h[i], now.p, h[i]) + (_NOISE * learned) ** 2)
             variance += (LEVER * reach) ** 2 * square
         wrench[i] = learned if apply else model
-        sigma[i] = math.sqrt(
-            variance + (learned - wrench[i]) ** 2
-        )  # a correction not applied is an error, too
+        # a correction not applied is an error, too
+        sigma[i] = math.sqrt(variance + (learned - wrench[i]) ** 2)
 
 
 @inlined

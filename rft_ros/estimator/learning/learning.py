@@ -237,9 +237,8 @@ class Learning:
         change = self._change[0]
         if change == 0:
             return ""
-        by = (
-            f": force {percent:+.0f} %" if percent * change >= 1.0 else ""
-        )  # not while its sign changes
+        # not while its sign changes
+        by = f": force {percent:+.0f} %" if percent * change >= 1.0 else ""
         return f"grains {self.change} than learned{by}"
 
     @property

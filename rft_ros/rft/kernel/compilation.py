@@ -52,9 +52,8 @@ for many. NaN and infinity keep their meaning."""
 STEP: dict[str, Any] = {**OPTIONS, "forceinline": True, "no_cfunc_wrapper": True}
 """Options of a function that LLVM inlines into the loop which calls it, and that C never calls."""
 
-numba.config.DISABLE_JIT = (
-    0  # whatever NUMBA_DISABLE_JIT says: with their intrinsics the loops cannot run as Python
-)
+# whatever NUMBA_DISABLE_JIT says: with their intrinsics the loops cannot run as Python
+numba.config.DISABLE_JIT = 0
 
 _P = ParamSpec("_P")
 _R = TypeVar("_R")
@@ -148,9 +147,8 @@ class _Cache(NullCache):
                 part = file.with_suffix(f".{os.getpid()}.part")
                 try:
                     part.write_bytes(_digest(content).encode() + b"\n" + content)
-                    part.chmod(
-                        0o644
-                    )  # whatever the umask: a file that a group may write is not loaded
+                    # whatever the umask: a file that a group may write is not loaded
+                    part.chmod(0o644)
                     part.replace(file)
                 finally:
                     part.unlink(missing_ok=True)  # as where the disk is full

@@ -374,9 +374,8 @@ def _sums(form, law, height, slope, states, past, out):
             (state[7], state[8], state[9], state[10], state[11], state[12]), reach
         )
         speed = 1.0 / scale if scale > 0.0 else 0.0
-        per_scale2 = min(
-            speed * speed, 1e30
-        )  # restores the speed for inertia; bounded, since 0 times infinity is NaN
+        # restores the speed for inertia; bounded, since 0 times infinity is NaN
+        per_scale2 = min(speed * speed, 1e30)
         below, rise = _surface(height, slope, state, axes)
         body = k if bodies > 1 else 0
         body_blocks = past.blocks[body]
