@@ -19,7 +19,12 @@ Array = NDArray[np.float64]
 DISPLACEMENT = 12
 """Numbers of a displacement."""
 
-_XY, _XZ, _YX, _YZ, _ZX, _ZY = 4, 5, 6, 8, 9, 10
+_XY = 4
+_XZ = 5
+_YX = 6
+_YZ = 8
+_ZX = 9
+_ZY = 10
 """Places in a displacement of the numbers of its matrix that a rotation changes first."""
 
 SLACK = 10e-6
