@@ -261,11 +261,21 @@ def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Cont
 
 
 def find_contacts(tracks: Sequence[Track], law: Law) -> list[Contact]:
-    """The first contacts, by fits without memory. Raises NotIdentifiable if there are none."""
+    """The first contacts, by fits without memory. Raises NotIdentifiable if there are none.
+
+    A way down that begins below another contact of its recording, as after a short way up, is none.
+    """
     strokes = (
         (k, track, stroke, law) for k, track in enumerate(tracks) for stroke in down_strokes(track)
     )
-    return fit_each(_found_contact, strokes, none="the tool never goes straight down")
+    found = fit_each(_found_contact, strokes, none="the tool never goes straight down")
+
+    def begins_in_air(contact: Contact) -> bool:
+        surfaces = [other.surface for other in found if other.number == contact.number]
+        heights = tracks[contact.number].heights[contact.rows]
+        return bool(heights.max() > max(surfaces))
+
+    return list(filter(begins_in_air, found))
 
 
 def first_contact(recording: Recorded, rows: Indices, values: BedValues) -> Phase:

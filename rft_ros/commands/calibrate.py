@@ -24,8 +24,8 @@ def calibrate_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "-o", "--output", type=Path, required=True, metavar="CALIBRATED.yaml", help="file to write"
     )
-    fit = f"fit only {', '.join(PARTS[:-1])} or {PARTS[-1]}, and exit with 1 if it is not identifiable; may be"
-    every = "repeated (default: all that are identifiable)"
+    fit = f"fit only {', '.join(PARTS[:-1])} or {PARTS[-1]}, and exit with 1 if it is not identifiable, but for"
+    every = "the delay; may be repeated (default: all that are identifiable)"
     command.add_argument(
         "--fit", choices=PARTS, action="append", metavar="PART", help=f"{fit} {every}"
     )
@@ -88,4 +88,6 @@ def calibrate(arguments: argparse.Namespace) -> int:
         advice = "push the tool straight down into the grains, pull it out, and tilt it in the air"
         print(f"only sensor.bias is identifiable from these bags; for the others {advice}")
         return 1
-    return 1 if arguments.fit and result.not_identifiable else 0
+    # the delay needs turns in the grains, which a recording for the load cell's other values may lack
+    missing = result.not_identifiable.keys() - {"sensor.delay"}
+    return 1 if arguments.fit and missing else 0
