@@ -5,6 +5,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.errors import InputError
 from rft_ros.tool.refine import welded
 from rft_ros.tool.solids import are_inside
 
@@ -17,8 +18,8 @@ SMALLEST = 1e-3
 LARGEST = 10.0
 """Greatest plausible extent of a tool [m]: more than the 7 m of a bulldozer's blade."""
 
-_SMALLEST_USUAL = 5e-3  # m; below, the check proposes a scale
-_LARGEST_USUAL = 5.0  # m; above, too
+_SMALLEST_USUAL = 5e-3  # m; below, and above a thousand times as much, the check proposes a scale
+_ROUNDING = np.finfo(np.float64).eps  # of the farthest coordinate
 
 # of the longest edge squared: rounding error of the cross product of parallel edges
 _COLLINEAR = 1e-12
@@ -39,29 +40,37 @@ MeshIssue = Literal[_Surface, "overlap", "concave", "size", "far"]
 """The kinds of issues of a mesh."""
 
 
-def degenerate_facets(mesh: "trimesh.Trimesh") -> NDArray[np.bool_]:
-    """True for facets without area, which have no normal; shape [m]."""
+def with_area(mesh: "trimesh.Trimesh", named: str = "the mesh") -> NDArray[np.bool_]:
+    """True for facets with an area over rounding, which have a normal; shape [m].
+
+    Raises InputError, which calls the mesh `named`, if there is none.
+    """
     triangles = np.asarray(mesh.triangles)
     edges = np.roll(triangles, -1, axis=1) - triangles
     longest = np.linalg.norm(edges, axis=2).max(axis=1)
     doubled = np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1)
-    return np.asarray(doubled <= _COLLINEAR * longest**2)
+    height = _COLLINEAR * longest + _ROUNDING * np.abs(triangles).max(axis=(1, 2))
+    has_area = doubled > height * longest
+    if not has_area.any():
+        what = "no facet with an area over the rounding of its coordinates"
+        raise InputError(f"{named} has {what}; check its unit and its distance from the origin")
+    return np.asarray(has_area)
 
 
 def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue, str]:
-    """Issues of a mesh in metres: a sentence by kind. At least one of its facets must have an area.
+    """Issues of a mesh in metres: a sentence by kind. Raises InputError if no facet has an area.
 
     `scale`: metres per unit of the mesh's file, which the sentence on an unusual size corrects.
     """
+    has_area = with_area(mesh)
     joined = _joined(mesh)
-    is_degenerate = degenerate_facets(mesh)
     is_consistent = joined.is_winding_consistent
     volume = _volume_if_closed(mesh)
     is_inside_out = volume < 0.0
     issues: dict[MeshIssue, str] = {}
-    if is_degenerate.any():
+    if not has_area.all():
         issues["degenerate_facets"] = (
-            f"{is_degenerate.sum():,} of {len(mesh.faces):,} facets have no area: dropped"
+            f"{(~has_area).sum():,} of {len(has_area):,} facets have no area: dropped"
         )
     open_edges = int((np.bincount(joined.edges_unique_inverse) == 1).sum())
     if open_edges:
@@ -87,7 +96,7 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
             f"{inside}, whose force counts although no grains touch it; rft check-mesh --union OUT.stl writes the union"
             " of the bodies"
         )
-    share = _hollow_share(mesh, ~is_degenerate, outward=-1.0 if is_inside_out else 1.0)
+    share = _hollow_share(mesh, has_area, outward=-1.0 if is_inside_out else 1.0)
     if share > _CONCAVE_SHARE:
         hollow = f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores"
         issues["concave"] = (
@@ -134,12 +143,10 @@ def _repeated_facets(mesh: "trimesh.Trimesh") -> int:
 
 def _unusual_size(extent: float, scale: float) -> str:
     """A sentence on a tool of an unusual largest extent [m], with the scale that is probably meant; or ""."""
-    step = 1e-3 if extent > _LARGEST_USUAL else 1e3
-    factor = 1.0
-    while not _SMALLEST_USUAL <= extent * factor <= _LARGEST_USUAL:
-        factor *= step
-    if factor == 1.0:
+    thousands = np.floor(np.log10(extent / _SMALLEST_USUAL) / 3.0)
+    if thousands == 0.0:
         return ""
+    factor = 1000.0**-thousands
     meant = f"if {extent * factor:.3g} m is meant, set mesh.scale (--scale) to {scale * factor:g}"
     return f"the largest extent is {extent:.3g} m at mesh.scale {scale:g}; {meant}"
 

@@ -110,13 +110,9 @@ def _walls_of_hollows(tool: Tool, hull: Tool) -> Array:
 def _walls_along(axis: int, points: Array, triangles: Array) -> Array:
     """Distance from each point to the nearest triangle backwards and forwards along an axis, shape [n, 2]."""
     order = [axis - 2, axis - 1, axis]
-    turned = triangles[..., order]
-    low = turned[..., :2].min(axis=1)
-    high = turned[..., :2].max(axis=1)
+    lines = crossings(points[:, order], triangles[..., order])
     distances = np.full((len(points), 2), np.inf)
-    for found, point in zip(distances, points[:, order], strict=True):
-        is_beside = ((low <= point[:2]) & (point[:2] <= high)).all(axis=1)
-        heights, _ = crossings(turned[is_beside] - point)
+    for found, (heights, _) in zip(distances, lines, strict=True):
         found[0] = min(-heights[heights < 0.0], default=np.inf)
         found[1] = min(heights[heights > 0.0], default=np.inf)
     return distances

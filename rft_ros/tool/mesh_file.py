@@ -11,7 +11,7 @@ import json
 import logging
 import math
 import warnings
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -23,8 +23,8 @@ from rft_ros.errors import InputError, reason_of
 from rft_ros.files import read_arrays, read_file, whole
 from rft_ros.rft import Plates, rotation_matrix, unit_quaternion
 from rft_ros.rft.arguments import number, numbers
-from rft_ros.rft.plates import AREA, CENTROID, FIRST_CORNER, HALF_ANGLE, NORMAL, SECOND_CORNER
-from rft_ros.tool.check import degenerate_facets
+from rft_ros.rft.plates import AREA, CENTROID, FIRST_CORNER, NORMAL, SECOND_CORNER
+from rft_ros.tool.check import with_area
 from rft_ros.tool.locate import advice
 from rft_ros.tool.urdf import ROBOT_SUFFIXES, shapes_of_link
 
@@ -83,35 +83,26 @@ class MeshFrame:
         """The frame with the unit [m] that a file declares, or None, in place of a scale of 0."""
         return self if self.scale > 0.0 else replace(self, scale=declared or _MILLIMETRE)
 
-    def to_tool(self, points: Array) -> Array:
+    @property
+    def inverse(self) -> "MeshFrame":
+        """The way back: from the tool frame [m] to the file's coordinates and units."""
+        origin = -self.scale * self.rotation @ self.origin
+        return MeshFrame(1.0 / self.scale, origin, self.rotation.T)
+
+    def placed(self, points: Array) -> Array:
         """Points of the file, shape [n, 3], in the tool frame [m]."""
         return np.asarray((points - self.origin) * self.scale @ self.rotation.T)
 
-    def to_file(self, points: Array) -> Array:
-        """Points in the tool frame [m], shape [n, 3], in the file's coordinates and units."""
-        return np.asarray(points @ self.rotation / self.scale + self.origin)
-
-    def plates_to_tool(self, plates: Plates) -> Plates:
+    def placed_plates(self, plates: Plates) -> Plates:
         """Plates in the file's coordinates and units, in the tool frame [m]."""
-        return _moved(plates, self.to_tool, rotation=self.rotation, scale=self.scale)
-
-    def plates_to_file(self, plates: Plates) -> Plates:
-        """Plates in the tool frame [m], in the file's coordinates and units."""
-        return _moved(plates, self.to_file, rotation=self.rotation.T, scale=1.0 / self.scale)
-
-
-def _moved(
-    plates: Plates, place: Callable[[Array], Array], *, rotation: Array, scale: float
-) -> Plates:
-    """Plates in other axes and units; `place` moves their centroids."""
-    rows = plates.rows.copy()
-    rows[CENTROID] = place(plates.centroids.T).T
-    rows[NORMAL] = rotation @ rows[NORMAL]
-    rows[AREA] *= scale**2
-    if len(rows) > HALF_ANGLE:
-        for corner in (FIRST_CORNER, SECOND_CORNER):
-            rows[corner] = scale * (rotation @ rows[corner])
-    return Plates(rows)
+        rows = plates.rows.copy()
+        rows[CENTROID] = self.placed(plates.centroids.T).T
+        rows[NORMAL] = self.rotation @ rows[NORMAL]
+        rows[AREA] *= self.scale**2
+        if plates.integration == "refined":
+            for corner in (FIRST_CORNER, SECOND_CORNER):
+                rows[corner] = self.scale * self.rotation @ rows[corner]
+        return Plates(rows)
 
 
 IN_TOOL_FRAME = MeshFrame(1.0, np.zeros(3), np.eye(3))
@@ -150,19 +141,13 @@ def _load_link(urdf: Path, link: str) -> "trimesh.Trimesh":
 
     parts = []
     for shape in shapes_of_link(urdf, link):
-        unit = 1.0
         if isinstance(shape.source, Path):
             part = _load(shape.source)
             # files that declare no unit are in metres, as in RViz and Gazebo
-            unit = _declared_unit(part) or unit
+            part.apply_scale(_declared_unit(part) or 1.0)
         else:
-            corners = shape.source.reshape(-1, 3)
-            # which merges the corners
-            part = trimesh.Trimesh(corners, np.arange(len(corners)).reshape(-1, 3))
-        to_link = np.eye(4)
-        to_link[:3, :3] = shape.rotation * shape.scale * unit
-        to_link[:3, 3] = shape.position
-        parts.append(part.apply_transform(to_link))  # a mirror keeps the facets outward
+            part = trimesh.Trimesh(**trimesh.triangles.to_kwargs(shape.source))
+        parts.append(part.apply_transform(shape.to_link))  # a mirror keeps the facets outward
     joined = trimesh.util.concatenate(parts)
     joined.units = "meters"
     return joined
@@ -250,25 +235,20 @@ def _in_tool_frame(
 ) -> "trimesh.Trimesh":
     import trimesh
 
-    # NaN if a vertex is NaN; then the check of the vertices refuses it
     farthest = _FARTHEST * np.abs(corners).max()
-    shift = frame.origin
-    if not np.isfinite(shift).all() or (abs(shift) > farthest).any():
+    # not with a vertex that is NaN, which the check of the vertices names
+    if not np.isfinite(frame.origin).all() or (abs(frame.origin) > farthest).any():
         near = f"near mesh file '{path}', in its units (within {_FARTHEST:,.0f} times its farthest vertex)"
-        raise InputError(f"mesh.origin is {shift.tolist()}; it must be {near}")
+        raise InputError(f"mesh.origin is {frame.origin.tolist()}; it must be {near}")
     with np.errstate(over="ignore", invalid="ignore"):
-        vertices = frame.to_tool(np.asarray(corners, dtype=np.float64))
-    is_good = np.abs(vertices) < _TOO_BIG  # not for NaN
-    bad = len(vertices) - is_good.all(axis=1).sum()
-    if bad:
+        vertices = frame.placed(np.asarray(corners, dtype=np.float64))
+    is_bad = ~(np.abs(vertices) < _TOO_BIG).all(axis=1)  # NaN, too
+    if is_bad.any():
         raise InputError(
-            f"mesh file '{path}' has {bad:,} of {len(vertices):,} vertices that are NaN or infinite"
+            f"mesh file '{path}' has {is_bad.sum():,} of {len(vertices):,} vertices that are NaN or infinite"
         )
     mesh = trimesh.Trimesh(vertices, faces, process=False)
-    if degenerate_facets(mesh).all():
-        raise InputError(
-            f"mesh file '{path}' has no facet with an area, at mesh.scale {frame.scale}"
-        )
+    with_area(mesh, f"mesh file '{path}' at mesh.scale {frame.scale}")
     return mesh
 
 
@@ -288,9 +268,9 @@ def save_reduced(
     with whole(file) as part, part.open("wb") as stream:
         np.savez(
             stream,
-            vertices=frame.to_file(vertices),
+            vertices=frame.inverse.placed(vertices),
             faces=faces,
-            plates=frame.plates_to_file(plates).rows,
+            plates=frame.inverse.placed_plates(plates).rows,
             about=np.array([_FORMAT, reduction, repr(frame.scale)]),
         )
 
@@ -313,7 +293,7 @@ def read_reduced(file: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", MeshF
         _, reduction, unit = about.tolist()
         frame_of_file = frame.for_file(float(unit))
         mesh = _in_tool_frame(points, faces, file, frame_of_file)
-        return mesh, frame_of_file, frame_of_file.plates_to_tool(Plates(rows)), reduction
+        return mesh, frame_of_file, frame_of_file.placed_plates(Plates(rows)), reduction
     except InputError:
         raise
     except (ValueError, LookupError, TypeError) as error:

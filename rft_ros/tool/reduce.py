@@ -5,6 +5,7 @@ radius, and outward normal. They are small where the tool bends and large where 
 random motions. The same tool always gives the same plates.
 """
 
+import warnings
 from bisect import bisect_left
 from collections.abc import Callable
 
@@ -95,7 +96,7 @@ def merged_plates(plates: Plates, count: int) -> Plates:
 
     For the refined rule it also has their second moments about the centroid and the spread of their normals.
     """
-    from scipy.cluster.vq import vq
+    from scipy.cluster.vq import kmeans2
     from scipy.spatial import KDTree
 
     total = plates.areas.sum()
@@ -104,15 +105,10 @@ def merged_plates(plates: Plates, count: int) -> Plates:
     features = np.vstack([place / (radius or 1.0), plates.normals]).T
     most = min(len(features), _DRAWN)
     random = np.random.default_rng(0)
-    chosen = random.choice(len(features), most, replace=False, p=plates.areas / total)
-    drawn = features[chosen]
-    centres = drawn[:count].copy()
-    for _ in range(
-        _ROUNDS
-    ):  # not scipy's kmeans2: it warns of empty groups, which equal centres lead to
-        nearest_centre, _ = vq(drawn, centres)
-        filled, groups = np.unique(nearest_centre, return_inverse=True)
-        centres[filled] = _means(groups, np.ones(most), drawn)
+    drawn = random.choice(features, most, replace=False, p=plates.areas / total)
+    with warnings.catch_warnings():
+        warnings.simplefilter("ignore")  # of empty groups, which equal centres lead to
+        centres, _ = kmeans2(drawn, drawn[:count], iter=_ROUNDS, minit="matrix")
     _, nearest = KDTree(centres).query(features)
     _, groups = np.unique(nearest, return_inverse=True)
     return Plates(_united(plates.rows, groups))

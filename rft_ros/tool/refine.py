@@ -60,9 +60,10 @@ def refined_plates(vertices: Array, faces: Indices) -> Plates:
 
 def welded(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
     """Merge coincident vertices, which STL files repeat for each facet: points, shape [k, 3], faces, shape [m, 3]."""
-    size = float(np.ptp(vertices[faces.ravel()], axis=0).max())
+    used = vertices[faces.ravel()]
+    size = float(np.ptp(used, axis=0).max())
     with np.errstate(invalid="ignore"):  # a vertex that no face uses may lie anywhere
-        place = np.round(vertices / (_WELD * size)).astype(np.int64)
+        place = np.round((vertices - used.min(axis=0)) / (_WELD * size)).astype(np.int64)
     _, first, point = np.unique(place, axis=0, return_index=True, return_inverse=True)
     return vertices[first], point.reshape(-1)[faces]
 

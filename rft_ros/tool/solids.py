@@ -1,11 +1,11 @@
 """Triangles of primitive solids, the convex hull of points, and which points a surface surrounds.
 
-The grid of a primitive has cells of an eighth of its longest side: velocity and depth vary little over a triangle.
+A primitive's edges have an eighth of its longest side, or less: velocity and depth vary little over a triangle.
 Triangles face outward and have shape [n, 3, 3]; lengths [m].
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -19,82 +19,47 @@ if TYPE_CHECKING:
 Array = NDArray[np.float64]
 
 CELLS = 8
-"""Cells along the longest side of a solid."""
+"""Edges along the longest side of a solid."""
 
 _OBLIQUE = rotation_matrix(np.array([0.1, 0.3, 0.5, math.sqrt(0.65)]))
 
 
 def box(half_sides: Sequence[float]) -> Array:
     """A box about the origin."""
-    longest = max(half_sides)
-    return _box([_line(half, longest) for half in half_sides])
+    from trimesh.creation import box as box_of
+
+    mesh = box_of(2.0 * np.array(half_sides))
+    for _ in range(3):  # which makes `CELLS` edges of each
+        mesh = mesh.subdivide()
+    return np.asarray(mesh.triangles)
 
 
 def ellipsoid(half_axes: Sequence[float]) -> Array:
     """An ellipsoid about the origin."""
-    line = _line(1.0, 1.0)
-    return np.asarray(_rounded(_box([line, line, line])) * np.array(half_axes))
+    from trimesh.creation import icosphere
+
+    return np.asarray(icosphere(subdivisions=3).triangles * half_axes)
 
 
 def cylinder(radius: float, half_length: float) -> Array:
     """A cylinder about the origin whose axis is z."""
-    side = _line(radius, radius)
-    triangles = _box([side, side, _line(half_length, max(radius, half_length))])
-    triangles[..., :2] = _rounded(triangles[..., :2])
-    return triangles
+    return _turned(np.linspace(0.0, radius, CELLS // 2 + 1), np.zeros(CELLS // 2 + 1), half_length)
 
 
 def capsule(radius: float, half_length: float) -> Array:
     """A cylinder of this half length about the origin, whose axis is z, with a half sphere at each end."""
-    side = _line(radius, radius)
-    lower = side[side < 0.0] - half_length
-    middle = _line(half_length, radius + half_length)
-    upper = side[side > 0.0] + half_length
-    triangles = _box([side, side, np.concatenate([lower, middle, upper])])
-    on_axis = triangles.clip(-half_length, half_length) * (0.0, 0.0, 1.0)
-    return np.asarray(on_axis + _rounded(triangles - on_axis))
+    angle = np.linspace(0.0, 0.5 * np.pi, CELLS // 2 + 1)
+    return _turned(radius * np.sin(angle), radius * np.cos(angle), half_length)
 
 
-def _line(half: float, longest: float) -> Array:
-    """Places from -half to half in an even number of cells; `longest` is half of the side that has `CELLS`."""
-    pairs = math.ceil(0.5 * CELLS * half / longest - 1e-9)
-    return np.linspace(-half, half, 2 * pairs + 1)
+def _turned(radii: Array, heights: Array, half_length: float) -> Array:
+    """A cylinder about the z axis with a cap at each end: its radii from 0 outwards, and heights above the end."""
+    from trimesh.creation import revolve
 
-
-def _box(lines: Sequence[Array]) -> Array:
-    """A box whose faces have grid lines at these x, y and z. The diagonals alternate.
-
-    All in one direction, they would turn a body that moves straight.
-    """
-    faces = []
-    for k in range(3):
-        u, v = np.meshgrid(lines[k - 2], lines[k - 1], indexing="ij")
-        for end in (0, -1):
-            grid = np.empty((*u.shape, 3))
-            grid[..., k] = lines[k][end]
-            grid[..., k - 2] = u
-            grid[..., k - 1] = v
-            outward = _halves(grid)
-            faces.append(outward if end else outward[:, ::-1])
-    return np.concatenate(faces)
-
-
-def _halves(grid: Array) -> Array:
-    """Two triangles for each cell of a grid of points, shape [u, v, 3]."""
-    u, v = np.indices(grid.shape[:2])[:, :-1, :-1]
-    is_odd = ((u + v) % 2 == 1)[..., None]
-    around = [grid[:-1, :-1], grid[1:, :-1], grid[1:, 1:], grid[:-1, 1:]]
-    a, b, c, d = (np.where(is_odd, around[(i + 1) % 4], around[i]) for i in range(4))
-    first = np.stack([a, b, c], axis=-2)
-    second = np.stack([a, c, d], axis=-2)
-    return np.concatenate([first, second]).reshape(-1, 3, 3)
-
-
-def _rounded(points: Array) -> Array:
-    """Points on nested cubes, or squares, moved onto the spheres, or circles, within these."""
-    wanted = np.abs(points).max(axis=-1, keepdims=True)
-    size = np.linalg.norm(points, axis=-1, keepdims=True)
-    return np.asarray(points * wanted / size.clip(1e-300))
+    side = np.linspace(-half_length, half_length, CELLS + 1)[1:-1]
+    along = np.concatenate([-half_length - heights, side, half_length + heights[::-1]])
+    across = np.concatenate([radii, np.full(len(side), radii[-1]), radii[::-1]])
+    return np.asarray(revolve(np.column_stack([across, along]), sections=4 * CELLS).triangles)
 
 
 def convex_hull(points: Array) -> "trimesh.Trimesh":
@@ -103,14 +68,11 @@ def convex_hull(points: Array) -> "trimesh.Trimesh":
     from scipy.spatial import ConvexHull
 
     hull = ConvexHull(points)
-    faces = hull.simplices.copy()
-    mesh = trimesh.Trimesh(points, faces, process=False)
-    outward = hull.equations[:, :3]
-    is_inward = (mesh.triangles_cross * outward).sum(axis=1) < 0.0
-    faces[is_inward] = faces[is_inward, ::-1]
-    oriented = trimesh.Trimesh(points, faces, process=False)
-    oriented.remove_unreferenced_vertices()
-    return oriented
+    mesh = trimesh.Trimesh(points, hull.simplices, process=False)
+    is_inward = (mesh.triangles_cross * hull.equations[:, :3]).sum(axis=1) < 0.0
+    mesh.faces[is_inward] = mesh.faces[is_inward, ::-1]
+    mesh.remove_unreferenced_vertices()
+    return mesh
 
 
 def are_inside(points: Array, triangles: Array) -> NDArray[np.bool_]:
@@ -119,26 +81,25 @@ def are_inside(points: Array, triangles: Array) -> NDArray[np.bool_]:
     Where a ray from the point leaves the surface, the number rises by 1, and where it enters, it falls by 1. So it is 0
     in a cavity. The ray is oblique: it meets no edge of a grid.
     """
-    corners = triangles @ _OBLIQUE
-    low = np.ascontiguousarray(corners.min(axis=1).T)
-    high = np.ascontiguousarray(corners.max(axis=1).T)
-    return np.array(
-        [_winding_number(point, corners, low, high) > 0 for point in points @ _OBLIQUE]
-    )
+    lines = crossings(points @ _OBLIQUE, triangles @ _OBLIQUE)
+    return np.array([turns[heights > 0.0].sum() for heights, turns in lines]) > 0.0
 
 
-def _winding_number(point: Array, triangles: Array, low: Array, high: Array) -> int:
-    """`low`, `high`: bounds of the triangles, shape [3, n]. The ray goes along +z."""
-    x, y, z = point
-    is_near = (low[0] <= x) & (x <= high[0])
-    is_near &= (low[1] <= y) & (y <= high[1])
-    is_near &= high[2] > z
-    heights, turns = crossings(triangles[is_near] - point)
-    return int(turns[heights > 0.0].sum())
+def crossings(points: Array, triangles: Array) -> Iterator[tuple[Array, Array]]:
+    """For each point, shape [n, 3], where the line through it along z crosses triangles.
+
+    Heights above the point, and 1 where it leaves their surface upwards or -1 where it enters.
+    """
+    low_x, low_y, _ = triangles.min(axis=1).T.copy()
+    high_x, high_y, _ = triangles.max(axis=1).T.copy()
+    for point in points:
+        x, y, _ = point
+        is_near = (low_x <= x) & (x <= high_x)
+        is_near &= (low_y <= y) & (y <= high_y)
+        yield _crossings_of_axis(triangles[is_near] - point)
 
 
-def crossings(triangles: Array) -> tuple[Array, Array]:
-    """Where the z axis crosses triangles: its heights, and 1 where it leaves their surface or -1 where it enters."""
+def _crossings_of_axis(triangles: Array) -> tuple[Array, Array]:
     a, b, c = triangles.transpose(1, 0, 2)
     weights = np.stack([_doubled_area(b, c), _doubled_area(c, a), _doubled_area(a, b)])
     turns = np.sign(weights).sum(axis=0) / 3.0

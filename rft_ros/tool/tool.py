@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError
 from rft_ros.rft import INTEGRATIONS, LEVEL, QUATERNION, STATE, Integration, Plates, frames
 from rft_ros.rft.arguments import number
-from rft_ros.tool.check import MeshIssue, check_mesh, degenerate_facets
+from rft_ros.tool.check import MeshIssue, check_mesh, with_area
 from rft_ros.tool.locate import link_in, locate_mesh
 from rft_ros.tool.mesh_file import (
     IN_TOOL_FRAME,
@@ -94,18 +94,19 @@ class Tool:
 
         `states`: shape [n, 13], columns `rft_ros.rft.STATE`.
         """
-        heights = np.empty(len(states))
-        sinking = np.empty(len(states))
-        at_once = max(1, _MOST_HEIGHTS // len(self.corners))
-        for start in range(0, len(states), at_once):
-            part = slice(start, start + at_once)
-            column = dict(zip(STATE, states[part].T, strict=True))
-            axes = np.array(frames.rotation(*states[part, QUATERNION].T)).T.reshape(-1, 3, 3)
-            lowest = self.corners[(axes[:, 2] @ self.corners.T).argmin(axis=1)]
-            x, y, z = np.einsum("nij,nj->in", axes, lowest)
-            heights[part] = column["pz"] + z
-            sinking[part] = column["wy"] * x - column["wx"] * y - column["vz"]
+        parts = 1 + len(states) * len(self.corners) // _MOST_HEIGHTS
+        found = [self._lowest(part) for part in np.array_split(states, parts)]
+        heights, sinking = np.concatenate(found, axis=1)
         return heights, sinking
+
+    def _lowest(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
+        """World z and downward velocity of the lowest point, shape [2, n]."""
+        column = dict(zip(STATE, states.T, strict=True))
+        axes = np.array(frames.rotation(*states[:, QUATERNION].T)).T.reshape(-1, 3, 3)
+        lowest = self.corners[(axes[:, 2] @ self.corners.T).argmin(axis=1)]
+        x, y, z = np.einsum("nij,nj->in", axes, lowest)
+        sinking = column["wy"] * x - column["wx"] * y - column["vz"]
+        return np.array([column["pz"] + z, sinking])
 
 
 def load_tool(
@@ -141,12 +142,9 @@ def load_tool(
                 f"mesh file '{path}' is a reduced tool; for its hull, reduce the mesh with --hull"
             )
         return _load_reduced(path, frame, integration)
-    name = path.stem
-    source = str(path)
     link = link_in(file)
-    if link:
-        name = Path(link).name
-        source = f"{path}#{link}"
+    name = Path(link or path.stem).name
+    source = f"{path}#{link}" if link else str(path)
     mesh, frame_of_file = read_mesh(path, frame, link=link)
     if hull:
         mesh = _hull_of(mesh, path)
@@ -200,7 +198,7 @@ def tool_of_mesh(
             f"tolerance is {tolerance:g}; it must lie between 0 (the full tool) and 1"
         )
     vertices = np.array(mesh.vertices, dtype=np.float64)
-    faces = np.array(mesh.faces, dtype=np.int64)[~degenerate_facets(mesh)]
+    faces = np.array(mesh.faces, dtype=np.int64)[with_area(mesh)]
     plates_of = refined_plates if integration == "refined" else centroid_plates
     facets = plates_of(vertices, faces)
     corners = np.unique(vertices[np.unique(faces)], axis=0)

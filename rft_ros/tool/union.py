@@ -49,7 +49,7 @@ def _bodies(tool: Tool) -> "list[trimesh.Trimesh]":
     """The bodies of a mesh, in its file's units and axes; none if it stays open."""
     import trimesh
 
-    points, faces = welded(tool.frame.to_file(tool.vertices), tool.faces)
+    points, faces = welded(tool.frame.inverse.placed(tool.vertices), tool.faces)
     bodies: list[trimesh.Trimesh] = []
     for part in _closed_parts(faces):
         bodies += trimesh.Trimesh(points, faces[part]).split(only_watertight=False, repair=False)

@@ -1,7 +1,6 @@
 """The shapes of a link of a URDF, each with its place in the link: mesh files, boxes, cylinders, spheres, capsules."""
 
 import re
-import shutil
 import subprocess
 from collections.abc import Callable
 from pathlib import Path
@@ -22,35 +21,25 @@ Array = NDArray[np.float64]
 ROBOT_SUFFIXES = ".urdf", ".xacro"
 """Suffixes of descriptions of robots."""
 
-_KINDS = (
-    "collision",
-    "visual",
-)  # the first kind that a link has: what touches, or else what is drawn
-_SOLIDS: dict[str, tuple[tuple[str, ...], Callable[..., Array]]] = {
-    "box": (("size",), lambda size: solids.box(0.5 * size)),
-    "sphere": (("radius",), lambda radius: solids.ellipsoid((radius, radius, radius))),
-    "cylinder": (
-        ("radius", "length"),
-        lambda radius, length: solids.cylinder(radius, 0.5 * length),
-    ),
-    "capsule": (("radius", "length"), lambda radius, length: solids.capsule(radius, 0.5 * length)),
+_SOLIDS: dict[str, tuple[Callable[..., Array], dict[str, float]]] = {
+    "box": (solids.box, {"size": 0.5}),
+    "sphere": (solids.ellipsoid, {"radius": 1.0}),
+    "cylinder": (solids.cylinder, {"radius": 1.0, "length": 0.5}),
+    "capsule": (solids.capsule, {"radius": 1.0, "length": 0.5}),
 }
-"""By the element of a solid: its attributes, and the function of their values [m] that makes its triangles."""
+"""By the element of a solid: what makes its triangles, and of which attributes [m], each times a factor."""
 
 _XACRO_SECONDS = 60.0
 
 
 class LinkShape(NamedTuple):
-    """A shape of a link: a point p of it, in metres, lies at rotation (p scale) + position in the link's frame.
+    """A shape of a link. `source`: a mesh file, or triangles, shape [n, 3, 3]; in metres.
 
-    `source`: a mesh file, or triangles [m], shape [n, 3, 3]. `scale`: of each axis, shape [3]. `rotation`: shape
-    [3, 3]. `position` [m]: shape [3].
+    `to_link`: the homogeneous matrix that scales it and places it in the link's frame, shape [4, 4].
     """
 
     source: Path | Array
-    scale: Array
-    rotation: Array
-    position: Array
+    to_link: Array
 
 
 def files_of_mesh(file: str) -> list[Path]:
@@ -74,15 +63,17 @@ def shapes_of_link(urdf: Path, link: str) -> list[LinkShape]:
         raise InputError(
             f"{named} is not XML: {reason_of(error)}; give a URDF file (xacro writes one)"
         ) from None
-    by_name = {str(element.get("name")): _elements(element) for element in links}
-    elements = by_name.get(link)
-    if not elements:
-        usable = ", ".join(name for name, its in by_name.items() if its) or "none"
-        wanted = _missing(link, is_there=link in by_name)
+    shapes = {str(element.get("name")): _shapes(element) for element in links}
+    if not shapes.get(link):
+        usable = ", ".join(name for name, its in shapes.items() if its) or "none"
+        wanted = (
+            f"has no shape in its link '{link}'" if link in shapes else f"has no link '{link}'"
+        )
         raise InputError(
             f"{named} {wanted}; write {urdf.name}#LINK, with one of its links that have a shape: {usable}"
         )
-    return [_shape(element, urdf, f"{named} has in its link '{link}'") for element in elements]
+    where = f"{named} has in its link '{link}'"
+    return [_placed(shape, geometry, urdf, where) for shape, geometry in shapes[link]]
 
 
 def _text(urdf: Path, named: str) -> str:
@@ -90,80 +81,59 @@ def _text(urdf: Path, named: str) -> str:
     text = read_text(urdf, "mesh file", advice=advice())
     if urdf.suffix.lower() != ".xacro":
         return text
-    program = shutil.which("xacro")
-    if program is None:
-        expanded = urdf.with_suffix("").name
-        raise InputError(
-            f"{named} needs xacro, which is not installed; expand it with xacro: xacro FILE -o {expanded}"
-        )
     try:
-        done = subprocess.run(
-            [program, str(urdf)],
+        return subprocess.run(
+            ["xacro", str(urdf)],
             capture_output=True,
             text=True,
             timeout=_XACRO_SECONDS,
             check=True,
-        )
-    except subprocess.CalledProcessError as error:
+        ).stdout
+    except FileNotFoundError:
+        expanded = urdf.with_suffix("").name
         raise InputError(
-            f"{named} cannot be expanded by xacro: {shown(error.stderr.strip())}"
+            f"{named} needs xacro, which is not installed; expand it with xacro: xacro FILE -o {expanded}"
         ) from None
-    except (OSError, subprocess.TimeoutExpired) as error:
-        raise InputError(f"{named} cannot be expanded by xacro: {reason_of(error)}") from None
-    return done.stdout
+    except (OSError, subprocess.SubprocessError) as error:
+        reason = getattr(error, "stderr", None) or reason_of(error)
+        raise InputError(f"{named} cannot be expanded by xacro: {shown(reason)}") from None
 
 
-def _elements(link: ElementTree.Element) -> list[ElementTree.Element]:
-    """The collision elements of a link with a known geometry, or its visual ones if it has none."""
-    for kind in _KINDS:
-        found = [element for element in link.findall(kind) if _has_shape(element)]
-        if found:
-            return found
+def _shapes(link: ElementTree.Element) -> list[tuple[ElementTree.Element, ElementTree.Element]]:
+    """The collision shapes of a link, each with its mesh or solid: what touches; or else the visual ones."""
+    known = ("mesh", *_SOLIDS)
+    for kind in ("collision", "visual"):
+        shapes = [
+            (shape, found) for shape in link.iter(kind) for found in shape.iterfind("geometry/*")
+        ]
+        usable = [(shape, geometry) for shape, geometry in shapes if geometry.tag in known]
+        if usable:
+            return usable
     return []
 
 
-def _has_shape(element: ElementTree.Element) -> bool:
-    known = ("mesh", *_SOLIDS)
-    return any(element.find(f"geometry/{name}") is not None for name in known)
+def _placed(
+    shape: ElementTree.Element, geometry: ElementTree.Element, urdf: Path, where: str
+) -> LinkShape:
+    from trimesh.transformations import compose_matrix
 
-
-def _missing(link: str, *, is_there: bool) -> str:
-    if not link:
-        return "names no link"
-    return f"has no shape in its link '{link}'" if is_there else f"has no link '{link}'"
-
-
-def _shape(element: ElementTree.Element, urdf: Path, where: str) -> LinkShape:
-    from scipy.spatial.transform import Rotation
-
-    origin = element.find("origin")
+    origin = shape.find("origin")
     place = {} if origin is None else origin.attrib
-    turn = _numbers(place, "rpy", where, default="0 0 0")
-    position = _numbers(place, "xyz", where, default="0 0 0")
-    rotation = Rotation.from_euler("xyz", turn).as_matrix()
-    mesh = element.find("geometry/mesh")
-    if mesh is not None:
-        scale = _numbers(mesh.attrib, "scale", where, default="1 1 1")
-        return LinkShape(_located(mesh.get("filename", ""), urdf), scale, rotation, position)
-    return LinkShape(_triangles(element, where), np.ones(3), rotation, position)
-
-
-def _triangles(element: ElementTree.Element, where: str) -> Array:
-    """The triangles of a solid [m]."""
-    for name, (attributes, make) in _SOLIDS.items():
-        solid = element.find(f"geometry/{name}")
-        if solid is None:
-            continue
-        values = []
-        for attribute in attributes:
-            value = _numbers(solid.attrib, attribute, where, count=3 if attribute == "size" else 1)
-            if not (value > 0.0).all():
-                raise InputError(
-                    f"{where} a {name} whose {attribute} is {value.tolist()}; it must be positive"
-                )
-            values.append(value if attribute == "size" else float(value[0]))
-        return make(*values)
-    raise InputError(f"{where} a shape without a known geometry")
+    to_link = compose_matrix(
+        scale=_numbers(geometry.attrib, "scale", where, default="1 1 1"),
+        angles=_numbers(place, "rpy", where, default="0 0 0"),
+        translate=_numbers(place, "xyz", where, default="0 0 0"),
+    )
+    if geometry.tag == "mesh":
+        return LinkShape(_located(geometry.get("filename", ""), urdf), to_link)
+    triangles_of, factors = _SOLIDS[geometry.tag]
+    sizes = []
+    for name, factor in factors.items():
+        size = _numbers(geometry.attrib, name, where, count=3 if name == "size" else 1)
+        if not (size > 0.0).all():
+            raise InputError(f"{where} a {name} that is {size.tolist()}; it must be positive")
+        sizes.append(factor * size.squeeze())
+    return LinkShape(triangles_of(*sizes), to_link)
 
 
 def _numbers(
@@ -171,7 +141,7 @@ def _numbers(
 ) -> Array:
     text = attributes.get(name, default)
     try:
-        numbers = np.array([float(word) for word in text.split()])
+        numbers = np.array(text.split(), dtype=np.float64)
     except ValueError:
         numbers = np.empty(0)
     if numbers.shape != (count,) or not np.isfinite(numbers).all():
@@ -188,15 +158,11 @@ def _located(name: str, urdf: Path) -> Path:
     try:
         return locate_mesh(uri)
     except InputError:
-        package, _, path = uri.removeprefix("package://").partition("/")
-        if uri.startswith("package://") and ".." not in Path(unquote(path)).parts:
-            for folder in resolved(urdf).parents:
-                for place in (folder, folder / package):
-                    if (
-                        package in (place.name, _package_in(place))
-                        and (place / unquote(path)).is_file()
-                    ):
-                        return place / unquote(path)
+        package, _, path = unquote(uri).removeprefix("package://").partition("/")
+        for folder in resolved(urdf).parents:
+            root = folder if _package_in(folder) == package else folder / package
+            if (root / path).is_file():
+                return root / path
         raise
 
 

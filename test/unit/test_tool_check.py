@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 import trimesh
+from refusals import assert_says, refusal
 
 from rft_ros.tool.check import check_mesh
 
@@ -128,6 +129,11 @@ def test_a_cavity_is_no_body_inside_another():
     assert "overlap" not in check_mesh(
         trimesh.util.concatenate([trimesh.creation.box((0.03,) * 3), inner])
     )
+
+
+def test_a_mesh_smaller_than_the_rounding_of_its_coordinates_is_refused():
+    tiny = BALL.copy().apply_scale(1e-8).apply_translation((1e9, 0.0, 0.0))
+    assert_says(refusal(check_mesh, tiny), "no facet with an area", "rounding", "unit", "origin")
 
 
 def test_a_mesh_far_from_the_tool_frame_is_named_with_its_distance():

@@ -174,7 +174,7 @@ NOT_VALID = r"is not a valid [A-Z]+ file: it may be empty, cut short or without 
         (
             "line.stl",
             soup([[[0, 0, 0], [1, 0, 0], [2, 0, 0]]]).export(file_type="stl"),
-            "has no facet with an area",
+            "at mesh.scale 1.0 has no facet with an area",
         ),
         *(
             (f"mesh.{suffix}", content, NOT_VALID)

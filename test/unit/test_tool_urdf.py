@@ -200,4 +200,4 @@ def test_a_urdf_that_cannot_be_used_is_named_with_what_to_write(tmp_path, text, 
 
 def test_a_urdf_without_a_link_lists_the_links_that_have_meshes(package):
     file = robot(package, element("visual", "../meshes/bucket.stl")).partition("#")[0]
-    assert_says(refusal(load_tool, file), "names no link", "arm/bucket")
+    assert_says(refusal(load_tool, file), "has no link ''", "arm/bucket")
