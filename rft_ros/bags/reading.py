@@ -152,11 +152,10 @@ class Recording:
         decode = {
             role: decoder(role, ros1=ros1, kind=self._kinds.get(role, "")) for role in self.topics
         }
-        in_table = is_table(self.bag)  # whose rows are samples already
         for time, rank, _, data in self._in_order():
             role = _RANK[rank]
             try:
-                sample = data if in_table else decode[role](data)
+                sample = decode[role](data)
             except UNREADABLE as error:
                 self._leave_out(self.topics[role], error)
                 continue
@@ -184,7 +183,7 @@ class Recording:
 
     def _stream(self, source: Source, topics: Collection[str]) -> Messages:
         """The messages of a file up to its damage, after one without topic: a file is read when its time has come."""
-        yield source.first, "", None
+        yield source.first, "", b""
         try:
             yield from source.read(topics, self.first, self.last)
         except Exception as error:  # parsers raise anything on damage

@@ -1,7 +1,7 @@
 """Report and charts of a replay, from its rows, model and summary."""
 
 import math
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,42 +14,38 @@ from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Estimator, QualityFlag, sentences, trust
 from rft_ros.parameters import PARAMETERS
 from rft_ros.report import Figure, Table, animate, animation_figure, what_is_shown, write_page
-from rft_ros.rft import AXES, FORCE, TORQUE
+from rft_ros.rft import AXES, FORCE
 
 _Array = NDArray[np.float64]
-_Place = tuple[int, int]  # row and column of a panel, from 1
 
 _BUCKETS = 500  # about one for each pixel of a panel's width
 _IN_GRAINS = -1e-3  # least depth in charts over depth [m]
 _TIME = "Time since the first pose [s]"
 _DEPTH = "Depth of the lowest point [mm]"
-
-
-class _Panel(NamedTuple):
-    """A panel of what is learned. `unit`: factor to the label's unit. `lines`: of `LEARNED_COLUMNS`, with names."""
-
-    label: str
-    unit: float
-    lines: dict[str, str]
-
-
-_LEARNED = (
-    _Panel(
-        "Strength", 1.0, {"vertical_strength": "vertical", "horizontal_strength": "horizontal"}
-    ),
-    _Panel("Turn [deg]", math.degrees(1.0), {"turn": "turn"}),
-    _Panel("Surface [mm]", 1e3, {"surface": "surface"}),
-    _Panel("Surprise<br>[std. deviations]", 1.0, {"surprise": "surprise"}),
-)
+_UNITS = ("N", "N m")  # of forces and torques
+_LEARNED = {  # titles of the panels, with the factor to the title's unit, and lines: fields of `Belief`
+    "Strength": (1.0, ("vertical_strength", "horizontal_strength")),
+    "Turn [deg]": (math.degrees(1.0), ("turn",)),
+    "Surface [mm]": (1e3, ("surface",)),
+    "Surprise<br>[std. deviations]": (1.0, ("surprise",)),
+}
 _COLOURS = {  # Okabe and Ito's palette, distinguishable with any kind of colour vision
-    **dict.fromkeys(("measured", "turn", "surface", "surprise"), "#333333"),
-    **dict.fromkeys(("predicted", "vertical"), "#D55E00"),
-    **dict.fromkeys(("x", "horizontal", "penetration"), "#0072B2"),
+    "measured": "#333333",
+    "turn": "#333333",
+    "surface": "#333333",
+    "surprise": "#333333",
+    "predicted": "#D55E00",
+    "vertical_strength": "#D55E00",
+    "horizontal_strength": "#0072B2",
+    "x": "#0072B2",
     "y": "#E69F00",
-    **dict.fromkeys(("z", "withdrawal"), "#009E73"),
-    **dict.fromkeys(("dwell", "caution"), "#56B4E9"),
-    "ploughing": "#CC79A7",
+    "z": "#009E73",
     "approach": "#999999",
+    "penetration": "#0072B2",
+    "ploughing": "#CC79A7",
+    "dwell": "#56B4E9",
+    "withdrawal": "#009E73",
+    "caution": "#56B4E9",
     "no": "#000000",
 }
 _BAND = 0.22  # opacity
@@ -80,7 +76,7 @@ def decimated(rows: Rows) -> Rows:
     These have the greatest depth, the greatest force and the greatest residual force.
     """
     force = rows["compensated"][:, FORCE]
-    residual = force - rows["predicted"][:, FORCE]
+    residual = rows["residual"][:, FORCE]
     kept = set()
     for size in (rows["depth"], np.linalg.norm(force, axis=1), np.linalg.norm(residual, axis=1)):
         known = np.nan_to_num(size, nan=-math.inf)
@@ -130,23 +126,26 @@ def replay_charts(rows: Rows) -> list[Figure]:
     time = (rows["stamp"] - rows["stamp"].min(initial=2**62)) * 1e-9
     depth = np.where(rows["depth"] > _IN_GRAINS, 1e3 * rows["depth"], math.nan)
     charts = [
-        _wrench(rows, time, over="time", x_label=_TIME),
-        _wrench(rows, depth, over="depth", x_label=_DEPTH),
+        _wrench(rows, time, over="time", x_title=_TIME),
+        _wrench(rows, depth, over="depth", x_title=_DEPTH),
         _residual(rows, time),
     ]
     if rows["quality_flags"].any():
         charts.append(_flags(rows, time))
-    if not np.isnan(rows["learned"]).all():
+    if not np.isnan(rows["learned"]["turn"]).all():
         charts.append(_learned(rows, time, depth))
     return charts
 
 
-def _panels(rows: int, columns: int = 1, *, height: int = 640) -> Any:
-    """A plotly Figure of panels; those of a column share their x axis. `height` [px]."""
+def _figure(rows: int, x_titles: Sequence[str], *, height: int = 640) -> Any:
+    """A plotly Figure with columns of panels, which share their x axis. `height` [px]."""
     from plotly.subplots import make_subplots
 
     spacing = {"vertical_spacing": 0.05, "horizontal_spacing": 0.09}
-    return make_subplots(rows=rows, cols=columns, shared_xaxes="columns", **spacing).update_layout(
+    figure = make_subplots(rows=rows, cols=len(x_titles), shared_xaxes="columns", **spacing)
+    for column, title in enumerate(x_titles, start=1):
+        figure.update_xaxes(title_text=title, row=rows, col=column)
+    return figure.update_layout(
         template="plotly_white",
         font={"family": "system-ui, sans-serif", "size": 13, "color": "#222222"},
         height=height,
@@ -155,152 +154,119 @@ def _panels(rows: int, columns: int = 1, *, height: int = 640) -> Any:
     )
 
 
-def _label(panels: Any, at: _Place, *, x: str = "", y: str = "") -> None:
-    panels.update_xaxes(title_text=x, row=at[0], col=at[1])
-    panels.update_yaxes(title_text=y, row=at[0], col=at[1])
+class _Panel(NamedTuple):
+    """A panel of a plotly Figure, at a row and a column from 1."""
+
+    figure: Any
+    row: int
+    column: int
+
+    def label(self, title: str) -> None:
+        """Set the title of the y axis."""
+        self.figure.update_yaxes(title_text=title, row=self.row, col=self.column)
+
+    def line(self, name: str, x: _Array, y: _Array, *, colour: str, width: float = 1.5) -> None:
+        """Draw a line with gaps at NaN; those of a name share a legend entry. `colour`: of `_COLOURS`."""
+        self._draw(name, x, y, {"line": {"color": _COLOURS[colour], "width": width}})
+
+    def band(self, name: str, x: _Array, y: _Array, deviation: _Array, *, colour: str) -> None:
+        """Draw a band from y - deviation to y + deviation, with gaps at NaN."""
+        lower = np.column_stack([x, y - deviation])
+        upper = np.column_stack([x, y + deviation])
+        gap = np.full((1, 2), math.nan)
+        outlines = []
+        known = np.ma.masked_invalid(x + y + deviation)
+        for part in np.ma.clump_unmasked(known):  # type: ignore[no-untyped-call]
+            outlines += [lower[part], upper[part][::-1], gap]
+        xs, ys = np.concatenate([*outlines, gap]).T
+        fill = {"fill": "toself", "fillcolor": _COLOURS[colour], "opacity": _BAND}
+        self._draw(name, xs, ys, fill | {"line": {"width": 0.0}, "hoverinfo": "skip"})
+
+    def _draw(self, name: str, x: _Array, y: _Array, look: dict[str, Any]) -> None:
+        self.figure.add_scatter(
+            row=self.row,
+            col=self.column,
+            name=name,
+            legendgroup=name,
+            showlegend=all(trace.name != name for trace in self.figure.data),
+            x=x.astype(np.float32),  # finer than a screen, half the bytes
+            y=y.astype(np.float32),
+            mode="lines",
+            **look,
+        )
 
 
-def _line(
-    panels: Any,
-    at: _Place,
-    name: str,
-    x: _Array,
-    y: _Array,
-    *,
-    colour: str = "",
-    width: float = 1.5,
-    **look: Any,
-) -> None:
-    """Draw a line with gaps at NaN; those of a name share a legend entry. `colour`: of `_COLOURS` (default: `name`)."""
-    panels.add_scatter(
-        row=at[0],
-        col=at[1],
-        name=name,
-        legendgroup=name,
-        showlegend=all(trace.name != name for trace in panels.data),
-        x=x.astype(np.float32),  # finer than a screen, half the bytes
-        y=y.astype(np.float32),
-        mode="lines",
-        line={"color": _COLOURS[colour or name], "width": width},
-        connectgaps=False,
-        **look,
-    )
-
-
-def _band(
-    panels: Any, at: _Place, name: str, x: _Array, y: _Array, deviation: _Array, *, colour: str
-) -> None:
-    """Draw a band from y - deviation to y + deviation, with gaps at NaN."""
-    from plotly.colors import hex_to_rgb
-
-    known = np.flatnonzero(~np.isnan(x + y + deviation))
-    xs = [np.empty(0)]
-    ys = [np.empty(0)]
-    for part in np.split(
-        known, np.flatnonzero(np.diff(known) > 1) + 1
-    ):  # closed around each unbroken segment
-        xs += [x[part], x[part[::-1]], np.array([np.nan])]
-        ys += [(y - deviation)[part], (y + deviation)[part[::-1]], np.array([np.nan])]
-    red, green, blue = hex_to_rgb(_COLOURS[colour])
-    fill = f"rgba({red}, {green}, {blue}, {_BAND})"
-    look = {"fill": "toself", "fillcolor": fill, "hoverinfo": "skip"}
-    _line(
-        panels, at, name, np.concatenate(xs), np.concatenate(ys), colour=colour, width=0.0, **look
-    )
-
-
-def _wrench(rows: Rows, x: _Array, *, over: str, x_label: str) -> Figure:
-    panels = _panels(3, 2, height=760)
+def _wrench(rows: Rows, x: _Array, *, over: str, x_title: str) -> Figure:
+    figure = _figure(3, [x_title, x_title], height=760)
     for k, axis in enumerate(AXES):
-        is_torque = k >= 3
-        at = (k % 3 + 1, 2 if is_torque else 1)
+        column, row = divmod(k, 3)
+        panel = _Panel(figure, row + 1, column + 1)
+        panel.label(f"{axis} [{_UNITS[column]}]")
         measured = rows["compensated"][:, k]
         predicted = rows["predicted"][:, k]
-        _band(
-            panels,
-            at,
-            "± standard deviation",
-            x,
-            predicted,
-            rows["sigma"][:, k],
-            colour="predicted",
-        )
+        panel.band("± standard deviation", x, predicted, rows["sigma"][:, k], colour="predicted")
         for code, phase in enumerate(PHASES):
-            chosen = (rows["phase"] == code) & ~np.isnan(measured + x)
-            if chosen.any():
-                y = np.where(chosen, measured, math.nan)
-                _line(panels, at, f"measured, {phase}", x, y, colour=phase, width=2.0)
-        _line(panels, at, "predicted", x, predicted)
-        _label(
-            panels,
-            at,
-            x=x_label if at[0] == 3 else "",
-            y=f"{axis} [{'N m' if is_torque else 'N'}]",
-        )
+            y = np.where(rows["phase"] == code, measured, math.nan)
+            if not np.isnan(x + y).all():
+                panel.line(f"measured, {phase}", x, y, colour=phase, width=2.0)
+        panel.line("predicted", x, predicted, colour="predicted")
     sentence = (
         f"Measured, in the colour of the phase, and predicted, with a band of one standard deviation on each side, over"
         f" {over}. A line breaks where there is no estimate."
     )
-    return Figure(f"wrench_over_{over}", f"Force and torque over {over}", sentence, panels)
+    return Figure(f"wrench_over_{over}", f"Force and torque over {over}", sentence, figure)
 
 
 def _residual(rows: Rows, time: _Array) -> Figure:
-    panels = _panels(2)
-    residual = rows["compensated"] - rows["predicted"]
-    for k, axis in enumerate("xyz"):
-        _line(panels, (1, 1), axis, time, residual[:, FORCE][:, k], width=1.2)
-        _line(panels, (2, 1), axis, time, residual[:, TORQUE][:, k], width=1.2)
-    _label(panels, (1, 1), y="Force residual [N]")
-    _label(panels, (2, 1), x=_TIME, y="Torque residual [N m]")
-    return Figure(
-        "residual", "Residual", "Measured minus predicted, by sensor axis, over time.", panels
-    )
+    figure = _figure(2, [_TIME])
+    for k, axis in enumerate("xyz" * 2):
+        panel = _Panel(figure, k // 3 + 1, 1)
+        panel.line(axis, time, rows["residual"][:, k], colour=axis, width=1.2)
+    _Panel(figure, 1, 1).label("Force residual [N]")
+    _Panel(figure, 2, 1).label("Torque residual [N m]")
+    sentence = "Measured minus predicted, by sensor axis, over time."
+    return Figure("residual", "Residual", sentence, figure)
 
 
 def _flags(rows: Rows, time: _Array) -> Figure:
     flags = [flag for flag in QualityFlag if (rows["quality_flags"] & int(flag)).any()]
-    panels = _panels(1, height=200 + 26 * len(flags))
+    figure = _figure(1, [_TIME], height=200 + 26 * len(flags))
+    panel = _Panel(figure, 1, 1)
     for place, flag in enumerate(flags):
         raised = (rows["quality_flags"] & int(flag)) != 0
         raised[1:] |= raised[:-1]  # up to the next pose
         level = trust(flag).value.lower()
         y = np.where(raised, float(place), math.nan)
-        _line(panels, (1, 1), f"trust: {level}", time, y, colour=level, width=9.0)
-    _label(panels, (1, 1), x=_TIME)
-    panels.update_xaxes(range=[time.min(), time.max()])
-    labels = [flag.label for flag in flags]
-    panels.update_yaxes(
-        tickvals=list(range(len(flags))), ticktext=labels, range=[len(flags) - 0.5, -0.5]
+        panel.line(f"trust: {level}", time, y, colour=level, width=9.0)
+    figure.update_xaxes(range=[time.min(), time.max()])
+    figure.update_yaxes(
+        tickvals=list(range(len(flags))),
+        ticktext=[flag.label for flag in flags],
+        range=[len(flags) - 0.5, -0.5],
     )
-    return Figure(
-        "quality_flags", "Quality flags over time", "When the prediction had which flag.", panels
-    )
+    sentence = "When the prediction had which flag."
+    return Figure("quality_flags", "Quality flags over time", sentence, figure)
 
 
 def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
-    panels = _panels(len(_LEARNED), 2, height=900)
-    for row, panel in enumerate(_LEARNED, start=1):
-        is_last = row == len(_LEARNED)
-        _draw_learned(panels, (row, 1), panel, rows, time)
-        _label(panels, (row, 1), x=_TIME if is_last else "", y=panel.label)
-        _draw_learned(panels, (row, 2), panel, rows, depth)
-        _label(panels, (row, 2), x=_DEPTH if is_last else "", y=panel.label)
+    figure = _figure(len(_LEARNED), [_TIME, _DEPTH], height=900)
+    learned = rows["learned"]
+    for row, (title, (unit, fields)) in enumerate(_LEARNED.items(), start=1):
+        for column, x in enumerate([time, depth], start=1):
+            panel = _Panel(figure, row, column)
+            panel.label(title)
+            for name in fields:
+                value = unit * learned[name]
+                if f"{name}_error" in LEARNED_COLUMNS:
+                    error = unit * learned[f"{name}_error"]
+                    panel.band("± standard error", x, value, error, colour=name)
+                panel.line(name.replace("_", " "), x, value, colour=name)
     sentence = (
         "Strength of the vertical and of the horizontal force over the model's, turn of the horizontal force about the"
         " vertical, and height of the surface above surface_height, each with its standard error, and how surprising"
         " the force was."
     )
-    return Figure("learned", "What is learned of the grains", sentence, panels)
-
-
-def _draw_learned(panels: Any, at: _Place, panel: _Panel, rows: Rows, x: _Array) -> None:
-    """Draw what is learned over `x`, with bands of the standard errors."""
-    for key, name in panel.lines.items():
-        value = panel.unit * rows["learned"][:, LEARNED_COLUMNS.index(key)]
-        if f"{key}_error" in LEARNED_COLUMNS:
-            error = panel.unit * rows["learned"][:, LEARNED_COLUMNS.index(f"{key}_error")]
-            _band(panels, at, "± standard error", x, value, error, colour=name)
-        _line(panels, at, name, x, value)
+    return Figure("learned", "What is learned of the grains", sentence, figure)
 
 
 def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:

@@ -10,30 +10,31 @@ import sqlite3
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack, closing, suppress
 from dataclasses import dataclass
-from pathlib import Path
+from pathlib import Path, PosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
 
-import yaml
 import zstandard
 from mcap.records import Channel, DataEnd, Message, Schema
 from mcap.stream_reader import StreamReader
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
+from rft_ros.bags.writing import read_metadata
 from rft_ros.errors import InputError, reason_of
-from rft_ros.files import checked_file, read_text
+from rft_ros.files import checked_file
 
 _REPAIRS = {".mcap": "mcap recover", ".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
-SUFFIXES = tuple(_REPAIRS)
 _PACKED = (".zstd", ".zst")
 _ZSTD = b"\x28\xb5\x2f\xfd"
 """The first bytes of what zstd compressed; CDR begins otherwise."""
 
+_LONGEST_LINE = 20  # bytes: a bag of ROS 1 has one line, its first
+
 _NEVER = 2**63 - 1  # ns
 
-Messages = Iterator[tuple[int, str, Any]]
-"""Receive time [ns], topic, and a serialised message, or the sample itself."""
+Messages = Iterator[tuple[int, str, bytes]]
+"""Receive time [ns], topic, and a serialised message."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -56,10 +57,7 @@ class Source:
 
 def fault_of(name: str, error: Exception) -> str:
     """A sentence on a damaged file: what stopped its parser, and the tool that repairs it."""
-    reason = reason_of(error)
-    if isinstance(error, OverflowError | MemoryError):
-        reason = "it gives a length that no record has"
-    return f"{name} is damaged: {reason}; try '{_REPAIRS[_kind(Path(name))]}'"
+    return f"{name} is damaged: {reason_of(error)}; try '{_REPAIRS[_kind(Path(name))]}'"
 
 
 def sources_of(bag: Path, opened: ExitStack) -> tuple[list[Source], list[str]]:
@@ -75,37 +73,30 @@ def sources_of(bag: Path, opened: ExitStack) -> tuple[list[Source], list[str]]:
         except InputError as error:
             faults.append(str(error))
         except Exception as error:  # parsers raise anything on damage
-            is_whole = False
-            if _kind(file) == ".mcap":
-                source, is_whole = _read_by_record(file, opened)
-                found.append(source)
-            if not is_whole:
-                faults.append(fault_of(file.name, error))
+            faults.append(fault_of(file.name, error))
     return found, faults
 
 
 def _files_of(bag: Path) -> tuple[list[Path], list[str]]:
     """The files of a bag: those that its metadata.yaml names, or else all in its folder; and what is wrong with it."""
     bag.stat()  # raises FileNotFoundError
-    if not bag.is_dir():
-        if _kind(bag) not in SUFFIXES:
-            raise InputError(_no_bag(bag))
-        return [bag], []
-    try:
-        about = yaml.safe_load(read_text(bag / "metadata.yaml", "metadata"))
-        names = about["rosbag2_bagfile_information"]["relative_file_paths"]
-        return [bag / Path(name).name for name in names], []
-    except (InputError, yaml.YAMLError, LookupError, TypeError) as error:
-        files = sorted(file for file in bag.iterdir() if _kind(file) in SUFFIXES)
-        if not files:
-            raise InputError(_no_bag(bag)) from None
-        without = "its files were read one by one, without a metadata.yaml that can be used"
-        return files, [f"{without} ({reason_of(error)}); 'ros2 bag reindex' writes it"]
-
-
-def _no_bag(path: Path) -> str:
-    known = ", ".join(SUFFIXES)
-    return f"'{path}' is not a bag: give a rosbag2 folder, a file that ends in {known}, or a .csv table"
+    if bag.is_dir():
+        try:
+            names = read_metadata(bag)["relative_file_paths"]
+            return [bag / Path(name).name for name in names], []
+        except (InputError, LookupError, TypeError) as error:
+            without = "its files were read one by one, without a metadata.yaml that can be used"
+            faults = [f"{without} ({reason_of(error)}); 'ros2 bag reindex' writes it"]
+            files = sorted(file for file in bag.iterdir() if _kind(file) in _REPAIRS)
+    else:
+        faults = []
+        files = [bag] if _kind(bag) in _REPAIRS else []
+    if not files:
+        known = ", ".join(_REPAIRS)
+        raise InputError(
+            f"'{bag}' is not a bag: give a rosbag2 folder, a file that ends in {known}, or a .csv table"
+        )
+    return files, faults
 
 
 def _kind(file: Path) -> str:
@@ -114,14 +105,21 @@ def _kind(file: Path) -> str:
 
 
 def _opened(file: Path, opened: ExitStack) -> Source:
-    """Open a file by rosbags. Raises any exception at damage, and InputError for what is no file."""
+    """Open a file. Raises any exception at damage, and InputError for what is no file."""
     intact = _unpacked(checked_file(file, "bag file", limit=None), opened)
     if intact.suffix == ".db3":
         intact = _merged(intact, opened)
-    ros1 = intact.suffix == ".bag"
-    if ros1:
-        _check_begin(intact)
-    reader = Reader1(intact) if ros1 else Reader2(intact)
+    try:
+        return _by_rosbags(file.name, intact, opened)
+    except Exception:
+        if intact.suffix != ".mcap":
+            raise
+    return _by_record(file.name, intact)
+
+
+def _by_rosbags(name: str, file: Path, opened: ExitStack) -> Source:
+    ros1 = file.suffix == ".bag"
+    reader = Reader1(_Bounded(file)) if ros1 else Reader2(_Bounded(file))
     reader.open()
     opened.callback(reader.close)
     first = int(reader.start_time)
@@ -144,7 +142,7 @@ def _opened(file: Path, opened: ExitStack) -> Source:
             yield int(time), connection.topic, data
 
     return Source(
-        name=file.name,
+        name=name,
         types=types,
         count=reader.message_count,
         first=first,
@@ -154,11 +152,29 @@ def _opened(file: Path, opened: ExitStack) -> Source:
     )
 
 
-def _check_begin(file: Path) -> None:
-    """Raise ValueError where rosbags would read a whole file in search of its first line."""
-    with file.open("rb") as stream:
-        if not stream.read(20).startswith(b"#ROSBAG"):
-            raise ValueError("it does not begin as a bag of ROS 1")
+class _Bounded(PosixPath):
+    """A path whose file is opened as a `_Stream`."""
+
+    def open(self, *_: Any, **__: Any) -> Any:
+        return _Stream(self)
+
+
+class _Stream(io.BufferedReader):
+    """A file that gives no more than it has, whatever length it announces, and ends where it is filled with zeros."""
+
+    def __init__(self, file: Path) -> None:
+        super().__init__(io.FileIO(file))
+        self._size = file.stat().st_size
+
+    def read(self, size: int | None = -1, /) -> bytes:
+        data = super().read(-1 if size is None else min(size, self._size))
+        is_type = size == 1  # of a record
+        if is_type and data == b"\0":
+            raise ValueError("it is filled with zeros")
+        return data
+
+    def readline(self, _: int | None = -1, /) -> bytes:
+        return super().readline(_LONGEST_LINE)
 
 
 def _unpacked(file: Path, opened: ExitStack) -> Path:
@@ -174,15 +190,11 @@ def _unpacked(file: Path, opened: ExitStack) -> Path:
 
 def _merged(file: Path, opened: ExitStack) -> Path:
     """The file, or a copy with what a recorder that was killed left in the log or the journal beside it."""
-    beside = [
-        log
-        for log in (Path(f"{file}-wal"), Path(f"{file}-journal"))
-        if log.is_file() and log.stat().st_size
-    ]
-    if not beside:
+    logs = [log for log in (Path(f"{file}-wal"), Path(f"{file}-journal")) if log.is_file()]
+    if not logs:
         return file
     folder = Path(opened.enter_context(TemporaryDirectory()))
-    for part in (file, *beside):
+    for part in (file, *logs):
         shutil.copyfile(part, folder / part.name)
     with suppress(sqlite3.Error), closing(sqlite3.connect(folder / file.name)) as database:
         database.execute("PRAGMA journal_mode = DELETE")  # rosbags opens files without their logs
@@ -193,55 +205,38 @@ def _type(name: str, encoding: str) -> str:
     return name if encoding in ("cdr", "") else f"{name} as {encoding}"
 
 
-def _read_by_record(file: Path, opened: ExitStack) -> tuple[Source, bool]:
-    """The messages of an .mcap file that rosbags cannot open, up to its damage; and whether it has none.
-
-    Such a file is of another recorder than that of ROS 2, or has no index.
-    """
-    intact = _unpacked(file, opened)
+def _by_record(name: str, file: Path) -> Source:
+    """An .mcap file that rosbags cannot open: damaged, without an index, or of another recorder than that of ROS 2."""
     types: dict[str, str] = {}
     count = 0
     first = _NEVER
     last = 0
-    is_whole = False
-    with suppress(Exception):
-        for topic, kind, message in _messages(intact):
+    try:
+        for topic, kind, message in _messages(file):
             types[topic] = kind
             count += 1
             first = min(first, message.log_time)
             last = max(last, message.log_time)
-        is_whole = True
+    except Exception:  # `read` raises it again, after what comes before it
+        if not count:
+            raise
 
     def read(topics: Collection[str], begin: int, end: int) -> Messages:
-        with suppress(Exception):
-            for topic, _, message in _messages(intact):
-                if topic in topics and begin <= message.log_time <= end:
-                    yield message.log_time, topic, message.data
+        for topic, _, message in _messages(file):
+            if topic in topics and begin <= message.log_time <= end:
+                yield message.log_time, topic, message.data
 
-    source = Source(
-        name=file.name, types=[*types.items()], count=count, first=first, last=last, read=read
+    return Source(
+        name=name, types=[*types.items()], count=count, first=first, last=last, read=read
     )
-    return source, is_whole
-
-
-class _Stream(io.BufferedReader):
-    """Ends where a file is filled with zeros, which mcap would read as gigabytes of empty records."""
-
-    def read(self, size: int | None = -1, /) -> bytes:
-        data = super().read(size)
-        is_type = size == 1  # of a record
-        if is_type and data == b"\0":
-            raise ValueError("it is filled with zeros")
-        return data
 
 
 def _messages(file: Path) -> Iterator[tuple[str, str, Message]]:
     """Topic, type and message of each message of an .mcap file. Raises an exception at damage."""
     names = {0: "unknown type"}
     channels: dict[int, tuple[str, str]] = {}
-    with _Stream(io.FileIO(file)) as stream:
-        reader = StreamReader(stream, validate_crcs=True, record_size_limit=file.stat().st_size)
-        for record in reader.records:
+    with _Bounded(file).open() as stream:
+        for record in StreamReader(stream, validate_crcs=True).records:
             if isinstance(record, Schema):
                 names[record.id] = record.name
             elif isinstance(record, Channel):

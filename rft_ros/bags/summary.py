@@ -3,9 +3,8 @@
 import itertools
 import json
 import math
-import sys
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -126,20 +125,29 @@ def summary_of(
     faults of the set-up.
     """
     whole, phases = statistics(rows)
-    flags = rows["quality_flags"][rows["reason"] < 0]
+    answered = rows["reason"] < 0
+    flags = rows["quality_flags"][answered]
     by_flag = {flag.label: int(np.count_nonzero(flags & flag)) for flag in QualityFlag if flag}
     levels = Counter(map(trust, flags.tolist()))
-    by_trust = {level.value: levels[level] for level in Trust}
     # a fault of the load cell's zero says more, and is judged on the whole recording
     warnings = [
         f"{issue} (at {n:,} poses)" for issue, n in issues.items() if issue != OFFSET_SENTENCE
     ]
-    warnings += [*_warnings(whole, rows[rows["reason"] < 0]), *faults]
+    error = whole.median_relative_error
+    if error is not None and error > _WRONG:
+        doctor = "check the set-up with rft doctor FILE --bag BAG"
+        warnings.append(f"the median error is {100.0 * error:.0f} %: {doctor}")
+    impossible = by_flag[QualityFlag.IMPOSSIBLE.label]
+    first_depth = float(rows["depth"][np.argmax(answered)]) if answered.any() else 0.0
+    if impossible:
+        warnings.append(f"{QualityFlag.IMPOSSIBLE.sentence} (at {impossible:,} poses)")
+    elif first_depth > _TOUCHES:
+        warnings.append(begins_in_grains(first_depth))
     return Summary(
         **vars(whole),
         quality_flags=by_flag,
-        trust=by_trust,
-        warnings=warnings,
+        trust={level.value: levels[level] for level in Trust},
+        warnings=[*warnings, *faults],
         phases=phases,
         **about,
     )
@@ -156,43 +164,43 @@ def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
     groups = {}
     for code, phase in enumerate(PHASES):
         in_phase = rows["phase"] == code
+        chosen = in_phase & answered
         by_depth = {}
         for k, (low, high) in enumerate(itertools.pairwise(1e3 * edges)):
-            part = rows[in_phase & answered & (bin_of == k)]
-            if len(part):
-                by_depth[f"{low:g}-{high:g}mm"] = _group(part, least)
-        own = vars(_group(rows[in_phase & answered], least))
+            in_bin = chosen & (bin_of == k)
+            if in_bin.any():
+                by_depth[f"{low:g}-{high:g}mm"] = _group(rows, in_bin, least)
+        own = vars(_group(rows, chosen, least))
         groups[phase] = PhaseGroup(**own, poses=int(in_phase.sum()), depth_bins=by_depth)
-    return _group(rows[answered], least), groups
+    return _group(rows, answered, least), groups
 
 
-def _group(rows: Rows, least_force: float) -> Group:
-    """Statistics of rows with estimates. The relative error is taken of forces over `least_force` [N]."""
-    measured = _with_magnitudes(rows["compensated"])
-    predicted = _with_magnitudes(rows["predicted"])
-    residual = _with_magnitudes(rows["compensated"] - rows["predicted"])
+def _group(rows: Rows, chosen: NDArray[np.bool_], least_force: float) -> Group:
+    """Statistics of the chosen rows, shape [n]. The relative error is taken of forces over `least_force` [N]."""
+    wrenches = {
+        "measured": _with_magnitudes(rows["compensated"][chosen]),
+        "predicted": _with_magnitudes(rows["predicted"][chosen]),
+        "residual": _with_magnitudes(rows["residual"][chosen]),
+    }
     wrench = {}
     for column, name in enumerate(_COMPONENTS):
-        wrench[name] = {
-            "measured": _spread(measured[:, column]),
-            "predicted": _spread(predicted[:, column]),
-            "residual": _spread(residual[:, column]),
-        }
-    force = measured[:, _SIZE_OF_FORCE]
+        wrench[name] = {kind: _spread(values[:, column]) for kind, values in wrenches.items()}
+    force = wrenches["measured"][:, _SIZE_OF_FORCE]
     big = force > least_force
-    relative = residual[big, _SIZE_OF_FORCE] / force[big]
-    in_grains = np.any(predicted[:, FORCE], axis=1)
-    scores = np.abs(residual[in_grains, FORCE]) / rows["sigma"][in_grains, FORCE]
-    scores = scores[~np.isnan(scores)]
+    relative = wrenches["residual"][big, _SIZE_OF_FORCE] / force[big]
+    in_grains = np.any(wrenches["predicted"][:, FORCE], axis=1)
+    sigma = rows["sigma"][chosen][in_grains, FORCE]
+    scores = np.abs(wrenches["residual"][in_grains, FORCE]) / sigma
+    known = scores[~np.isnan(scores)]
     rms = wrench["force"]["residual"]["rms"]
     peak = wrench["force"]["measured"]["peak"]
     return Group(
-        estimates=len(rows),
+        estimates=int(chosen.sum()),
         wrench=wrench,
         rms_over_peak=rms / peak if rms is not None and peak else None,
         median_relative_error=float(np.median(relative)) if len(relative) else None,
-        within_sigma=float(np.mean(scores < 1.0)) if len(scores) else None,
-        within_two_sigma=float(np.mean(scores < 2.0)) if len(scores) else None,
+        within_sigma=float(np.mean(known < 1.0)) if len(known) else None,
+        within_two_sigma=float(np.mean(known < 2.0)) if len(known) else None,
     )
 
 
@@ -206,7 +214,7 @@ def _with_magnitudes(wrenches: _Array) -> _Array:
 def _spread(values: _Array) -> dict[str, float | None]:
     known = values[~np.isnan(values)]
     if not len(known):
-        return dict.fromkeys(("rms", "peak", "mean"))
+        return {"rms": None, "peak": None, "mean": None}
     rms = math.sqrt(float(np.mean(known * known)))
     return {"rms": rms, "peak": float(np.abs(known).max()), "mean": float(known.mean())}
 
@@ -217,21 +225,9 @@ def _bin_edges(deepest: float) -> _Array:
         return np.zeros(1)
     below = deepest * (1.0 - 1e-9)
     power = 10.0 ** math.floor(math.log10(below / _MOST_BINS))
-    factor = next(factor for factor in (1, 2, 5, 10) if below < _MOST_BINS * factor * power)
-    width = factor * power
-    return np.arange(math.ceil(below / width) + 1, dtype=np.float64) * width
-
-
-def _warnings(whole: Group, answered: Rows) -> Iterator[str]:
-    """Warnings that the model is far off, that poses or mesh are in another unit, or that the tool begins in grains."""
-    error = whole.median_relative_error
-    if error is not None and error > _WRONG:
-        yield f"the median error is {100.0 * error:.0f} %: check the set-up with rft doctor FILE --bag BAG"
-    impossible = int(np.count_nonzero(answered["quality_flags"] & int(QualityFlag.IMPOSSIBLE)))
-    if impossible:
-        yield f"{QualityFlag.IMPOSSIBLE.sentence} (at {impossible:,} poses)"
-    elif len(answered) and answered["depth"][0] > _TOUCHES:
-        yield begins_in_grains(float(answered["depth"][0]))
+    widths = [factor * power for factor in (1, 2, 5, 10)]
+    width = next(width for width in widths if below < _MOST_BINS * width)
+    return np.asarray(width * np.arange(math.ceil(below / width) + 1))
 
 
 METRIC_HEADS = ("estimates", "peak N", "RMS res. N", "peak res. N", "RMS/peak", "median err.")
@@ -284,26 +280,15 @@ def read_limits(file: Path) -> dict[str, tuple[float, float]]:
         )
     limits = {}
     for metric, given in tree.items():
-        bounds = given if isinstance(given, dict) and given else {"": given}
+        bounds = given if isinstance(given, dict) else {}
         low = bounds.get("min", -math.inf)
         high = bounds.get("max", math.inf)
-        if (
-            bounds.keys() - {"min", "max"}
-            or not all(map(_is_finite, bounds.values()))
-            or low > high
-        ):
+        are_numbers = all(type(bound) in (int, float) for bound in (low, high))
+        if not bounds or bounds.keys() - {"min", "max"} or not are_numbers or low > high:
             must = "it must be {min: NUMBER, max: NUMBER} or one of them, of finite numbers, min not above max"
             raise InputError(f"limits file '{file}': {metric} is {shown(given)}; {must}")
         limits[metric] = (low, high)
     return limits
-
-
-def _is_finite(value: object) -> bool:
-    return (
-        isinstance(value, int | float)
-        and not isinstance(value, bool)
-        and abs(value) <= sys.float_info.max
-    )
 
 
 def check(limits: dict[str, tuple[float, float]], summary: Summary) -> list[tuple[bool, str]]:

@@ -1,17 +1,15 @@
-"""A CSV table of times, poses, velocities and wrenches, read as if it were a bag."""
+"""A CSV table of times, poses, velocities and wrenches, as the messages of a bag."""
 
 import math
-from collections.abc import Callable, Collection, Mapping
+from collections.abc import Collection, Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.bags.sources import Messages, Source
 from rft_ros.errors import InputError
-from rft_ros.estimator import PoseSample, Sample, TwistSample, WrenchSample
-from rft_ros.messages import TYPES, Role
+from rft_ros.messages import TYPES, Role, stamped_cdr
 from rft_ros.parameters import Values
 from rft_ros.rft import AXES, POSE, STATE, TWIST
 from rft_ros.table_file import Rows, columns_named, read_table
@@ -65,25 +63,18 @@ def source_of_table(
     _check_times(times, rows.lines, f"table '{file}'")
     shift = 0 if times[0] > 0.0 else 1 + math.ceil(-times[0])
     stamps = np.round((times + shift) * 1e9).astype(np.int64).tolist()
-    sample_of: dict[Role, Callable[[int, Any], Sample]] = {
-        "pose": lambda stamp, numbers: PoseSample(
-            stamp, values["world_frame"], numbers[:3], numbers[3:]
-        ),
-        "twist": lambda stamp, numbers: TwistSample(
-            stamp, values["world_frame"], numbers[:3], numbers[3:]
-        ),
-        "wrench": lambda stamp, numbers: WrenchSample(stamp, values["sensor_frame"], numbers),
-    }
-    columns: dict[Role, NDArray[np.float64]] = {}
+    columns: dict[Role, list[list[float]]] = {}
     for role, names in _GROUPS.items():
         if role in topics and names[0] in rows.factors:
-            columns[role] = np.column_stack([rows.column(name) for name in names])
+            columns[role] = np.column_stack([rows.column(name) for name in names]).tolist()
 
     def read(wanted: Collection[str], first: int, last: int) -> Messages:
         for k, stamp in enumerate(stamps):
             for role, numbers in columns.items():
                 if first <= stamp <= last and topics[role] in wanted:
-                    yield stamp, topics[role], sample_of[role](stamp, tuple(numbers[k].tolist()))
+                    frame = values["sensor_frame" if role == "wrench" else "world_frame"]
+                    serialised = stamped_cdr(frame, len(_GROUPS[role]))
+                    yield stamp, topics[role], serialised(stamp, numbers[k])
 
     source = Source(
         name=file.name,

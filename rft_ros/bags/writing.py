@@ -1,13 +1,15 @@
 """Write a rosbag2 folder with one MCAP file."""
 
+from contextlib import suppress
 from pathlib import Path
+from typing import Any
 
 import yaml
 from rosbags.interfaces import Connection
 from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, reason_of
 from rft_ros.files import read_text
 
 _MARK = {
@@ -15,19 +17,25 @@ _MARK = {
 }  # custom data that marks bags which rft_ros wrote and may replace
 
 
+def read_metadata(folder: Path) -> dict[str, Any]:
+    """What the metadata.yaml of a rosbag2 folder says of it. Raises InputError."""
+    text = read_text(folder / "metadata.yaml", "metadata")
+    try:
+        return {**yaml.safe_load(text)["rosbag2_bagfile_information"]}
+    except (yaml.YAMLError, LookupError, TypeError) as error:
+        raise InputError(reason_of(error)) from None
+
+
 def check_replaceable(path: Path) -> None:
     """Raise InputError if there is a file or folder at `path` that a BagWriter did not write."""
     if not path.exists():
         return
-    try:
-        about = yaml.safe_load(read_text(path / "metadata.yaml", "metadata"))
-        ours = about["rosbag2_bagfile_information"]["custom_data"] == _MARK
-    except (InputError, yaml.YAMLError, LookupError, TypeError):
-        ours = False
-    if not ours:
-        raise InputError(
-            f"'{path}' already exists and was not written by rft_ros; give another folder"
-        )
+    with suppress(InputError):
+        if read_metadata(path).get("custom_data") == _MARK:
+            return
+    raise InputError(
+        f"'{path}' already exists and was not written by rft_ros; give another folder"
+    )
 
 
 class BagWriter(Writer):

@@ -6,7 +6,8 @@ import os
 import re
 import shutil
 import sqlite3
-from contextlib import closing
+import tracemalloc
+from contextlib import closing, suppress
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
@@ -105,6 +106,21 @@ def test_a_bag_that_is_damaged_anywhere_is_used_up_to_there(share, damage):
         assert f"{len(samples)} messages were used, up to" in said
     assert samples == expected(moments(300))[: len(samples)]
     assert len(samples) > (share - 0.1) * 900
+
+
+@pytest.mark.parametrize("write", [write_ros1, lambda file, rows: write_mcap(file, [*rows])])
+def test_a_length_that_no_file_has_allocates_no_more_than_the_file(tmp_path, write):
+    """In place of that of the first record, of 4 bytes for ROS 1 and 8 bytes for MCAP."""
+    file = write(tmp_path / ("run.bag" if write is write_ros1 else "run.mcap"), moments(3))
+    whole = file.read_bytes()
+    tracemalloc.start()
+    for at in range(9, 60):
+        file.write_bytes(whole[:at] + b"\xff\xff\xff\xff" + whole[at + 4 :])
+        with suppress(InputError):
+            read(file)
+    most = tracemalloc.get_traced_memory()[1]
+    tracemalloc.stop()
+    assert most < 100e6
 
 
 def refused(path, *words, topics=NAMES):

@@ -159,7 +159,7 @@ def test_without_flags_or_wrench_there_is_a_page_too(tmp_path):
     assert 'id="figure-tool"' not in page
 
 
-def poses(flag=0, flagged=(), learned=math.nan):
+def poses(flag=0, flagged=(), learned=(math.nan,) * 9):
     """Ten poses, one a second: two in the air, six on the way down, two without estimate."""
     found = np.zeros(10, ROW)
     time = np.arange(10)
@@ -171,7 +171,8 @@ def poses(flag=0, flagged=(), learned=math.nan):
     found["phase"][8:] = -1
     found["predicted"][2:8, 2] = np.arange(1.0, 7.0)
     found["predicted"][8:] = math.nan
-    found["compensated"] = found["predicted"] + 0.1
+    found["residual"] = 0.1
+    found["compensated"] = found["predicted"] + found["residual"]
     found["sigma"] = 0.15 * np.abs(found["predicted"]) + 0.1
     found["quality_flags"][list(flagged)] = int(flag)
     found["learned"] = learned
@@ -227,7 +228,7 @@ def test_what_is_learned_is_drawn_over_time_and_over_depth():
     assert "learned" not in [c.name for c in replay_charts(poses())]
     figure = chart(
         "learned",
-        learned=[1.3, 0.6, math.radians(5.0), 0.002, 0.1, 0.2, math.radians(1.0), 0.001, 4.0],
+        learned=(1.3, 0.6, math.radians(5.0), 0.002, 0.1, 0.2, math.radians(1.0), 0.001, 4.0),
     )
     for row, expected in enumerate(([1.3, 0.6], [5.0], [2.0], [4.0])):
         for axis in ("y" if row == 0 else f"y{2 * row + 1}", f"y{2 * row + 2}"):
@@ -240,7 +241,7 @@ def test_what_is_learned_is_drawn_over_time_and_over_depth():
 
 
 def test_no_title_of_an_axis_is_longer_than_its_panel():
-    for figure in replay_charts(poses(QualityFlag.WAKE, [3, 4], learned=[0.5] * 9)):
+    for figure in replay_charts(poses(QualityFlag.WAKE, [3, 4], learned=(0.5,) * 9)):
         layout = figure.drawn.layout
         room = layout.height - layout.margin.t - layout.margin.b
         for axis in figure.drawn.select_yaxes():
@@ -255,6 +256,7 @@ def test_decimation_keeps_the_deepest_and_the_greatest_of_every_segment():
     every = np.zeros(30_000, ROW)
     every["stamp"], every["depth"] = np.arange(30_000), random.normal(size=30_000)
     every["compensated"][:, 2] = random.normal(size=30_000)
+    every["residual"] = every["compensated"]
     found = decimated(every)
     assert 1000 < len(found) < 2001
     assert (np.diff(found["stamp"]) > 0).all()
