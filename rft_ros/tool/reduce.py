@@ -114,35 +114,30 @@ def merged_plates(plates: Plates, count: int) -> Plates:
     return Plates(_united(plates.rows, groups))
 
 
-def _means(groups: Labels, weights: Array, values: Array) -> Array:
-    """Weighted mean of each group, shape [groups, k]; values: shape [n, k]."""
-    totals = [np.bincount(groups, weights * column) for column in values.T]
-    return np.stack(totals, axis=1) / np.bincount(groups, weights)[:, None]
+def _means(groups: Labels, weights: Array, rows: Array) -> Array:
+    """Weighted mean of each group; rows: shape [k, n]; result: shape [k, groups]."""
+    totals = [np.bincount(groups, weights * row) for row in rows]
+    return np.array(totals) / np.bincount(groups, weights)
 
 
 def _united(rows: Array, groups: Labels) -> Array:
-    """One plate for each group, rows as `Plates.rows`; a group of one plate is that plate."""
+    """One plate for each group, rows as `Plates.rows`."""
     areas = rows[AREA]
-    centroids = _means(groups, areas, rows[CENTROID].T).T
-    normals = _means(groups, areas, rows[NORMAL].T).T
+    centroids = _means(groups, areas, rows[CENTROID])
+    normals = _means(groups, areas, rows[NORMAL])
+    length = np.linalg.norm(normals, axis=0)
+    is_cancelled = length < _CANCELLED
     _, one = np.unique(groups, return_index=True)  # a plate of each group
-    is_cancelled = np.linalg.norm(normals, axis=0) < _CANCELLED
     normals[:, is_cancelled] = rows[NORMAL, one[is_cancelled]]
     normals /= np.linalg.norm(normals, axis=0)
     parts = [centroids, normals, np.bincount(groups, areas)]
     if len(rows) > HALF_ANGLE:
         # the half angle of the fade whose variance is that of the group's normals
-        cosine = (rows[NORMAL] * normals[:, groups]).sum(axis=0)
-        tilt = np.arccos(np.clip(cosine, -1.0, 1.0))
         half = np.arcsin(np.minimum(0.5 / rows[HALF_ANGLE], 1.0))
-        spread = 1.5 * tilt**2 + half**2
-        variance = _means(groups, areas, spread[:, None])[:, 0]
+        variance = 3.0 * (1.0 - length) + _means(groups, areas, half[None] ** 2)
         angle = np.minimum(np.sqrt(variance), 0.5 * np.pi)
         parts += [_triangles(rows, groups, centroids, normals), 0.5 / np.sin(angle)]
-    united = np.vstack(parts)
-    is_alone = np.bincount(groups) == 1
-    united[:, is_alone] = rows[:, one[is_alone]]
-    return united
+    return np.vstack(parts)
 
 
 def _triangles(rows: Array, groups: Labels, centroids: Array, normals: Array) -> Array:
@@ -151,29 +146,20 @@ def _triangles(rows: Array, groups: Labels, centroids: Array, normals: Array) ->
     Equal moments give a submerged plate the depth integral and the centre of pressure of its parts. `centroids`,
     `normals`: of the groups, shape [3, m].
     """
-    normal = normals.T
-    least = np.eye(3)[np.abs(normal).argmin(axis=1)]
-    side = np.cross(normal, least)
-    side /= np.linalg.norm(side, axis=1)[:, None]
-    axes = np.stack([side, np.cross(normal, side)], axis=1)  # shape [m, 2, 3]
-
-    def in_plane(vectors: Array) -> Array:
-        return np.asarray(np.einsum("nak,kn->na", axes[groups], vectors))
-
-    away = in_plane(rows[CENTROID] - centroids[:, groups])
-    first = in_plane(rows[FIRST_CORNER])
-    second = in_plane(rows[SECOND_CORNER])
-    moments = away[:, :, None] * away[:, None]
-    for corner in (first, second, -first - second):
-        moments += corner[:, :, None] * corner[:, None] / 12.0
-    mean = _means(groups, rows[AREA], moments.reshape(-1, 4)).reshape(-1, 2, 2)
-    size, direction = np.linalg.eigh(mean)
-    spread = direction * np.sqrt(np.maximum(size, 0.0))[:, None]
+    away = rows[CENTROID] - centroids[:, groups]
+    first = rows[FIRST_CORNER] / np.sqrt(12.0)
+    second = rows[SECOND_CORNER] / np.sqrt(12.0)
+    points = np.array([away, first, second, first + second])
+    moments = np.einsum("pin,pjn->ijn", points, points).reshape(9, -1)
+    mean = _means(groups, rows[AREA], moments).T.reshape(-1, 3, 3)
+    in_plane = np.eye(3) - np.einsum("im,jm->mij", normals, normals)
+    size, direction = np.linalg.eigh(in_plane @ mean @ in_plane)  # the first is along the normal
+    spread = direction[:, :, 1:] * np.sqrt(np.maximum(size[:, None, 1:], 0.0))
     # a regular triangle inscribed in the unit circle has moments of 1/8; its corners are at 90, 210 and 330 degrees
     turn = np.pi * np.array([0.5, 0.5 + 2.0 / 3.0])
-    regular = np.sqrt(8.0) * np.stack([np.cos(turn), np.sin(turn)])
-    corners = np.einsum("mab,bc,mak->ckm", spread, regular, axes)
-    return np.asarray(corners.reshape(6, -1))
+    regular = np.sqrt(8.0) * np.array([np.cos(turn), np.sin(turn)])
+    corners: Array = np.einsum("mka,ac->ckm", spread, regular)
+    return corners.reshape(6, -1)
 
 
 def random_motions(corners: Array, count: int, *, seed: int) -> Array:

@@ -5,10 +5,8 @@ scale, origin, rotation and rule), its hull, the tolerance, and the sources of r
 whole or not at all, and a damaged one is not used. Where nothing can be written, tools are reduced each time.
 """
 
-import hashlib
 import os
 from contextlib import suppress
-from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -17,6 +15,7 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError
 from rft_ros.files import read_arrays, replacing
 from rft_ros.rft import Plates
+from rft_ros.rft.kernel.compilation import digest, sources
 from rft_ros.tool import reduce
 
 _MOST_FILES = 128  # of at most half a megabyte each; the least recently used are removed first
@@ -32,9 +31,10 @@ def reduced_once(
     plates: Plates, corners: NDArray[np.float64], tolerance: float
 ) -> tuple[Plates, str]:
     """The result of `reduced_for_any_motion`, read from the cache if it is there; every bit is the same."""
-    numbers = f"{plates.rows.shape} {corners.shape} {tolerance!r}".encode()
-    key = _digest(_sources(), numbers, plates.rows.tobytes(), corners.tobytes())
-    file = cache_folder() / f"{key.hex()[:32]}.npz"
+    code = f"{sources(Path(__file__).resolve())} {np.__version__}"
+    numbers = f"{code} {plates.rows.shape} {corners.shape} {tolerance!r}".encode()
+    key = digest(numbers, plates.rows.tobytes(), corners.tobytes())
+    file = cache_folder() / f"{key}.npz"
     with suppress(InputError, ValueError):  # no such file, or a damaged one
         rows, sentence = read_arrays(file, "reduced tool", ("rows", "sentence"))
         with suppress(OSError):
@@ -50,16 +50,3 @@ def reduced_once(
         for old in by_age[:-_MOST_FILES]:
             old.unlink(missing_ok=True)
     return few, reduction
-
-
-@cache
-def _sources() -> bytes:
-    """Checksum of the code that decides how a tool is reduced."""
-    reducing = Path(reduce.__file__)
-    physics = reducing.parents[1] / "rft"
-    files = [reducing, *sorted(physics.rglob("*.py"))]
-    return _digest(np.__version__.encode(), *(file.read_bytes() for file in files))
-
-
-def _digest(*parts: bytes) -> bytes:
-    return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).digest()

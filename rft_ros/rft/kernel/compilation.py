@@ -109,9 +109,9 @@ class _Cache(NullCache):
     def _files(self, signature: tuple[Any, ...], codegen: Any) -> list[Path]:
         """Names that end in SOURCES.TYPES.nbc. Files of this function with other SOURCES are out of date."""
         # the processor and its features: machine code for others may not run on this one
-        types = _digest(repr((signature, codegen.magic_tuple())).encode())
+        types = digest(repr((signature, codegen.magic_tuple())).encode())
         return [
-            folder / f"{self._name}.{_sources(self._source)}.{types}.nbc" for folder in _folders()
+            folder / f"{self._name}.{sources(self._source)}.{types}.nbc" for folder in _folders()
         ]
 
     def load_overload(self, sig: Any, target_context: Any) -> Any:
@@ -124,7 +124,7 @@ class _Cache(NullCache):
                 if (
                     _is_safe(file.parent)
                     and _is_safe(file)
-                    and checksum == _digest(content).encode()
+                    and checksum == digest(content).encode()
                 ):
                     return CompileResult._rebuild(target_context, *pickle.loads(content))
             except OSError:  # most often there is no file
@@ -146,26 +146,26 @@ class _Cache(NullCache):
                     continue
                 part = file.with_suffix(f".{os.getpid()}.part")
                 try:
-                    part.write_bytes(_digest(content).encode() + b"\n" + content)
+                    part.write_bytes(digest(content).encode() + b"\n" + content)
                     # whatever the umask: a file that a group may write is not loaded
                     part.chmod(0o644)
                     part.replace(file)
                 finally:
                     part.unlink(missing_ok=True)  # as where the disk is full
                 for other in file.parent.glob(f"{self._name}.*.nbc"):
-                    if f".{_sources(self._source)}." not in other.name:
+                    if f".{sources(self._source)}." not in other.name:
                         other.unlink(missing_ok=True)
                 return
 
 
 @cache
-def _sources(file: Path) -> str:
-    """Checksum of numba's version and of the sources that compiled code in a file can be made of."""
+def sources(file: Path) -> str:
+    """Checksum of numba's version and of the sources that a file's code, also compiled, can be made of."""
     folders = [_PACKAGE / name for name in _SHARED]
     if file.is_relative_to(_PACKAGE):
         folders.append(_PACKAGE / file.relative_to(_PACKAGE).parts[0])
     files = {file, *(source for folder in folders for source in folder.rglob("*.py"))}
-    return _digest(numba.__version__.encode(), *(source.read_bytes() for source in sorted(files)))
+    return digest(numba.__version__.encode(), *(source.read_bytes() for source in sorted(files)))
 
 
 def _folders() -> list[Path]:
@@ -175,7 +175,7 @@ def _folders() -> list[Path]:
     cache. It does not lie inside the package: pip would leave it there when the package is removed, and Python would
     take the folder that is left for the package.
     """
-    name = f"{_PACKAGE.name}_{_digest(str(_PACKAGE).encode())}"
+    name = f"{_PACKAGE.name}_{digest(str(_PACKAGE).encode())}"
     if chosen := numba.config.CACHE_DIR:
         return [Path(chosen) / name]
     folders = [_PACKAGE.parent / "__pycache__"]
@@ -207,7 +207,8 @@ def _warn_once(verb: str, cause: str) -> None:
     warnings.warn(fault, RuntimeWarning, stacklevel=2)
 
 
-def _digest(*parts: bytes) -> str:
+def digest(*parts: bytes) -> str:
+    """Checksum of parts, in 16 characters; it tells where one ends and the next begins."""
     return hashlib.sha256(b"".join(hashlib.sha256(part).digest() for part in parts)).hexdigest()[
         :16
     ]
