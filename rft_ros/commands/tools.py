@@ -15,7 +15,6 @@ from rft_ros.tool import (
     Tool,
     describe_hollow,
     describe_tool,
-    reduced_for_any_motion,
     save_reduced,
     write_union,
 )
@@ -77,23 +76,15 @@ def reduce(arguments: argparse.Namespace) -> int:
         )
     values = options.values_of(arguments)
     options.refuse_inputs(arguments, output, also=named_files(values))
-    tool = tool_of(values)
-    if tool.reduction:
+    with busy("choosing plates"):
+        tool = tool_of({**values, "tolerance": tolerance})
+    if Path(tool.file).suffix == REDUCED_SUFFIX:
         raise InputError(
             f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from"
         )
     warnings.warn_of(tool)
-    with busy("choosing plates"):
-        plates, reduction = reduced_for_any_motion(tool.facets, tool.corners, tolerance)
-    save_reduced(
-        output,
-        tool.frame,
-        vertices=tool.vertices,
-        faces=tool.faces,
-        plates=plates,
-        reduction=reduction,
-    )
-    print(f"{tool.name}, {plates.integration}: {reduction} -> {output}")
+    save_reduced(output, tool)
+    print(f"{tool.name}, {tool.plates.integration}: {tool.reduction} -> {output}")
     print(_same_options(tool, values))
     return 0
 

@@ -7,23 +7,11 @@ The simulations are a box with one open side, two plates 0.3 and 0.8 of their wi
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft import (
-    MEDIA,
-    POSITION,
-    QUATERNION,
-    STATE,
-    VELOCITY,
-    alpha_y_model,
-    treers2021,
-    wrenches,
-)
+from rft_ros.rft import FORCE, MEDIA, alpha_y_model, checked_states, treers2021, wrenches
 from rft_ros.tool.solids import are_inside, convex_hull, crossings
 from rft_ros.tool.tool import Tool, tool_of_mesh
 
 Array = NDArray[np.float64]
-
-_PRESS = (0.0, 0.0, -1.0)
-_DRAGS = {"x": (1.0, 0.0, 0.0), "y": (0.0, 1.0, 0.0)}
 
 # of the tool's middle extent: a gap in which grains move along; 0.3 did, 0.8 did not
 _NARROW = 1.0 / 3.0
@@ -48,25 +36,24 @@ def describe_hollow(tool: Tool) -> list[str]:
     lines = [
         "force on the tool, buried to its top, on its facets and on its convex hull (zeta 1, no memory):"
     ]
-    lines.append(f"press along -z: {_both(tool, hull, _PRESS)}; use {press}")
-    for axis, direction in _DRAGS.items():
-        lines.append(f"drag along {axis}: {_both(tool, hull, direction)}; use {drag}")
+    for motion, direction, advice in (
+        ("press along -z", (0.0, 0.0, -1.0), press),
+        ("drag along x", (1.0, 0.0, 0.0), drag),
+        ("drag along y", (0.0, 1.0, 0.0), drag),
+    ):
+        forces = f"{_resistance(tool, direction):.3g} and {_resistance(hull, direction):.3g} N"
+        lines.append(f"{motion}: {forces}; use {advice}")
     return lines
-
-
-def _both(tool: Tool, hull: Tool, direction: tuple[float, float, float]) -> str:
-    return f"{_resistance(tool, direction):.3g} and {_resistance(hull, direction):.3g} N"
 
 
 def _resistance(tool: Tool, direction: tuple[float, float, float]) -> float:
     """Force against a motion of the tool, in the axes of its frame, whose top is at the surface [N]."""
-    state = np.zeros(len(STATE))
-    state[POSITION][2] = -tool.corners[:, 2].max()
-    state[QUATERNION][3] = 1.0
-    state[VELOCITY] = _SPEED * np.array(direction)
+    velocity = _SPEED * np.array(direction)
+    top = tool.corners[:, 2].max()
+    state = checked_states([0.0, 0.0, -top, 0.0, 0.0, 0.0, 1.0, *velocity, 0.0, 0.0, 0.0])
     medium = MEDIA["generic"]
     law = treers2021(medium, alpha_y_model("linear", medium))
-    force = wrenches(tool.facets, law, state[None])[0, :3]
+    force = wrenches(tool.facets, law, state)[0, FORCE]
     return float(-force @ direction)
 
 

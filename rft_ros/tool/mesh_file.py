@@ -31,6 +31,8 @@ from rft_ros.tool.urdf import ROBOT_SUFFIXES, shapes_of_link
 if TYPE_CHECKING:
     import trimesh
 
+    from rft_ros.tool.tool import Tool
+
 Array = NDArray[np.float64]
 
 REDUCED_SUFFIX = ".npz"
@@ -235,43 +237,33 @@ def _in_tool_frame(
 ) -> "trimesh.Trimesh":
     import trimesh
 
-    farthest = _FARTHEST * np.abs(corners).max()
-    # not with a vertex that is NaN, which the check of the vertices names
-    if not np.isfinite(frame.origin).all() or (abs(frame.origin) > farthest).any():
-        near = f"near mesh file '{path}', in its units (within {_FARTHEST:,.0f} times its farthest vertex)"
-        raise InputError(f"mesh.origin is {frame.origin.tolist()}; it must be {near}")
-    with np.errstate(over="ignore", invalid="ignore"):
-        vertices = frame.placed(np.asarray(corners, dtype=np.float64))
-    is_bad = ~(np.abs(vertices) < _TOO_BIG).all(axis=1)  # NaN, too
+    is_bad = ~(np.abs(corners) < _TOO_BIG / frame.scale).all(axis=1)  # NaN, too
     if is_bad.any():
         raise InputError(
-            f"mesh file '{path}' has {is_bad.sum():,} of {len(vertices):,} vertices that are NaN or infinite"
+            f"mesh file '{path}' has {is_bad.sum():,} of {len(corners):,} vertices that are NaN or infinite"
         )
-    mesh = trimesh.Trimesh(vertices, faces, process=False)
+    farthest = _FARTHEST * np.abs(corners).max()
+    if not (np.abs(frame.origin) <= farthest).all():
+        near = f"near mesh file '{path}', in its units (within {_FARTHEST:,.0f} times its farthest vertex)"
+        raise InputError(f"mesh.origin is {frame.origin.tolist()}; it must be {near}")
+    mesh = trimesh.Trimesh(frame.placed(corners), faces, process=False)
     with_area(mesh, f"mesh file '{path}' at mesh.scale {frame.scale}")
     return mesh
 
 
-def save_reduced(
-    file: Path,
-    frame: MeshFrame,
-    *,
-    vertices: Array,
-    faces: NDArray[np.int64],
-    plates: Plates,
-    reduction: str,
-) -> None:
-    """Write a reduced tool for `load_tool`. The arguments after `file` are the fields of `Tool`.
+def save_reduced(file: Path, tool: "Tool") -> None:
+    """Write a reduced tool for `load_tool`.
 
     The same content gives the same bytes. Raises InputError where the file cannot be written.
     """
+    to_file = tool.frame.inverse
     with whole(file) as part, part.open("wb") as stream:
         np.savez(
             stream,
-            vertices=frame.inverse.placed(vertices),
-            faces=faces,
-            plates=frame.inverse.placed_plates(plates).rows,
-            about=np.array([_FORMAT, reduction, repr(frame.scale)]),
+            vertices=to_file.placed(tool.vertices),
+            faces=tool.faces,
+            plates=to_file.placed_plates(tool.plates).rows,
+            about=np.array([_FORMAT, tool.reduction, repr(tool.frame.scale)]),
         )
 
 

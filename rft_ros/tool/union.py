@@ -20,18 +20,15 @@ if TYPE_CHECKING:
 def union_of(tool: Tool) -> "trimesh.Trimesh":
     """The union of the bodies of a tool's mesh, in its file's units and axes. Raises InputError."""
     named = f"mesh file '{tool.file}'"
-    solids = []
-    cavities = []
-    for body in _bodies(tool):
-        if not (body.is_watertight and body.is_winding_consistent):
-            raise InputError(
-                f"{named} has a body whose surface is not closed, or is wound both ways; close it first"
-            )
-        if body.volume > 0.0:
-            solids.append(body)
-        else:
-            body.invert()
-            cavities.append(body)
+    bodies = _bodies(tool)
+    if not all(body.is_watertight and body.is_winding_consistent for body in bodies):
+        raise InputError(
+            f"{named} has a body whose surface is not closed, or is wound both ways; close it first"
+        )
+    solids = [body for body in bodies if body.volume > 0.0]
+    cavities = [body for body in bodies if body.volume <= 0.0]
+    for body in cavities:
+        body.invert()
     if not solids:
         raise InputError(
             f"{named} is not closed, or inside out; turn its facets before the union is made"
@@ -62,18 +59,15 @@ def _closed_parts(faces: NDArray[np.int64]) -> list[slice]:
     Files hold the bodies one after the other. Where two of them touch, four facets meet at an edge, and the order
     tells which two of these are of one body.
     """
-    unmatched: Counter[tuple[int, int]] = Counter()
+    open_edges: Counter[tuple[int, int]] = Counter()
     ends = [0]
     for k, (a, b, c) in enumerate(faces.tolist(), start=1):
         for start, end in ((a, b), (b, c), (c, a)):
-            opposite = (end, start)
-            if opposite not in unmatched:
-                unmatched[start, end] += 1
-            elif unmatched[opposite] == 1:
-                del unmatched[opposite]
-            else:
-                unmatched[opposite] -= 1
-        if not unmatched:
+            edge = (min(start, end), max(start, end))
+            open_edges[edge] += 1 if start < end else -1
+            if open_edges[edge] == 0:
+                del open_edges[edge]
+        if not open_edges:
             ends.append(k)
     if ends[-1] < len(faces):
         return []
