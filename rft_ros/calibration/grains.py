@@ -268,7 +268,7 @@ def _add_zeta(
     surface = ways_down[0].values.surface
     strengths = [way.measurement(shared_error) for way in ways_down]
     tools = [way.recording.track.tool for way in ways_down]
-    words = difference(strengths, [float(np.ptp(tool.corners, axis=0).max()) for tool in tools])
+    words = difference(strengths, [tool.size for tool in tools])
     result.add(
         "medium.zeta",
         zeta,

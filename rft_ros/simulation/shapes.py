@@ -164,7 +164,7 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
     data_of_field = model.hfield_data[model.hfield_adr[field] :][: rows * columns]
     heights = z + height * data_of_field.reshape(rows, columns).astype(np.float64)
     finest = 2.0 * np.sqrt(half_x * half_y / MOST_CELLS)
-    smallest = min(_size(tool) for tool in tools) / solids.CELLS
+    smallest = min(tool.size for tool in tools) / solids.CELLS
     cell = max(min(2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1), smallest), finest)
     reach = np.abs(axes[:2, :2]) @ (half_x, half_y)
     low_x, low_y = np.floor((np.array([x, y]) - reach) / cell)
@@ -181,7 +181,7 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
 
 def check_size(tool: Tool, model: Any, body: int, length: float) -> None:
     """Refuse a tool of a file in other units than its `scale` says; `length`: the mobilization length [m]."""
-    size = _size(tool)
+    size = tool.size
     what = f"the mesh of body '{model.body(body).name}' is {size:.3g} m long"
     if size < _SMALLEST * length:
         raise InputError(
@@ -192,10 +192,6 @@ def check_size(tool: Tool, model: Any, body: int, length: float) -> None:
         raise InputError(
             f"{what}, and its geoms {own:.3g} m; check scale, in metres per unit of the file"
         )
-
-
-def _size(tool: Tool) -> float:
-    return float(np.ptp(tool.corners, axis=0).max())
 
 
 @lru_cache(maxsize=8)

@@ -45,10 +45,10 @@ def with_area(mesh: "trimesh.Trimesh", named: str = "the mesh") -> NDArray[np.bo
 
     Raises InputError, which calls the mesh `named`, if there is none.
     """
-    triangles = np.asarray(mesh.triangles)
+    triangles = mesh.triangles
     edges = np.roll(triangles, -1, axis=1) - triangles
     longest = np.linalg.norm(edges, axis=2).max(axis=1)
-    doubled = np.linalg.norm(np.asarray(mesh.triangles_cross), axis=1)
+    doubled = np.linalg.norm(mesh.triangles_cross, axis=1)
     height = _COLLINEAR * longest + _ROUNDING * np.abs(triangles).max(axis=(1, 2))
     has_area = doubled > height * longest
     if not has_area.any():
@@ -118,7 +118,7 @@ def _joined(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
     """The mesh with coincident vertices merged, and without the facets of which two corners become one."""
     import trimesh
 
-    vertices, faces = welded(np.asarray(mesh.vertices), np.asarray(mesh.faces))
+    vertices, faces = welded(mesh.vertices, mesh.faces)
     a, b, c = faces.T
     is_whole = (a != b) & (b != c) & (c != a)
     return trimesh.Trimesh(vertices, faces[is_whole], process=False)
@@ -126,11 +126,11 @@ def _joined(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
 
 def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
     """Signed volume [m³] of a closed surface, even if its facets share no vertices; 0 if it is open."""
-    doubled = np.asarray(mesh.triangles_cross)
+    doubled = mesh.triangles_cross
     left_over = np.linalg.norm(doubled.sum(axis=0))
     if left_over >= _CLOSED * np.linalg.norm(doubled, axis=1).sum():
         return 0.0
-    centres = np.asarray(mesh.triangles_center)
+    centres = mesh.triangles_center
     return float(((centres - centres.mean(axis=0)) * doubled).sum()) / 6.0
 
 
@@ -167,17 +167,17 @@ def _covered_share(mesh: "trimesh.Trimesh") -> float:
     count = max(1, min(_COVERED_SAMPLES, _MOST_PAIRS // facets))
     points, sampled = sample_surface(mesh, count, seed=0)[:2]
     distance = _OUTSIDE * float(mesh.extents.max())
-    places = points + distance * np.asarray(mesh.face_normals)[sampled]
-    return float(are_inside(places, np.asarray(mesh.triangles)).mean())
+    places = points + distance * mesh.face_normals[sampled]
+    return float(are_inside(places, mesh.triangles).mean())
 
 
 def _hollow_share(mesh: "trimesh.Trimesh", used: NDArray[np.bool_], outward: float) -> float:
     """Share of the area that has other parts of the tool in front of it, whose shielding RFT ignores."""
     all_used = np.flatnonzero(used)
     keep = all_used[:: 1 + len(all_used) // _SAMPLED]
-    vertices = np.unique(np.asarray(mesh.vertices)[np.unique(mesh.faces)], axis=0)
+    vertices = np.unique(mesh.vertices[np.unique(mesh.faces)], axis=0)
     points = vertices[:: 1 + len(vertices) // _SAMPLED]
-    doubled = np.asarray(mesh.triangles_cross)[keep]
+    doubled = mesh.triangles_cross[keep]
     area = np.linalg.norm(doubled, axis=1)
     normal = outward * doubled / area[:, None]
     # in chunks of 64 facets: the system clears new memory, and 32 MB at once would delay the node on the same core

@@ -93,7 +93,7 @@ class MeshFrame:
 
     def placed(self, points: Array) -> Array:
         """Points of the file, shape [n, 3], in the tool frame [m]."""
-        return np.asarray((points - self.origin) * self.scale @ self.rotation.T)
+        return (points - self.origin) * self.scale @ self.rotation.T
 
     def placed_plates(self, plates: Plates) -> Plates:
         """Plates in the file's coordinates and units, in the tool frame [m]."""

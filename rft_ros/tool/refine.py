@@ -71,12 +71,12 @@ def welded(vertices: Array, faces: Indices) -> tuple[Array, Indices]:
 def doubled_areas(triangles: Array) -> Array:
     """Area vectors of triangles, shape [m, 3], times two."""
     a, b, c = np.moveaxis(triangles, 1, 0)
-    return np.asarray(np.cross(b - a, c - a))
+    return np.cross(b - a, c - a)
 
 
 def _unit(vectors: Array) -> Array:
     length = np.linalg.norm(vectors, axis=-1, keepdims=True)
-    return np.asarray(vectors / np.where(length > 0.0, length, 1.0))
+    return vectors / np.where(length > 0.0, length, 1.0)
 
 
 def _dot(a: Array, b: Array) -> Array:
@@ -135,16 +135,13 @@ def _tips(normals: Array, facet: Array, group: Indices, areas: Array) -> NDArray
     """Whether each corner is a tip, shape [m, 3]. `facet`: unit normals; `areas` of the facets, in any unit."""
     lean = normals - _dot(normals, facet[:, None])[:, :, None] * facet[:, None]
     left_over = _dot(lean, lean.sum(axis=1)[:, None])
-
-    def total(of_corners: Array) -> Array:
-        return np.asarray(
-            np.bincount(group.ravel(), (areas[:, None] * of_corners).ravel()), dtype=np.float64
-        )
-
-    squared = total(_dot(lean, lean))
-    is_one_sided = total(left_over) > _TIP * squared
-    is_pointed = squared > _POINTED**2 * total(np.ones(group.shape))
-    return np.asarray((is_one_sided & is_pointed)[group])
+    numbers = group.ravel()
+    weights = np.repeat(areas, 3)
+    squared = np.bincount(numbers, weights * _dot(lean, lean).ravel())
+    is_one_sided = np.bincount(numbers, weights * left_over.ravel()) > _TIP * squared
+    is_pointed = squared > _POINTED**2 * np.bincount(numbers, weights)
+    is_tip: NDArray[np.bool_] = (is_one_sided & is_pointed)[group]
+    return is_tip
 
 
 def _with_area_of_surface(points: Array, faces: Indices, surface: _CornerNormals) -> Array:

@@ -111,4 +111,4 @@ def _crossings_of_axis(triangles: Array) -> tuple[Array, Array]:
 
 def _doubled_area(p: Array, q: Array) -> Array:
     """Twice the area of triangles of the origin and two points, seen from above."""
-    return np.asarray(p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0])
+    return p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]

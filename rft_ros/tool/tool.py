@@ -64,12 +64,12 @@ class Tool:
     @property
     def size(self) -> float:
         """Largest extent along an axis of the tool frame [m]."""
-        return float(np.ptp(self.bounds, axis=0).max())
+        return float(np.ptp(self.corners, axis=0).max())
 
     @property
     def width(self) -> float:
         """Middle extent along an axis of the tool frame [m]: the diameter of a rod, the shorter side of a plate."""
-        return float(np.median(np.ptp(self.bounds, axis=0)))
+        return float(np.median(np.ptp(self.corners, axis=0)))
 
     @property
     def middle(self) -> NDArray[np.float64]:
@@ -171,7 +171,7 @@ def _hull_of(mesh: "trimesh.Trimesh", path: Path) -> "trimesh.Trimesh":
     from scipy.spatial import QhullError
 
     try:
-        return convex_hull(np.asarray(mesh.vertices)[np.unique(mesh.faces)])
+        return convex_hull(mesh.vertices[np.unique(mesh.faces)])
     except QhullError:
         raise InputError(
             f"mesh file '{path}' lies in a plane and has no convex hull; unset mesh.hull"
@@ -244,30 +244,17 @@ def describe_tool(tool: Tool) -> list[str]:
         f"lowest point: {abs(below):.3f} mm {side} the tool frame's origin (mesh.origin, --origin)"
     )
     lines.append(f"mesh unit: {tool.frame.scale:g} m (mesh.scale, --scale)")
-    lines.append(f"area: {_area(tool)}")
+    of_facets = centroid_plates(tool.vertices, tool.faces).area
+    area = f"area: {1e6 * of_facets:.1f} mm²"
+    if abs(tool.facets.area - of_facets) > _SAME_AREA * of_facets:
+        curved = f"{1e6 * tool.facets.area:.1f} mm² of the curved surface that they approximate"
+        area += f" of facets; forces are computed with the {curved}"
+    lines.append(area)
     if not {"not_closed", "inconsistent_winding"} & tool.issues.keys():
         heights = (tool.facets.centroids * tool.facets.normals).sum(axis=0)
         volume = float(heights @ tool.facets.areas) / 3.0
-        lines.append(f"volume: {_figure(volume * 1e9)} mm³")
+        lines.append(f"volume: {1e9 * volume:.1f} mm³")
     lines += [f"warning: {issue}" for kind, issue in tool.issues.items() if kind != "concave"]
     if "concave" in tool.issues:
         lines.append(f"note: {tool.issues['concave']}")
     return lines
-
-
-def _area(tool: Tool) -> str:
-    """The area of the mesh and, with the refined rule, the area of the curved surface that the facets approximate.
-
-    The refined rule computes forces with the area of that surface.
-    """
-    mesh = float(centroid_plates(tool.vertices, tool.faces).area)
-    restored = tool.facets.area
-    if abs(restored - mesh) < _SAME_AREA * mesh:
-        return f"{_figure(mesh * 1e6)} mm²"
-    curved = f"forces are computed with the {_figure(restored * 1e6)} mm² of the curved surface that they approximate"
-    return f"{_figure(mesh * 1e6)} mm² of facets; {curved}"
-
-
-def _figure(value: float) -> str:
-    """A number with one decimal, or with three digits if it is small."""
-    return f"{value:.1f}" if abs(value) >= 1.0 else f"{value:.3g}"
