@@ -177,9 +177,8 @@ def _hollow_share(mesh: "trimesh.Trimesh", used: NDArray[np.bool_], outward: flo
     keep = all_used[:: 1 + len(all_used) // _SAMPLED]
     vertices = np.unique(mesh.vertices[np.unique(mesh.faces)], axis=0)
     points = vertices[:: 1 + len(vertices) // _SAMPLED]
-    doubled = mesh.triangles_cross[keep]
-    area = np.linalg.norm(doubled, axis=1)
-    normal = outward * doubled / area[:, None]
+    normal = outward * mesh.face_normals[keep]
+    area = mesh.area_faces[keep]
     # in chunks of 64 facets: the system clears new memory, and 32 MB at once would delay the node on the same core
     chunks = np.array_split(normal, 1 + len(normal) // 64)
     farthest = np.concatenate([(chunk @ points.T).max(axis=1) for chunk in chunks])

@@ -86,8 +86,7 @@ def _walls_of_hollows(tool: Tool, hull: Tool) -> Array:
     """
     triangles = tool.vertices[tool.faces]
     count = min(_POINTS, _MOST_PAIRS // len(triangles))
-    low = tool.corners.min(axis=0)
-    high = tool.corners.max(axis=0)
+    low, high = tool.bounds
     points = np.random.default_rng(0).uniform(low, high, (count, 3))
     in_hull = points[are_inside(points, hull.vertices[hull.faces])]
     hollow = in_hull[~are_inside(in_hull, triangles)]

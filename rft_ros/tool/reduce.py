@@ -13,14 +13,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft import (
-    ANGULAR_VELOCITY,
     FORCE,
     MEDIA,
-    POSITION,
-    QUATERNION,
-    STATE,
     TORQUE,
-    VELOCITY,
     WRENCH,
     Plates,
     alpha_y_model,
@@ -177,20 +172,17 @@ def random_motions(corners: Array, count: int, *, seed: int) -> Array:
         return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
 
     center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-    radius = float(np.linalg.norm(corners - center, axis=1).max())
+    from_center = corners - center
+    radius = float(np.linalg.norm(from_center, axis=1).max())
     attitude = directions(4)
     rotations = Rotation.from_quat(attitude)
     # one state at a time: the heights of all corners in all states could fill the memory
-    heights = (up @ (corners - center).T for up in rotations.as_matrix()[:, 2])
-    ends = [(z.min(), z.max()) for z in heights]
-    bottom, top = np.array(ends).T
+    heights = (from_center @ up for up in rotations.as_matrix()[:, 2])
+    bottom, top = np.array([(z.min(), z.max()) for z in heights]).T
     depth = (top - bottom) * random.uniform(_SHALLOWEST, _DEEPEST, count)
     lever = rotations.apply(center)
+    position = -lever
+    position[:, 2] -= depth + bottom
     turning = directions(3) * (random.uniform(0.0, 1.0, count) / radius)[:, None]
-    states = np.zeros((count, len(STATE)))
-    states[:, QUATERNION] = attitude
-    states[:, POSITION] = -lever
-    states[:, STATE.index("pz")] -= depth + bottom
-    states[:, ANGULAR_VELOCITY] = turning
-    states[:, VELOCITY] = directions(3) - np.cross(turning, lever)
-    return checked_states(states)
+    velocity = directions(3) - np.cross(turning, lever)
+    return checked_states(np.column_stack([position, attitude, velocity, turning]))
