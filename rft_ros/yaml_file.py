@@ -6,14 +6,14 @@ is true, `~` and 12:30 are text. To PyYAML (YAML 1.1) they are text, text, nothi
 
 import math
 import re
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 from typing import Any, NoReturn
 
 import yaml
 
 from rft_ros.errors import InputError, reason_of, shown
-from rft_ros.files import read_text
+from rft_ros.files import read_text, whole
 
 _MOST_BYTES = 2**20
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the C one is libyaml, which ROS uses
@@ -56,6 +56,14 @@ def yaml_content(text: str, named: str) -> Any:
 def yaml_text(tree: Mapping[str, Any]) -> str:
     """The YAML text of a tree, which ROS and `read_yaml` read back unchanged. A list of numbers stands on one line."""
     return yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
+
+
+def write_yaml(file: Path, what: str, tree: Mapping[str, Any], comments: Iterable[str]) -> None:
+    """Write `yaml_text` below a line for each comment. Raises InputError, which calls the file `what`."""
+    head = "".join(f"# {' '.join(comment.split())}\n" for comment in comments)
+    with whole(file, what) as part:
+        # a comment may name a file whose name is not UTF-8
+        part.write_text(head + yaml_text(tree), encoding="utf-8", errors="backslashreplace")
 
 
 class _Reader:

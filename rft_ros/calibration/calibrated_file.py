@@ -9,11 +9,10 @@ import numpy as np
 
 from rft_ros.calibration.fitting import FitResults, FittedValue, MotionFit
 from rft_ros.calibration.track import Track
-from rft_ros.files import whole
 from rft_ros.parameters import NODE
 from rft_ros.parameters.file import tree_for
 from rft_ros.rft.motion_kinds import MOTIONS
-from rft_ros.yaml_file import yaml_text
+from rft_ros.yaml_file import write_yaml
 
 SECTION = "rft_calibration"
 """Top-level key of the record, which the node ignores."""
@@ -54,11 +53,8 @@ def write_calibrated(
             m.kind for m in result.motions if m.kind in MOTIONS
         )
     tree[SECTION] = {"ros__parameters": _record(result, tracks)}
-    head = f"# {source.name} calibrated by rft calibrate; bags, sources and standard errors: {SECTION} below.\n"
-    text = head + yaml_text(tree)
-    with whole(file, "calibrated file") as part:
-        # the source's name may not be UTF-8
-        part.write_text(text, encoding="utf-8", errors="backslashreplace")
+    comment = f"{source.name} calibrated by rft calibrate; bags, sources and standard errors: {SECTION} below."
+    write_yaml(file, "calibrated file", tree, [comment])
 
 
 def _rounded_values(fitted: FittedValue) -> list[float]:

@@ -6,12 +6,12 @@ from pathlib import Path
 from typing import Any
 
 from rft_ros.errors import InputError, shown
-from rft_ros.files import resolved, whole
+from rft_ros.files import resolved
 from rft_ros.parameters.parameter import Value, Values
 from rft_ros.parameters.sections import Given, Section, read_sections
 from rft_ros.parameters.table import checked, defaults
 from rft_ros.tool import is_mesh_path, locate_mesh
-from rft_ros.yaml_file import yaml_text
+from rft_ros.yaml_file import write_yaml
 
 NODE = "/rft"
 """The node's full name, without a namespace."""
@@ -32,8 +32,16 @@ def sections_for(sections: Iterable[Section], node: str = NODE) -> list[Section]
 
 
 def node_parameters(file: Path, node: str = NODE) -> dict[str, Given]:
-    """The parameters that a file sets for a node, by name with dots."""
-    return _merged(sections_for(read_sections(file), node))
+    """The parameters that a file sets for a node, by name with dots. Raises InputError if there are none."""
+    sections = read_sections(file)
+    found = _merged(sections_for(sections, node))
+    if not found:
+        there = ", ".join(section.key for section in sections)
+        advice = "name a node of it by --node" if node == NODE else "correct --node"
+        raise InputError(
+            f"parameter file '{file}' has no parameters for the node {node}; its sections are {there}: {advice}"
+        )
+    return found
 
 
 def section_parameters(file: Path, name: str) -> dict[str, Given]:
@@ -69,14 +77,7 @@ def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
 
     Relative paths are taken from the file's folder (`path_beside`). Raises InputError.
     """
-    given = node_parameters(file, node)
-    if not given:
-        there = ", ".join(section.key for section in read_sections(file))
-        advice = "name a node of it by --node" if node == NODE else "correct --node"
-        raise InputError(
-            f"parameter file '{file}' has no parameters for the node {node}; its sections are {there}: {advice}"
-        )
-    return defaults() | checked_in_file(file, given)
+    return defaults() | checked_in_file(file, node_parameters(file, node))
 
 
 FILES = ("mesh.file", "medium.file", "alpha_y.table", "ground.file")
@@ -85,8 +86,11 @@ FILES = ("mesh.file", "medium.file", "alpha_y.table", "ground.file")
 
 def named_files(values: Values) -> list[Path]:
     """The files that are set in the parameters of `FILES`."""
-    files = [Path(values[name]) for name in FILES if name != "mesh.file" and values[name]]
-    return [locate_mesh(values["mesh.file"]), *files] if values["mesh.file"] else files
+    set_ones = [name for name in FILES if values[name]]
+    return [
+        locate_mesh(values[name]) if name == "mesh.file" else Path(values[name])
+        for name in set_ones
+    ]
 
 
 def path_beside(folder: Path, name: str, path: str) -> str:
@@ -109,10 +113,8 @@ def _placed(values: Values, folder: Path) -> dict[str, Value]:
 
 def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
     """Write a file for `read_parameter_file` and the node; relative paths in `FILES` become absolute."""
-    plain = {name: list(v) if isinstance(v, tuple) else v for name, v in absolute(values).items()}
-    text = yaml_text({"/**": {"ros__parameters": plain}})
-    with whole(file, "parameter file") as part:
-        part.write_text(f"# {comment}\n{text}", encoding="utf-8")
+    tree = {"/**": {"ros__parameters": absolute(values)}}
+    write_yaml(file, "parameter file", tree, [comment])
 
 
 Tree = dict[str, dict[str, dict[str, Any]]]
@@ -140,8 +142,5 @@ def tree_for(source: Path, file: Path, node: str = NODE) -> tuple[Tree, dict[str
 def write_changed(file: Path, source: Path, changes: Values, *, node: str = NODE) -> None:
     """Write a parameter file `source` with other values of some parameters of a node; comments are lost."""
     tree, parameters = tree_for(source, file, node)
-    parameters |= {
-        name: list(value) if isinstance(value, tuple) else value for name, value in changes.items()
-    }
-    with whole(file, "parameter file") as part:
-        part.write_text(yaml_text(tree), encoding="utf-8")
+    parameters |= changes
+    write_yaml(file, "parameter file", tree, [])

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap, read_height_map
@@ -47,45 +47,30 @@ def ground_of(values: Values) -> HeightMap | None:
     return read_height_map(Path(file), cell) if file else HeightMap.unknown(cell)
 
 
-class _Part(NamedTuple):
-    """A part of a model that is loaded from a file: its parameters, and the function of their values that loads it.
+OF_TOOL = {
+    "mesh": "mesh.file",
+    "scale": "mesh.scale",
+    "origin": "mesh.origin",
+    "rotate": "mesh.quaternion",
+    "hull": "mesh.hull",
+    "integration": "integration",
+    "tolerance": "tolerance",
+}
+"""The parameter of each short name in an entry on a tool."""
 
-    `unused`: whether these values ask for nothing to be loaded; the part is then None.
-    """
-
-    parameters: tuple[str, ...]
-    load: Callable[[Values], Tool | HeightMap | Medium | Table | None]
-    unused: Callable[[Values], bool]
-
-
-_PARTS = {
-    "tool": _Part(
-        (
-            "mesh.file",
-            "mesh.scale",
-            "mesh.origin",
-            "mesh.quaternion",
-            "mesh.hull",
-            "integration",
-            "tolerance",
-        ),
-        tool_of,
-        lambda _: False,
-    ),
-    "ground": _Part(
-        ("ground.cell", "ground.file"), ground_of, lambda values: not values["ground.cell"]
-    ),
-    "medium": _Part(
-        ("medium.file",),
-        lambda values: read_medium(values["medium.file"]),
-        lambda values: not values["medium.file"],
-    ),
-    "table": _Part(
-        ("alpha_y.model", "alpha_y.table"),
+_PARTS: dict[str, tuple[tuple[str, ...], Callable[[Values], Any]]] = {
+    "tool": (tuple(OF_TOOL.values()), tool_of),
+    "ground": (("ground.cell", "ground.file"), ground_of),
+    "medium": (("medium.file",), lambda values: read_medium(values["medium.file"])),
+    "table": (
+        ("alpha_y.table", "alpha_y.model"),
         lambda values: read_alpha_y_table(values["alpha_y.table"]),
-        lambda values: values["alpha_y.model"] != "table" or not values["alpha_y.table"],
     ),
 }
+"""The parts of a model that are loaded from files: the parameters of each, and the function of their values.
+
+If the first parameter is 0 or empty, there is nothing to load, and the part is None.
+"""
 
 
 def parts_of(values: Values) -> dict[str, Values]:
@@ -93,29 +78,30 @@ def parts_of(values: Values) -> dict[str, Values]:
 
     The keys are arguments of `model_of`.
     """
-    return {name: {p: values[p] for p in part.parameters} for name, part in _PARTS.items()}
+    return {name: {p: values[p] for p in parameters} for name, (parameters, _) in _PARTS.items()}
 
 
 def unused(part: str, values: Values) -> bool:
     """Whether a part of `parts_of` is None with these values: no file has to be read for it."""
-    return _PARTS[part].unused(values)
+    if part == "table" and values["alpha_y.model"] != "table":
+        return True
+    parameters, _ = _PARTS[part]
+    return not values[parameters[0]]
 
 
 def load_parts(parts: Mapping[str, Values]) -> dict[str, Any]:
     """Load parts of `parts_of`. Raises InputError for what cannot be used."""
-    return {
-        name: None if unused(name, values) else _PARTS[name].load(values)
-        for name, values in parts.items()
-    }
+    loaded = {}
+    for part, values in parts.items():
+        _, load = _PARTS[part]
+        loaded[part] = None if unused(part, values) else load(values)
+    return loaded
 
 
 def medium_of(values: Values) -> Medium:
     """The medium from checked values: of medium.file if it is set, otherwise of medium.name. Raises InputError."""
-    return (
-        read_medium(values["medium.file"])
-        if values["medium.file"]
-        else medium_named(values["medium.name"])
-    )
+    file = values["medium.file"]
+    return read_medium(file) if file else medium_named(values["medium.name"])
 
 
 def model_of(
@@ -141,17 +127,6 @@ def model_of(
         generation=generation,
     )
 
-
-OF_TOOL = {
-    "mesh": "mesh.file",
-    "scale": "mesh.scale",
-    "origin": "mesh.origin",
-    "rotate": "mesh.quaternion",
-    "hull": "mesh.hull",
-    "integration": "integration",
-    "tolerance": "tolerance",
-}
-"""The parameter of each short name in an entry on a tool."""
 
 OF_MEDIUM = {
     "law": "law",

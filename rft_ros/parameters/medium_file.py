@@ -6,60 +6,38 @@ The coefficients of a stress map are fitted when it is read.
 import itertools
 from collections.abc import Mapping, Sequence
 from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, shown
-from rft_ros.files import whole
-from rft_ros.parameters.stress_map import MediumFit, StressMap, fit_medium
+from rft_ros.errors import InputError
+from rft_ros.parameters.parameter import Parameter
+from rft_ros.parameters.stress_map import MediumFit, StressMap, checked_medium, fit_medium
 from rft_ros.rft import MEDIA, Medium, Table
 from rft_ros.table_file import Column, Rows, read_table
-from rft_ros.yaml_file import read_yaml, yaml_text
+from rft_ros.yaml_file import read_yaml, write_yaml
 
-LEAST = 1e-3
-GREATEST = 50.0
+Array = NDArray[np.float64]
+
+_LEAST = 1e-3
+_GREATEST = 50.0
 """Plausible range of the greatest stress per depth [N/cm³]; loose poppy seeds have 0.25, the generic medium 1."""
 
 _MOST_BYTES = 4 * 2**20  # of a table; a grid of 180 x 360 angles takes 2 MB
 _MOST_CELLS = 5_000  # of a map
-_WIDEST_RADIANS = 3.2  # a table in degrees reaches further
-_FEW_ANGLES = 4  # this many different values of an angle within _WIDEST_RADIANS are in radians
+_WIDEST_RADIANS = 3.2  # several angles of which none is beyond are in radians
 _WIDEST_DEGREES = 720.0
 
-_DEGREES = dict.fromkeys(("", "deg", "degree", "degrees", "°"), 1.0)
-_DEGREES |= dict.fromkeys(("rad", "radian", "radians"), float(np.rad2deg(1.0)))
-_NEWTONS_PER_CM3 = {
-    "": 1.0,
-    "n/cm3": 1.0,
-    "ncm3": 1.0,
-    "ncm-3": 1.0,
-    "n/m3": 1e-6,
-    "nm3": 1e-6,
-    "nm-3": 1e-6,
-}
-_NEWTONS_PER_CM3 |= {
-    "pa/m": 1e-6,
-    "pam-1": 1e-6,
-    "kpa/m": 1e-3,
-    "mpa/m": 1.0,
-    "kpa/cm": 0.1,
-    "kn/m3": 1e-3,
-}
-_NEWTONS_PER_CM3 |= {"n/mm3": 1e3}
+_DEGREES = {"": 1.0, "deg": 1.0, "°": 1.0, "rad": float(np.rad2deg(1.0))}
+_NEWTONS_PER_CM3 = {"": 1.0, "n/cm3": 1.0, "n/m3": 1e-6, "pa/m": 1e-6, "kpa/m": 1e-3}
+_STRESS = "a stress per depth in N/cm3 (1 N/cm3 = 1e6 Pa/m)"
 
-
-def _angle(name: str) -> Column:
-    return Column(name, _DEGREES, "in deg or rad")
-
-
-def _stress(name: str, *, gaps: bool = False) -> Column:
-    return Column(name, _NEWTONS_PER_CM3, "a stress per depth in N/cm3 (1 N/cm3 = 1e6 Pa/m)", gaps)
-
-
-_BETA = _angle("beta")
-_GAMMA = _angle("gamma")
-_MAP = (_BETA, _GAMMA, _stress("alpha_x", gaps=True), _stress("alpha_z", gaps=True))
-_ALPHA_Y = _stress("alpha_y")
+_BETA = Column("beta", _DEGREES, "in deg or rad")
+_GAMMA = Column("gamma", _DEGREES, "in deg or rad")
+_ALPHA_X = Column("alpha_x", _NEWTONS_PER_CM3, _STRESS, gaps=True)
+_ALPHA_Z = Column("alpha_z", _NEWTONS_PER_CM3, _STRESS, gaps=True)
+_ALPHA_Y = Column("alpha_y", _NEWTONS_PER_CM3, _STRESS)
 
 
 def read_stress_map(file: Path) -> StressMap:
@@ -69,25 +47,19 @@ def read_stress_map(file: Path) -> StressMap:
     or nan is a missing stress. Raises InputError for a file that cannot be used.
     """
     named = f"stress map '{file}'"
-    rows = _read(file, "stress map", _MAP)
-    count = len(rows.lines)
-    if count > _MOST_CELLS:
+    rows = _read(file, "stress map", (_BETA, _GAMMA, _ALPHA_X, _ALPHA_Z))
+    if len(rows.lines) > _MOST_CELLS:
         raise InputError(
-            f"{named} has {count:,} rows; the limit is {_MOST_CELLS:,}: take the mean of repeated cells"
+            f"{named} has {len(rows.lines):,} rows; the limit is {_MOST_CELLS:,}: take the mean of repeated cells"
         )
-    _check_angles(rows, named)
     beta, gamma, alpha_x, alpha_z = rows.numbers.T
-    widest = max(float(np.abs(beta).max()), float(np.abs(gamma).max()))
-    if widest <= _WIDEST_RADIANS and rows.factors["beta"] == rows.factors["gamma"] == 1.0:
-        advice = "these seem to be radians: name the columns beta_rad and gamma_rad, or give more angles"
-        raise InputError(f"{named} has no angle beyond {widest:.3g} degrees; {advice}")
     stresses = np.abs([alpha_x, alpha_z])
     if np.isnan(stresses).all():
         raise InputError(
             f"{named} has no stress in any row; give alpha_x and alpha_z at some angles"
         )
     greatest = float(np.nanmax(stresses))
-    if not LEAST <= greatest <= GREATEST:
+    if not _LEAST <= greatest <= _GREATEST:
         unit = "1 N/cm³ = 1e6 Pa/m; a pressure in Pa must be divided by the depth"
         raise InputError(
             f"{named} has stresses per depth of up to {greatest:.3g} N/cm³; no grains have that ({unit})"
@@ -113,12 +85,11 @@ def read_alpha_y_table(file: str) -> Table:
         raise InputError(
             f"{named} has a negative alpha_y ({stresses.min():g}); give the size of a stress that resists"
         )
-    if stresses.max() > GREATEST:
-        unit = f"over {GREATEST:g} N/cm³, which no grains have; check the order of the columns, and the unit"
+    if stresses.max() > _GREATEST:
+        unit = f"over {_GREATEST:g} N/cm³, which no grains have; check the order of the columns, and the unit"
         raise InputError(
             f"{named} has alpha_y up to {stresses.max():.4g}, {unit} (1 N/cm³ = 1e6 Pa/m)"
         )
-    _check_angles(rows, named)
     gammas = rows.column("gamma") if "gamma" in rows.factors else np.zeros(len(stresses))
     beta, row = np.unique(rows.column("beta"), return_inverse=True)
     gamma, column = np.unique(gammas, return_inverse=True)
@@ -138,7 +109,7 @@ def read_alpha_y_table(file: str) -> Table:
 
 
 def _read(file: Path, what: str, *columns: Sequence[Column]) -> Rows:
-    """As `read_table`. Raises InputError also for numbers that are not finite."""
+    """As `read_table`. Raises InputError also for numbers that are not finite, and for implausible angles."""
     rows = read_table(file, what, *columns, limit=_MOST_BYTES)
     for column in itertools.chain(*columns):
         if column.name in rows.factors:
@@ -149,29 +120,23 @@ def _read(file: Path, what: str, *columns: Sequence[Column]) -> Rows:
                 raise InputError(
                     f"{where}: {column.name} is {values[wrong[0]]:g}; it must be a finite number"
                 )
+            if column.units is _DEGREES:
+                _check_angles(values, rows.factors[column.name], f"{what} '{file}'", column.name)
     return rows
 
 
-def _check_angles(rows: Rows, named: str) -> None:
-    """Raise InputError if angles are implausible in the unit that the header names."""
-    for name in ("beta", "gamma"):
-        if name not in rows.factors:
-            continue
-        angles = rows.column(name)
-        widest = float(np.abs(angles).max())
-        different = len(np.unique(angles))
-        in_radians = rows.factors[name] != 1.0
-        if widest > _WIDEST_DEGREES:
-            advice = f"name the column {name}_deg" if in_radians else "it is no angle in degrees"
-            raise InputError(f"{named} has {name} up to {widest:.4g} degrees; {advice}")
-        if widest <= _WIDEST_RADIANS and different >= _FEW_ANGLES and not in_radians:
-            found = f"{different} different {name}, none beyond {widest:.3g} degrees"
-            raise InputError(
-                f"{named} has {found}; these seem to be radians: name the column {name}_rad"
-            )
-
-
-_YAML = (".yaml", ".yml")
+def _check_angles(degrees: Array, factor: float, named: str, name: str) -> None:
+    """Raise InputError if angles are implausible in the unit that the header names, of `factor` degrees."""
+    widest = float(np.abs(degrees).max())
+    different = len(np.unique(degrees))
+    if widest > _WIDEST_DEGREES:
+        advice = "it is no angle in degrees" if factor == 1.0 else f"name the column {name}_deg"
+        raise InputError(f"{named} has {name} up to {widest:.4g} degrees; {advice}")
+    if widest <= _WIDEST_RADIANS and different > 1 and factor == 1.0:
+        found = f"{different} different {name}, none beyond {widest:.3g} degrees"
+        raise InputError(
+            f"{named} has {found}; for radians name the column {name}_rad, else check the order of the columns"
+        )
 
 
 def is_medium_file(text: str) -> bool:
@@ -186,63 +151,40 @@ def read_medium(file: str) -> Medium:
     map. Raises InputError for a file that cannot be used.
     """
     path = Path(file)
-    if path.suffix.lower() in _YAML:
-        return _of_yaml(path)
-    measured = read_stress_map(path)
     try:
-        return fit_medium(measured, name=path.stem).medium
+        if path.suffix.lower() in (".yaml", ".yml"):
+            return checked_medium(_of_yaml(path))
+        return fit_medium(read_stress_map(path), name=path.stem).medium
+    except InputError:  # names the file already
+        raise
     except ValueError as error:
         raise InputError(f"medium.file '{file}': {error}") from None
 
 
 def _of_yaml(file: Path) -> Medium:
-    what = f"medium.file '{file}'"
+    names = list(MEDIA["generic"].coefficients)
     content = read_yaml(file, "medium.file")
-    if not isinstance(content, Mapping):
-        raise InputError(
-            f"{what} has no coefficients; it needs {', '.join(MEDIA['generic'].coefficients)}"
-        )
-    given = content.get("coefficients", content)
+    given = content.get("coefficients", content) if isinstance(content, Mapping) else None
     if not isinstance(given, Mapping):
-        raise InputError(
-            f"{what}: coefficients is {shown(given)}; it must have names and numbers [N/cm³]"
-        )
-    given = {
-        str(name).replace("-", "m"): value for name, value in given.items()
+        raise ValueError(f"it has no coefficients; it needs {', '.join(names)} [N/cm³]")
+    named = {
+        name.replace("-", "m"): value for name, value in given.items()
     }  # Li et al. write B-11
-    found = {}
-    for name in MEDIA["generic"].coefficients:
-        value = given.get(name)
-        if value is None:
-            raise InputError(
-                f"{what} has no coefficient {name}; give all nine, and 0.0 for one that is zero"
-            )
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not abs(value) <= GREATEST
-        ):
-            raise InputError(
-                f"{what}: {name} is {shown(value)}; it must be a number of at most {GREATEST:g} N/cm³"
-            )
-        found[name] = float(value)
-    medium = Medium.of(str(content.get("name", file.stem)), found)
-    if max(map(abs, found.values())) < 0.1 * LEAST:
-        raise InputError(
-            f"{what}: its coefficients are below {0.1 * LEAST:g}; they must be in N/cm³"
-        )
-    if medium.strength <= 0.0:
-        raise InputError(
-            f"{what}: with these coefficients the force points along the motion; check the signs"
-        )
-    return medium
+    found: dict[str, Any] = {}
+    try:
+        for name in names:
+            number = Parameter(name, 0.0, bounds=(-_GREATEST, _GREATEST))
+            found[name] = number.checked(named.get(name))
+    except InputError as error:
+        raise ValueError(f"{error} [N/cm³]; give all nine, and 0.0 for one that is zero") from None
+    return Medium.of(str(content.get("name", file.stem)), found)
 
 
 def write_medium(file: Path, fit: MediumFit, *, source: str) -> None:
     """Write a fitted medium for `read_medium`, with standard errors and misfit. `source`: the map of the fit."""
 
     def rounded(value: float) -> float | None:
-        return None if np.isnan(value) else float(f"{value:.4g}")
+        return float(f"{value:.4g}") if np.isfinite(value) else None
 
     tree = {
         "name": fit.medium.name,
@@ -260,9 +202,5 @@ def write_medium(file: Path, fit: MediumFit, *, source: str) -> None:
         "All in N/cm³. errors: standard errors of the coefficients; null: the map does not determine it.",
         "misfit: RMS of the stress (alpha_x, alpha_z), as measured, and of the residual of the fit or of the generic",
         "medium times zeta_of_generic.",
-        *fit.medium.doubts,
-        *fit.remarks,
     ]
-    with whole(file, "medium") as part:
-        lines = "".join(f"# {' '.join(sentence.split())}\n" for sentence in head)
-        part.write_text(lines + yaml_text(tree), encoding="utf-8")
+    write_yaml(file, "medium", tree, [*head, *fit.medium.doubts, *fit.remarks])

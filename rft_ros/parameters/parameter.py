@@ -17,8 +17,7 @@ Value = str | bool | float | tuple[float, ...]
 Values = Mapping[str, Any]
 """The values of all parameters, by name, each a `Value`."""
 
-LONGEST_NAME = 256  # characters, of a frame or a parameter
-_LONGEST = 4096  # characters, of a path
+_LONGEST = 4096  # characters, of a text
 # a comparison with it also refuses large integers, for which math.isfinite raises
 _LARGEST = sys.float_info.max
 
@@ -28,89 +27,68 @@ class Parameter:
     """One parameter. Its values have the type of `default`.
 
     `bounds`: least and greatest value of each number. `least`: of a length [m] that may be 0, the least other value.
-    `kind`: "frame" for the name of a frame, "motions" for names of `MOTIONS` with commas, "quaternion" for the four
-    numbers of a rotation, "sign" for 1 or -1. `choices`: the values that a text may have; empty: any. `applies`:
-    "live", or "restart" if the running node refuses a change.
+    `kind`: "motions" for names of `MOTIONS` with commas, "quaternion" for the four numbers of a rotation, "sign" for 1
+    or -1. `choices`: the values that a text may have; empty: any. `applies`: "live", or "restart" if the running node
+    refuses a change.
     """
 
     name: str
     default: Value
+    description: str = ""
     unit: str = ""
     bounds: tuple[float, float] = (-math.inf, math.inf)
     _: KW_ONLY
     least: float = 0.0
-    kind: Literal["", "frame", "motions", "quaternion", "sign"] = ""
+    kind: Literal["", "motions", "quaternion", "sign"] = ""
     choices: tuple[str, ...] = ()
     applies: Literal["live", "restart"] = "live"
-    description: str = ""
-
-    def means(self, description: str) -> "Parameter":
-        """The parameter with its description."""
-        return replace(self, description=description)
-
-    def field(self, description: str, **options: Any) -> Any:
-        """A field of a dataclass that has the parameter's value; if its type is a Literal, that gives the choices.
-
-        A field whose default is None is None where the parameter has its default.
-        """
-        return field(
-            **{"default": self.default, **options}, metadata={"parameter": self.means(description)}
-        )
 
     def checked(self, value: object) -> Value:
         """The value in the parameter's type. Raises InputError that names parameter and value, and what is allowed."""
         if isinstance(self.default, str):
-            # YAML reads an unquoted off as false
-            is_off = value is False and "off" in self.choices
-            return self._text("off" if is_off else value)
+            return self._text(value)
         if isinstance(self.default, bool):
             if not isinstance(value, bool):
                 self._refuse(value, "true or false")
             return value
         if isinstance(self.default, float):
-            number = self._number(value)
-            if 0.0 < number < self.least:
-                self._refuse(number, f"0, or at least {self.least:g} m")
-            if self.kind == "sign" and abs(number) != 1.0:
-                self._refuse(number, "1.0 or -1.0")
-            return number
-        if (
-            isinstance(value, str)
-            or not isinstance(value, Sequence)
-            or len(value) != len(self.default)
-        ):
-            self._refuse(value, f"{len(self.default)} numbers")
-        numbers = tuple(self._number(v) for v in value)
+            return self._number(value)
+        count = len(self.default)
+        if not isinstance(value, Sequence) or isinstance(value, str) or len(value) != count:
+            self._refuse(value, f"{count} numbers")
+        numbers = tuple(map(self._number, value))
         return self._unit(numbers) if self.kind == "quaternion" else numbers
 
     def _refuse(self, value: object, wanted: str) -> NoReturn:
         raise InputError(f"{self.name} is {shown(value)}; it must be {wanted}")
 
     def _text(self, value: object) -> str:
+        if value is False and "off" in self.choices:  # as YAML reads an unquoted off
+            return "off"
         if not isinstance(value, str):
             self._refuse(value, "a string")
-        limit = LONGEST_NAME if self.kind == "frame" else _LONGEST
-        if len(value) > limit:
-            raise InputError(f"{self.name} has {len(value):,} characters; the limit is {limit:,}")
-        if self.kind == "motions" and not {motion.strip() for motion in value.split(",")} <= {
-            "",
-            *MOTIONS,
-        }:
-            self._refuse(value, f"some of {', '.join(MOTIONS)}, with commas")
+        if len(value) > _LONGEST:
+            self._refuse(value, f"a text of at most {_LONGEST:,} characters")
         if self.choices and value not in self.choices:
             self._refuse(value, f"one of {', '.join(self.choices)}")
+        motions = {motion.strip() for motion in value.split(",")}
+        if self.kind == "motions" and not motions <= {"", *MOTIONS}:
+            self._refuse(value, f"some of {', '.join(MOTIONS)}, with commas")
         return value
 
     def _number(self, value: object) -> float:
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not abs(value) <= _LARGEST
-        ):
-            self._refuse(value, "a finite number (such as 1.0)")
+        wanted = "a finite number (such as 1.0)"
+        if isinstance(value, bool) or not isinstance(value, int | float):
+            self._refuse(value, wanted)
+        if not abs(value) <= _LARGEST:
+            self._refuse(value, wanted)
         low, high = self.bounds
         if not low <= value <= high:
             raise InputError(f"{self.name} is {value:g}; it must lie between {low:g} and {high:g}")
+        if 0.0 < value < self.least:
+            self._refuse(value, f"0, or at least {self.least:g} m")
+        if self.kind == "sign" and abs(value) != 1.0:
+            self._refuse(value, "1.0 or -1.0")
         return float(value)
 
     def _unit(self, numbers: tuple[float, ...]) -> tuple[float, ...]:
@@ -119,6 +97,16 @@ class Parameter:
         if not abs(norm - 1.0) <= UNIT_TOLERANCE:
             raise InputError(f"{self.name} has norm {norm:g}; it must be 1")
         return tuple(v / norm for v in numbers)
+
+
+def setting(*given: Any, optional: bool = False, **options: Any) -> Any:
+    """A field of a dataclass with the value of the `Parameter` of these arguments.
+
+    If its type is a Literal, that gives the choices. `optional`: it is None where the parameter has its default.
+    """
+    parameter = Parameter(*given, **options)
+    default = None if optional else parameter.default
+    return field(default=default, metadata={"parameter": parameter})
 
 
 @cache
@@ -135,9 +123,10 @@ def parameters_of(owner: type) -> dict[str, Parameter]:
 
 def values_of(owner: type, values: Values) -> dict[str, Any]:
     """The values of the fields of a dataclass that are parameters."""
-    defaults = {f.name: f.default for f in fields(owner)}
     found: dict[str, Any] = {}
-    for name, parameter in parameters_of(owner).items():
-        value = values[parameter.name]
-        found[name] = defaults[name] if value == parameter.default else value
+    for f in fields(owner):
+        if "parameter" in f.metadata:
+            parameter = f.metadata["parameter"]
+            value = values[parameter.name]
+            found[f.name] = f.default if value == parameter.default else value
     return found

@@ -5,7 +5,7 @@ from typing import Literal
 
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap
-from rft_ros.parameters.parameter import Parameter
+from rft_ros.parameters.parameter import setting
 from rft_ros.rft import Law, described
 from rft_ros.rft.frames import Quaternion, Vector, Wrench
 from rft_ros.rft.motion_kinds import MOTIONS
@@ -22,26 +22,50 @@ _UNCALIBRATED_ERROR = 1.0
 class LoadCell:
     """The load cell's mounting, sign and bias, and the mass attached to it: the parameters ``sensor.*``."""
 
-    position: Vector = Parameter("sensor.position", (0.0, 0.0, 0.0), "m", (-1e3, 1e3)).field(
-        "Origin of sensor_frame in tool_frame."
+    position: Vector = setting(
+        "sensor.position",
+        (0.0, 0.0, 0.0),
+        "Origin of sensor_frame in tool_frame.",
+        "m",
+        (-1e3, 1e3),
     )
-    quaternion: Quaternion = Parameter(
-        "sensor.quaternion", (0.0, 0.0, 0.0, 1.0), "xyzw", kind="quaternion"
-    ).field("Orientation of sensor_frame in tool_frame, unit length.")
-    sign: float = Parameter("sensor.sign", 1.0, bounds=(-1.0, 1.0), kind="sign").field(
-        "1.0: the driver reports the force that acts on the tool. -1.0: the force with which the tool pushes."
+    quaternion: Quaternion = setting(
+        "sensor.quaternion",
+        (0.0, 0.0, 0.0, 1.0),
+        "Orientation of sensor_frame in tool_frame, unit length.",
+        "xyzw",
+        kind="quaternion",
     )
-    bias: Wrench = Parameter(
-        "sensor.bias", (0.0, 0.0, 0.0, 0.0, 0.0, 0.0), "N, N m", (-1e6, 1e6)
-    ).field("Reading of the load cell without load: fx, fy, fz, tx, ty, tz.")
-    mass: float = Parameter("sensor.mass", 0.0, "kg", (0.0, 1e3)).field(
-        "Mass that hangs below the load cell."
+    sign: float = setting(
+        "sensor.sign",
+        1.0,
+        "1.0: the driver reports the force that acts on the tool. -1.0: the force with which the tool pushes.",
+        bounds=(-1.0, 1.0),
+        kind="sign",
     )
-    center_of_mass: Vector = Parameter(
-        "sensor.center_of_mass", (0.0, 0.0, 0.0), "m", (-1e3, 1e3)
-    ).field("Centre of that mass in sensor_frame.")
-    delay: float = Parameter("sensor.delay", 0.0, "s", (-10.0, 10.0)).field(
-        "How much later than the poses' stamps those of the load cell are for one event; negative: earlier."
+    bias: Wrench = setting(
+        "sensor.bias",
+        (0.0, 0.0, 0.0, 0.0, 0.0, 0.0),
+        "Reading of the load cell without load: fx, fy, fz, tx, ty, tz.",
+        "N, N m",
+        (-1e6, 1e6),
+    )
+    mass: float = setting(
+        "sensor.mass", 0.0, "Mass that hangs below the load cell.", "kg", (0.0, 1e3)
+    )
+    center_of_mass: Vector = setting(
+        "sensor.center_of_mass",
+        (0.0, 0.0, 0.0),
+        "Centre of that mass in sensor_frame.",
+        "m",
+        (-1e3, 1e3),
+    )
+    delay: float = setting(
+        "sensor.delay",
+        0.0,
+        "How much later than the poses' stamps those of the load cell are for one event; negative: earlier.",
+        "s",
+        (-10.0, 10.0),
     )
 
 
@@ -55,71 +79,113 @@ class Settings:
     """
 
     load_cell: LoadCell = field(default_factory=LoadCell)
-    zeta_error: float | None = Parameter("medium.zeta_error", 0.0, bounds=(0.0, 2.0)).field(
-        "Relative standard error of medium.zeta. 0.0: not known.", default=None
+    zeta_error: float | None = setting(
+        "medium.zeta_error",
+        0.0,
+        "Relative standard error of medium.zeta. 0.0: not known.",
+        bounds=(0.0, 2.0),
+        optional=True,
     )
-    calibrated_depth: float | None = Parameter(
-        "medium.calibrated_depth", 0.0, "m", (0.0, 1e3)
-    ).field(
+    calibrated_depth: float | None = setting(
+        "medium.calibrated_depth",
+        0.0,
         "Greatest depth reached in the calibration. Estimates at greater depth get the flag deep. 0.0: not known.",
-        default=None,
+        "m",
+        (0.0, 1e3),
+        optional=True,
     )
-    grain_diameter: float | None = Parameter("medium.grain_diameter", 0.0, "m", (0.0, 1.0)).field(
+    grain_diameter: float | None = setting(
+        "medium.grain_diameter",
+        0.0,
         "Mean diameter of the grains. Estimates with a tool under five grains wide get the flag few_grains. 0.0: not "
         "known.",
-        default=None,
+        "m",
+        (0.0, 1.0),
+        optional=True,
     )
-    calibrated_motions: str = Parameter("medium.calibrated_motions", "", kind="motions").field(
+    calibrated_motions: str = setting(
+        "medium.calibrated_motions",
+        "",
         f"Kinds of motion that the calibration had, with commas: {', '.join(MOTIONS)}. Another kind is reported once. "
-        "Empty: not known."
+        "Empty: not known.",
+        kind="motions",
     )
-    learning_mode: Literal["off", "observe", "apply"] = Parameter("learning.mode", "off").field(
+    learning_mode: Literal["off", "observe", "apply"] = setting(
+        "learning.mode",
+        "off",
         "Estimate the medium from the load cell. observe: only report the estimates. apply: also correct the "
-        "predictions."
+        "predictions.",
     )
-    learning_lag: float = Parameter("learning.lag", 0.002, "m", (1e-5, 1.0)).field(
-        "Path of the tool between a load-cell sample and the first prediction that uses it."
+    learning_lag: float = setting(
+        "learning.lag",
+        0.002,
+        "Path of the tool between a load-cell sample and the first prediction that uses it.",
+        "m",
+        (1e-5, 1.0),
     )
-    surface_height: float = Parameter("surface_height", 0.0, "m", (-1e6, 1e6)).field(
-        "z of the undisturbed surface in world_frame."
+    surface_height: float = setting(
+        "surface_height", 0.0, "z of the undisturbed surface in world_frame.", "m", (-1e6, 1e6)
     )
-    world_frame: str = Parameter("world_frame", "world", kind="frame").field(
-        "frame_id of poses; z up."
+    world_frame: str = setting("world_frame", "world", "frame_id of poses; z up.")
+    tool_frame: str = setting(
+        "tool_frame", "tool", "Frame of the mesh; twists may be in its axes."
     )
-    tool_frame: str = Parameter("tool_frame", "tool", kind="frame").field(
-        "Frame of the mesh; twists may be in its axes."
+    sensor_frame: str = setting(
+        "sensor_frame", "ft_sensor", "frame_id of the load cell, and of all published wrenches."
     )
-    sensor_frame: str = Parameter("sensor_frame", "ft_sensor", kind="frame").field(
-        "frame_id of the load cell, and of all published wrenches."
-    )
-    sensor_source: Literal["parameters", "tf", "world"] = Parameter(
-        "sensor.frame_source", "parameters"
-    ).field(
+    sensor_source: Literal["parameters", "tf", "world"] = setting(
+        "sensor.frame_source",
+        "parameters",
         "Source of the sensor's place on the tool. parameters: sensor.position and sensor.quaternion. tf: fixed "
         "transforms. world: as parameters, but the readings are in the axes of world_frame, whatever their "
-        "frame_id says."
+        "frame_id says.",
     )
-    pose_source: Literal["topic", "tf"] = Parameter(
-        "pose_source", "topic", applies="restart"
-    ).field("Source of the pose. topic: ~/pose. tf: the transforms of TF.")
-    tf_rate: float = Parameter("tf_rate", 0.0, "Hz", (0.0, 1e4)).field(
-        "Rate of the poses from TF. 0.0: a pose at each stamp of the load cell."
+    pose_source: Literal["topic", "tf"] = setting(
+        "pose_source",
+        "topic",
+        "Source of the pose. topic: ~/pose. tf: the transforms of TF.",
+        applies="restart",
     )
-    twist_source: Literal["topic", "pose_difference"] = Parameter("twist_source", "topic").field(
-        "Source of the velocity. topic: ~/twist. pose_difference: computed from the last poses."
+    tf_rate: float = setting(
+        "tf_rate",
+        0.0,
+        "Rate of the poses from TF. 0.0: a pose at each stamp of the load cell.",
+        "Hz",
+        (0.0, 1e4),
     )
-    twist_window: float = Parameter("twist_window", 0.2, "s", (1e-4, 1.0)).field(
-        "Longest span of poses to which pose_difference fits a curve."
+    twist_source: Literal["topic", "pose_difference"] = setting(
+        "twist_source",
+        "topic",
+        "Source of the velocity. topic: ~/twist. pose_difference: computed from the last poses.",
     )
-    max_input_age: float = Parameter("max_input_age", 0.1, "s", (1e-6, 1e6)).field(
-        "Greatest time between a pose and another sample that is used with it."
+    twist_window: float = setting(
+        "twist_window",
+        0.2,
+        "Longest span of poses to which pose_difference fits a curve.",
+        "s",
+        (1e-4, 1.0),
     )
-    max_rate: float = Parameter("max_rate", 0.0, "Hz", (0.0, 1e6)).field(
-        "Highest rate of estimates. 0.0: an estimate at every pose."
+    max_input_age: float = setting(
+        "max_input_age",
+        0.1,
+        "Greatest time between a pose and another sample that is used with it.",
+        "s",
+        (1e-6, 1e6),
     )
-    rest_speed: float = Parameter("rest_speed", 2e-4, "m/s", (0.0, 1e3)).field(
+    max_rate: float = setting(
+        "max_rate",
+        0.0,
+        "Highest rate of estimates. 0.0: an estimate at every pose.",
+        "Hz",
+        (0.0, 1e6),
+    )
+    rest_speed: float = setting(
+        "rest_speed",
+        2e-4,
         "A tool that is slower than this is at rest. The filter is then not updated. If the model has no memory "
-        "and the tool is in the grains, there is no estimate either."
+        "and the tool is in the grains, there is no estimate either.",
+        "m/s",
+        (0.0, 1e3),
     )
 
     def __post_init__(self) -> None:

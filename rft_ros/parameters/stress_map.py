@@ -4,9 +4,8 @@ Eq. (4) is linear in its coefficients, five of α_z and four of α_x. Angles tha
 of them open: there the generic medium fills in, scaled by the ζ that fits the map best.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,13 +15,17 @@ from rft_ros.rft.media import MEDIA, OF_ALPHA_X, OF_ALPHA_Z, Medium, stress_term
 Array = NDArray[np.float64]
 
 _OPEN = 0.04  # a combination of terms whose RMS over the cells is below this is not determined by the map
-_PART = 0.15  # least share in an open combination with which a coefficient is named in a remark
+_PART = (
+    0.15  # least share in an open combination with which a coefficient counts as not identifiable
+)
 _NO_MEDIUM = 0.4  # share of the stress (RMS) that a fit may leave without a doubt
 _OUTLIER = 5.0  # times the median residual; Gaussian noise reaches 3.5 in 5,000 cells
 _WORST = 3  # cells that a doubt lists
 _WEAKEST = 0.05  # ζ of the generic medium; below, the stresses are probably in another unit
 _STRONGEST = 5.0  # and above
-_TINY = 1e-300
+_LEAST_STRENGTH = (
+    5e-4  # of the generic medium's: weaker stresses are in another unit, or along the motion
+)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -43,10 +46,10 @@ class StressMap:
 class MediumFit:
     """The medium that fits a map.
 
-    `errors`: standard error of each coefficient [N/cm³], by its name; NaN where the map does not determine it. `zeta`:
-    of the generic medium that fits best. `size`, `misfit`, `misfit_scaled`: RMS of the stress (α_x, α_z) as measured,
-    less the fit, and less that generic medium [N/cm³]. `remarks`: sentences on what the map does not say.
-    Sentences on what may be wrong with it are the medium's `doubts`.
+    `errors`: standard error of each coefficient [N/cm³], by its name; NaN where the map does not determine it, infinite
+    where it has no cells to spare. `zeta`: of the generic medium that fits best. `size`, `misfit`, `misfit_scaled`: RMS
+    of the stress (α_x, α_z) as measured, less the fit, and less that generic medium [N/cm³]. Sentences on what may be
+    wrong with the map are the medium's `doubts`.
     """
 
     medium: Medium
@@ -55,37 +58,15 @@ class MediumFit:
     size: float
     misfit: float
     misfit_scaled: float
-    remarks: tuple[str, ...]
 
-
-class _OneStress(NamedTuple):
-    """The fit of the coefficients of one stress, by their names. `open`: those that the cells determine only together.
-
-    `is_measured`: whether any cell has this stress.
-    """
-
-    stress: str
-    is_measured: bool
-    coefficients: dict[str, float]
-    errors: dict[str, float]
-    open: list[tuple[str, ...]]
-
-    def remarks(self, zeta: float) -> list[str]:
-        """Sentences on the coefficients that the generic medium times ζ fills in."""
-        filled = f"the generic medium times {zeta:.3g}"
-        if not self.is_measured:
-            return [
-                f"no {self.stress} was measured: {_listed([*self.coefficients])} are those of {filled}"
-            ]
-        sentences = []
-        for group in self.open:
-            if len(group) == 1:
-                why = f"{group[0]} of {self.stress} is not identifiable, since its term is 0 at the measured angles"
-            else:
-                why = f"{_listed(group)} of {self.stress} are not identifiable one by one from the measured angles,"
-                why += " only in combination"
-            sentences.append(f"{why}; {filled} fills in")
-        return sentences
+    @property
+    def remarks(self) -> list[str]:
+        """A sentence on the coefficients that the generic medium times ζ fills in, if there are any."""
+        filled = [name for name, error in self.errors.items() if np.isnan(error)]
+        if not filled:
+            return []
+        why = "not identifiable from the measured stresses and angles"
+        return [f"{', '.join(filled)}: {why}; the generic medium times {self.zeta:.3g} fills in"]
 
 
 def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
@@ -93,33 +74,49 @@ def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
 
     Raises ValueError where the map has no stress at all, or stresses that point along the motion.
     """
-    model, stress = _both(MEDIA["generic"], measured)
-    zeta = max(float(model @ stress) / max(float(model @ model), _TINY), 0.0)
-    start = _scaled(zeta)
-    terms_of_z, terms_of_x = stress_terms(measured.beta, measured.gamma)
-    of_z = _fit("alpha_z", OF_ALPHA_Z, terms=terms_of_z, values=measured.alpha_z, start=start)
-    of_x = _fit("alpha_x", OF_ALPHA_X, terms=terms_of_x, values=measured.alpha_x, start=start)
-    coefficients = of_z.coefficients | of_x.coefficients
-    if not any(coefficients.values()):
+    stress = np.array([measured.alpha_x, measured.alpha_z])
+    if not np.nan_to_num(stress).any():
         raise ValueError("no cell has a stress that is a number other than 0")
-    fitted = Medium.of(name, coefficients)
-    doubts = _units(zeta) or _far_cells(fitted, measured)
-    if fitted.strength <= 0.0:
-        reason = "with these stresses the force points along the motion, where it should resist"
-        raise ValueError("; ".join([reason, *doubts]))
-    if fitted.alpha_x_flat <= 0.0:
-        value = f"alpha_x at beta 0, gamma 0 is {fitted.alpha_x_flat:.3g} N/cm³ by the fit"
-        along = "with alpha_y.model constant the force on a plate would point along its motion"
-        doubts.append(f"{value}, so that {along}; use linear or a table")
+    generic = np.array(MEDIA["generic"].stresses(measured.beta, measured.gamma))
+    generic_there = generic[np.isfinite(stress)]
+    stress_there = stress[np.isfinite(stress)]
+    zeta = max(float(generic_there @ stress_there / (generic_there @ generic_there)), 0.0)
+    terms_of_z, terms_of_x = stress_terms(measured.beta, measured.gamma)
+    coefficients: dict[str, float] = {}
+    errors: dict[str, float] = {}
+    for names, terms, values in (
+        (OF_ALPHA_Z, terms_of_z, measured.alpha_z),
+        (OF_ALPHA_X, terms_of_x, measured.alpha_x),
+    ):
+        start = np.array([zeta * MEDIA["generic"].coefficients[name] for name in names])
+        best, error = _least_squares(terms, values, start)
+        coefficients |= dict(zip(names, best.tolist(), strict=True))
+        errors |= dict(zip(names, error.tolist(), strict=True))
+    fitted = checked_medium(Medium.of(name, coefficients))
+    residual = stress - fitted.stresses(measured.beta, measured.gamma)
+    doubts = _units(zeta) or _far_cells(measured, residual, size=_rms(stress))
     return MediumFit(
         medium=replace(fitted, doubts=tuple(doubts)),
-        errors=of_z.errors | of_x.errors,
+        errors=errors,
         zeta=zeta,
-        size=_misfit(_scaled(0.0), measured),
-        misfit=_misfit(fitted, measured),
-        misfit_scaled=_misfit(start, measured),
-        remarks=(*of_z.remarks(zeta), *of_x.remarks(zeta)),
+        size=_rms(stress),
+        misfit=_rms(residual),
+        misfit_scaled=_rms(stress - zeta * generic),
     )
+
+
+def checked_medium(medium: Medium) -> Medium:
+    """The medium. Raises ValueError if its stresses do not resist the motion, or are far too weak."""
+    if medium.strength < _LEAST_STRENGTH:
+        stresses = f"the stresses are {medium.strength:.3g} times those of the generic medium"
+        why = "the force is along the motion, or not in N/cm³"
+        raise ValueError(f"{stresses}: {why}; check signs and unit")
+    return medium
+
+
+def _rms(stresses: Array) -> float:
+    """RMS over the cells of the vector (α_x, α_z), shape [2, n], of which either may be missing (NaN)."""
+    return float(np.sqrt(2.0 * np.nanmean(stresses**2)))
 
 
 def _units(zeta: float) -> list[str]:
@@ -132,24 +129,21 @@ def _units(zeta: float) -> list[str]:
     ]
 
 
-def _far_cells(fitted: Medium, measured: StressMap) -> list[str]:
+def _far_cells(measured: StressMap, residual: Array, *, size: float) -> list[str]:
     """A sentence on the worst cells, where the fit leaves much of the stress, or some cells stand out.
 
     Both come of swapped columns, of copied cells, of wrong signs and of angles that are counted from elsewhere.
+    `residual`: measured less fitted α_x and α_z, shape [2, n]. `size`: RMS of the stress.
     """
-    of_x, of_z = fitted.stresses(measured.beta, measured.gamma)
-    residual = np.hypot(
-        np.nan_to_num(measured.alpha_x - of_x), np.nan_to_num(measured.alpha_z - of_z)
-    )
-    size = _misfit(_scaled(0.0), measured)
-    misfit = _misfit(fitted, measured)
-    most = max(_OUTLIER * float(np.median(residual)), _NO_MEDIUM * size)
-    if misfit <= _NO_MEDIUM * size and residual.max() <= most:
+    far = np.hypot(*np.nan_to_num(residual))
+    misfit = _rms(residual)
+    most = max(_OUTLIER * float(np.median(far)), _NO_MEDIUM * size)
+    if misfit <= _NO_MEDIUM * size and far.max() <= most:
         return []
     cells = []
-    for k in np.argsort(residual)[::-1][:_WORST]:
+    for k in np.argsort(far)[::-1][:_WORST]:
         beta, gamma = np.rad2deg([measured.beta[k], measured.gamma[k]])
-        cells.append(f"beta {beta:.4g}, gamma {gamma:.4g} (by {residual[k]:.3g} N/cm³)")
+        cells.append(f"beta {beta:.4g}, gamma {gamma:.4g} (by {far[k]:.3g} N/cm³)")
     left = f"the fit leaves {misfit:.3g} of {size:.3g} N/cm³ (RMS)"
     check = (
         "check these, the order of the columns, and the signs and angles against docs/method.md"
@@ -157,73 +151,26 @@ def _far_cells(fitted: Medium, measured: StressMap) -> list[str]:
     return [f"{left}; it is furthest from the cells {', '.join(cells)}: {check}"]
 
 
-def _scaled(zeta: float) -> Medium:
-    """The generic medium times ζ."""
-    return Medium.of(
-        "generic", {name: zeta * value for name, value in MEDIA["generic"].coefficients.items()}
-    )
+def _least_squares(terms: Array, values: Array, start: Array) -> tuple[Array, Array]:
+    """The coefficients of one stress and their errors; in combinations that the cells leave open, those of `start`.
 
-
-def _fit(
-    stress: str, names: tuple[str, ...], *, terms: Array, values: Array, start: Medium
-) -> _OneStress:
-    """The coefficients of one stress; in combinations that the cells leave open, those of the medium `start`.
-
-    `terms`: of each cell, shape [n, names]; `values`: the stress of each cell, shape [n], NaN where missing.
+    `terms`: of each cell, shape [n, k]; `values`: the stress of each cell, shape [n], NaN where missing.
     """
-    there = np.isfinite(values)
-    count = max(int(there.sum()), 1)
-    terms_there = terms[there]
-    values_there = values[there]
-    first = np.array([getattr(start, name) for name in names])
-    # combinations: a column each
+    is_there = np.isfinite(values)
+    terms_there = terms[is_there]
+    values_there = values[is_there]
+    count = max(len(values_there), 1)
+    # a combination is a column
     mean_squares, combinations = np.linalg.eigh(terms_there.T @ terms_there / count)
-    known = mean_squares > _OPEN**2
-    determined = combinations[:, known]
-    inverse = determined / mean_squares[known] @ determined.T / count
-    coefficients = first + inverse @ terms_there.T @ (values_there - terms_there @ first)
-    residual = values_there - terms_there @ coefficients
-    freedom = len(values_there) - int(known.sum())
-    variance = float(residual @ residual) / freedom if freedom > 0 else np.nan
-    errors = dict(zip(names, np.sqrt(variance * np.diag(inverse)).tolist(), strict=True))
-    groups = _groups(names, combinations[:, ~known])
-    for group in groups:
-        errors |= dict.fromkeys(group, np.nan)
-    return _OneStress(
-        stress=stress,
-        is_measured=bool(there.any()),
-        coefficients=dict(zip(names, coefficients.tolist(), strict=True)),
-        errors=errors,
-        open=groups,
-    )
-
-
-def _groups(names: tuple[str, ...], combinations: Array) -> list[tuple[str, ...]]:
-    """The coefficients that open combinations, a column each, tie together.
-
-    A group of one is a coefficient whose term is 0 at all measured angles.
-    """
-    from scipy.sparse.csgraph import connected_components
-
-    tied = np.abs(combinations @ combinations.T) > _PART**2  # the projector on what is open
-    is_open = np.flatnonzero(np.diag(tied))
-    count, group_of = connected_components(tied[np.ix_(is_open, is_open)], directed=False)
-    return [tuple(names[k] for k in is_open[group_of == group]) for group in range(count)]
-
-
-def _listed(names: Sequence[str]) -> str:
-    return f"{', '.join(names[:-1])} and {names[-1]}"
-
-
-def _both(medium: Medium, measured: StressMap) -> tuple[Array, Array]:
-    """The stresses of a medium and as measured, α_x and then α_z, where measured."""
-    model = np.concatenate(medium.stresses(measured.beta, measured.gamma))
-    stress = np.concatenate([measured.alpha_x, measured.alpha_z])
-    there = np.isfinite(stress)
-    return model[there], stress[there]
-
-
-def _misfit(medium: Medium, measured: StressMap) -> float:
-    """RMS over the cells of the vector (α_x, α_z), of which either may be missing: measured less the medium's."""
-    model, stress = _both(medium, measured)
-    return float(np.sqrt(2.0 * np.mean((stress - model) ** 2)))
+    is_known = mean_squares > _OPEN**2
+    known = combinations[:, is_known]
+    inverse = known / mean_squares[is_known] @ known.T / count
+    best = start + inverse @ terms_there.T @ (values_there - terms_there @ start)
+    residual = values_there - terms_there @ best
+    freedom = len(values_there) - int(is_known.sum())
+    errors = np.full(len(start), np.inf)
+    if freedom > 0:
+        errors = np.sqrt(residual @ residual / freedom * np.diag(inverse))
+    is_open = (combinations[:, ~is_known] ** 2).sum(axis=1) > _PART**2
+    errors[is_open] = np.nan
+    return best, errors
