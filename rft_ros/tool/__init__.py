@@ -4,10 +4,17 @@ from rft_ros.tool import solids
 from rft_ros.tool.check import LARGEST, SMALLEST
 from rft_ros.tool.hollow import describe_hollow
 from rft_ros.tool.locate import checked_mesh, is_mesh_path, locate_mesh
-from rft_ros.tool.mesh_file import REDUCED_SUFFIX, save_reduced
+from rft_ros.tool.mesh_file import REDUCED_SUFFIX
 from rft_ros.tool.reduce import random_motions, reduced_for_any_motion
 from rft_ros.tool.refine import FLAT_HALF_ANGLE, refined_plates
-from rft_ros.tool.tool import Tool, centroid_plates, describe_tool, load_tool, tool_of_mesh
+from rft_ros.tool.tool import (
+    Tool,
+    centroid_plates,
+    describe_tool,
+    load_tool,
+    save_reduced,
+    tool_of_mesh,
+)
 from rft_ros.tool.union import write_union
 from rft_ros.tool.urdf import files_of_mesh
 

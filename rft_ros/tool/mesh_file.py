@@ -20,7 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, reason_of
-from rft_ros.files import read_arrays, read_file, whole
+from rft_ros.files import read_arrays, read_file
 from rft_ros.rft import Plates, rotation_matrix, unit_quaternion
 from rft_ros.rft.arguments import number, numbers
 from rft_ros.rft.plates import AREA, CENTROID, FIRST_CORNER, NORMAL, SECOND_CORNER
@@ -31,15 +31,15 @@ from rft_ros.tool.urdf import ROBOT_SUFFIXES, shapes_of_link
 if TYPE_CHECKING:
     import trimesh
 
-    from rft_ros.tool.tool import Tool
-
 Array = NDArray[np.float64]
 
 REDUCED_SUFFIX = ".npz"
 """Suffix of a reduced tool's file."""
 
+REDUCED_FORMAT = "rft_ros reduced tool 2"
+"""What a reduced tool's file says of itself."""
+
 _MILLIMETRE = 0.001  # the unit [m] of a mesh file that declares none
-_FORMAT = "rft_ros reduced tool 2"
 _SUFFIXES = ".stl", ".obj", ".ply", ".glb", ".dae"
 _POLYGONS = ".obj", ".ply", ".dae"
 _MOST_FACETS = 2_000_000
@@ -251,25 +251,9 @@ def _in_tool_frame(
     return mesh
 
 
-def save_reduced(file: Path, tool: "Tool") -> None:
-    """Write a reduced tool for `load_tool`.
-
-    The same content gives the same bytes. Raises InputError where the file cannot be written.
-    """
-    to_file = tool.frame.inverse
-    with whole(file) as part, part.open("wb") as stream:
-        np.savez(
-            stream,
-            vertices=to_file.placed(tool.vertices),
-            faces=tool.faces,
-            plates=to_file.placed_plates(tool.plates).rows,
-            about=np.array([_FORMAT, tool.reduction, repr(tool.frame.scale)]),
-        )
-
-
 @np.errstate(over="ignore", invalid="ignore")
 def read_reduced(file: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", MeshFrame, Plates, str]:
-    """The full mesh, its frame, the plates and the reduction that `save_reduced` wrote, in the tool frame.
+    """The full mesh, its frame, the plates and the reduction that `tool.save_reduced` wrote, in the tool frame.
 
     The file declares the unit that it was written with. Raises InputError as `read_mesh`.
     """
@@ -278,7 +262,11 @@ def read_reduced(file: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", MeshF
     )
     try:
         points = vertices.astype(np.float64)
-        if about.ravel()[0] != _FORMAT or faces.min() < 0 or points[faces].shape[1:] != (3, 3):
+        if (
+            about.ravel()[0] != REDUCED_FORMAT
+            or faces.min() < 0
+            or points[faces].shape[1:] != (3, 3)
+        ):
             raise ValueError(
                 "it is of another version, or its facets are not of three of its vertices"
             )

@@ -11,12 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
+from rft_ros.files import whole
 from rft_ros.rft import INTEGRATIONS, LEVEL, QUATERNION, STATE, Integration, Plates, frames
 from rft_ros.rft.arguments import number
 from rft_ros.tool.check import MeshIssue, check_mesh, with_area
 from rft_ros.tool.locate import link_in, locate_mesh
 from rft_ros.tool.mesh_file import (
     IN_TOOL_FRAME,
+    REDUCED_FORMAT,
     REDUCED_SUFFIX,
     MeshFrame,
     read_mesh,
@@ -165,6 +167,22 @@ def _load_reduced(path: Path, frame: MeshFrame, integration: Integration | None)
         mesh, name=path.stem, file=str(path), frame=frame_of_file, integration=rule
     )
     return replace(tool, plates=plates, reduction=reduction)
+
+
+def save_reduced(file: Path, tool: Tool) -> None:
+    """Write a reduced tool for `load_tool`.
+
+    The same content gives the same bytes. Raises InputError where the file cannot be written.
+    """
+    to_file = tool.frame.inverse
+    with whole(file) as part, part.open("wb") as stream:
+        np.savez(
+            stream,
+            vertices=to_file.placed(tool.vertices),
+            faces=tool.faces,
+            plates=to_file.placed_plates(tool.plates).rows,
+            about=np.array([REDUCED_FORMAT, tool.reduction, repr(tool.frame.scale)]),
+        )
 
 
 def _hull_of(mesh: "trimesh.Trimesh", path: Path) -> "trimesh.Trimesh":
