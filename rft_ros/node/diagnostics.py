@@ -35,20 +35,14 @@ class Diagnostics:
         self._estimator = estimator
         self._swap = swap
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
-        self._reported = Counter[Reason]()  # until the last report, as the next
-        self._reported_estimates = 0
+        self._reported = Counter[Reason]()  # until the last report
         self._newest: dict[Role, int] = {}  # stamp [ns] of the last message
-        self._ongoing: dict[
-            str, int
-        ] = {}  # for each problem, the number of reports since it was last present
+        self._ongoing: dict[str, int] = {}  # reports without a problem after which it has ended
         self._idle = True  # no pose came in the second before the last report
-        self._answered = False  # whether an estimate has come
-        # of a first estimate that is in the grains [m], until it is logged
-        self._first_depth: float | None = None
         self._start_period()
 
     def _start_period(self) -> None:
-        self._received: Counter[Role] = Counter()
+        self._received = Counter[Role]()
         self._latencies: list[float] = []
         self._fastest = 0.0
         self._quality_flags = 0
@@ -63,10 +57,10 @@ class Diagnostics:
         self._latencies.append(latency)
         self._quality_flags |= estimate.quality_flags
         self._fastest = max(self._fastest, estimate.speed_bound)
-        if not self._answered and estimate.submerged_area > 0.0:
+        if self._estimator.estimates == 1:
             depth = self._estimator.depth()
-            self._first_depth = depth if depth > 0.0 else None
-        self._answered = True
+            if depth > 0.0:
+                self._node.get_logger().warning(begins_in_grains(depth))
 
     def summary(self) -> str:
         """A sentence on the current tool and a swap in progress. Raises InputError, which adds the problems, if any."""
@@ -74,11 +68,11 @@ class Diagnostics:
         message = f"generation {model.generation}: tool {model.tool.name} in force"
         if self._swap.preparing:
             message += f"; preparing {self._swap.preparing}"
-        problems = (
-            [f"the last swap failed: {self._swap.last_failure}"] if self._swap.last_failure else []
-        )
-        problems += ["no poses come"] if self._idle else []
-        problems += map(self._sentence, sorted(self._ongoing))
+        problems = [self._sentence(problem) for problem in sorted(self._ongoing)]
+        if self._idle:
+            problems.insert(0, "no poses come")
+        if self._swap.last_failure:
+            problems.insert(0, f"the last swap failed: {self._swap.last_failure}")
         if problems:
             raise InputError("; ".join([message, *problems]))
         return message
@@ -87,34 +81,22 @@ class Diagnostics:
         """Publish the statuses, and log each problem that began or ended since the last report."""
         now = self._node.get_clock().now()
         counts = Counter(self._estimator.counts)
-        new = counts - self._reported
-        self._reported = counts
-        estimates = self._estimator.estimates
-        new_estimates = estimates - self._reported_estimates
-        self._reported_estimates = estimates
-        bad: list[str] = [*sorted(new.keys() - _NORMAL)]
-        array = DiagnosticArray()
-        learning = self._estimator.learning
+        bad: list[str] = [*sorted((counts - self._reported).keys() - _NORMAL)]
         issues = self._estimator.issues()
-        array.header.stamp = now.to_msg()
-        # with learning, the status of the medium has them
-        of_inputs = bad if learning is not None else bad + issues
-        array.status = [
-            self._inputs(now.nanoseconds, of_inputs),
-            self._estimates(new_estimates),
-            self._model(),
-        ]
-        bad += issues
-        if learning is not None:
-            if learning.change:
-                bad.append(f"grains {learning.change} than learned")
-            array.status.append(self._medium(learning, issues))
-        self._publisher.publish(array)
-        self._log_changes(bad)
-        if self._first_depth is not None:
-            self._node.get_logger().warning(begins_in_grains(self._first_depth))
-            self._first_depth = None
+        learning = self._estimator.learning
+        self._reported = counts
         self._idle = not self._received["pose"]
+        # with learning, the status of the medium has the issues
+        of_inputs = bad + issues if learning is None else bad
+        statuses = [self._inputs(now.nanoseconds, of_inputs), self._estimates(), self._model()]
+        if learning is not None:
+            statuses.append(self._medium(learning, issues))
+            if learning.change:
+                issues.append(f"grains {learning.change} than learned")
+        array = DiagnosticArray(status=statuses)
+        array.header.stamp = now.to_msg()
+        self._publisher.publish(array)
+        self._log_changes(bad + issues)
         self._start_period()
 
     def _sentence(self, problem: str) -> str:
@@ -129,31 +111,27 @@ class Diagnostics:
         for problem in problems:
             if problem not in self._ongoing:
                 logger.warning(f"began: {self._sentence(problem)}")
-        self._ongoing = {problem: n + 1 for problem, n in self._ongoing.items()} | dict.fromkeys(
-            problems, 0
-        )
-        for problem in [problem for problem, n in self._ongoing.items() if n >= _QUIET_REPORTS]:
-            del self._ongoing[problem]
-            logger.info(f"ended: {problem}")
+            self._ongoing[problem] = _QUIET_REPORTS + 1
+        for problem in [*self._ongoing]:
+            self._ongoing[problem] -= 1
+            if not self._ongoing[problem]:
+                del self._ongoing[problem]
+                logger.info(f"ended: {problem}")
 
     def _status(
-        self,
-        component: str,
-        values: dict[str, object],
-        *,
-        problem: str,
-        fine: str,
-        level: bytes = DiagnosticStatus.WARN,
+        self, component: str, values: dict[str, object], *, problem: str, fine: str
     ) -> DiagnosticStatus:
-        """A status of this `level` with the `problem`; if there is none, OK with the message `fine`."""
+        """A warning of the `problem`; if there is none, OK with the message `fine`."""
         pairs = [
             KeyValue(key=k, value=f"{v:.6g}" if isinstance(v, float) else str(v))
             for k, v in values.items()
         ]
-        if not problem:
-            level = DiagnosticStatus.OK
-        name = f"{self._node.get_fully_qualified_name()}: {component}"
-        return DiagnosticStatus(level=level, name=name, message=problem or fine, values=pairs)
+        return DiagnosticStatus(
+            level=DiagnosticStatus.WARN if problem else DiagnosticStatus.OK,
+            name=f"{self._node.get_fully_qualified_name()}: {component}",
+            message=problem or fine,
+            values=pairs,
+        )
 
     def _inputs(self, now: int, bad: list[str]) -> DiagnosticStatus:
         roles: tuple[Role, ...] = ("pose", "twist", "wrench")
@@ -162,16 +140,15 @@ class Diagnostics:
         }
         values |= {f"{role}_age_s": (now - stamp) * 1e-9 for role, stamp in self._newest.items()}
         values |= {f"count.{k}": n for k, n in self._estimator.counts.items()}
-        problems = list(map(self._sentence, bad))
-        level = DiagnosticStatus.WARN
-        if not self._received["pose"]:
-            problems = ["no poses", *problems]
-            level = DiagnosticStatus.ERROR
-        return self._status(
-            "inputs", values, problem=", ".join(problems), fine="inputs arrive", level=level
-        )
+        problems = ["no poses"] if self._idle else []
+        problems += map(self._sentence, bad)
+        status = self._status("inputs", values, problem=", ".join(problems), fine="inputs arrive")
+        if self._idle:
+            status.level = DiagnosticStatus.ERROR
+        return status
 
-    def _estimates(self, new: int) -> DiagnosticStatus:
+    def _estimates(self) -> DiagnosticStatus:
+        new = len(self._latencies)
         flags = self._quality_flags
         values: dict[str, object] = {
             "estimates": self._estimator.estimates,
@@ -180,36 +157,40 @@ class Diagnostics:
             "trust": (trust(flags) if new else Trust.NO).value,
             "quality_flags": ", ".join(flag_names(flags)),
         }
-        if self._latencies:
-            values["latency_median_us"], values["latency_p99_us"] = 1e6 * np.percentile(
-                self._latencies, (50, 99)
-            )
-        # completes the sentence of FAST
-        speed = f"{self._fastest:.3f} m/s is " if flags & QualityFlag.FAST else ""
-        problem = speed + sentences(flags) if new else "no estimates"
+        problem = sentences(flags)
+        if flags & QualityFlag.FAST:  # whose sentence this completes
+            problem = f"{self._fastest:.3f} m/s is {problem}"
+        if new:
+            values["latency_median_us"] = 1e6 * np.median(self._latencies)
+            values["latency_p99_us"] = 1e6 * np.percentile(self._latencies, 99)
+        else:
+            problem = "no estimates"
         return self._status("estimates", values, problem=problem, fine=f"{new} estimates")
 
     def _model(self) -> DiagnosticStatus:
         model = self._estimator.model
-        swap = self._swap
         tool = model.tool
+        law = model.law
+        failure = self._swap.last_failure
         values: dict[str, object] = {
             "tool": tool.name,
             "facets": len(tool.facets),
             "plates": len(tool.plates),
-        }
-        values |= {"law": model.law.name, **model.law.stresses, "zeta": model.law.zeta}
-        values |= {"mobilization_length": model.law.mobilization_length}
-        values |= {
+            "law": law.name,
+            **law.stresses,
+            "zeta": law.zeta,
+            "mobilization_length": law.mobilization_length,
             "generation": model.generation,
-            "preparing": swap.preparing,
-            "last_swap_failure": swap.last_failure,
+            "preparing": self._swap.preparing,
+            "last_swap_failure": failure,
         }
-        problems = swap.last_failure or "; ".join(tool.issues.values())
-        return self._status("model", values, problem=problems, fine="in force")
+        problem = failure or "; ".join(tool.issues.values())
+        return self._status("model", values, problem=problem, fine="in force")
 
     def _medium(self, learning: Learning, issues: list[str]) -> DiagnosticStatus:
-        problem = "; ".join(issues) or learning.surprise_sentence()
         return self._status(
-            "medium", learning.belief()._asdict(), problem=problem, fine="as learned"
+            "medium",
+            learning.belief()._asdict(),
+            problem="; ".join(issues) or learning.surprise_sentence(),
+            fine="as learned",
         )

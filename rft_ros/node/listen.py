@@ -3,33 +3,37 @@
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
-from dataclasses import dataclass
+from copy import copy
 from typing import NamedTuple
 
 import rclpy
 from rcl_interfaces.srv import GetParameters
 from rclpy.exceptions import NameValidationException
 from rclpy.parameter import parameter_value_to_python
-from rclpy.qos import QoSCompatibility, QoSProfile, qos_check_compatible
+from rclpy.qos import QoSCompatibility, qos_check_compatible
 from rclpy.subscription import Subscription
+from rclpy.topic_endpoint_info import TopicEndpointInfo
 
 from rft_ros.errors import InputError, reason_of
 from rft_ros.messages import TYPES, Role
-from rft_ros.node.topics import INPUTS, has_tf2_msgs, message_class, start_ros, type_name, type_on
+from rft_ros.node.topics import (
+    INPUTS,
+    has_tf2_msgs,
+    message_class,
+    start_ros,
+    type_name,
+    type_on,
+    waiting,
+)
 from rft_ros.parameters import Values, checked
 
 _DISCOVERY = 6.0  # s: DDS announces a node after 3 s at most, on a busy machine later
 _OURS = "rft_doctor"
 _DEPTH = 20_000  # length of a topic's queue: 20 s at 1 kHz, since a busy machine may stop this process for seconds
 _PERIOD = 0.05  # s between two readings of the queues
-_ORDER: tuple[Role, ...] = (
-    "tf_static",
-    "tf",
-    "wrench",
-    "twist",
-    "surface",
-    "pose",
-)  # of messages that arrive together
+_ORDER = [
+    *reversed(TYPES)
+]  # of messages that arrive together: a pose comes after what it is used with
 
 
 class Message(NamedTuple):
@@ -45,8 +49,7 @@ class Message(NamedTuple):
     number: int | None
 
 
-@dataclass(frozen=True, slots=True)
-class Publisher:
+class Publisher(NamedTuple):
     """A publisher of a topic, its message type, and the subscribers that cannot receive its messages.
 
     `unheard`: for each such subscriber the name of its node, and the QoS policies that do not match.
@@ -57,8 +60,7 @@ class Publisher:
     unheard: tuple[tuple[str, str], ...]
 
 
-@dataclass(frozen=True, slots=True)
-class Topic:
+class Topic(NamedTuple):
     """The topic of a role, the types that its messages may have, and its publishers."""
 
     role: Role
@@ -92,18 +94,17 @@ class Listener:
     def parameters(self, names: list[str]) -> Values | None:
         """The node's values of these parameters, checked; None if no such node answers."""
         client = self._node.create_client(GetParameters, f"{self._name}/get_parameters")
-        if not client.wait_for_service(_DISCOVERY):
+        self.found = client.wait_for_service(_DISCOVERY)
+        if not self.found:
             return None
-        self.found = True
         future = client.call_async(GetParameters.Request(names=names))
         rclpy.spin_until_future_complete(self._node, future, timeout_sec=_DISCOVERY)
-        found = (future.result().values if future.done() else None) or []
+        if not future.done():
+            return None
+        values = map(parameter_value_to_python, future.result().values)
         try:
-            return {
-                n: checked(n, parameter_value_to_python(v))
-                for n, v in zip(names, found, strict=True)
-            }
-        except (InputError, ValueError):  # another kind of node, or no answer
+            return {name: checked(name, v) for name, v in zip(names, values, strict=True)}
+        except ValueError:  # another kind of node
             return None
 
     def listen(
@@ -132,25 +133,25 @@ class Listener:
         while (left := end - time.monotonic()) > 0.0:
             time.sleep(min(left, _PERIOD))  # the middleware's own threads receive meanwhile
             for role, subscription in subscriptions.items():
-                messages += _waiting(role, kinds[role], subscription)
+                messages += _received(role, kinds[role], subscription)
         messages.sort(key=lambda message: (message.received, _ORDER.index(message.role)))
         return messages, [self._topic(role, name) for role, name in wanted.items()]
 
     def _subscribe(self, role: Role, kind: str, topic: str) -> Subscription:
-        """A subscription with the node's QoS and a longer queue. No executor spins; `_waiting` reads the queue."""
-        qos = INPUTS[role]
-        depth = _DEPTH if role != "surface" else INPUTS[role].depth
-        longer = QoSProfile(depth=depth, reliability=qos.reliability, durability=qos.durability)
+        """A subscription with the node's QoS and a longer queue. No executor spins; `waiting` reads the queue."""
+        qos = copy(INPUTS[role])
+        if role != "surface":
+            qos.depth = _DEPTH
         return self._node.create_subscription(
-            message_class(kind), topic, lambda _: None, longer, raw=True
+            message_class(kind), topic, lambda _: None, qos, raw=True
         )
 
     def _topic(self, role: Role, name: str) -> Topic:
         """The topic with its publishers, and which of the node and this listener cannot receive from them."""
-        names = self._name, f"/{_OURS}"
-        others = self._node.get_subscriptions_info_by_topic(name)
         subscriptions = [
-            s for s in others if f"{s.node_namespace.rstrip('/')}/{s.node_name}" in names
+            subscription
+            for subscription in self._node.get_subscriptions_info_by_topic(name)
+            if _full_name(subscription) in (self._name, f"/{_OURS}")
         ]
         publishers = []
         for publisher in self._node.get_publishers_info_by_topic(name):
@@ -163,19 +164,15 @@ class Listener:
                     unheard.append((subscription.node_name, why.strip()))
             publishers.append(Publisher(publisher.node_name, publisher.topic_type, tuple(unheard)))
         # the names that the classes have, since tests put another message in place of that of tf2_msgs
-        return Topic(
-            role,
-            name,
-            tuple(type_name(message_class(kind)) for kind in TYPES[role]),
-            tuple(publishers),
-        )
+        types = [type_name(message_class(kind)) for kind in TYPES[role]]
+        return Topic(role, name, tuple(types), tuple(publishers))
 
 
-def _waiting(role: Role, kind: str, subscription: Subscription) -> Iterator[Message]:
-    """The messages that wait in a subscription's queue."""
-    with subscription.handle:
-        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
-            data, info = taken
-            yield Message(
-                role, kind, data, info["received_timestamp"], info["publication_sequence_number"]
-            )
+def _received(role: Role, kind: str, subscription: Subscription) -> Iterator[Message]:
+    for data, info in waiting(subscription):
+        number = info["publication_sequence_number"]
+        yield Message(role, kind, data, info["received_timestamp"], number)
+
+
+def _full_name(endpoint: TopicEndpointInfo) -> str:
+    return f"{endpoint.node_namespace.rstrip('/')}/{endpoint.node_name}"

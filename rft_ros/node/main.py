@@ -74,17 +74,16 @@ def _run(stop: threading.Event) -> None:
         from rft_ros.node.rft_node import RftNode, executor_of
         from rft_ros.node.topics import start_ros
 
+        arguments = sys.argv[1:]
         # raises the errors of a replay; ROS would say more, and block on a pipe
-        given_sections(sys.argv[1:])
+        list(given_sections(arguments))
         running.callback(rclpy.try_shutdown)
         try:
             # first: it checks arguments before code compiles
             start_ros(signal_handler_options=SignalHandlerOptions.NO)
-            node = RftNode(worker)
-        except (
-            ParameterException,
-            RuntimeError,
-        ) as error:  # of arguments, qos_overrides and use_sim_time
+            node = RftNode(worker, arguments)
+        except (ParameterException, RuntimeError) as error:
+            # of arguments, qos_overrides and use_sim_time
             raise InputError(str(error).partition(", at ")[0]) from None
         gc.collect()
         gc.freeze()  # collecting the objects of numba takes 22 ms and frees none

@@ -2,7 +2,8 @@
 
 import itertools
 from array import array
-from collections.abc import Callable, Sequence
+from collections import ChainMap
+from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,10 +17,9 @@ from rft_ros.node.swap import Prepared
 from rft_ros.parameters import PARAMETERS, Parameter, Value, Values, checked, defaults
 from rft_ros.parameters.file import absolute, checked_in_file
 from rft_ros.parameters.sections import Given, Section, read_sections, read_value
-from rft_ros.parameters.table import unknown_parameter
 
 
-def given_sections(arguments: Sequence[str]) -> list[tuple[Path | None, list[Section]]]:
+def given_sections(arguments: Sequence[str]) -> Iterator[tuple[Path | None, list[Section]]]:
     """The sections of each parameter file, and of each parameter that ``-p`` sets, which has no file.
 
     Raises InputError for them, and for arguments outside of ``--ros-args``: ROS ignores those, and the node would run
@@ -36,22 +36,21 @@ def given_sections(arguments: Sequence[str]) -> list[tuple[Path | None, list[Sec
     if others:
         advice = "ROS arguments, such as --params-file, come after --ros-args"
         raise InputError(f"cannot use '{' '.join(others)}'; {advice}")
-    found: list[tuple[Path | None, list[Section]]] = []
     for option, text in itertools.pairwise(for_ros):
         if option == "--params-file":
-            found.append((Path(text), read_sections(Path(text))))
+            file = Path(text)
+            yield file, read_sections(file)
         elif option in ("-p", "--param"):
             name, _, value = text.partition(":=")
             of_node, separator, parameter = name.rpartition(":")
+            key = of_node if separator else "/**"
             read = read_value(value, f"'{option} {text}'")
-            found.append((None, [Section(of_node if separator else "/**", {parameter: read})]))
-    return found
+            yield None, [Section(key, {parameter: read})]
 
 
 def _descriptor(p: Parameter) -> ParameterDescriptor:
     ranges = [FloatingPointRange(from_value=p.bounds[0], to_value=p.bounds[1])]
     return ParameterDescriptor(
-        name=p.name,
         description=p.description + (f" [{p.unit}]" if p.unit else ""),
         additional_constraints=f"one of: {', '.join(p.choices)}" if p.choices else "",
         read_only=p.applies == "restart",
@@ -60,12 +59,8 @@ def _descriptor(p: Parameter) -> ParameterDescriptor:
     )
 
 
-class RefusedChangeError(ParameterNotDeclaredException):
+class RefusedChangeError(InputError, ParameterNotDeclaredException):
     """Refuses a change of parameters. rclpy answers a client with its sentence; other exceptions would end the node."""
-
-    def __init__(self, sentence: str) -> None:
-        # rclpy's own names no parameter: "undeclared parameter(s): []"
-        Exception.__init__(self, sentence)
 
 
 class NodeParameters:
@@ -88,9 +83,9 @@ class NodeParameters:
         self._prepare = prepare
         self._apply = apply
         self._why = ""
-        self._accepted: tuple[dict[str, Value], Prepared] | None = None
-        """The new values of the change that was accepted last, and the result of `prepare`, until it is applied."""
-        self.values: Values = {**defaults(), **self._given(arguments)}
+        self._accepted: Prepared | None = None
+        """The result of `prepare` for the last change; None if that was refused or changes nothing."""
+        self.values: Values = defaults() | self._given(arguments)
         """The current checked values. When parameters are set, this mapping is replaced and not changed."""
         for p in PARAMETERS:
             # Not with the value that ROS has read: after a name that is given twice it would mix up their types.
@@ -107,82 +102,68 @@ class NodeParameters:
         value overrides an earlier one. ``-p`` sets parameters of ``/**``.
         """
         own_name = self._node.get_fully_qualified_name()
+        logger = self._node.get_logger()
         by_section: dict[str, dict[str, tuple[Given, Path | None]]] = {}
         for file, sections in given_sections(arguments):
             own = [section for section in sections if section.is_for(own_name)]
             if file and not own and any(section.parameters for section in sections):
-                warning = f"no section of {file} is for {own_name}: ROS takes nothing from it"
-                self._node.get_logger().warning(warning)
-            for section in sections:
-                found = by_section.setdefault(section.key, {})
-                found |= {
-                    name: (value, file)
-                    for name, value in section.parameters.items()
-                    if section in own
-                }
+                logger.warning(
+                    f"no section of {file} is for {own_name}: ROS takes nothing from it"
+                )
+            for section in own:
+                in_section = by_section.setdefault(section.key, {})
+                in_section |= {name: (value, file) for name, value in section.parameters.items()}
+        given = ChainMap(*reversed(by_section.values()))
         values: dict[str, Value] = {}
-        for name, (value, file) in [
-            item for found in by_section.values() for item in found.items()
-        ]:
+        for name, (value, file) in given.items():
             if file:
                 values |= absolute(checked_in_file(file, {name: value}))
             elif name in defaults():
                 values[name] = checked(name, value)
             elif not (self._node.has_parameter(name) or name.startswith("qos_overrides.")):
-                self._node.get_logger().warning(f"there is no parameter '{name}'; it is ignored")
+                logger.warning(f"there is no parameter '{name}'; it is ignored")
         return values
 
-    def set_all(self, values: Values, *, why: str) -> str:
-        """Set parameters together, from within the node. `why`: the reason for the log. Returns the refusal, or ""."""
-        self._why = why
-        parameters = [RosParameter(name, value=_plain(value)) for name, value in values.items()]
+    def set_all(self, values: Values, *, why: str) -> None:
+        """Set parameters together, from within the node. `why`: the reason for the log. May raise InputError."""
+        self._why = f" ({why})"
         try:
-            result = self._node.set_parameters_atomically(parameters)
-            refusal = "" if result.successful else str(result.reason)
-        except RefusedChangeError as error:
-            refusal = str(error)
-        self._why = ""
-        if refusal:
-            self._node.get_logger().error(f"not set ({why}): {refusal}")
-        return refusal
+            self._node.set_parameters_atomically(
+                [RosParameter(name, value=_plain(value)) for name, value in values.items()]
+            )
+        finally:
+            self._why = ""
 
     def _on_pre_set(self, parameters: list[RosParameter]) -> list[RosParameter]:
         """Check and prepare a change; returns its parameters in the types of the table."""
         self._accepted = None
-        new = dict[str, Value]()
         try:
-            for p in parameters:
-                if p.name in self.values:
-                    new[p.name] = checked(p.name, _plain(p.value))
-                elif not self._node.has_parameter(p.name):
-                    raise InputError(unknown_parameter(p.name))
-            changes = {name: value for name, value in new.items() if value != self.values[name]}
-            if changes:
-                self._accepted = changes, self._prepare({**self.values, **changes})
+            new = {
+                p.name: checked(p.name, _plain(p.value))
+                for p in parameters
+                if p.name in self.values or not self._node.has_parameter(p.name)
+            }
+            values = {**self.values, **new}
+            if values != self.values:
+                self._accepted = self._prepare(values)
         except ValueError as error:
             raise RefusedChangeError(str(error)) from None
-        return [
-            RosParameter(p.name, value=_plain(new[p.name])) if p.name in new else p
-            for p in parameters
-        ]
+        return [RosParameter(p.name, value=_plain(new.get(p.name, p.value))) for p in parameters]
 
     def _on_post_set(self, parameters: list[RosParameter]) -> None:
         accepted = self._accepted
-        self._accepted = None  # `_apply` may declare qos_overrides, which calls this again
-        if accepted is None:
-            return
-        changes, prepared = accepted
-        if not changes.keys() <= {p.name for p in parameters}:  # rclpy has refused the change
+        # rclpy calls this also for the qos_overrides that `_apply` declares, perhaps after it has refused a change
+        if accepted is None or not any(p.name in self.values for p in parameters):
             return
         before = self.values
         said = ", ".join(
-            [f"{name} {before[name]!r} -> {value!r}" for name, value in sorted(changes.items())]
+            f"{name} {before[name]!r} -> {value!r}"
+            for name, value in accepted.values.items()
+            if value != before[name]
         )
-        self._node.get_logger().info(
-            f"parameters set: {said}" + (f" ({self._why})" if self._why else "")
-        )
-        self.values = {**before, **changes}
-        self._apply(prepared)
+        self._node.get_logger().info(f"parameters set: {said}{self._why}")
+        self.values = accepted.values
+        self._apply(accepted)
 
 
 def _plain(value: Any) -> Any:

@@ -1,7 +1,6 @@
 """A node in its own process, and a peer that publishes its inputs, calls its services and records all topics."""
 
 import os
-import struct
 import subprocess
 import sys
 import time
@@ -9,21 +8,19 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import rclpy
-from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
 from numpy.typing import NDArray
 from rclpy.qos import QoSProfile
 from rclpy.signals import SignalHandlerOptions
-from sensor_msgs.msg import JointState
 from std_srvs.srv import Trigger
 
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
-from rft_ros.estimator import WrenchSample
 from rft_ros.messages import decoder, stamped_cdr
-from rft_ros.node.topics import start_ros, type_name
+from rft_ros.node.topics import message_class, start_ros
 from rft_ros.rft import POSE, TWIST
 from rft_ros.rft.frames import Wrench
 
@@ -32,10 +29,17 @@ _Array = NDArray[np.float64]
 WRENCHES = ("predicted", "sigma", "compensated", "residual")
 """The wrenches that the node publishes at each pose."""
 
-_STAMP = struct.Struct("<4xiI")  # in the header of a serialised message
 _QOS = QoSProfile(depth=500)
-_INPUTS = {"pose": PoseStamped, "twist": TwistStamped, "wrench_measured": WrenchStamped}
-_OUTPUTS = {**{f"wrench_{name}": WrenchStamped for name in WRENCHES}, "medium_learned": JointState}
+_WRENCH = "geometry_msgs/msg/WrenchStamped"
+_INPUTS = {
+    "wrench_measured": _WRENCH,
+    "twist": "geometry_msgs/msg/TwistStamped",
+    "pose": "geometry_msgs/msg/PoseStamped",
+}
+_OUTPUTS = {
+    **{f"wrench_{name}": _WRENCH for name in WRENCHES},
+    "medium_learned": "sensor_msgs/msg/JointState",
+}
 
 
 @contextmanager
@@ -57,33 +61,30 @@ class RecordedNode:
         self._bag = bag
         self._peer = rclpy.create_node("rft_demo")
         self._newest: dict[str, bytes] = {}
-        self._decoded = decoder("wrench", ros1=False)
+        self._decoded: Any = decoder("wrench", ros1=False)
         self._publishers = {
-            n: self._peer.create_publisher(kind, f"/rft/{n}", _QOS) for n, kind in _INPUTS.items()
+            name: self._peer.create_publisher(message_class(kind), f"/rft/{name}", _QOS)
+            for name, kind in _INPUTS.items()
         }
         for name, kind in _OUTPUTS.items():
+            callback = partial(self._on_answer, name)
             self._peer.create_subscription(
-                kind, f"/rft/{name}", partial(self._on_answer, name), _QOS, raw=True
+                message_class(kind), f"/rft/{name}", callback, _QOS, raw=True
             )
-        self._begin = self._stamp = 0
-        command = [
-            sys.executable,
-            "-m",
-            "rft_ros.node.main",
-            "--ros-args",
-            "--params-file",
-            str(parameters),
-        ]
-        # Ctrl-C in the terminal does not reach it
+        self._begin = 0  # [ns]
+        self._stamp = 0  # of the last state that was sent [ns]
+        command = [sys.executable, "-m", "rft_ros.node.main"]
+        command += ["--ros-args", "--params-file", str(parameters)]
+        # in a session of its own, which Ctrl-C in the terminal does not reach
         self._process = subprocess.Popen(command, start_new_session=True)
 
     def _on_answer(self, name: str, data: bytes) -> None:
         self._newest[name] = data
-        seconds, nanoseconds = _STAMP.unpack_from(data)
-        self._record(name, seconds * 1_000_000_000 + nanoseconds, data)
+        self._record(name, data)
 
-    def _record(self, name: str, stamp: int, data: bytes) -> None:
-        self._bag.write_raw(f"/rft/{name}", type_name((_INPUTS | _OUTPUTS)[name]), stamp, data)
+    def _record(self, name: str, data: bytes) -> None:
+        kind = (_INPUTS | _OUTPUTS)[name]
+        self._bag.write_raw(f"/rft/{name}", kind, self._stamp, data)
 
     @property
     def time(self) -> float:
@@ -93,8 +94,7 @@ class RecordedNode:
     def wrench(self, name: str) -> Wrench | None:
         """The newest wrench on an output [N], [N m]; None if none has come. `name`: one of `WRENCHES`."""
         data = self._newest.get(f"wrench_{name}")
-        sample = self._decoded(data) if data else None
-        return sample.wrench if isinstance(sample, WrenchSample) else None
+        return self._decoded(data).wrench if data else None
 
     def wait(self) -> None:
         """Wait until the node answers and has subscribed to its inputs."""
@@ -114,7 +114,7 @@ class RecordedNode:
             frame = "ft_sensor" if name == "wrench_measured" else "world"
             data = stamped_cdr(frame, len(numbers))(self._stamp, numbers)
             self._publishers[name].publish(data)
-            self._record(name, self._stamp, data)
+            self._record(name, data)
 
     def spin(self, end: float) -> None:
         """Receive messages until a time of `time.monotonic` [s]. Raises InputError if the node has ended."""

@@ -1,12 +1,11 @@
 """The node `rft`: converts messages, calls the estimator once per pose, publishes."""
 
-import sys
 from collections.abc import Callable
 from copy import copy
 from functools import partial
 from time import perf_counter
 
-from geometry_msgs.msg import TwistStamped, WrenchStamped
+from geometry_msgs.msg import WrenchStamped
 from rclpy.clock import Clock, ClockType
 from rclpy.executors import Executor, SingleThreadedExecutor
 from rclpy.node import Node
@@ -24,9 +23,8 @@ from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.node.services import Services
 from rft_ros.node.swap import Failed, Prepared, Swap
 from rft_ros.node.tool_worker import ToolWorker
-from rft_ros.node.topics import INPUTS, OUTPUTS, has_tf2_msgs, message_class, type_on
+from rft_ros.node.topics import INPUTS, OUTPUTS, has_tf2_msgs, message_class, type_on, waiting
 from rft_ros.parameters import Values
-from rft_ros.rft import Law
 
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
@@ -36,15 +34,15 @@ _LEARNED = [*_WITH_ERROR, "surprise"]
 
 
 class RftNode(Node):
-    """Feeds messages to one estimator and publishes its results. `arguments`: ROS's, in place of the command line."""
+    """Feeds messages to one estimator and publishes its results. `arguments`: ROS's, after the program's name."""
 
-    def __init__(self, worker: ToolWorker, *, arguments: list[str] | None = None) -> None:
+    def __init__(self, worker: ToolWorker, arguments: list[str]) -> None:
         super().__init__("rft", cli_args=arguments)
-        given = sys.argv[1:] if arguments is None else arguments
-        self.table = NodeParameters(self, given, prepare=self._prepare, apply=self._apply)
+        self.table = NodeParameters(self, arguments, prepare=self._prepare, apply=self._apply)
         values = self.table.values
+        logger = self.get_logger()
         compiling = "compiling: this takes ten seconds or more, at the first start only; services answer afterwards"
-        self._swap = Swap(worker, values, on_cold_cache=partial(self.get_logger().info, compiling))
+        self._swap = Swap(worker, values, on_cold_cache=lambda: logger.info(compiling))
         self.estimator = Estimator(self._swap.prepared.settings, self._swap.prepared.model)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._decode: dict[Role, Callable[[bytes], Sample]] = {}
@@ -94,22 +92,22 @@ class RftNode(Node):
 
     def _follow_pose_type(self) -> None:
         """Subscribe to the other type of poses once someone publishes that one, as motion capture does."""
+        kind = type_on(self, "pose", TOPICS["pose"], usual=self._pose_type)
         if self._poses is None:
-            self._pose_type = type_on(self, "pose", TOPICS["pose"], usual=self._pose_type)
-            self._poses = self._subscribe("pose", self._pose_type)
-        elif type_on(self, "pose", TOPICS["pose"], usual=self._pose_type) != self._pose_type:
+            self._poses = self._subscribe("pose", kind)
+        elif kind != self._pose_type:
             # The middleware takes one type of a topic at a time, and has this subscription until this callback ends.
             self.destroy_subscription(self._poses)
             self._poses = None
+        self._pose_type = kind
 
     def _subscribe_to_clouds(self) -> None:
         """Subscribe to clouds while the ground is a map."""
-        if self.estimator.ground is None:
-            if self._clouds is not None:
-                self.destroy_subscription(self._clouds)
+        if self.estimator.ground is not None:
+            self._clouds = self._clouds or self._subscribe("surface")
+        elif self._clouds is not None:
+            self.destroy_subscription(self._clouds)
             self._clouds = None
-        elif self._clouds is None:
-            self._clouds = self._subscribe("surface")
 
     def destroy_node(self) -> None:
         """Destroy the node, after the feed-forward has come to zero."""
@@ -117,16 +115,16 @@ class RftNode(Node):
         super().destroy_node()
 
     def announce(self, event: str) -> None:
-        """Log the current model and the issues of its mesh. `event`: the beginning of the sentence."""
-        m = self.estimator.model
-        self.get_logger().info(f"{event}: {m.in_words}")
-        for issue in m.tool.issues.values():
-            self.get_logger().warning(f"mesh {m.tool.name}: {issue}")
-        self._warn_of_law(m.law)
-
-    def _warn_of_law(self, law: Law) -> None:
+        """Log the current model, and the issues of its mesh and its law. `event`: the beginning of the sentence."""
+        model = self.estimator.model
+        tool = model.tool
+        law = model.law
+        logger = self.get_logger()
+        logger.info(f"{event}: {model.in_words}")
+        for issue in tool.issues.values():
+            logger.warning(f"mesh {tool.name}: {issue}")
         for doubt in law.doubts:
-            self.get_logger().warning(f"medium {law.stresses.get('medium', law.name)}: {doubt}")
+            logger.warning(f"medium {law.stresses.get('medium', law.name)}: {doubt}")
 
     # --- the tick
 
@@ -154,9 +152,8 @@ class RftNode(Node):
 
     def _take_twists(self) -> None:
         """Push the twists that arrived before a pose, since rclpy may call back in another order (4 us if none)."""
-        with self._twists.handle:
-            while (taken := self._twists.handle.take_message(TwistStamped, True)) is not None:
-                self._on_message("twist", taken[0])
+        for data, _ in waiting(self._twists):
+            self._on_message("twist", data)
 
     def _publish(self, answer: Estimate, start: float) -> None:
         """Publish the estimate at a pose. `start`: when its callback began, a time of `perf_counter` [s]."""
@@ -202,26 +199,25 @@ class RftNode(Node):
         return self._swap.prepare(values)
 
     def _apply(self, prepared: Prepared) -> None:
+        doubts = self.estimator.model.law.doubts
         self._swap.want(prepared)
-        self.feedforward.use_parameters(prepared.values)
+        self.feedforward.values = prepared.values
         self._use(prepared)
         self._publish_measurements()  # those that waited when the settings changed
+        if prepared.model.law.doubts != doubts:
+            self.announce("in force")
 
     def _use(self, prepared: Prepared) -> None:
-        before = self.estimator.model
         self.estimator.use(settings=prepared.settings, model=prepared.model)
-        if prepared.model.law.doubts != before.law.doubts:
-            self._warn_of_law(prepared.model.law)
+        self._markers.forget()
         self._subscribe_to_clouds()
 
     def _on_swap_poll(self) -> None:
         swapped = self._swap.poll()
-        if swapped is None:
-            return
         if isinstance(swapped, Failed):
             self.get_logger().error(f"not swapped, the model in force stays: {swapped.reason}")
             self.table.set_all(swapped.undo, why="the swap failed")
-        else:
+        elif swapped is not None:
             self._use(swapped)
             self.announce("in force")
 

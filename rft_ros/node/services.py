@@ -39,16 +39,15 @@ class Services:
             "status": status,
             "forget": self._forget,
             "save_medium": self._save_medium,
+            "level_ground": self._level_ground,
+            "save_ground": self._save_ground,
         }
-        answers |= {"level_ground": self._level_ground, "save_ground": self._save_ground}
         for name, answer in answers.items():
             node.create_service(Trigger, f"~/{name}", partial(_respond, answer))
 
     def _tare(self) -> str:
         bias = self._estimator.tare(_TARE_WINDOW)
-        refused = self._parameters.set_all({"sensor.bias": bias}, why="tare")
-        if refused:
-            raise InputError(f"tare refused: {refused}")
+        self._parameters.set_all({"sensor.bias": bias}, why="tare")
         return "sensor.bias set to [" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"
 
     def _learning(self) -> Learning:
@@ -64,19 +63,18 @@ class Services:
     def _save_medium(self) -> str:
         """Save all parameters, with the learned ζ and its standard error."""
         learning = self._learning()
-        values = self._parameters.values
         learned = learning.strength()
         if learned is None:
             raise InputError("not saved: nothing was learned yet")
         strength, error = learned
-        zeta = values["medium.zeta"] * strength
-        new = {**values, "medium.zeta": zeta, "medium.zeta_error": min(error / strength, 2.0)}
+        values = dict(self._parameters.values)
+        values["medium.zeta"] *= strength
+        values["medium.zeta_error"] = min(error / strength, 2.0)
         doubts = [f"doubtful, since it was learned while {doubt}" for doubt in learning.doubts()]
         comment = "; ".join(["rft_node: medium.zeta learned from the load cell", *doubts])
-        path = _save(
-            "rft_medium_{}.yaml", lambda file: write_parameter_file(file, new, comment=comment)
-        )
-        return "; ".join([path, *doubts])
+        file = _new_file("rft_medium_{}.yaml")
+        write_parameter_file(file, values, comment=comment)
+        return "; ".join([str(file), *doubts])
 
     def _level_ground(self) -> str:
         if not self._estimator.level_ground():
@@ -90,7 +88,9 @@ class Services:
         if np.isnan(ground.heights).all():
             raise InputError("not saved: no height is known yet")
         # Not in a thread, so that the answer says whether it succeeded. The largest map takes 10 ms.
-        return _save("rft_ground_{}.npz", lambda file: write_height_map(file, ground))
+        file = _new_file("rft_ground_{}.npz")
+        write_height_map(file, ground)
+        return str(file)
 
 
 def _respond(
@@ -104,10 +104,8 @@ def _respond(
     return response
 
 
-def _save(name: str, write: Callable[[Path], None]) -> str:
-    """Write a new file in $ROS_HOME or ~/.ros and return its path; {} in `name` becomes the time."""
+def _new_file(name: str) -> Path:
+    """A new file in $ROS_HOME or ~/.ros; {} in `name` becomes the time."""
     # Not ROS time: simulated time begins at zero in every run, and names would repeat.
     moment = datetime.now(timezone.utc).strftime("%Y%m%dT%H%M%S.%f")
-    file = Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / name.format(moment)
-    write(file)
-    return str(file)
+    return Path(os.environ.get("ROS_HOME") or Path.home() / ".ros") / name.format(moment)

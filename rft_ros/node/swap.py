@@ -4,7 +4,7 @@ The node keeps answering with the old model meanwhile.
 """
 
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,9 +14,8 @@ from rft_ros.errors import InputError
 from rft_ros.estimator.warm_up import PARTS, needed, prepare, prepare_later
 from rft_ros.files import checked_file
 from rft_ros.messages import decoder
-from rft_ros.node.tool_worker import ToolWorker, named
+from rft_ros.node.tool_worker import ToolWorker, files_in, named
 from rft_ros.parameters import (
-    FILES,
     Model,
     Settings,
     Values,
@@ -27,8 +26,8 @@ from rft_ros.parameters import (
 )
 from rft_ros.tool import checked_mesh
 
-# s; a tick waits so long for a drive that does not say whether a file exists
 _ANSWERS_WITHIN = 0.05
+"""s; a tick waits so long for a drive that does not say whether a file exists."""
 
 
 class _InForce(NamedTuple):
@@ -58,12 +57,11 @@ class Failed(NamedTuple):
     reason: str
 
 
-@dataclass(frozen=True, slots=True, kw_only=True, eq=False)
-class _Load:
+class _Load(NamedTuple):
     """A part that is being loaded in the background. `since`: start, a time of `time.monotonic` [s]."""
 
     wanted: Values
-    future: "Future[dict[str, Any]]"
+    loaded: "Future[dict[str, Any]]"
     since: float
 
 
@@ -91,44 +89,29 @@ class Swap:
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
         self._loads: dict[str, _Load] = {}  # by part
-        self.prepared = self._made(values, in_force, generation=0)
+        self.prepared = _made(values, in_force, generation=0)
         """The values, settings and model that are used now."""
 
     def prepare(self, values: Values) -> Prepared:
         """Prepare a change to these values, without reading files. Raises InputError for unusable values."""
         self._check_code(needed(values))
-        before = self.prepared
-        made = self._made(values, before.in_force, generation=before.model.generation + 1)
-        check = self._check_thread.submit(_check_files, parts_of(values), made.in_force)
-        if wait(
-            [check], _ANSWERS_WITHIN
-        ).done:  # otherwise the drive stalls, and the worker finds what is wrong
+        made = self._next(values, self.prepared.in_force)
+        check = self._check_thread.submit(_check_files, made)
+        # without an answer the drive stalls, and the worker finds what is wrong
+        if wait([check], _ANSWERS_WITHIN).done:
             check.result()
         return made
 
     def _check_code(self, parts: frozenset[str]) -> None:
         """Raise InputError if machine code for these parts still compiles, as in the seconds after a first start."""
-        compiles = self._code_thread is not None and self._code_thread.is_alive()
-        if compiles and not parts <= self._code:
+        missing = parts - self._code
+        if missing and self._code_thread is not None and self._code_thread.is_alive():
             raise InputError(
-                f"{' and '.join(sorted(parts - self._code))} still compiles; try again in ten seconds"
+                f"{' and '.join(sorted(missing))} still compiles; try again in ten seconds"
             )
 
-    def _made(self, values: Values, in_force: dict[str, _InForce], *, generation: int) -> Prepared:
-        at_once = {
-            part: _InForce(wanted, None)
-            for part, wanted in parts_of(values).items()
-            if unused(part, wanted)
-        }
-        in_force = in_force | at_once
-        parameters = {
-            name: value for part in in_force.values() for name, value in part.values.items()
-        }
-        contents = {part: loaded.content for part, loaded in in_force.items()}
-        model = model_of({**values, **parameters}, **contents, generation=generation)
-        return Prepared(
-            values=values, settings=settings_of(values), model=model, in_force=in_force
-        )
+    def _next(self, values: Values, in_force: dict[str, _InForce]) -> Prepared:
+        return _made(values, in_force, generation=self.prepared.model.generation + 1)
 
     @property
     def preparing(self) -> str:
@@ -144,16 +127,12 @@ class Swap:
         """Use what was prepared, and start to load what is missing for it. A load of the same files goes on."""
         self.prepared = prepared
         for part, wanted in parts_of(prepared.values).items():
-            load = self._loads.get(part)
-            if load is not None and load.wanted == wanted:
-                continue
-            if load is not None:
-                self._loads.pop(
-                    part
-                ).future.cancel()  # one that has begun sees that it is no longer wanted
-            if wanted != prepared.in_force[part].values:
-                future = self._file_thread.submit(self._load, part, wanted)
-                self._loads[part] = _Load(wanted=wanted, future=future, since=time.monotonic())
+            if part in self._loads and self._loads[part].wanted != wanted:
+                # one that has begun sees that it is no longer wanted
+                self._loads.pop(part).loaded.cancel()
+            if part not in self._loads and wanted != prepared.in_force[part].values:
+                loaded = self._file_thread.submit(self._load, part, wanted)
+                self._loads[part] = _Load(wanted, loaded, since=time.monotonic())
 
     def _load(self, part: str, wanted: Values) -> dict[str, Any]:
         if part == "ground":
@@ -165,27 +144,45 @@ class Swap:
 
     def poll(self) -> Prepared | Failed | None:
         """Takes a load that has ended: returns the new `prepared`, or why it failed; None while all still run."""
-        part = next((part for part, load in self._loads.items() if load.future.done()), None)
-        if part is None:
+        ended = [part for part, load in self._loads.items() if load.loaded.done()]
+        if not ended:
             return None
+        part = ended[0]
         load = self._loads.pop(part)
+        before = self.prepared
         try:
-            loaded = load.future.result()
+            loaded = load.loaded.result()
         except InputError as error:
             self.last_failure = str(error)
-            return Failed(undo=self.prepared.in_force[part].values, reason=self.last_failure)
+            return Failed(undo=before.in_force[part].values, reason=self.last_failure)
         self.last_failure = ""
-        before = self.prepared
-        in_force = {**before.in_force, part: _InForce(load.wanted, loaded[part])}
-        self.prepared = self._made(before.values, in_force, generation=before.model.generation + 1)
+        in_force = before.in_force | {part: _InForce(load.wanted, loaded[part])}
+        self.prepared = self._next(before.values, in_force)
         return self.prepared
 
 
-def _check_files(wanted: Mapping[str, Values], in_force: Mapping[str, _InForce]) -> None:
+def _made(values: Values, in_force: dict[str, _InForce], *, generation: int) -> Prepared:
+    """Settings of these values, and a model of the parts in force; a part that the values do not use is None."""
+    parts = dict(in_force)
+    for part, wanted in parts_of(values).items():
+        if unused(part, wanted):
+            parts[part] = _InForce(wanted, None)
+    current = dict(values)
+    contents = {}
+    for part, loaded in parts.items():
+        current |= loaded.values
+        contents[part] = loaded.content
+    model = model_of(current, **contents, generation=generation)
+    return Prepared(values=values, settings=settings_of(values), model=model, in_force=parts)
+
+
+def _check_files(made: Prepared) -> None:
     """Raise InputError for a newly wanted file that does not exist or cannot be read. Does not open it."""
-    for part, values in wanted.items():
-        for name in FILES if values != in_force[part].values else ():
-            if values.get(name):
-                checked_mesh(values[name]) if name == "mesh.file" else checked_file(
-                    Path(values[name]), name
-                )
+    for part, wanted in parts_of(made.values).items():
+        if wanted == made.in_force[part].values:
+            continue
+        for name, file in files_in(wanted).items():
+            if name == "mesh.file":
+                checked_mesh(file)
+            else:
+                checked_file(Path(file), name)

@@ -1,11 +1,9 @@
 """A worker process that reads the files that parameters name, while the node keeps answering poses."""
 
-import os
 import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
-from pathlib import Path
 from typing import Any
 
 from rft_ros.child_process import lower_priority, start_child
@@ -43,12 +41,12 @@ class ToolWorker:
         """Load parts of `parts_of`. Raises InputError if they cannot be used, do not end, or are no longer wanted."""
         try:
             answer = self._answer(files, is_wanted)
-        except (
-            Exception
-        ) as error:  # of any kind: no process or descriptor is left, or the answer is damaged
+        except InputError:
             self._kill()
-            if isinstance(error, InputError):
-                raise
+            raise
+        except Exception as error:
+            # of any kind: no process or descriptor is left, or the answer is damaged
+            self._kill()
             raise InputError(f"{error}; set it again") from None
         if isinstance(answer, str):
             raise InputError(answer)
@@ -93,9 +91,7 @@ class ToolWorker:
     def _cpu_time(self) -> float:
         """CPU time that the process has used [s]; 0 where the system does not tell."""
         with suppress(OSError):
-            fields = Path(f"/proc/{self.process.pid}/stat").read_text().rpartition(")")[2].split()
-            # utime and stime
-            return (int(fields[11]) + int(fields[12])) / os.sysconf("SC_CLK_TCK")
+            return time.clock_gettime(~self.process.pid << 3 | 2)  # its clock of CPU time on Linux
         return 0.0
 
     def end(self) -> None:
@@ -130,18 +126,19 @@ def _loaded(files: Mapping[str, Values]) -> dict[str, Any] | str:
         return load_parts(files)
     except InputError as error:
         return str(error)
-    except (
-        Exception
-    ) as error:  # whatever a mesh library raises at a damaged file; its words may quote the file
+    except Exception as error:
+        # whatever a mesh library raises at a damaged file; its words may quote the file
         return f"{named(files)} cannot be loaded: {type(error).__name__}"
 
 
-def named(files: Mapping[str, Values]) -> str:
+def files_in(values: Values) -> dict[str, str]:
+    """The files that are set in these values, by their parameters."""
+    return {name: values[name] for name in FILES if values.get(name)}
+
+
+def named(parts: Mapping[str, Values]) -> str:
     """The files that parts of `parts_of` name, with their parameters."""
-    given = {
-        name: value
-        for part in files.values()
-        for name, value in part.items()
-        if name in FILES and value
-    }
-    return " and ".join(f"{name} '{file}'" for name, file in given.items()) or "ground.cell"
+    words = [
+        f"{name} '{file}'" for values in parts.values() for name, file in files_in(values).items()
+    ]
+    return " and ".join(words) or "ground.cell"

@@ -1,5 +1,6 @@
 """ROS in this process: its start, and the message classes and QoS of the node's topics."""
 
+from collections.abc import Iterator
 from importlib import import_module
 from importlib.util import find_spec
 from typing import Any
@@ -8,6 +9,7 @@ import rclpy
 from rclpy._rclpy_pybind11 import UnknownROSArgsError
 from rclpy.node import Node
 from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
+from rclpy.subscription import Subscription
 
 from rft_ros.errors import InputError
 from rft_ros.messages import TYPES, Role
@@ -16,9 +18,8 @@ from rft_ros.messages import TYPES, Role
 _SENSOR_DATA = QoSProfile(depth=200, reliability=ReliabilityPolicy.BEST_EFFORT)
 INPUTS: dict[Role, QoSProfile] = {
     **dict.fromkeys(("pose", "twist", "wrench", "tf"), _SENSOR_DATA),
-    "surface": QoSProfile(
-        depth=2, reliability=ReliabilityPolicy.BEST_EFFORT
-    ),  # a cloud has megabytes
+    # a cloud has megabytes
+    "surface": QoSProfile(depth=2, reliability=ReliabilityPolicy.BEST_EFFORT),
     # latched: publishers send it to late subscribers, too
     "tf_static": QoSProfile(depth=100, durability=DurabilityPolicy.TRANSIENT_LOCAL),
 }
@@ -39,6 +40,13 @@ def type_on(node: Node, role: Role, topic: str, *, usual: str) -> str:
     """Which of the `TYPES` of a role its topic has: that of a publisher, or the `usual` one if there is none."""
     found = {publisher.topic_type for publisher in node.get_publishers_info_by_topic(topic)}
     return next((kind for kind in TYPES[role] if kind in found), usual)
+
+
+def waiting(subscription: Subscription) -> Iterator[tuple[bytes, dict[str, Any]]]:
+    """The serialised messages in a subscription's queue, each with what the middleware says of its reception."""
+    with subscription.handle:
+        while (taken := subscription.handle.take_message(subscription.msg_type, True)) is not None:
+            yield taken
 
 
 def message_class(kind: str) -> Any:

@@ -26,10 +26,9 @@ wrench = st.tuples(*[component] * 6)
 )
 def test_size_and_rate_are_bounded_and_zero_is_reached_within_the_rise_time(targets, lowered):
     ramp = Ramp()
-    ramp.limit, ramp.rise_time = (LIMIT, TORQUE), RISE
     before = np.zeros(6)
     for target, duration in targets:
-        now = np.array(ramp.follow(target, duration))
+        now = np.array(ramp.follow(target, duration, limits=(LIMIT, TORQUE), rise_time=RISE))
         for part, limit in ((slice(0, 3), LIMIT), (slice(3, 6), TORQUE)):
             assert np.linalg.norm(now[part]) <= limit * (1.0 + 1e-9)
             assert (
@@ -37,9 +36,9 @@ def test_size_and_rate_are_bounded_and_zero_is_reached_within_the_rise_time(targ
                 <= limit * duration / RISE * (1.0 + 1e-9) + 1e-12
             )
         before = now
-    ramp.limit = lowered * LIMIT, lowered * TORQUE
+    limits = (lowered * LIMIT, lowered * TORQUE)
     for _ in range(math.ceil(RISE / 0.02) + 1):
-        ramp.follow((0.0,) * 6, 0.02)
+        ramp.follow((0.0,) * 6, 0.02, limits=limits, rise_time=RISE)
     assert ramp.wrench == (0.0,) * 6
 
 

@@ -21,7 +21,7 @@ def as_a_node(file, node="/rft", *more):
     namespace, _, name = node.rpartition("/")
     context = rclpy.Context()
     try:
-        given_sections(arguments)  # as the node's `main` does, before ROS reads them
+        list(given_sections(arguments))  # as the node's `main` does, before ROS reads them
         rclpy.init(args=arguments, context=context)
         made = Node(
             name,
