@@ -20,15 +20,7 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError, file_errors, reason_of
 
 MAX_BYTES = 256 * 2**20  # of a file, and of the unpacked arrays of an NPZ file
-MAX_NUMBERS = MAX_BYTES // 8  # in one array
 _GIVE = "give the path of one that does"
-_KINDS = {
-    stat.S_IFDIR: "a folder",
-    stat.S_IFIFO: "a pipe",
-    stat.S_IFSOCK: "a socket",
-    stat.S_IFCHR: "a device",
-    stat.S_IFBLK: "a device",
-}
 
 
 def expanded(file: Path | str) -> Path:
@@ -61,11 +53,10 @@ def checked_file(
             f"{named} cannot be read: {reason_of(error)}; give the path of a file that can be"
         ) from None
     if not stat.S_ISREG(status.st_mode):  # to open a pipe or a device may block
-        kind = _KINDS.get(stat.S_IFMT(status.st_mode), "no file")
-        raise InputError(f"{named} is {kind} and not a regular file; give a file")
-    if (
-        not status.st_size
-    ):  # the system's own files have no size either, and reading /proc/kmsg may block for ever
+        kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
+        raise InputError(f"{named} is {kind}; give a regular file")
+    # the system's own files have no size either, and reading /proc/kmsg may block for ever
+    if not status.st_size:
         raise InputError(
             f"{named} is empty, or one of the system's own files, as in /proc; give a file with content"
         )
@@ -81,24 +72,22 @@ def _check_size(size: int, named: str, limit: int) -> None:
 
 
 @contextmanager
-def opened(
-    file: Path, what: str, *, limit: int | None = MAX_BYTES, advice: str = _GIVE
-) -> Iterator[BinaryIO]:
+def opened(file: Path, what: str, **options: Any) -> Iterator[BinaryIO]:
     """A `checked_file`, open for reading bytes; errors of reading it in the block are InputErrors too."""
-    path = checked_file(file, what, limit=limit, advice=advice)
+    path = checked_file(file, what, **options)
     with file_errors(f"{what} '{file}'", "read"), path.open("rb") as stream:
         yield stream
 
 
-def read_file(file: Path, what: str, *, limit: int = MAX_BYTES, advice: str = _GIVE) -> bytes:
-    """The bytes of a `checked_file`."""
-    with opened(file, what, limit=limit, advice=advice) as stream:
-        return stream.read(limit)
+def read_file(file: Path, what: str, **options: Any) -> bytes:
+    """The bytes of a `checked_file`, which takes the `options`."""
+    with opened(file, what, **options) as stream:
+        return stream.read(MAX_BYTES)
 
 
-def read_text(file: Path, what: str, *, limit: int = MAX_BYTES, advice: str = _GIVE) -> str:
+def read_text(file: Path, what: str, **options: Any) -> str:
     """The text of a `checked_file` in UTF-8; a byte order mark is dropped."""
-    data = read_file(file, what, limit=limit, advice=advice)
+    data = read_file(file, what, **options)
     with file_errors(f"{what} '{file}'", "read"):
         return data.decode("utf-8-sig")
 
@@ -108,27 +97,24 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any
 
     Raises InputError, also for arrays of Python objects.
     """
+    named = f"{what} '{file}'"
     data = io.BytesIO(read_file(file, what))
     try:
         with zipfile.ZipFile(data) as archive:
             unpacked = sum(member.file_size for member in archive.infolist())
-        _check_size(unpacked, f"{what} '{file}' unpacked", MAX_BYTES)
+        _check_size(unpacked, f"{named} unpacked", MAX_BYTES)
         with np.load(data, allow_pickle=False) as arrays:
             found = [arrays[name] for name in names]
     except InputError:
         raise
-    except (
-        Exception
-    ):  # zip's and numpy's readers raise almost anything on damage, and numpy advises to unpickle
+    # zip's and numpy's readers raise almost anything on damage, and numpy advises to unpickle
+    except Exception:
         wanted = f"NPZ file with the arrays of numbers {', '.join(names)}"
         raise InputError(
-            f"{what} '{file}' is not a valid {wanted}; write it again with numpy.savez"
+            f"{named} is not a valid {wanted}; write it again with numpy.savez"
         ) from None
-    for name, values in zip(names, found, strict=True):
-        if values.size > MAX_NUMBERS:  # each may become a double
-            raise InputError(
-                f"{what} '{file}' has {values.size:,} numbers in {name}; the limit is {MAX_NUMBERS:,}"
-            )
+    for values in found:
+        _check_size(8 * values.size, f"{named} as numbers of eight bytes", MAX_BYTES)
     return found
 
 
@@ -142,9 +128,7 @@ def replacing(file: Path) -> Iterator[Path]:
     file.parent.mkdir(parents=True, exist_ok=True)
     part = file.with_name(f".{file.stem}.{os.getpid()}.part{file.suffix}")
     part.unlink(missing_ok=True)  # of a process that was killed
-    os.close(
-        os.open(part, os.O_CREAT | os.O_EXCL | os.O_WRONLY | getattr(os, "O_NOFOLLOW", 0), 0o666)
-    )
+    part.touch(exist_ok=False)
     try:
         yield part
         part.replace(file)

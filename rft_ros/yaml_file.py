@@ -7,6 +7,7 @@ is true, `~` and 12:30 are text. To PyYAML (YAML 1.1) they are text, text, nothi
 import math
 import re
 from collections.abc import Iterable, Iterator, Mapping
+from itertools import takewhile
 from pathlib import Path
 from typing import Any, NoReturn
 
@@ -19,15 +20,8 @@ _MOST_BYTES = 2**20
 _LOADER = getattr(yaml, "CSafeLoader", yaml.SafeLoader)  # the C one is libyaml, which ROS uses
 _RESOLVER = yaml.resolver.Resolver()
 _TEXT = "tag:yaml.org,2002:str"
-_BOOLEANS = {
-    "true": True,
-    "True": True,
-    "TRUE": True,
-    "false": False,
-    "False": False,
-    "FALSE": False,
-    "off": False,
-}
+_TRUE = {"true", "True", "TRUE"}
+_FALSE = {"false", "False", "FALSE", "off"}
 _NOTHING = {"", "~", "null", "Null", "NULL"}
 _WHOLE = re.compile(r"[-+]?(0|[1-9][0-9]{0,17})")
 _DECIMAL = re.compile(r"[-+]?(?!0[0-9]+$)([0-9]+\.?[0-9]*|\.[0-9]+)([eE][-+]?[0-9]{1,2})?")
@@ -75,15 +69,13 @@ class _Reader:
 
     def document(self) -> Any:
         """The content of the only document; None if there is none."""
-        content = None
-        documents = 0
+        contents: list[Any] = []
         for event in self._events:
             if isinstance(event, yaml.DocumentStartEvent):
-                documents += 1
-                if documents > 1:
+                if contents:
                     self._refuse(event, "begins a second document (---); write one file for each")
-                content = self._node(next(self._events))
-        return content
+                contents.append(self._node(next(self._events)))
+        return contents[0] if contents else None
 
     def _refuse(self, event: Any, why: str) -> NoReturn:
         raise InputError(f"{self._named} line {event.start_mark.line + 1} {why}")
@@ -99,33 +91,24 @@ class _Reader:
             )
         if isinstance(event, yaml.ScalarEvent):
             return self._scalar(event)
+        within = takewhile(lambda e: not isinstance(e, yaml.CollectionEndEvent), self._events)
         if isinstance(event, yaml.SequenceStartEvent):
-            return self._list()
-        return self._mapping()
+            return [self._node(item) for item in within]
+        return self._mapping(within)
 
-    def _list(self) -> list[Any]:
-        items = []
-        for event in self._events:
-            if isinstance(event, yaml.SequenceEndEvent):
-                break
-            items.append(self._node(event))
-        return items
-
-    def _mapping(self) -> dict[str, Any]:
+    def _mapping(self, keys: Iterator[Any]) -> dict[str, Any]:
         items: dict[str, Any] = {}
-        for event in self._events:
-            if isinstance(event, yaml.MappingEndEvent):
-                break
-            key = getattr(event, "value", "")
-            if not key or event.tag or "\0" in key:
-                self._refuse(event, "has no text where a name is needed")
-            if key == "<<":
+        for key in keys:
+            name = getattr(key, "value", "")
+            if not name or key.tag or "\0" in name:
+                self._refuse(key, "has no text where a name is needed")
+            if name == "<<":
                 self._refuse(
-                    event, "has a merge key (<<), which ROS reads as a name; write its values out"
+                    key, "has a merge key (<<), which ROS reads as a name; write its values out"
                 )
-            if key in items:
-                self._refuse(event, f"has '{key}' a second time; remove one")
-            items[key] = self._node(next(self._events))
+            if name in items:
+                self._refuse(key, f"has '{name}' a second time; remove one")
+            items[name] = self._node(next(self._events))
         return items
 
     def _scalar(self, event: Any) -> Any:
@@ -138,8 +121,10 @@ class _Reader:
             return text
         if text in _NOTHING:
             return None
-        if text in _BOOLEANS:
-            return _BOOLEANS[text]
+        if text in _TRUE:
+            return True
+        if text in _FALSE:
+            return False
         if _WHOLE.fullmatch(text):
             return int(text)
         if _DECIMAL.fullmatch(text) and math.isfinite(float(text)):
@@ -176,7 +161,7 @@ class _Dumper(yaml.SafeDumper):
 
     def represent_text(self, data: str) -> yaml.ScalarNode:
         """Text, in quotes where it could be read as another type."""
-        is_plain = data not in _NOTHING and data not in _BOOLEANS and _is_text(data)
+        is_plain = data not in _NOTHING | _TRUE | _FALSE and _is_text(data)
         return self.represent_scalar(_TEXT, data, style=None if is_plain else '"')
 
 

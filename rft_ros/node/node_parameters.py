@@ -15,7 +15,7 @@ from rclpy.parameter import Parameter as RosParameter
 from rft_ros.errors import InputError
 from rft_ros.node.swap import Prepared
 from rft_ros.parameters import PARAMETERS, Parameter, Value, Values, checked, defaults
-from rft_ros.parameters.file import absolute, checked_in_file
+from rft_ros.parameters.file import checked_in_file, placed
 from rft_ros.parameters.sections import Given, Section, read_sections, read_value
 
 
@@ -117,7 +117,7 @@ class NodeParameters:
         values: dict[str, Value] = {}
         for name, (value, file) in given.items():
             if file:
-                values |= absolute(checked_in_file(file, {name: value}))
+                values |= placed(checked_in_file(file, {name: value}), Path.cwd())
             elif name in defaults():
                 values[name] = checked(name, value)
             elif not (self._node.has_parameter(name) or name.startswith("qos_overrides.")):

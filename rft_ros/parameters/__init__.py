@@ -36,26 +36,33 @@ __all__ = [
     "MESH",
     "NODE",
     "PARAMETERS",
+    "LoadCell",
+    "Model",
     "Parameter",
+    "Section",
+    "Settings",
     "Value",
     "Values",
     "checked",
     "defaults",
-]
-__all__ += ["LoadCell", "Model", "Settings"]
-__all__ += ["load_parts", "medium_of", "model_of", "parts_of", "settings_of", "tool_of", "unused"]
-__all__ += [
     "is_medium_file",
+    "load_parts",
+    "medium_of",
+    "model_of",
+    "named_files",
+    "node_parameters",
+    "parts_of",
     "read_alpha_y_table",
     "read_medium",
-    "read_stress_map",
-    "write_medium",
-]
-__all__ += ["Section", "named_files", "node_parameters", "read_sections"]
-__all__ += [
     "read_parameter_file",
+    "read_sections",
+    "read_stress_map",
     "read_value",
     "section_parameters",
     "sections_for",
+    "settings_of",
+    "tool_of",
+    "unused",
+    "write_medium",
     "write_parameter_file",
 ]

@@ -69,7 +69,7 @@ def checked_in_file(file: Path, given: Mapping[str, Given]) -> dict[str, Value]:
                 values[name] = checked(name, value)
     except InputError as error:
         raise InputError(f"parameter file '{file}': {error}") from None
-    return _placed(values, file.parent)
+    return placed(values, file.parent)
 
 
 def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
@@ -100,12 +100,7 @@ def path_beside(folder: Path, name: str, path: str) -> str:
     return str(folder / path)
 
 
-def absolute(values: Values) -> dict[str, Value]:
-    """The values with absolute paths in `FILES`."""
-    return _placed(values, Path.cwd())
-
-
-def _placed(values: Values, folder: Path) -> dict[str, Value]:
+def placed(values: Values, folder: Path) -> dict[str, Value]:
     """The values with relative paths in `FILES` joined to a folder."""
     paths = {name: path_beside(folder, name, values[name]) for name in FILES if name in values}
     return {**values, **paths}
@@ -113,7 +108,7 @@ def _placed(values: Values, folder: Path) -> dict[str, Value]:
 
 def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
     """Write a file for `read_parameter_file` and the node; relative paths in `FILES` become absolute."""
-    tree = {"/**": {"ros__parameters": absolute(values)}}
+    tree = {"/**": {"ros__parameters": placed(values, Path.cwd())}}
     write_yaml(file, "parameter file", tree, [comment])
 
 

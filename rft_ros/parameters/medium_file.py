@@ -53,12 +53,7 @@ def read_stress_map(file: Path) -> StressMap:
             f"{named} has {len(rows.lines):,} rows; the limit is {_MOST_CELLS:,}: take the mean of repeated cells"
         )
     beta, gamma, alpha_x, alpha_z = rows.numbers.T
-    stresses = np.abs([alpha_x, alpha_z])
-    if np.isnan(stresses).all():
-        raise InputError(
-            f"{named} has no stress in any row; give alpha_x and alpha_z at some angles"
-        )
-    greatest = float(np.nanmax(stresses))
+    greatest = float(np.abs(np.nan_to_num([alpha_x, alpha_z])).max())
     if not _LEAST <= greatest <= _GREATEST:
         unit = "1 N/cm³ = 1e6 Pa/m; a pressure in Pa must be divided by the depth"
         raise InputError(
@@ -94,8 +89,8 @@ def read_alpha_y_table(file: str) -> Table:
     beta, row = np.unique(rows.column("beta"), return_inverse=True)
     gamma, column = np.unique(gammas, return_inverse=True)
     pairs = len(beta) * len(gamma)
-    different = len(np.unique(np.column_stack([row, column]), axis=0))
-    if different != pairs or len(stresses) != pairs:
+    different = len(np.unique(row * len(gamma) + column))
+    if not different == len(stresses) == pairs:
         grid = f"a grid of {len(beta)} beta x {len(gamma)} gamma values needs each pair once ({pairs} rows)"
         raise InputError(f"{named} has {len(stresses)} rows; {grid}")
     values = np.empty((len(beta), len(gamma)))

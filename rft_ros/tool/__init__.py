@@ -26,21 +26,17 @@ __all__ = [
     "Tool",
     "centroid_plates",
     "checked_mesh",
-]
-__all__ += [
     "describe_hollow",
     "describe_tool",
     "files_of_mesh",
     "is_mesh_path",
     "load_tool",
     "locate_mesh",
-]
-__all__ += [
     "random_motions",
     "reduced_for_any_motion",
     "refined_plates",
     "save_reduced",
     "solids",
     "tool_of_mesh",
+    "write_union",
 ]
-__all__ += ["write_union"]

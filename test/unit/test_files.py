@@ -59,7 +59,7 @@ def test_arrays_of_more_numbers_than_their_bytes_tell_are_refused(tmp_path, read
             archive.writestr(f"{name}.npy", array.getvalue())
         for name in ("y", "h", "faces", "plates", "about"):
             archive.writestr(f"{name}.npy", _array(np.zeros(3)))
-    assert f"has {count:,} numbers in " in refusal(READERS[reader], tmp_path / reader)
+    assert "of eight bytes has" in refusal(READERS[reader], tmp_path / reader)
 
 
 def _array(values):

@@ -79,7 +79,7 @@ HEADER = "beta_deg,gamma_deg,alpha_x,alpha_z\n"
         ),
         (HEADER + lines(cells(gamma=np.pi / 180)), ("different gamma", "radians", "gamma_rad")),
         (HEADER.replace("deg", "rad") + lines(cells()), ("degrees", "beta_deg")),
-        (HEADER + "0,90,,\n", ("no stress",)),
+        (HEADER + "0,90,,\n", ("up to 0 N/cm³",)),
         (HEADER + lines(cells(stress=-1.0)), ("along the motion",)),
     ],
 )
