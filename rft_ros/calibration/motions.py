@@ -16,7 +16,7 @@ from rft_ros.calibration.smoothing import GAP
 from rft_ros.calibration.track import FEWEST, Indices, Track
 from rft_ros.rft import FORCE
 from rft_ros.rft.frames import ANGULAR_VELOCITY, VELOCITY
-from rft_ros.rft.motion_kinds import LEAST_PATH, MOTIONS, kinds_of_motion
+from rft_ros.rft.motion_kinds import LEAST_PATH, MOTIONS, kind_of_motion
 
 Array = NDArray[np.float64]
 
@@ -54,7 +54,8 @@ def _rows_by_kind(track: Track, surface: float) -> dict[str, Indices]:
     lever = track.rotations @ track.tool.middle
     moved = track.smooth[:, VELOCITY] + np.cross(spin, lever)
     turned = 0.5 * track.tool.size * np.linalg.norm(spin, axis=1)
-    kinds = np.where(track.moving, kinds_of_motion(moved, turned), REST)
+    kinds = np.array([kind_of_motion(*row) for row in np.column_stack([moved, turned]).tolist()])
+    kinds = np.where(track.moving, kinds, REST)
     speed = np.linalg.norm(moved, axis=1) + turned
     path = speed * np.minimum(np.diff(track.time, append=track.time[-1]), GAP)
     usable = (track.heights < surface) & ~_near_corners(track.time, kinds)

@@ -1,11 +1,15 @@
 """Whether the stamps of the load cell differ from those of the poses by a constant delay, or its driver is slow."""
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
+from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import NDArray
 
 from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence
 from rft_ros.diagnosis.finding import Finding
+
+Rows = NDArray[np.int64]
 
 _LONGEST = 0.25  # s
 _DELAYS = np.linspace(-_LONGEST, _LONGEST, 251)  # that are tried
@@ -31,17 +35,15 @@ def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
     errors of strength, surface and λ then change the fit of a single event, and hardly the time that all agree on.
     An event near which samples are missing for longer than twice the delay does not tell it.
     """
-    known = [
-        found
-        for at in _events(e)
-        if (found := _misfits(e, at)) is not None and found[0].min() < _EXPLAINED
-    ]
+    known = list[tuple[_Event, Array]]()
+    for event in _events(e):
+        misfits = _misfits(e, event, _at_delays(e, event))
+        if misfits.min() < _EXPLAINED:
+            known.append((event, misfits))
     if len(known) < 2:
         return
-    both = np.array([misfits for misfits, _ in known])
-    gaps = np.array([gap for _, gap in known])
-    each = both[:, : len(_DELAYS)]
-    of_lags = both[:, len(_DELAYS) :].sum(axis=0)
+    each = np.array([misfits for _, misfits in known])
+    gaps = np.array([event.gap for event, _ in known])
     total = each.sum(axis=0)
     best = int(total.argmin())
     none = len(_DELAYS) // 2
@@ -66,6 +68,7 @@ def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
         + " than its events"
     )
     advice = "fit it with rft calibrate"
+    of_lags = np.sum([_misfits(e, event, _behind_filters(e, event)) for event, _ in known], axis=0)
     if of_lags.min() < _FILTERED * total[best]:
         evidence |= {"lag": float(1e3 * _LAGS[of_lags.argmin()])}
         said = "the force follows the motion like a filter of {lag:.0f} ms, more slowly than the poses"
@@ -77,8 +80,35 @@ def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
     )
 
 
-def _events(e: Evidence) -> list[float]:
-    """Times [s] in the grains at which the velocity changes by more than half of the greatest one."""
+class _Event(NamedTuple):
+    """A great change of the velocity in the grains.
+
+    `rows`: moments in the grains about it. `wide`: all that a delay or a filter of these needs. `gap`: the greatest
+    time between two of `wide` [s].
+    """
+
+    rows: Rows
+    wide: Rows
+    gap: float
+
+
+def _events(e: Evidence) -> Iterator[_Event]:
+    """The events about which enough is known."""
+    for at in _times(e):
+        since = e.time - at
+        rows = np.flatnonzero((np.abs(since) <= _WINDOW) & e.in_grains)
+        wide = np.flatnonzero(np.abs(since) <= _WINDOW + _LONGEST)
+        if len(rows) < ENOUGH:
+            continue
+        gap = float(np.diff(e.time[wide]).max())
+        first, last = since[rows[[0, -1]]]
+        # a busy machine leaves gaps; beyond `max_input_age` nothing lies between
+        if min(-first, last) >= 0.5 * _WINDOW and gap <= e.settings.max_input_age:
+            yield _Event(rows, wide, gap)
+
+
+def _times(e: Evidence) -> list[float]:
+    """When the velocity changes by more than half of the greatest one [s]."""
     wet = e.in_grains
     if wet.sum() < ENOUGH:
         return []
@@ -98,47 +128,41 @@ def _events(e: Evidence) -> list[float]:
     return found
 
 
-def _misfits(e: Evidence, at: float) -> tuple[Array, float] | None:
-    """The share of the force's square that remains about a time [s], for each delay, then for each lag of a filter.
+def _misfits(e: Evidence, event: _Event, courses: Iterable[Array]) -> Array:
+    """The share of the force's square about an event that remains with each of k courses of the predicted force.
 
-    Beside it the greatest time between two samples [s]. None if too little is known.
+    `courses`: of x, y and z, shape [rows, k] each.
     """
-    rows = np.flatnonzero((np.abs(e.time - at) <= _WINDOW) & e.in_grains)
-    if len(rows) < ENOUGH:
-        return None
-    time = e.time[rows]
-    wide = np.flatnonzero(np.abs(e.time - at) <= _WINDOW + _LONGEST)
-    # a busy machine leaves gaps; beyond `max_input_age` nothing lies between
-    gap = float(np.diff(e.time[wide]).max())
-    if (
-        time.min() > at - 0.5 * _WINDOW
-        or time.max() < at + 0.5 * _WINDOW
-        or gap > e.settings.max_input_age
-    ):
-        return None
-    line = np.linalg.qr(np.stack([np.ones_like(time), time - at], axis=1))[0]
+    time = e.time[event.rows]
+    line = np.linalg.qr(np.stack([np.ones_like(time), time - time[0]], axis=1))[0]
 
     def bent(force: Array) -> Array:
         """Without a line in time."""
         return np.asarray(force - line @ (line.T @ force))
 
-    measured = bent(e.force[rows])
-    at_delays = np.subtract.outer(time, _DELAYS)
+    measured = bent(e.force[event.rows])
     whole = float((measured**2).sum())
-    misfits = np.full(len(_DELAYS) + len(_LAGS), whole)
-    for force, of_model in zip(measured.T, e.model.T, strict=True):
-        course = np.interp(at_delays, e.time, of_model)
-        filtered = _filtered(e.time[wide], of_model[wide])[np.searchsorted(wide, rows)]
-        predicted = bent(np.hstack([course, filtered]))
+    explained: Array | float = 0.0
+    for force, course in zip(measured.T, courses, strict=True):
+        predicted = bent(course)
         shared = np.maximum(force @ predicted, 0.0)
-        misfits -= shared**2 / np.maximum((predicted**2).sum(axis=0), 1e-12)
-    return np.maximum(misfits, 0.0) / max(whole, 1e-12), gap
+        explained += shared**2 / np.maximum((predicted**2).sum(axis=0), 1e-12)
+    return np.asarray(np.maximum(whole - explained, 0.0) / max(whole, 1e-12))
 
 
-def _filtered(time: Array, values: Array) -> Array:
-    """Values, shape [n], behind filters of first order, one column for each of the lags."""
-    found = np.empty((len(time), len(_LAGS)))
-    found[0] = values[0]
-    for k, span in enumerate(np.diff(time)):
-        found[k + 1] = values[k + 1] + (found[k] - values[k + 1]) * np.exp(-span / _LAGS)
-    return found
+def _at_delays(e: Evidence, event: _Event) -> Iterator[Array]:
+    """The predicted force at each of the delays, for `_misfits`."""
+    times = np.subtract.outer(e.time[event.rows], _DELAYS)
+    for values in e.model.T:
+        yield np.interp(times, e.time, values)
+
+
+def _behind_filters(e: Evidence, event: _Event) -> Iterator[Array]:
+    """The predicted force behind filters of first order of each of the lags, for `_misfits`."""
+    steps = np.diff(e.time[event.wide])
+    for values in e.model[event.wide].T:
+        course = np.empty((len(values), len(_LAGS)))
+        course[0] = values[0]
+        for k, span in enumerate(steps):
+            course[k + 1] = values[k + 1] + (course[k] - values[k + 1]) * np.exp(-span / _LAGS)
+        yield course[np.searchsorted(event.wide, event.rows)]

@@ -259,13 +259,15 @@ class Estimator:
         pose = self._accepted(sample)
         run = self.run
         settings = self.settings
-        run.air.settle(pose.stamp - max(settings.max_age, PATIENCE))
+        max_age = settings.max_age
+        run.air.settle(pose.stamp - max(max_age, PATIENCE))
         frame = self._intake.load_cell_frame
         if frame is None:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
         motion = self._motion(pose)
         state = motion.state[0]
-        run.surface = run.footing.surface(self.ground, state, level=settings.surface_height)
+        if run.mapper is not None:
+            run.surface = run.footing.surface(run.mapper.map, state, level=settings.surface_height)
         row, force, area = self._model_wrench(motion)
         in_grains = area > 0.0
         run.poses.append(PastPose(pose, "the tool was in the grains" if in_grains else None))
@@ -279,9 +281,7 @@ class Estimator:
             raise RefusedError(Reason.AT_REST)
         wrench, offset, sigma = frame.into_sensor(state[QUATERNION], with_sigma)
         # the reading at this pose may have come already; it decides flags
-        prediction = Prediction(
-            pose, wrench, offset, frame, in_air=not in_grains, max_age=settings.max_age
-        )
+        prediction = Prediction(pose, wrench, offset, frame, in_air=not in_grains, max_age=max_age)
         self._comparison.add(prediction, run.readings)
         learning = run.learning
         flags = run.quality.flags(
@@ -377,8 +377,10 @@ class Estimator:
             apply=self.settings.learning_mode == "apply",
         )
 
-    def _learn(self, prediction: Prediction, force: Vector, repeated: bool) -> None:
+    def _learn(self, prediction: Prediction, compensated: Wrench, repeated: bool) -> None:
         """Update the filter with a reading."""
-        self.run.air.add(prediction, force)
-        if self.learning is not None:
-            self.learning.learn(prediction.pose.stamp, force, repeated=repeated, air=self.run.air)
+        run = self.run
+        run.air.add(prediction, compensated)
+        if run.learning is not None:
+            force = prediction.force_in_world(compensated)
+            run.learning.learn(prediction.pose.stamp, force, repeated=repeated, air=run.air)

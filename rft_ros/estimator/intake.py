@@ -8,6 +8,7 @@ from rft_ros.estimator import samples
 from rft_ros.estimator.load_cell import Comparison, LoadCellFrame
 from rft_ros.estimator.run import Run
 from rft_ros.estimator.samples import (
+    ABSURD,
     PoseSample,
     Reason,
     RefusedError,
@@ -104,7 +105,7 @@ class Intake:
         quaternion = unit_quaternion(*sample.quaternion)
         if base is not None and quaternion is not None:
             position, quaternion = base.of(Placement(position, quaternion))
-        if not _are_finite(*position, *sample.quaternion):
+        if not math.hypot(*position, *sample.quaternion) < ABSURD:
             raise RefusedError(Reason.POSE_NOT_FINITE)
         if quaternion is None:
             raise RefusedError(Reason.POSE_QUATERNION_NOT_UNIT)
@@ -139,7 +140,7 @@ class Intake:
         into, axes = self._linked(
             "twist", sample.stamp, sample.frame, world, self._settings.tool_frame
         )
-        if not _are_finite(*sample.linear, *sample.angular):
+        if not math.hypot(*sample.linear, *sample.angular) < ABSURD:
             raise RefusedError(Reason.TWIST_NOT_FINITE)
         if axes is not None:
             sample = TwistSample(
@@ -163,7 +164,7 @@ class Intake:
             wrench = (there._replace(position=(0.0, 0.0, 0.0)) if in_world else there).wrench(
                 wrench
             )
-        if not _are_finite(*wrench):
+        if not math.hypot(*wrench) < ABSURD:
             raise RefusedError(Reason.WRENCH_NOT_FINITE)
         reading = WrenchSample(stamp, s.world_frame if in_world else s.sensor_frame, wrench)
         # of several with one stamp the first one is kept, also if a pose came between them
@@ -302,7 +303,3 @@ class Intake:
                 self._counts[place] += 1
             self._wanted.popleft()
         return found
-
-
-def _are_finite(*numbers: float) -> bool:
-    return math.hypot(*numbers) < samples.ABSURD

@@ -117,12 +117,12 @@ class LoadCellFrame:
         """
         if reading.frame != tool.frame:
             return reading.wrench
-        to_sensor = Placement(tool.position, tool.quaternion).of(self._place).inverse()
+        to_sensor = tool.place.of(self._place).inverse()
         return *to_sensor.rotate(reading.wrench[:3]), *to_sensor.rotate(reading.wrench[3:])
 
-    def into_world(self, tool: PoseSample, force: Vector) -> Vector:
-        """Rotate a force [N] from sensor axes to world axes. `tool`: the pose of the tool frame."""
-        return Placement(tool.position, tool.quaternion).rotate(self._place.rotate(force))
+    def force_in_world(self, wrench: Wrench, tool: PoseSample) -> Vector:
+        """The force of a wrench in sensor axes [N], in world axes. `tool`: the pose of the tool frame."""
+        return tool.place.rotate(self._place.rotate(wrench[:3]))
 
 
 class Prediction(NamedTuple):
@@ -143,6 +143,10 @@ class Prediction(NamedTuple):
         """How much later [ns] than its pose the stamp of another input is when the prediction waits no longer."""
         return max(self.max_age, PATIENCE)
 
+    def force_in_world(self, compensated: Wrench) -> Vector:
+        """The force of its reading [N], in world axes."""
+        return self.cell.force_in_world(compensated, self.pose)
+
 
 class Comparison:
     """Compares each prediction with the load cell at its stamp, once the readings around the stamp have come.
@@ -151,12 +155,11 @@ class Comparison:
     follows within that, the last one before the stamp is used. A prediction waits for a later reading until another
     input has a stamp that is later by `patience`: 1 s, or `max_age` if that is longer. Reasons for predictions without
     a measurement are counted in `counts`. `on_compared` is called with each prediction that has one, in the order of
-    the estimates, with the compensated force [N], world axes, and whether the raw reading equals the one before, bit by
-    bit.
+    the estimates, with the compensated wrench, and whether the raw reading equals the one before, bit by bit.
     """
 
     def __init__(
-        self, counts: Counter[Reason], on_compared: Callable[[Prediction, Vector, bool], None]
+        self, counts: Counter[Reason], on_compared: Callable[[Prediction, Wrench, bool], None]
     ) -> None:
         self._counts = counts
         self._on_compared = on_compared
@@ -173,9 +176,9 @@ class Comparison:
 
     def settle(self, now: float, readings: Timeline[WrenchSample]) -> None:
         """Compare the predictions that need not wait. `now` [ns]: the stamp of the sample that has just come."""
-        newest = readings.last.stamp if readings.last else 0
         while self._pending:
             oldest = self._pending[0]
+            newest = readings.last.stamp if readings.last else 0
             if newest < oldest.pose.stamp and now <= oldest.pose.stamp + oldest.patience:
                 break
             self._compare_oldest(readings)
@@ -208,7 +211,7 @@ class Comparison:
         is_repeated = raw.wrench == self._last_raw
         self._last_raw = raw.wrench
         compensated = _difference(cell.sign, cell.in_own_axes(raw, pose), prediction.offset)
-        self._on_compared(prediction, cell.into_world(pose, compensated[:3]), is_repeated)
+        self._on_compared(prediction, compensated, is_repeated)
         return Measurement(
             pose.stamp, compensated, _difference(1.0, compensated, prediction.wrench), None
         )

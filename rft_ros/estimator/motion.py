@@ -12,8 +12,8 @@ from rft_ros.estimator.samples import PoseSample, Reason, TwistSample
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.parameters import Settings
 from rft_ros.rft import SLACK, STATE, TWIST
-from rft_ros.rft.displacement import DISPLACEMENT, FOLLOWED, follow
-from rft_ros.rft.frames import Placement, Vector
+from rft_ros.rft.displacement import DISPLACEMENT, FOLLOWED, as_motion, follow, product
+from rft_ros.rft.frames import Vector
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 
 UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTORY_SHORT}
@@ -75,12 +75,12 @@ class Kinematics:
     def __init__(self) -> None:
         self._difference = PoseDifference()
         self._followed = np.zeros(1, FOLLOWED)
-        # of the last twist along the displacement, scaled to a speed of 1 m/s
-        self._direction = np.zeros(6)
         states = np.zeros((1, len(STATE)))
         self._follow: Any = machine_code(
             _follow, (self._followed, states, 0.0, 0.0, np.zeros((1, DISPLACEMENT)))
         )
+        self._last_along = states  # the last state whose twist was along the displacement
+        self._speed_along = 1.0  # its bound on the plates' speeds [m/s]
 
     @property
     def noise(self) -> PoseNoise:
@@ -108,8 +108,7 @@ class Kinematics:
             return Reason.TWIST_STALE
         if twist.frame != settings.tool_frame:
             return *twist.linear, *twist.angular
-        to_world = Placement(pose.position, pose.quaternion)
-        return *to_world.rotate(twist.linear), *to_world.rotate(twist.angular)
+        return *pose.place.rotate(twist.linear), *pose.place.rotate(twist.angular)
 
     def motion(
         self, pose: PoseSample, velocity: tuple[float, ...], *, reach: float, rest_speed: float
@@ -124,10 +123,11 @@ class Kinematics:
         path, rise, along = self._follow(self._followed, state, reach, dead_band, displacement)
         with_direction = state
         if along > 0.0:
-            self._direction = state[0, TWIST] / bound
+            self._last_along = state
+            self._speed_along = bound
         else:
             with_direction = state.copy()
-            with_direction[0, TWIST] = _CREEP * self._direction
+            with_direction[0, TWIST] = _CREEP * (self._last_along[0, TWIST] / self._speed_along)
         return Motion(
             pose=pose,
             state=state,
@@ -152,18 +152,9 @@ def _follow(followed, states, reach, dead_band, displacements):
     state = states[0]
     moved = displacements[0]
     follow(followed[0], state, reach, dead_band, moved)
-    shift = 0.0
-    along = 0.0
-    for c in range(3):
-        shift += moved[c] * moved[c]
-        along += moved[c] * state[7 + c]
+    (x, y, z), matrix = as_motion(moved)
     spin = 0.0
-    for c in range(3, DISPLACEMENT):
-        spin += moved[c] * moved[c]
-    turned = (
-        (moved[10] - moved[8]) * state[10]
-        + (moved[5] - moved[9]) * state[11]
-        + (moved[6] - moved[4]) * state[12]
-    )
-    path = math.sqrt(shift) + reach * math.sqrt(0.5 * spin)
-    return path, moved[2], along + 0.5 * reach * reach * turned
+    for turn in matrix:
+        spin += turn * turn
+    path = math.sqrt(x * x + y * y + z * z) + reach * math.sqrt(0.5 * spin)
+    return path, z, product(moved, state[TWIST], reach)

@@ -1,19 +1,18 @@
 """Quality flags of estimates, the bounds and the wake by which they are set, and the trust that they leave."""
 
 import math
+from collections import deque
 from collections.abc import Callable
 from enum import Enum, IntFlag, unique
-
-import numpy as np
-from numpy.typing import NDArray
 
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.pose_noise import NOISY
+from rft_ros.estimator.samples import PoseSample
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
-from rft_ros.rft import POSITION, QUATERNION, SpeedLimits, rotation_matrix
-from rft_ros.rft.frames import Vector
+from rft_ros.rft import SpeedLimits
+from rft_ros.rft.frames import Placement, Vector
 from rft_ros.rft.grains import WITH_INERTIA, WITHOUT_INERTIA
 from rft_ros.tool import LARGEST, SMALLEST, Tool
 
@@ -235,7 +234,7 @@ class QualityMonitor:
             )
         if self._countdown == 0:  # these take long to find, and change slowly
             self._countdown = _EVERY
-            self._wake.extend(motion.state[0])
+            self._wake.extend(motion.pose)
             calibrated = settings.calibrated_depth
             grain = settings.grain_diameter
             self._slow = self._of_mesh | _joined(
@@ -285,32 +284,32 @@ class _Wake:
     """
 
     def __init__(self, tool: Tool) -> None:
-        self._centre = tool.middle
+        self._middle = Placement(tool.middle)
         self._width = tool.width
-        self._places = np.zeros((_KEPT, 3))
-        self._lengths = np.zeros(_KEPT)  # of the path up to each place [m]
-        self.clear()
-
-    def clear(self) -> None:
-        """Clear the path. The tool has left the grains, which fill its traces."""
-        self._count = 0
-        self._length = 0.0
+        # the last places, each with the length of the path up to it [m]
+        self._places: deque[tuple[Vector, float]] = deque(maxlen=_KEPT)
         self.is_crossed = False
         """Whether the tool crosses its earlier path."""
 
-    def extend(self, state: NDArray[np.float64]) -> None:
-        """Add the next state, shape [13]."""
-        place = state[POSITION] + rotation_matrix(state[QUATERNION]) @ self._centre
-        if self._count:
-            step = math.dist(place, self._places[(self._count - 1) % _KEPT])
+    def clear(self) -> None:
+        """Clear the path. The tool has left the grains, which fill its traces."""
+        self._places.clear()
+        self.is_crossed = False
+
+    def extend(self, pose: PoseSample) -> None:
+        """Add the next pose."""
+        place = pose.place.of(self._middle).position
+        length = 0.0
+        if self._places:
+            last, length_before = self._places[-1]
+            step = math.dist(place, last)
             if step < _STEP * self._width:
                 return
-            self._length += step
-        row = self._count % _KEPT
-        self._places[row] = place
-        self._lengths[row] = self._length
-        self._count += 1
-        since = self._length - self._lengths[: self._count]
-        apart = np.linalg.norm(self._places[: self._count] - place, axis=1)
-        near = (since >= 2.0 * self._width) & (apart < 2.0 * self._width) & (apart < _BENT * since)
-        self.is_crossed = bool(near.any())
+            length = length_before + step
+        far = 2.0 * self._width
+        self.is_crossed = any(
+            length - before >= far
+            and math.dist(place, earlier) < min(far, _BENT * (length - before))
+            for earlier, before in self._places
+        )
+        self._places.append((place, length))

@@ -4,7 +4,7 @@ from enum import Enum, unique
 from typing import NamedTuple
 
 from rft_ros.ground import Cloud
-from rft_ros.rft.frames import Quaternion, Vector, Wrench
+from rft_ros.rft.frames import Placement, Quaternion, Vector, Wrench
 
 ABSURD = 1e100
 """Larger numbers [m, N, N m] count as not finite: their squares would overflow."""
@@ -17,6 +17,11 @@ class PoseSample(NamedTuple):
     frame: str
     position: Vector
     quaternion: Quaternion
+
+    @property
+    def place(self) -> Placement:
+        """The placement of the tool frame in `frame`."""
+        return Placement(self.position, self.quaternion)
 
 
 class TwistSample(NamedTuple):

@@ -12,7 +12,7 @@ from rft_ros.estimator.load_cell import HISTORY, LoadCellFrame, Prediction
 from rft_ros.estimator.samples import PoseSample, WrenchSample
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.rft import POSITION, QUATERNION
-from rft_ros.rft.frames import Vector
+from rft_ros.rft.frames import Vector, Wrench
 
 Array = NDArray[np.float64]
 
@@ -41,28 +41,30 @@ class AirReading:
 
     def __init__(self) -> None:
         # until no late reading can come before it
-        self._waiting: deque[tuple[Prediction, Vector]] = deque()
+        self._waiting: deque[tuple[Prediction, Wrench]] = deque()
         self._mean = (0.0, 0.0, 0.0)
         self._count = 0
         self._greatest = 0.0  # predicted force in the grains so far [N]
         self.load = 0.0
         """Magnitude of the mean [N]; 0 before there are enough readings."""
-        self.is_offset = False
-        """Whether the load cell reads a force in the air."""
 
-    def add(self, prediction: Prediction, force: Vector) -> None:
-        """Add the compensated force at a prediction [N], world axes; it counts from `settle` on."""
-        self._waiting.append((prediction, force))
+    @property
+    def is_offset(self) -> bool:
+        """Whether the load cell reads a force in the air."""
+        return is_offset(self.load, self._greatest)
+
+    def add(self, prediction: Prediction, compensated: Wrench) -> None:
+        """Add the compensated wrench at a prediction; it counts from `settle` on."""
+        self._waiting.append((prediction, compensated))
 
     def settle(self, before: float) -> None:
         """Count the forces stamped before this [ns]: so the mean depends on stamps, and not on the order of arrival."""
         while self._waiting and self._waiting[0][0].pose.stamp < before:
-            prediction, force = self._waiting.popleft()
+            prediction, compensated = self._waiting.popleft()
             if prediction.in_air:
-                self._average(force)
+                self._average(prediction.force_in_world(compensated))
             else:
                 self._greatest = max(self._greatest, math.hypot(*prediction.wrench[:3]))
-            self.is_offset = is_offset(self.load, self._greatest)
 
     def _average(self, force: Vector) -> None:
         """Bring the mean to the next force [N]."""

@@ -18,7 +18,6 @@ from rft_ros.rft.frames import Placement
 
 _HISTORY = 1024  # transforms kept of a moving frame: 2 s at 500 Hz, twice `PATIENCE`
 _MOST_LISTED = 20
-_IDENTITY = Placement((0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
 
 
 class Transforms:
@@ -143,7 +142,7 @@ class Transforms:
 
     def _climbed(self, frames: list[str], stamp: int, max_age: int) -> Placement | Reason:
         """Placement of the first frame in the parent of the last one; a reason that is not `TF_STALE` goes first."""
-        place = _IDENTITY
+        place = Placement()
         is_stale = False
         for frame in frames:
             step = _placed(self._frames[frame], stamp, max_age)

@@ -17,6 +17,7 @@ from rft_ros.estimator.timeline import Timeline
 from rft_ros.ground import HeightMap, Support
 from rft_ros.parameters import LoadCell, Settings, Values
 from rft_ros.rft import QUATERNION, Plates, agarwal2023, wrenches
+from rft_ros.rft.frames import Placement
 from rft_ros.rft.wrench import compile_memory, compile_tractions
 
 _PLATE = Plates.from_arrays([[0.0, 0.0, -1.0]], [[0.0, 0.0, -1.0]], [1.0])
@@ -36,7 +37,7 @@ def _around() -> None:
 
 
 def _velocity() -> None:
-    pose = PoseSample(1, "", (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
+    pose = PoseSample(1, "", *Placement())
     Kinematics().velocity(pose, Timeline(), Settings(twist_source="pose_difference"))
 
 

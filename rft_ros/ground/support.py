@@ -339,7 +339,7 @@ class Footing:
         self._last = np.zeros(1, LAST_SURFACE)
         self._ground: HeightMap | None = None
 
-    def surface(self, ground: HeightMap | None, state: Array, *, level: float) -> LocalSurface:
+    def surface(self, ground: HeightMap, state: Array, *, level: float) -> LocalSurface:
         """The surface at the next state; arguments as for `Support.local_surface`."""
         if ground is not self._ground:
             self._ground = ground

@@ -117,10 +117,10 @@ Wrench = tuple[float, float, float, float, float, float]
 
 
 class Placement(NamedTuple):
-    """Pose of one frame in another: position [m], quaternion xyzw."""
+    """Pose of one frame in another: position [m], quaternion xyzw; by default the other one itself."""
 
-    position: Vector
-    quaternion: Quaternion
+    position: Vector = (0.0, 0.0, 0.0)
+    quaternion: Quaternion = (0.0, 0.0, 0.0, 1.0)
 
     def rotate(self, v: Vector) -> Vector:
         """A vector in the inner frame's axes, in the outer frame's."""
@@ -155,7 +155,7 @@ class Placement(NamedTuple):
     def inverse(self) -> "Placement":
         """The outer frame in the inner one."""
         x, y, z, w = self.quaternion
-        back = Placement((0.0, 0.0, 0.0), (-x, -y, -z, w))
+        back = Placement(quaternion=(-x, -y, -z, w))
         a, b, c = back.rotate(self.position)
         return Placement((-a, -b, -c), back.quaternion)
 

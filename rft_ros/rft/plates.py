@@ -58,7 +58,7 @@ class Plates:
 
     `rows`: shape [7, n]: x, y, z [m] of the centroid, outward unit normal nx, ny, nz, area [m²]. For the refined rule
     shape [14, n]: also two corners relative to the centroid [m] and 1 / (2 sin θ), θ the half angle.
-    `reach`: greatest distance of any point of a plate from the tool frame's origin [m].
+    `reach`: greatest distance of any point of a plate from the tool frame's origin [m]. `area`: of all plates [m²].
     `blocks`: the same in the kernel's order, block by block its rows, padded to whole blocks by copies without area.
     `order`: the plate in each place before the padding, shape [n].
     `bounds`: shape [20, blocks]: boxes (middle, half of the sides) of the normals, of r x n [m] and of the positions
@@ -67,6 +67,7 @@ class Plates:
 
     rows: Array
     reach: float
+    area: float
     blocks: Array
     order: NDArray[np.int64]
     bounds: Array
@@ -95,7 +96,8 @@ class Plates:
             far = np.sqrt(
                 np.max([(e * e).sum(axis=0) for e in (first, second, first + second)], axis=0)
             )
-        self._set(r, float((np.linalg.norm(r[CENTROID], axis=0) + far).max()), *_in_blocks(r, far))
+        reach = float((np.linalg.norm(r[CENTROID], axis=0) + far).max())
+        self._set(r, reach, float(r[AREA].sum()), *_in_blocks(r, far))
 
     def _set(self, *values: object) -> None:
         for f, value in zip(fields(self), values, strict=True):
@@ -177,11 +179,6 @@ class Plates:
 
     def __len__(self) -> int:
         return self.rows.shape[1]
-
-    @property
-    def area(self) -> float:
-        """Total area [m²]."""
-        return float(self.areas.sum())
 
 
 def _checked(rows: ArrayLike) -> Array:

@@ -74,9 +74,10 @@ class Tool:
         return float(np.median(np.ptp(self.corners, axis=0)))
 
     @property
-    def middle(self) -> NDArray[np.float64]:
-        """Middle of the tool's extents, in the tool frame [m], shape [3]."""
-        return np.asarray(self.bounds.mean(axis=0))
+    def middle(self) -> frames.Vector:
+        """Middle of the tool's extents, in the tool frame [m]."""
+        x, y, z = self.bounds.mean(axis=0).tolist()
+        return x, y, z
 
     def lowest_point(
         self, rotation: NDArray[np.float64], slope: tuple[float, float] = LEVEL

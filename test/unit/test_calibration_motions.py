@@ -8,7 +8,7 @@ from synthetic_track import TOOL, Path, grain_wrenches, known, law, recorded
 
 from rft_ros.calibration.calibrate import PARTS, calibrate
 from rft_ros.estimator import PoseSample
-from rft_ros.rft.motion_kinds import MOTIONS, kinds_of_motion
+from rft_ros.rft.motion_kinds import MOTIONS, kind_of_motion
 
 TURNED = Rotation.from_euler("z", 90.0, degrees=True)
 
@@ -68,9 +68,9 @@ def test_a_kind_of_motion_follows_from_the_displacement_alone():
         "turn": ((1.0, 0.0, 0.0), 1.0),  # rolls
         "withdrawal": ((0.1, 0.1, 1.0), 0.3),
     }
-    moved, turned = (np.array(column) for column in zip(*moves.values(), strict=True))
-    assert kinds_of_motion(moved, turned).tolist() == list(moves)
-    assert kinds_of_motion(1e-3 * moved, 1e-3 * turned).tolist() == list(moves)  # as displacements
+    for kind, (velocity, turned) in moves.items():
+        assert kind_of_motion(*velocity, turned) == kind
+        assert kind_of_motion(*(1e-3 * np.array(velocity)), 1e-3 * turned) == kind
 
 
 def test_only_kinds_with_a_path_of_some_millimetres_count():
