@@ -18,19 +18,30 @@ from rft_ros.rft.traction import packed_law
 
 Array = NDArray[np.float64]
 
-_BODY = np.dtype(
-    [(name, np.int64) for name in ("rows", "rows_end", "bounds", "blocks", "refined")]
-    + [(name, np.float64) for name in ("reach", "height", "slope_x", "slope_y")]
+BODY = np.dtype(
+    [(name, np.int64) for name in ("rows", "rows_end", "bounds", "blocks", "refined", "near")]
+    + [
+        (name, np.float64)
+        for name in ("reach", "height", "slope_x", "slope_y", "duration", "energy")
+    ]
+    + [("state", np.float64, 13), ("explicit", np.float64, 6), ("wrench", np.float64, 6)]
 )
+"""A body.
+
+Its shape: where its part of `Beds.rows` begins and ends and that of `Beds.bounds` begins, the number of its blocks,
+whether its plates are refined, and its `reach` [m]. Its surface: `height` at x = y = 0 [m] and slopes.
+
+`state`: the last one. `explicit`: the grains' wrench there. `wrench`: that which is held over the step that begins
+there, of this `duration` [s]. `near`: whether the body may reach the surface in this step. `energy` that the grains
+have taken [J].
+"""
 
 
 class Beds(NamedTuple):
     """What the compiled step takes of the grains around n bodies.
 
-    `bodies`: shape [n]: where the body's part of `rows` begins and ends and that of `bounds` begins, the number of its
-    blocks, its reach [m], the height of its surface at x = y = 0 [m], the surface's slopes, and whether its plates are
-    refined. `rows`, `bounds`: of `Plates`, one tool after the other. `numbers`, `table`: the laws' `PackedLaw`;
-    record i of `numbers` is of body i. `length`: the mobilization length [m]. `memory`: of
+    `bodies`: records of `BODY`, shape [n]. `rows`, `bounds`: of `Plates`, one tool after the other. `numbers`, `table`:
+    the laws' `PackedLaw`; record i of `numbers` is of body i. `length`: the mobilization length [m]. `memory`: of
     `Memory.blocks`, row i of body i, and `stiffness`.
     """
 
@@ -51,36 +62,23 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
     """
     packed = packed_law(law)
     length = number("mobilization_length of the law", law.mobilization_length, positive=True)
-    shapes = {id(p): p for p in plates}
-    of_shape = {}
-    rows: list[Array] = []
-    bounds: list[Array] = []
-    rows_end = bounds_end = 0
-    for key, shape in shapes.items():
-        own_rows, own_bounds, *_ = shape.form
-        body = np.zeros((), _BODY)
-        body["rows"] = rows_end
-        body["bounds"] = bounds_end
-        rows_end += own_rows.size
-        bounds_end += own_bounds.size
-        body["rows_end"] = rows_end
-        body["blocks"] = shape.bounds.shape[1]
-        body["refined"] = shape.integration == "refined"
-        body["reach"] = shape.reach
-        of_shape[key] = body
-        rows.append(own_rows.ravel())
-        bounds.append(own_bounds.ravel())
+    places = {shape: place for place, shape in enumerate(dict.fromkeys(plates))}
+    shapes = np.zeros(len(places), BODY)
+    shapes["rows_end"] = np.cumsum([shape.blocks.size for shape in places])
+    shapes["rows"][1:] = shapes["rows_end"][:-1]
+    shapes["blocks"] = [shape.bounds.shape[1] for shape in places]
+    shapes["bounds"][1:] = BOUNDS * np.cumsum(shapes["blocks"])[:-1]
+    shapes["refined"] = [shape.integration == "refined" for shape in places]
+    shapes["reach"] = [shape.reach for shape in places]
     numbers = np.repeat(packed.numbers, len(plates))
     beds = Beds(
-        bodies=np.array([of_shape[id(p)] for p in plates]),
-        rows=np.concatenate(rows),
-        bounds=np.concatenate(bounds),
+        bodies=shapes[[places[shape] for shape in plates]],
+        rows=np.concatenate([shape.blocks for shape in places]),
+        bounds=np.concatenate([shape.bounds.ravel() for shape in places]),
         numbers=numbers.view(),
         table=packed.table,
         length=length,
-        memory=np.zeros(
-            (len(plates), max(shape.bounds.shape[1] for shape in shapes.values())), BLOCK_STATE
-        ),
+        memory=np.zeros((len(plates), shapes["blocks"].max()), BLOCK_STATE),
         stiffness=np.zeros(len(plates), STIFFNESS),
     )
     for array in (beds.rows, beds.bounds, beds.numbers):
@@ -95,29 +93,33 @@ def laws_of(beds: Beds) -> NDArray[np.void]:
 
 
 @inlined
-def evaluate(beds, b, memory, stiffness, before, states, out):
-    """Write the row of `wrenches_in_time` of body b, shape [1, 19], at its state, shape [1, 13].
+def evaluate(beds, b, memory, stiffness, states, out):
+    """Write the wrench of body b, shape [1, 6], at its next state, shape [1, 13].
 
-    `memory`: its row of `Beds.memory` or a copy, shape [1, blocks]; it takes the step from the state `before`, shape
-    [13]. `stiffness`: takes the sums, shape [1].
-    `out` of shape [plates, 3] takes the forces of the plates, in the kernel's order.
+    `memory`: its row of `Beds.memory` or a copy, shape [1, blocks]; it takes the step. `stiffness`: takes the sums,
+    shape [1]. `out` of shape [plates, 3] takes the forces of the plates, in the kernel's order.
     """
+    body = beds.bodies[b]
     moved = np.empty((1, DISPLACEMENT))
-    between(before, states[0], moved[0])
-    p = beds.bodies[b]
-    bounds = beds.bounds[p.bounds : p.bounds + BOUNDS * p.blocks].reshape(BOUNDS, p.blocks)
-    form = beds.rows[p.rows : p.rows_end], bounds, p.refined == 1, p.reach
+    between(body.state, states[0], moved[0])
+    bounds = beds.bounds[body.bounds : body.bounds + BOUNDS * body.blocks]
+    form = (
+        beds.rows[body.rows : body.rows_end],
+        bounds.reshape(BOUNDS, body.blocks),
+        body.refined == 1,
+        body.reach,
+    )
     law = PackedLaw(beds.numbers[b : b + 1], beds.table)
     past = Past(True, memory, stiffness, moved)
-    sums(form, law, p.height, (p.slope_x, p.slope_y), states, past, out)
+    sums(form, law, body.height, (body.slope_x, body.slope_y), states, past, out)
 
 
 @compiled
-def forces_on_plates(beds, body, states, forces):
-    """Write the force on each plate of a body at its last state, shape [1, 13]: shape [plates, 3], kernel's order."""
-    forces[:] = 0.0
-    memory = beds.memory[body : body + 1].copy()
-    evaluate(beds, body, memory, np.empty(1, STIFFNESS), states[0], states, forces)
+def forces_on_plates(beds, b, forces):
+    """Add to the force on each plate of a body at its last state, shape [plates, 3], kernel's order."""
+    memory = beds.memory[b : b + 1].copy()
+    state = beds.bodies[b].state.copy().reshape(1, 13)
+    evaluate(beds, b, memory, np.empty(1, STIFFNESS), state, forces)
 
 
 @inlined

@@ -5,8 +5,8 @@ import logging
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
-from functools import partial
-from typing import Any
+from functools import cached_property, partial
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,13 +20,12 @@ from rft_ros.rft.memory import MOST_BODIES
 from rft_ros.rft.plates import BLOCK
 from rft_ros.rft.traction import packed_law
 from rft_ros.simulation.beds import forces_on_plates, laws_of, make_beds, stiffness_matrix
-from rft_ros.simulation.step import BODY, advance, hold_each, no_constraints
+from rft_ros.simulation.step import advance, hold_each
 from rft_ros.tool import Tool
 
 Array = NDArray[np.float64]
 
 _LONGEST = 0.02  # m; a body that slides or falls further in one step stops too soon
-_FREE = no_constraints(6)
 _FARTHEST = 1e6  # m or rad; the wrenches of a longer step would overflow
 
 GrainsState = dict[str, NDArray[Any]]
@@ -35,7 +34,28 @@ GrainsState = dict[str, NDArray[Any]]
 _log = logging.getLogger("rft_ros.simulation")
 
 
-class GrainsBatch:
+class Copied:
+    """Is copied and pickled by its arguments and its state: threads, machine code and views of arrays cannot be."""
+
+    _arguments: tuple[Any, ...]
+    _options: dict[str, Any]
+
+    def __new__(cls, *arguments: Any, **options: Any) -> Self:
+        """The arguments are those of `__init__`."""
+        made = super().__new__(cls)
+        made._arguments = arguments
+        made._options = options
+        return made
+
+    def __reduce__(self) -> tuple[Any, ...]:
+        return partial(type(self), **self._options), self._arguments, self.state()
+
+    def state(self) -> GrainsState:
+        """What a copy takes over."""
+        raise NotImplementedError
+
+
+class GrainsBatch(Copied):
     """Many bodies, each in a bed of its own, as in a simulator's parallel environments.
 
     `tool`: the bodies' shape, in the body frame (`load_tool`), or a sequence of one tool for each of the `bodies`.
@@ -70,34 +90,20 @@ class GrainsBatch:
             raise TypeError(
                 f"ground is a {type(ground).__name__}; read one with rft_ros.ground.read_height_map"
             )
-        self._new = partial(type(self), tool, law, bodies=n, ground=ground, threads=threads)
         self.beds = make_beds([one.plates for one in self.tools], law)
+        self._unused = self.beds.bodies.copy()
         self._law = law
         self._ground = None if ground is None else ground.filled()
-        self._supports = {id(one): Support(one.corners) for one in self.tools}
-        self._bodies = np.zeros(n, BODY)
+        self._supports = {one: Support(one.corners) for one in set(self.tools)}
         self._surfaces = np.zeros(n, LAST_SURFACE)
-        self._durations = np.zeros(2)
-        self.states = np.zeros((n, 13))
-        """Those of the last step."""
-        self._of_bodies: GrainsState = {
+        self.remembered: GrainsState = {
+            "bodies": self.beds.bodies,
             "memory": self.beds.memory,
             "stiffness": self.beds.stiffness,
-            "bodies": self._bodies,
             "surfaces": self._surfaces,
-            "states": self.states,
-        }
-        self.remembered: GrainsState = {
-            **self._of_bodies,
-            "beds": self.beds.bodies,
             "laws": laws_of(self.beds),
-            "durations": self._durations,
         }
-        self.rows = np.zeros((n, 19))
-        """Rows of `wrenches_in_time` at these states."""
-        self.near = np.zeros(n, np.bool_)
-        """Whether each body may reach the surface in the step."""
-        self.last = self._bodies["wrench"]
+        self.last = self.beds.bodies["wrench"]
         """The wrenches of the last step, as it returned them, shape [n, 6]."""
         self.failures = 0
         """Number of steps of a body in which Newton's method did not converge."""
@@ -108,13 +114,8 @@ class GrainsBatch:
             for a, b in itertools.pairwise(np.linspace(0, n, parts + 1).astype(int).tolist())
         ]
         self._pool = ThreadPoolExecutor(self._threads)
-        self._advance: Any = machine_code(advance, self._advanced(slice(0, n), self.states))
-        self._hold: Any = None  # compiled for the first implicit step
+        self._advance: Any = machine_code(advance, (self.beds, 0, np.zeros((n, 13)), 0.1))
         self.reset(strength=strength, surface_height=surface_height)
-
-    def __reduce__(self) -> tuple[Any, ...]:
-        # threads and views of the arrays can be neither copied nor pickled
-        return self._new, (), self.state()
 
     def step(
         self,
@@ -134,55 +135,41 @@ class GrainsBatch:
         the twist and moves the body by `dt` times the new twist: the wrench is that where the body is then. Without
         both it is the grains' own at `states`. Raises ValueError, and forgets nothing, for values that cannot be used.
         """
-        n = len(self.rows)
+        n = len(self.tools)
         given = checked_states(states)
         if len(given) != n:
             raise ValueError(f"states has {len(given)} rows; there are {n} bodies")
         duration = number("dt", dt, positive=True)
-        if (inverse_inertia is None) != (free_acceleration is None):
-            missing = "inverse_inertia" if inverse_inertia is None else "free_acceleration"
-            raise ValueError(
-                f"{missing} is missing; the implicit step needs inverse_inertia and free_acceleration"
-            )
-        if inverse_inertia is None or free_acceleration is None:
+        if inverse_inertia is None and free_acceleration is None:
             self.advance(given, duration)
-            self.last[:] = self.rows[:, :6]
+            self.last[:] = self.beds.bodies["explicit"]
             return self.wrench
+        if inverse_inertia is None or free_acceleration is None:
+            raise ValueError(
+                "inverse_inertia or free_acceleration is missing; the implicit step needs both"
+            )
         inverse = _each("inverse_inertia", inverse_inertia, (n, 6, 6))
         free = _each("free_acceleration", free_acceleration, (n, 6))
         _refuse_without_bound(duration, given[:, 7:], free, inverse)
         self.advance(given, duration)
-        wrenches = np.empty((n, 6))
-
-        def hold(part: slice) -> tuple[int, float]:
-            failed, path = self._hold(*self._held(part, inverse, free, duration, wrenches))
-            return int(failed), float(path)
-
-        if self._hold is None:
-            self._hold = machine_code(
-                hold_each, self._held(slice(0, n), inverse, free, 0.1, wrenches)
-            )
-        failed, paths = zip(*self._in_parts(hold), strict=True)
+        hold = self._hold
+        held = self._in_parts(
+            lambda part: hold(self.beds, part.start, inverse[part], free[part], duration)
+        )
+        failed, paths = zip(*held, strict=True)
         self.failed(sum(failed), dt=duration, path=max(paths))
-        self.last[:] = wrenches
-        return wrenches
+        return self.wrench
 
-    def _held(
-        self, part: slice, inverse: Array, free: Array, dt: float, wrenches: Array
-    ) -> tuple[Any, ...]:
-        given = self._bodies[part], self.near[part], self.states, inverse[part], free[part], _FREE
-        return self.beds, part.start, *given, dt, wrenches[part]
+    @cached_property
+    def _hold(self) -> Any:
+        """Compiled for the first implicit step."""
+        return machine_code(hold_each, (self.beds, 0, np.zeros((1, 6, 6)), np.zeros((1, 6)), 0.1))
 
     def advance(self, states: Array, dt: float) -> None:
-        """Bring the memory, `rows` and the energy to checked states, after which a step of `dt` begins."""
+        """Bring the bodies and their memory to checked states, at which a step of `dt` begins."""
         if self._ground is not None:
             self._find_surfaces(states, self._ground)
-        self._durations[:] = self._durations[1], dt
-        self._in_parts(lambda part: self._advance(*self._advanced(part, states)))
-
-    def _advanced(self, part: slice, states: Array) -> tuple[Any, ...]:
-        written = self.states[part], self.rows[part], self.near[part]
-        return self.beds, part.start, self._bodies[part], self._durations, states[part], *written
+        self._in_parts(lambda part: self._advance(self.beds, part.start, states[part], dt))
 
     def _in_parts(self, work: Callable[[slice], Any]) -> list[Any]:
         """What `work` returns of each part of the bodies."""
@@ -192,14 +179,12 @@ class GrainsBatch:
 
     def _find_surfaces(self, states: Array, ground: HeightMap) -> None:
         for k, (tool, state) in enumerate(zip(self.tools, states, strict=True)):
-            support = self._supports[id(tool)]
             level = ground.nearest(state[0], state[1])
-            height, slope, *_ = support.local_surface(
-                ground, state, level=level, last=self._surfaces[k : k + 1]
-            )
+            last = self._surfaces[k : k + 1]
+            found = self._supports[tool].local_surface(ground, state, level=level, last=last)
             body = self.beds.bodies[k]
-            body["height"] = height
-            body["slope_x"], body["slope_y"] = slope
+            body["height"] = found.height
+            body["slope_x"], body["slope_y"] = found.slope
 
     def failed(self, times: int, *, dt: float, path: float) -> None:
         """Count the steps that did not converge, or in which a body moved too far [m]. Logs the first of them."""
@@ -219,13 +204,12 @@ class GrainsBatch:
     @property
     def wrench(self) -> Array:
         """The wrenches of the last step, as it returned them, shape [n, 6]."""
-        last: Array = np.array(self.last)
-        return last
+        return np.array(self.last)
 
     @property
     def energy(self) -> Array:
         """Energy that the grains have taken from each body since the last reset [J], shape [n]."""
-        return np.array(self._bodies["energy"])
+        return np.array(self.beds.bodies["energy"])
 
     @property
     def stiffness(self) -> Array:
@@ -233,7 +217,7 @@ class GrainsBatch:
 
         d: displacement and rotation vector of the body frame, world axes; units of B: N/m, N and N m.
         """
-        out: Array = np.empty((len(self.rows), 6, 6))
+        out: Array = np.empty((len(self.tools), 6, 6))
         for sums, matrix in zip(self.beds.stiffness, out, strict=True):
             stiffness_matrix(sums, matrix)
         return out
@@ -246,7 +230,7 @@ class GrainsBatch:
         k = int(self._indices(body)[0])
         plates = self.tools[k].plates
         forces = np.zeros((plates.bounds.shape[1] * BLOCK, 3))
-        forces_on_plates(self.beds, k, self.states[k : k + 1], forces)
+        forces_on_plates(self.beds, k, forces)
         ordered = np.empty((len(plates), 3))
         ordered[plates.order] = forces[: len(plates)]
         area = plates.areas[:, None]
@@ -266,19 +250,21 @@ class GrainsBatch:
         which = self._indices(bodies)
         form = (len(which),)
         factors = None if strength is None else _each("strength", strength, form, positive=True)
-        heights = None if surface_height is None else _each("surface_height", surface_height, form)
-        for array in self._of_bodies.values():
+        if surface_height is None:
+            surface_height = self.beds.bodies["height"][which]
+        heights = _each("surface_height", surface_height, form)
+        for array in (self.beds.memory, self.beds.stiffness, self._surfaces):
             array[which] = np.zeros((), array.dtype)
+        self.beds.bodies[which] = self._unused[which]
+        self.beds.bodies["height"][which] = heights
         if factors is not None:
             laws = (
                 replace(self._law, zeta=self._law.zeta * factor) for factor in factors.tolist()
             )
             laws_of(self.beds)[which] = np.concatenate([packed_law(law).numbers for law in laws])
-        if heights is not None:
-            self.beds.bodies["height"][which] = heights
 
     def _indices(self, bodies: ArrayLike | None) -> NDArray[np.int64]:
-        every = np.arange(len(self._bodies))
+        every = np.arange(len(self.tools))
         given = every if bodies is None else np.asarray(bodies)
         try:
             return np.atleast_1d(every[given if given.size else []])
@@ -298,9 +284,8 @@ class GrainsBatch:
                 "state is of other bodies; restore what state() of grains like these returned"
             )
         for name, array in state.items():
-            fields = (
-                [array[field] for field in array.dtype.names] if array.dtype.names else [array]
-            )
+            names = array.dtype.names
+            fields = [array[field] for field in names] if names else [array]
             if not all(np.isfinite(field).all() for field in fields):
                 raise ValueError(
                     f"state has values in '{name}' that are not finite; restore what state() returned"
@@ -319,11 +304,9 @@ def _each(name: str, values: ArrayLike, form: tuple[int, ...], *, positive: bool
     """Values for each body, shape `form`; without the first axis the same for all."""
     given = np.asarray(values)
     if given.dtype.kind not in "fiu" or given.shape not in (form, form[1:]):
-        wanted = (
-            f"{list(form)} or {list(form[1:])}" if len(form) > 1 else f"{list(form)} or one number"
-        )
+        one = list(form[1:]) or "one number"
         raise ValueError(
-            f"{name} has shape {list(given.shape)} of type {given.dtype}; it must be {wanted}"
+            f"{name} has shape {list(given.shape)} of type {given.dtype}; it must be {list(form)} or {one}"
         )
     array = np.array(np.broadcast_to(given, form), dtype=np.float64, order="C")
     bad = ~np.isfinite(array) | (positive & (array <= 0.0))
@@ -336,12 +319,13 @@ def _each(name: str, values: ArrayLike, form: tuple[int, ...], *, positive: bool
 
 def _refuse_without_bound(dt: float, twists: Array, free: Array, inverse: Array) -> None:
     """Refuse steps whose results would overflow."""
-    for name, largest in (
-        ("twist", twists),
-        ("free_acceleration", dt * free),
-        ("inverse_inertia", inverse),
-    ):
-        size = float(np.abs(largest).max(initial=0.0)) * (1.0 if name == "inverse_inertia" else dt)
+    moved = {
+        "twist": dt * twists,
+        "free_acceleration": dt * dt * free,
+        "inverse_inertia": inverse,
+    }
+    for name, values in moved.items():
+        size = np.abs(values).max()
         if not size < _FARTHEST:
             raise ValueError(
                 f"{name} moves a body by {size:g} m in dt, {dt:g} s; it must be less than {_FARTHEST:g} m"
@@ -375,11 +359,10 @@ class Grains:
         """
         given = ("position", position, 3), ("quaternion", quaternion, 4), ("twist", twist, 6)
         state = np.concatenate([numbers(name, v, rows=n) for name, v, n in given])
-        response: Any = {
-            "inverse_inertia": inverse_inertia,
-            "free_acceleration": free_acceleration,
-        }
-        return np.asarray(self._one.step(state, dt, **response)[0])
+        wrenches = self._one.step(
+            state, dt, inverse_inertia=inverse_inertia, free_acceleration=free_acceleration
+        )
+        return np.asarray(wrenches[0])
 
     @property
     def wrench(self) -> Array:

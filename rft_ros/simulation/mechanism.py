@@ -40,7 +40,7 @@ class Mechanism:
         self.model = model
         self._ids = np.array(bodies)
         self.states = np.zeros((len(bodies), 13))
-        self._jacobian = np.zeros((6 * len(bodies), nv))
+        self._jacobian = np.zeros((len(bodies), 6, nv))
         self._mass = np.zeros((nv, nv))
         self.unconstrained = no_constraints(nv)
         self._response = self.unconstrained.response  # P
@@ -53,50 +53,46 @@ class Mechanism:
         self.data = mujoco.MjData(model)
         self._scratch = mujoco.MjData(model)
         mujoco.mj_forward(model, self.data)
-        self.bind(self.data)
-        self._measure: Any = machine_code(_measure, (*self._moving, 0.1, *self._motion))
+        self._measure: Any = machine_code(_measure, (0.1, *self._motion()))
 
-    def bind(self, data: Any) -> None:
-        """Take the arrays of `data`, which stay where they are. Raises ValueError if it is not of this model."""
+    def take(self, data: Any) -> None:
+        """Go on with this data. Raises ValueError if it is not of this model."""
         if not isinstance(data, self._mujoco.MjData) or _sizes(data.model) != _sizes(self.model):
             raise ValueError(
                 "data is not of the model of these grains; make it with mujoco.MjData(model)"
             )
         self.data = data
-        roots = self.model.body_rootid[self._ids].astype(np.int64)
-        self._moving = data.qvel, data.qacc_smooth
-        self._motion = (
-            self._ids,
-            roots,
-            data.xpos,
-            data.xquat,
-            data.cvel,
-            data.subtree_com,
-            self.states,
-        )
 
     def move(self) -> bool:
         """Compute what depends on positions and velocities, and the forces of all but the constraints.
 
         Returns whether all of it is finite, and not too fast to be squared.
         """
+        mujoco = self._mujoco
+        model = self.model
+        data = self.data
         # not mj_forward: the user's callback for controls is called once a step, by mj_step
-        self._mujoco.mj_fwdPosition(self.model, self.data)
-        self._mujoco.mj_fwdVelocity(self.model, self.data)
-        self._mujoco.mj_fwdActuation(self.model, self.data)
-        self._mujoco.mj_fwdAcceleration(self.model, self.data)
-        return bool(self._measure(*self._moving, self.model.opt.timestep, *self._motion))
+        mujoco.mj_fwdPosition(model, data)
+        mujoco.mj_fwdVelocity(model, data)
+        mujoco.mj_fwdActuation(model, data)
+        mujoco.mj_fwdAcceleration(model, data)
+        return bool(self._measure(model.opt.timestep, *self._motion()))
+
+    def _motion(self) -> tuple[Any, ...]:
+        """What `_measure` takes."""
+        data = self.data
+        roots = self.model.body_rootid
+        poses = data.xpos, data.xquat, data.subtree_com
+        return data.qvel, data.qacc_smooth, self._ids, roots, *poses, data.cvel, self.states
 
     def joints(self, bodies: NDArray[np.int64], h: float) -> Joints:
         """The bodies with these places among all, at a step of h [s]; in arrays that the next call overwrites."""
         mujoco = self._mujoco
         model = self.model
         data = self.data
-        jacobian = self._jacobian[: 6 * len(bodies)]
-        for k, body in enumerate(self._ids[bodies].tolist()):
-            linear = jacobian[6 * k : 6 * k + 3]
-            angular = jacobian[6 * k + 3 : 6 * k + 6]
-            mujoco.mj_jacBody(model, data, linear, angular, body)
+        jacobian = self._jacobian[: len(bodies)]
+        for k, place in enumerate(bodies):
+            mujoco.mj_jacBody(model, data, jacobian[k, :3], jacobian[k, 3:], self._ids[place])
         if hasattr(data, "qM"):  # before MuJoCo 4
             mujoco.mj_fullM(model, self._mass, data.qM)
         else:
@@ -106,8 +102,7 @@ class Mechanism:
             self._response = np.asarray(np.linalg.solve(self._mass, inertia), dtype=np.float64)
         return Joints(
             bodies=bodies,
-            states=self.states,
-            twists=self.states[bodies, 7:].ravel(),
+            twists=np.ascontiguousarray(self.states[bodies, 7:]),
             jacobian=jacobian,
             inertia=inertia,
             force=data.qfrc_smooth,
@@ -176,27 +171,32 @@ def _sizes(model: Any) -> tuple[int, ...]:
 
 @compiled
 def _measure(
-    velocity, acceleration, h, ids, roots, positions, quaternions, velocities, centers, states
+    h, speeds, accelerations, ids, roots, positions, quaternions, centers, twists, states
 ):
     """Write `Mechanism.states`; returns whether all of it, and the joints' velocities, are finite and not too fast.
 
-    `velocities`: angular and linear, at the centre of mass of the body's whole tree.
+    `twists`: angular and linear, at the centre of mass of the body's whole tree.
     """
-    for i in range(len(velocity)):
-        if not abs(velocity[i]) + h * abs(acceleration[i]) < _FASTEST:
+    for i in range(len(speeds)):
+        if not abs(speeds[i]) + h * abs(accelerations[i]) < _FASTEST:
             return False
-    for b in range(len(ids)):
-        body = ids[b]
-        x, y, z = positions[body] - centers[roots[b]]
-        wx, wy, wz = velocities[body, :3]
+    for b, body in enumerate(ids):
+        x, y, z = positions[body] - centers[roots[body]]
+        wx, wy, wz, vx, vy, vz = twists[body]
+        qw, qx, qy, qz = quaternions[body]
         states[b, :3] = positions[body]
-        states[b, 3:6] = quaternions[body, 1:]
-        states[b, 6] = quaternions[body, 0]
-        states[b, 7:10] = velocities[body, 3:]
-        states[b, 7] += wy * z - wz * y
-        states[b, 8] += wz * x - wx * z
-        states[b, 9] += wx * y - wy * x
-        states[b, 10:] = velocities[body, :3]
+        states[b, 3:] = (
+            qx,
+            qy,
+            qz,
+            qw,
+            vx + wy * z - wz * y,
+            vy + wz * x - wx * z,
+            vz + wx * y - wy * x,
+            wx,
+            wy,
+            wz,
+        )
         if not np.abs(states[b]).max() < _FASTEST:
             return False
     return True

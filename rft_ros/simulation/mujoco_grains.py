@@ -4,7 +4,6 @@ import logging
 import math
 from collections.abc import Sequence
 from dataclasses import replace
-from functools import partial
 from os import PathLike
 from typing import Any, NamedTuple
 
@@ -16,7 +15,7 @@ from rft_ros.ground import HeightMap
 from rft_ros.rft import MEDIA, Law, alpha_y_model, treers2021
 from rft_ros.rft.arguments import number
 from rft_ros.rft.kernel.compilation import compiled, machine_code
-from rft_ros.simulation.grains import GrainsBatch, GrainsState
+from rft_ros.simulation.grains import Copied, GrainsBatch, GrainsState
 from rft_ros.simulation.mechanism import Mechanism, import_mujoco
 from rft_ros.simulation.shapes import check_size, geometry_of, ground_of_field, tool_of_body
 from rft_ros.simulation.step import Joints, Trial, new_trial, search
@@ -42,7 +41,7 @@ class _Call(NamedTuple):
     step: float
 
 
-class MujocoGrains:
+class MujocoGrains(Copied):
     """Grains around bodies of a MuJoCo model.
 
     `body`: its name or id; or `bodies`: those of several, whose step is solved in common. Their shapes: the geoms of
@@ -72,20 +71,6 @@ class MujocoGrains:
         scale: float = 0.001,
         tolerance: float = 0.025,
     ) -> None:
-        self._given = partial(
-            MujocoGrains,
-            body=body,
-            bodies=bodies,
-            zeta=zeta,
-            alpha_y=alpha_y,
-            mobilization_length=mobilization_length,
-            law=law,
-            surface_height=surface_height,
-            ground=ground,
-            mesh=mesh,
-            scale=scale,
-            tolerance=tolerance,
-        )
         mujoco = import_mujoco()
         if not isinstance(model, mujoco.MjModel):
             raise TypeError(
@@ -134,34 +119,30 @@ class MujocoGrains:
         self._geometry = geometry_of(model, self._of_geoms)
         self._mechanism = Mechanism(model, self._ids)
         self._last: _Call | None = None
+        self._places = np.array(self._ids)
         self._own = np.zeros((len(names), 6))
         """Forces of the user's."""
         self._written = np.zeros((len(names), 6))
         """Those with the grains'."""
         self._grains.remembered |= {"own": self._own, "written": self._written}
         self._told = False  # that the steps are long for RK4
-        self._bind(self._mechanism.data)
         joints = self._mechanism.joints(np.zeros(1, np.int64), 0.1)
-        given = (
-            self._grains.beds,
-            joints,
-            self._mechanism.unconstrained,
-            0.1,
-            new_trial(1, len(joints.force)),
+        constraints = self._mechanism.unconstrained
+        trial = new_trial(1, len(joints.force))
+        self._search: Any = machine_code(
+            search, (self._grains.beds, joints, constraints, 0.1, trial)
         )
-        self._search: Any = machine_code(search, given)
-        self._take_away: Any = machine_code(_take_away, self._forces)
-        self._write: Any = machine_code(_write, (*self._wrenches, *self._forces))
+        self._take_away: Any = machine_code(_take_away, self._forces())
+        self._write: Any = machine_code(_write, self._wrenches())
 
-    def __reduce__(self) -> tuple[Any, ...]:
-        # neither machine code nor views of the data's arrays can be copied or pickled
-        return self._given, (self._model,), self.state()
+    def _forces(self) -> tuple[Any, ...]:
+        """What `_take_away` takes."""
+        return self._places, self._own, self._written, self._mechanism.data.xfrc_applied
 
-    def _bind(self, data: Any) -> None:
-        """Take the arrays of `data`, which stay where they are."""
-        self._mechanism.bind(data)
-        self._forces = np.array(self._ids), self._own, self._written, data.xfrc_applied
-        self._wrenches = self._grains.last, data.xpos, data.xipos
+    def _wrenches(self) -> tuple[Any, ...]:
+        """What `_write` takes."""
+        data = self._mechanism.data
+        return *self._forces(), self._grains.last, data.xpos, data.xipos
 
     def apply(self, data: Any) -> Array:
         """Add the wrenches of the grains for the next step to ``data.xfrc_applied``; returns `wrench`.
@@ -173,20 +154,20 @@ class MujocoGrains:
         mechanism = self._mechanism
         grains = self._grains
         h = self._step_of(data)
-        self._take_away(*self._forces)
+        self._take_away(*self._forces())
         if not mechanism.move():
             raise self._without_bound(data, h)
         grains.advance(mechanism.states, h)
-        bodies = np.flatnonzero(grains.near)
+        bodies = np.flatnonzero(grains.beds.bodies["near"])
         grains.last[:] = 0.0
         if len(bodies):
             trial = self._search_for(mechanism.joints(bodies, h), h)
             if not math.isfinite(trial.best.sum()):
                 raise self._without_bound(data, h)
-            grains.last[bodies] = trial.best.reshape(-1, 6)
+            grains.last[bodies] = trial.best
             at = trial.at[0]
             grains.failed(0 if at["found"] else 1, dt=h, path=at["path"])
-        self._write(*self._wrenches, *self._forces)
+        self._write(*self._wrenches())
         self._last = _Call(data.time, h)
         return self.wrench
 
@@ -201,7 +182,7 @@ class MujocoGrains:
             )
         self._check_course(data)
         if data is not self._mechanism.data:
-            self._bind(data)
+            self._mechanism.take(data)
         if self._last is None:
             self._check_shapes()
         return h
@@ -304,7 +285,7 @@ class MujocoGrains:
 
     def restore(self, state: GrainsState) -> None:
         """Go back to what `state` returned; before or after `mj_setState`."""
-        self._take_away(*self._forces)  # or the wrenches there would be taken for the user's
+        self._take_away(*self._forces())  # or the wrenches there would be taken for the user's
         self._grains.restore(state)
         self._last = None
 
@@ -338,7 +319,7 @@ def _take_away(ids, own, written, applied):
 
 
 @compiled
-def _write(wrenches, origins, centers, ids, own, written, applied):
+def _write(ids, own, written, applied, wrenches, origins, centers):
     """Apply wrenches about the bodies' origins, beside the user's own forces, about the centres of mass."""
     for b in range(len(ids)):
         i = ids[b]

@@ -1,15 +1,13 @@
 """The shape of a body of a MuJoCo model, from its geoms: meshes and primitives; and ground from its height field."""
 
-from collections.abc import Iterator
 from functools import lru_cache
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.ground import MOST_CELLS, HeightMap
-from rft_ros.rft import rotation_matrix
 from rft_ros.simulation.mechanism import import_mujoco
 from rft_ros.tool import Tool, solids, tool_of_mesh
 
@@ -28,20 +26,14 @@ def tool_of_body(
     Those geoms that collide, if there are any, else all; without the faces that lie within another geom. `tolerance`:
     as for `load_tool`. Raises InputError if there is none of a known shape.
     """
-    placed = list(_geoms(model, body, apart, np.zeros(3), np.eye(3)))
-    shapes = [
-        triangles
-        for one in placed
-        if _collides(model, one.geom)
-        for triangles in _triangles(model, one)
-    ]
-    if not shapes:
-        shapes = [triangles for one in placed for triangles in _triangles(model, one)]
-    if not shapes:
+    shapes = _shapes(model, body, apart)
+    used = [shape for geom, shape in shapes.items() if _collides(model, geom)]
+    used = used or list(shapes.values())
+    if not used:
         kinds = "a mesh, box, sphere, capsule, cylinder or ellipsoid"
         name = model.body(body).name or body
         raise InputError(f"body '{name}' has no geoms of {kinds}; give its shape as mesh=FILE")
-    return _tool_of_triangles(np.concatenate(_uncovered(shapes)).tobytes(), tolerance)
+    return _tool_of_triangles(np.concatenate(_uncovered(used)).tobytes(), tolerance)
 
 
 def geometry_of(model: Any, bodies: list[int]) -> Array:
@@ -54,26 +46,32 @@ def geometry_of(model: Any, bodies: list[int]) -> Array:
     return np.concatenate([part.ravel() for part in parts])
 
 
-class _Placed(NamedTuple):
-    """A geom, and the place [m] and axes of the body that it is fixed to, in the frame of the tool."""
+def _shapes(model: Any, body: int, apart: frozenset[int]) -> dict[int, Array]:
+    """The triangles of each geom of the body and of its jointless children that are not `apart`, in its frame."""
+    from trimesh.transformations import transform_points
 
-    geom: int
-    position: Array
-    axes: Array
+    places = {body: np.eye(4)}
+    for child in range(body + 1, model.nbody):  # each after its parent
+        parent = int(model.body_parentid[child])
+        if parent in places and not model.body_jntnum[child] and child not in apart:
+            places[child] = places[parent] @ _pose(model.body_pos[child], model.body_quat[child])
+    shapes = {}
+    for geom, owner in enumerate(model.geom_bodyid.tolist()):
+        triangles = _triangles(model, geom) if owner in places else None
+        if triangles is not None:
+            place = places[owner] @ _pose(model.geom_pos[geom], model.geom_quat[geom])
+            points = transform_points(triangles.reshape(-1, 3), place)
+            shapes[geom] = np.asarray(points).reshape(-1, 3, 3)
+    return shapes
 
 
-def _geoms(
-    model: Any, body: int, apart: frozenset[int], position: Array, axes: Array
-) -> Iterator[_Placed]:
-    """Each geom of a body at this place, and of its jointless children that are not `apart`."""
-    for geom in np.flatnonzero(model.geom_bodyid == body).tolist():
-        yield _Placed(geom, position, axes)
-    for child in np.flatnonzero((model.body_parentid == body) & (model.body_jntnum == 0)).tolist():
-        if child not in apart:
-            turn = rotation_matrix(np.roll(model.body_quat[child], -1))
-            yield from _geoms(
-                model, child, apart, position + axes @ model.body_pos[child], axes @ turn
-            )
+def _pose(position: Array, quaternion: Array) -> Array:
+    """The homogeneous matrix of a pose. `quaternion`: wxyz, as in MuJoCo."""
+    from trimesh.transformations import quaternion_matrix
+
+    pose = np.asarray(quaternion_matrix(quaternion))
+    pose[:3, 3] = position
+    return pose
 
 
 def _collides(model: Any, geom: int) -> bool:
@@ -81,36 +79,27 @@ def _collides(model: Any, geom: int) -> bool:
     return bool(paired or model.geom_contype[geom] or model.geom_conaffinity[geom])
 
 
-def _triangles(model: Any, placed: _Placed) -> Iterator[Array]:
-    """A geom's triangles in the frame of the tool [m], shape [n, 3, 3]; none for a shape without a volume."""
+def _triangles(model: Any, geom: int) -> Array | None:
+    """A geom's triangles in its own frame [m], shape [n, 3, 3]; None for a shape without a volume."""
     kinds = import_mujoco().mjtGeom
-    geom = placed.geom
-    kind = model.geom_type[geom]
     a, b, c = model.geom_size[geom].tolist()
-    if kind == kinds.mjGEOM_MESH:
-        mesh = model.geom_dataid[geom]
-        vertices = np.array(
-            model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]],
-            dtype=np.float64,
-        )
-        triangles = vertices[
-            model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
-        ]
-    elif kind == kinds.mjGEOM_BOX:
-        triangles = solids.box((a, b, c))
-    elif kind == kinds.mjGEOM_SPHERE:
-        triangles = solids.ellipsoid((a, a, a))
-    elif kind == kinds.mjGEOM_ELLIPSOID:
-        triangles = solids.ellipsoid((a, b, c))
-    elif kind == kinds.mjGEOM_CYLINDER:
-        triangles = solids.cylinder(a, b)
-    elif kind == kinds.mjGEOM_CAPSULE:
-        triangles = solids.capsule(a, b)
-    else:
-        return
-    axes = rotation_matrix(np.roll(model.geom_quat[geom], -1))
-    in_body = triangles @ axes.T + model.geom_pos[geom]
-    yield in_body @ placed.axes.T + placed.position
+    match model.geom_type[geom]:
+        case kinds.mjGEOM_MESH:
+            mesh = model.geom_dataid[geom]
+            vertices = model.mesh_vert[model.mesh_vertadr[mesh] :][: model.mesh_vertnum[mesh]]
+            faces = model.mesh_face[model.mesh_faceadr[mesh] :][: model.mesh_facenum[mesh]]
+            return np.asarray(vertices[faces], dtype=np.float64)
+        case kinds.mjGEOM_BOX:
+            return solids.box((a, b, c))
+        case kinds.mjGEOM_SPHERE:
+            return solids.ellipsoid((a, a, a))
+        case kinds.mjGEOM_ELLIPSOID:
+            return solids.ellipsoid((a, b, c))
+        case kinds.mjGEOM_CYLINDER:
+            return solids.cylinder(a, b)
+        case kinds.mjGEOM_CAPSULE:
+            return solids.capsule(a, b)
+    return None
 
 
 def _uncovered(shapes: list[Array]) -> list[Array]:
@@ -141,7 +130,7 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
     The surface at a body is fitted over at least two cells of the map. So a field of larger cells is divided, as far as
     `MOST_CELLS` allows. Raises InputError for another geom, and for one that moves or leans.
     """
-    from scipy.ndimage import map_coordinates
+    from scipy.interpolate import RegularGridInterpolator
 
     mujoco = import_mujoco()
     geom = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_GEOM, name))
@@ -152,8 +141,8 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
     data = mujoco.MjData(model)
     mujoco.mj_kinematics(model, data)
     axes = data.geom_xmat[geom].reshape(3, 3)
-    x, y, z = data.geom_xpos[geom]
-    if model.body_weldid[model.geom_bodyid[geom]] != 0 or axes[2, 2] < 1.0 - 1e-9:
+    middle = data.geom_xpos[geom]
+    if model.body_weldid[model.geom_bodyid[geom]] or axes[2, 2] < 1.0 - 1e-9:
         raise InputError(
             f"ground '{name}' moves, or is not level; the grains need a fixed height field whose z is up"
         )
@@ -161,34 +150,35 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
     rows = model.hfield_nrow[field]
     columns = model.hfield_ncol[field]
     half_x, half_y, height, _ = model.hfield_size[field]
-    data_of_field = model.hfield_data[model.hfield_adr[field] :][: rows * columns]
-    heights = z + height * data_of_field.reshape(rows, columns).astype(np.float64)
+    values = model.hfield_data[model.hfield_adr[field] :][: rows * columns]
+    surface = RegularGridInterpolator(
+        (np.linspace(-half_y, half_y, rows), np.linspace(-half_x, half_x, columns)),
+        middle[2] + height * values.reshape(rows, columns).astype(np.float64),
+        bounds_error=False,
+    )
     finest = 2.0 * np.sqrt(half_x * half_y / MOST_CELLS)
     smallest = min(tool.size for tool in tools) / solids.CELLS
     cell = max(min(2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1), smallest), finest)
-    reach = np.abs(axes[:2, :2]) @ (half_x, half_y)
-    low_x, low_y = np.floor((np.array([x, y]) - reach) / cell)
-    high_x, high_y = np.floor((np.array([x, y]) + reach) / cell)
-    u, v = np.meshgrid(np.arange(low_x, high_x + 1), np.arange(low_y, high_y + 1), indexing="ij")
-    along, across = np.tensordot(
-        axes[:2, :2].T, [cell * (u + 0.5) - x, cell * (v + 0.5) - y], axes=1
-    )
-    row = (across / half_y + 1.0) * (rows - 1) / 2.0
-    column = (along / half_x + 1.0) * (columns - 1) / 2.0
-    found = map_coordinates(heights, (row, column), order=1, cval=np.nan)
-    return HeightMap(cell=float(cell), corner=(float(low_x), float(low_y)), heights=found)
+    turn = axes[:2, :2]
+    reach = np.abs(turn) @ (half_x, half_y)
+    low_x, low_y = np.floor((middle[:2] - reach) / cell)
+    high_x, high_y = np.floor((middle[:2] + reach) / cell)
+    cells = np.mgrid[low_x : high_x + 1, low_y : high_y + 1]
+    places = cell * (cells + 0.5) - middle[:2, None, None]
+    along, across = np.tensordot(turn.T, places, axes=1)
+    heights = surface((across, along))
+    return HeightMap(cell=float(cell), corner=(float(low_x), float(low_y)), heights=heights)
 
 
 def check_size(tool: Tool, model: Any, body: int, length: float) -> None:
     """Refuse a tool of a file in other units than its `scale` says; `length`: the mobilization length [m]."""
-    size = tool.size
-    what = f"the mesh of body '{model.body(body).name}' is {size:.3g} m long"
-    if size < _SMALLEST * length:
+    what = f"the mesh of body '{model.body(body).name}' is {tool.size:.3g} m long"
+    if tool.size < _SMALLEST * length:
         raise InputError(
             f"{what}, too small for grains; check scale, in metres per unit of the file"
         )
     own = 2.0 * float(model.geom_rbound[model.geom_bodyid == body].max(initial=0.0))
-    if own > 0.0 and not 1.0 / _MISTAKEN < size / own < _MISTAKEN:
+    if own > 0.0 and not 1.0 / _MISTAKEN < tool.size / own < _MISTAKEN:
         raise InputError(
             f"{what}, and its geoms {own:.3g} m; check scale, in metres per unit of the file"
         )

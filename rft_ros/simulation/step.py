@@ -16,7 +16,7 @@ those of the constraints c. Newton's method has the matrix
 
 with the stiffness B of the grains, and of the constraints that act the Jacobian Jc and the stiffness D: they feel the
 acceleration P x (`rft_ros.simulation.mechanism`). It has the sparsity of M_i, whose joints of one branch do not meet
-those of another: `_eliminate` makes no new numbers there. Twists and wrenches of bodies are stacked: linear then
+those of another: `_eliminate` makes no new numbers there. Twists and wrenches of bodies are linear then
 angular, force then torque, at the body frames' origins, world axes.
 """
 
@@ -63,9 +63,6 @@ _ROUNDING = 1e-12  # relative, of the inverse inertia that a user gives
 _QUADRATIC = 1  # of mjtConstraintState
 _CONE = 4
 
-BODY = np.dtype([("wrench", np.float64, 6), ("energy", np.float64)])
-"""State of a body: the wrench of the last step; the energy that the grains have taken [J]."""
-
 _SEARCH = np.dtype(
     [
         (name, np.float64)
@@ -86,12 +83,10 @@ is being divided. `found`: whether the method has come to an end.
 class Joints(NamedTuple):
     """Bodies that may reach the grains, and their joints. `bodies`: their numbers in the beds, shape [m].
 
-    `states`: shape [n, 13] of all bodies. `twists`: V, shape [6 m]. `jacobian`: J, shape [6 m, nv]. `inertia`: M_i.
-    `force`: f, shape [nv].
+    `twists`: V, shape [m, 6]. `jacobian`: J, shape [m, 6, nv]. `inertia`: M_i. `force`: f, shape [nv].
     """
 
     bodies: NDArray[np.int64]
-    states: Array
     twists: Array
     jacobian: Array
     inertia: Array
@@ -115,7 +110,7 @@ class Constraints(NamedTuple):
 
 
 class Trial(NamedTuple):
-    """An iterate: x, where Newton's step began and the step, shape [nv]; the wrenches at the end, shape [6 m].
+    """An iterate: x, where Newton's step began and the step, shape [nv]; the wrenches at the end, shape [m, 6].
 
     `best`: those to which the smallest step of the method led, its result. `stiffness`: B of each body, shape
     [m, 6, 6]. `at`: where the method is, shape [1].
@@ -130,6 +125,7 @@ class Trial(NamedTuple):
     at: NDArray[np.void]
 
 
+@inlined
 def no_constraints(nv: int) -> Constraints:
     """Those of joints that nothing else bears on."""
     return Constraints(
@@ -150,8 +146,8 @@ def new_trial(bodies, nv):
         acceleration=np.zeros(nv),
         start=np.zeros(nv),
         change=np.zeros(nv),
-        wrench=np.zeros(6 * bodies),
-        best=np.zeros(6 * bodies),
+        wrench=np.zeros((bodies, 6)),
+        best=np.zeros((bodies, 6)),
         stiffness=np.zeros((bodies, 6, 6)),
         at=np.zeros(1, _SEARCH),
     )
@@ -167,6 +163,15 @@ def _dot(a, b):
 
 
 @inlined
+def _times(a, x):
+    """The product of a matrix and a vector."""
+    product = np.empty(len(a))
+    for i in range(len(a)):
+        product[i] = _dot(a[i], x)
+    return product
+
+
+@inlined
 def _product(a, b, out):
     """Add the product of two matrices, in which many numbers may be zero."""
     for i in range(a.shape[0]):
@@ -178,67 +183,51 @@ def _product(a, b, out):
 
 @inlined
 def _eliminate(a, x):
-    """Solve a x = x in place for the columns of x, from the last row on; a is overwritten too."""
+    """Replace x by the solution of a y = x, from the last row on; a is overwritten too."""
     for i in range(len(a) - 1, -1, -1):
         for j in range(i):
             if a[j, i] != 0.0:
                 f = a[j, i] / a[i, i]
+                x[j] -= f * x[i]
                 for k in range(i):
                     a[j, k] -= f * a[i, k]
-                for k in range(x.shape[1]):
-                    x[j, k] -= f * x[i, k]
     for i in range(len(a)):
-        for k in range(i):
-            if a[i, k] != 0.0:
-                for j in range(x.shape[1]):
-                    x[i, j] -= a[i, k] * x[k, j]
-        for j in range(x.shape[1]):
-            x[i, j] /= a[i, i]
+        x[i] = (x[i] - _dot(a[i, :i], x[:i])) / a[i, i]
 
 
 @compiled
-def advance(beds, first, bodies, durations, given, states, rows, near):
-    """Bring the memory of bodies from `first` on to `given` states, shape [n, 13]; write their rows, shape [n, 19].
+def advance(beds, first, given, h):
+    """Bring bodies from `first` on to `given` states, shape [n, 13], at which a step of h [s] begins.
 
-    `bodies`: of `BODY`. `durations`: of the last step, in which the last wrenches took energy with the mean of the
-    twists at its ends, and of the next [s]. `states`: the last states; takes a copy of `given`. `near`: takes whether
-    each body may reach the surface within the next step.
+    In the last step the wrenches took energy with the mean of the twists at its ends.
     """
-    for b in range(len(given)):
-        wrench = bodies[b].wrench
-        bodies[b].energy -= (
-            0.5 * durations[0] * (_dot(wrench, states[b, 7:]) + _dot(wrench, given[b, 7:]))
-        )
-        memory = beds.memory[first + b : first + b + 1]
-        stiffness = beds.stiffness[first + b : first + b + 1]
-        evaluate(beds, first + b, memory, stiffness, states[b], given[b : b + 1], rows[b : b + 1])
-        states[b] = given[b]
-        near[b] = _may_reach(beds.bodies[first + b], states[b], durations[1])
+    for k in range(len(given)):
+        b = first + k
+        body = beds.bodies[b]
+        power = _dot(body.wrench, body.state[7:]) + _dot(body.wrench, given[k, 7:])
+        body.energy -= 0.5 * body.duration * power
+        memory = beds.memory[b : b + 1]
+        wrench = np.empty((1, 6))
+        evaluate(beds, b, memory, beds.stiffness[b : b + 1], given[k : k + 1], wrench)
+        body.explicit[:] = wrench[0]
+        body.state[:] = given[k]
+        body.duration = h
+        body.near = _may_reach(body)
 
 
 @inlined
-def _may_reach(bed, state, h):
-    surface = bed.height + bed.slope_x * state[0] + bed.slope_y * state[1]
-    steep = 1.0 + abs(bed.slope_x) + abs(bed.slope_y)
-    return not state[2] - surface > steep * (
-        bed.reach + _NEAR + 2.0 * h * _path(state[7:], bed.reach)
-    )
+def _may_reach(body):
+    state = body.state
+    above = state[2] - body.height - body.slope_x * state[0] - body.slope_y * state[1]
+    steep = 1.0 + abs(body.slope_x) + abs(body.slope_y)
+    way = 2.0 * body.duration * _size(state[7:], body.reach)
+    return not above > steep * (body.reach + _NEAR + way)
 
 
 @inlined
-def _part(b):
-    return slice(6 * b, 6 * b + 6)
-
-
-@inlined
-def _path(twist, reach):
-    """Path per second of the fastest point within `reach` [m/s], at most."""
-    return sqrt(_dot(twist[:3], twist[:3])) + reach * sqrt(_dot(twist[3:], twist[3:]))
-
-
-@inlined
-def _size(wrench, reach):
-    return sqrt(_dot(wrench[:3], wrench[:3])) + sqrt(_dot(wrench[3:], wrench[3:])) / reach
+def _size(six, reach):
+    """The size of the linear part of a twist, and `reach` times that of the angular part; so of a wrench."""
+    return sqrt(_dot(six[:3], six[:3])) + reach * sqrt(_dot(six[3:], six[3:]))
 
 
 @inlined
@@ -258,14 +247,10 @@ def _move(state, twist, h):
 @inlined
 def _residual(joints, constraints, trial):
     """M_i x - f - c - J^T w, shape [nv]."""
-    residual = np.empty(len(joints.force))
-    for i in range(len(residual)):
-        residual[i] = (
-            _dot(joints.inertia[i], trial.acceleration) - joints.force[i] - constraints.force[i]
-        )
-    for i in range(len(trial.wrench)):
-        for k in range(len(residual)):
-            residual[k] -= joints.jacobian[i, k] * trial.wrench[i]
+    residual = _times(joints.inertia, trial.acceleration) - joints.force - constraints.force
+    for k in range(len(trial.wrench)):
+        for i in range(6):
+            residual -= trial.wrench[k, i] * joints.jacobian[k, i]
     return residual
 
 
@@ -291,37 +276,32 @@ def _add_constraints(matrix, constraints):
 
 @inlined
 def _newton(joints, constraints, trial, residual, h):
-    """Write Newton's step from a residual; returns how the wrenches change along it, shape [6 m]."""
+    """Write Newton's step from a residual; returns how the wrenches change along it, shape [m, 6]."""
     matrix = joints.inertia.copy()
     stiff = np.zeros_like(joints.jacobian)
-    for b in range(len(joints.bodies)):
-        _product(trial.stiffness[b], joints.jacobian[_part(b)], stiff[_part(b)])
-    stiff *= h * h
-    _product(joints.jacobian.T, stiff, matrix)
+    for k in range(len(stiff)):
+        _product(h * h * trial.stiffness[k], joints.jacobian[k], stiff[k])
+        _product(joints.jacobian[k].T, stiff[k], matrix)
     if len(constraints.state):
         _add_constraints(matrix, constraints)
-    trial.change[:] = residual
-    _eliminate(matrix, trial.change.reshape(-1, 1))
-    trial.change[:] = -trial.change
-    by_wrench = np.empty(len(stiff))
-    for i in range(len(stiff)):
-        by_wrench[i] = -_dot(stiff[i], trial.change)
+    trial.change[:] = -residual
+    _eliminate(matrix, trial.change)
+    by_wrench = np.empty_like(trial.wrench)
+    for k in range(len(stiff)):
+        by_wrench[k] = -_times(stiff[k], trial.change)
     return by_wrench
 
 
 @inlined
 def _small(beds, joints, trial, change, close, h):
     """Whether Newton's step changes all wrenches by small shares of themselves, or hardly moves a body."""
-    moved = np.empty(6)
     small = True
     for k, b in enumerate(joints.bodies):
-        part = _part(k)
         reach = beds.bodies[b].reach
         # where no plate touches the grains both are 0, which does not say what comes at the step's end
-        if _size(change[part], reach) >= close * _size(trial.wrench[part], reach):
-            for i in range(6):
-                moved[i] = h * h * _dot(joints.jacobian[6 * k + i], trial.change)
-            small &= _path(moved, reach) < _STILL * beds.length
+        if _size(change[k], 1.0 / reach) >= close * _size(trial.wrench[k], 1.0 / reach):
+            moved = h * h * _times(joints.jacobian[k], trial.change)
+            small &= _size(moved, reach) < _STILL * beds.length
     return small
 
 
@@ -334,25 +314,18 @@ def search(beds, joints, constraints, h, trial):
     """
     at = trial.at[0]
     state = np.empty((1, 13))
-    row = np.empty((1, 19))
-    after = np.empty(6)
     stiffness = np.empty(1, STIFFNESS)
     tangents = np.empty_like(trial.stiffness)
     at.path = 0.0
     for k, b in enumerate(joints.bodies):
-        part = _part(k)
-        for i in range(6):
-            after[i] = joints.twists[6 * k + i] + h * _dot(
-                joints.jacobian[6 * k + i], trial.acceleration
-            )
-        state[0] = joints.states[b]
-        _move(state[0], after, h)
-        memory = beds.memory[b : b + 1].copy()
-        evaluate(beds, b, memory, stiffness, joints.states[b], state, row)
+        body = beds.bodies[b]
+        twist = joints.twists[k] + h * _times(joints.jacobian[k], trial.acceleration)
+        state[0] = body.state
+        _move(state[0], twist, h)
+        evaluate(beds, b, beds.memory[b : b + 1].copy(), stiffness, state, trial.wrench[k : k + 1])
         stiffness_matrix(stiffness[0], tangents[k])
-        trial.wrench[part] = row[0, :6]
-        if _size(row[0, :6], 1.0) > 0.0:
-            at.path = max(at.path, h * _path(after, beds.bodies[b].reach))
+        if _size(trial.wrench[k], 1.0) > 0.0:
+            at.path = max(at.path, h * _size(twist, body.reach))
     residual = _residual(joints, constraints, trial)
     along = -_dot(residual, trial.change)
     if along > 0.0:
@@ -391,37 +364,33 @@ def search(beds, joints, constraints, h, trial):
 
 
 @compiled
-def hold_each(beds, first, bodies, near, states, inverse, free, constraints, h, wrenches):
-    """Write the wrenches of bodies from `first` on that do not meet, shape [n, 6].
+def hold_each(beds, first, inverse, free, h):
+    """Find the wrenches of bodies from `first` on that do not meet.
 
-    `bodies`: of `BODY`, with the last wrenches. `near`: from `advance`. `states`: of all bodies. `inverse`: A, shape
-    [n, 6, 6]; `free`: acceleration, shape [n, 6]. The coordinates of each are the wrench itself, so that A is both its
-    Jacobian and its inertia; a small number holds the directions in which A lets nothing move. `constraints`: none.
+    `inverse`: A, shape [n, 6, 6]; `free`: acceleration, shape [n, 6]. The coordinates of each are the wrench itself, so
+    that A is both its Jacobian and its inertia; a small number holds the directions in which A lets nothing move.
     Returns how many times Newton's method did not come to an end, and the longest path [m].
     """
     failed = 0
     longest = 0.0
-    for k in range(len(wrenches)):
-        wrenches[k] = 0.0
-        if near[k]:
-            b = first + k
-            inertia = inverse[k].copy()
-            for i in range(6):
-                inertia[i, i] += _ROUNDING * np.abs(inverse[k]).max()
+    constraints = no_constraints(6)
+    for k in range(len(inverse)):
+        b = first + k
+        body = beds.bodies[b]
+        trial = new_trial(1, 6)
+        if body.near:
             joints = Joints(
                 bodies=np.array([b]),
-                states=states,
-                twists=states[b, 7:] + h * free[k],
-                jacobian=inverse[k].copy(),
-                inertia=inertia,
+                twists=(body.state[7:] + h * free[k]).reshape(1, 6),
+                jacobian=inverse[k : k + 1],
+                inertia=inverse[k] + _ROUNDING * np.abs(inverse[k]).max() * np.eye(6),
                 force=np.zeros(6),
             )
-            trial = new_trial(1, 6)
-            trial.acceleration[:] = bodies[k].wrench
+            trial.acceleration[:] = body.wrench
             while not search(beds, joints, constraints, h, trial):
                 pass
-            wrenches[k] = trial.best
             if not trial.at[0].found:
                 failed += 1
             longest = max(longest, trial.at[0].path)
+        body.wrench[:] = trial.best[0]
     return failed, longest
