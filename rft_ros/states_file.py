@@ -1,5 +1,7 @@
 """Reads states from a CSV file, computes the wrenches along them, and writes these to a CSV file."""
 
+import math
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,38 +13,111 @@ from rft_ros.files import whole
 from rft_ros.parameters import Model, defaults
 from rft_ros.rft import (
     POSE,
+    POSITION,
+    QUATERNION,
     STATE,
     TWIST,
+    VELOCITY,
     WRENCH,
     Memory,
     checked_states,
     wrenches,
     wrenches_in_time,
 )
-from rft_ros.table_file import columns_named, read_table
+from rft_ros.table_file import Column, Rows, columns_named, read_table
+
+_SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
+_UNITS = [*_SECONDS][1:]
+_METRES = {"": 1.0, "m": 1.0, "mm": 1e-3}
+_TIME_AND_POSE = (
+    Column("t", _SECONDS),
+    *(Column(name, _METRES) for name in STATE[POSITION]),
+    *columns_named(STATE[QUATERNION]),
+)
+_TWIST = columns_named(STATE[TWIST])
+
+_LAST = 2**31  # s: stamps of ROS have 32 bits
+_USUAL = 0.003  # m/s: speed of a tool in grains; under 0.1 mm/s another unit of time is likelier than a slow tool
+_QUICKEST = 0.9  # quantile of the speeds that is compared, since a tool may rest most of the time
+_ALIKE = (
+    0.15  # power of 1000 within which the speed by the poses and a velocity are of different units
+)
+_SHORTEST = 1e-4  # s between rows: no driver sends more often
+_FAST = 1.0  # m/s: no arm exceeds both this and the next extent [m] in grains
+_FAR = 10.0
 
 _FEWEST = 3  # poses for a velocity
 _ANY_GAP = 10**18  # ns
 
 
+def read_motion(file: Path, what: str, *optional: Sequence[Column]) -> Rows:
+    """The columns t [s] and px .. qw [m] of a table, and if it has them vx .. wz and the groups `optional`.
+
+    A unit may follow the name of a time or position: t [ms], px [mm]. Raises InputError, which names the line, and for
+    a time or position without a unit with which the tool would move implausibly.
+    """
+    rows = read_table(file, what, _TIME_AND_POSE, _TWIST, *optional)
+    named = f"{what} '{file}'"
+    _check_units(rows, named)
+    times = rows.columns["t"]
+    wrong = np.flatnonzero(~(np.abs(times) < _LAST))
+    if len(wrong):
+        line = rows.lines[wrong[0]]
+        raise InputError(f"{named} line {line}: t is {times[wrong[0]]:.9g}; it must be a time [s]")
+    return rows
+
+
+def columns_of(rows: Rows, names: Sequence[str]) -> NDArray[np.float64]:
+    """The named columns of a table side by side, shape [n, k]."""
+    return np.column_stack([rows.columns[name] for name in names])
+
+
+def _check_units(rows: Rows, named: str) -> None:
+    """Raise InputError if the speed by the poses shows that a column without a unit is not in seconds or metres."""
+    places = columns_of(rows, STATE[POSITION])
+    with np.errstate(all="ignore"):
+        seconds = np.diff(rows.columns["t"])
+        speeds = np.linalg.norm(np.diff(places, axis=0), axis=1) / seconds
+    moves = (speeds > 0.0) & (speeds < np.inf)
+    if not moves.any():
+        return
+    speed = float(np.quantile(speeds[moves], _QUICKEST))
+    usual = _USUAL
+    alike = 0.5
+    if STATE[-1] in rows.columns:
+        velocities = np.linalg.norm(columns_of(rows, STATE[VELOCITY]), axis=1)
+        usual = max(float(np.quantile(velocities[1:][moves], _QUICKEST)), speed)
+        alike = _ALIKE
+    power = math.log(usual / speed, 1000.0)
+    thousands = round(power)
+    shortest = float(np.median(seconds[moves])) / 1000.0**thousands
+    is_other = 1 <= thousands < len(_UNITS) and abs(power - thousands) < alike
+    if is_other and shortest > _SHORTEST and not rows.units["t"]:
+        unit = _UNITS[thousands]
+        why = f"in seconds, the tool would move at {1e3 * speed:.2g} mm/s"
+        raise InputError(
+            f"{named}: t looks like {unit} ({why}); name its unit in the first line, t [{unit}] or t [s]"
+        )
+    extent = float(np.ptp(places, axis=0).max())
+    if speed > _FAST and extent > _FAR and not rows.units["px"]:
+        why = f"in metres, the tool would move at {speed:.2g} m/s over {extent:.3g} m"
+        raise InputError(
+            f"{named}: px, py and pz look like mm ({why}); name the unit in the first line, px [mm] or px [m]"
+        )
+
+
 def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Times [s], shape [n], and checked states, shape [n, 13], from a CSV file with the columns t, px .. wz.
+    """Times [s], shape [n], and checked states, shape [n, 13], from a table as `read_motion` reads it.
 
     Without the columns vx .. wz the velocities are found from the poses. Raises InputError that names the line.
     """
     what = "states file"
-    rows = read_table(file, what, columns_named(("t", *STATE[POSE])), columns_named(STATE[TWIST]))
-    times = rows.column("t")
-    given = np.zeros((len(times), len(STATE)))
-    given[:, : len(rows.factors) - 1] = rows.numbers[:, 1:]
+    rows = read_motion(file, what)
+    times, *given = rows.columns.values()
+    missing = len(STATE) - len(given)
     try:
-        unknown = np.flatnonzero(~np.isfinite(times))
-        if len(unknown):
-            raise ValueError(
-                f"row {unknown[0]}: t is {times[unknown[0]]}; it must be a finite number"
-            )
-        states = checked_states(given)
-        if STATE[-1] not in rows.factors:
+        states = checked_states(np.pad(np.transpose(given), ((0, 0), (0, missing))))
+        if missing:
             states[:, TWIST] = _velocities(times, states[:, POSE])
         return times, states
     except ValueError as error:

@@ -5,19 +5,22 @@ import io
 import re
 from array import array
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from pathlib import Path
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, shown
+from rft_ros.errors import InputError
 from rft_ros.files import MAX_BYTES, read_text
 
 _SEPARATORS = ",;\t "
 _QUOTES = "\"'"
 _MISSING = {"", "nan", "na", "n/a", "null", "none", "-", "--", "nodata"}
-_LETTERS = str.maketrans({"β": "beta", "γ": "gamma", "α": "alpha", "³": "3", "⁻": "-"})
+_LETTERS = str.maketrans({
+    "β": "beta", "γ": "gamma", "α": "alpha", "³": "3", "⁻": "-", "µ": "u", "μ": "u"
+})  # fmt: skip
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -25,24 +28,26 @@ class Column:
     """A column of a table.
 
     `units`: for each unit that may follow the name in the header (without spaces and brackets), its factor to the
-    reader's unit; None: the header has the bare name. `wanted`: what the column holds, for a sentence. `gaps`: whether
-    an empty cell or nan is a missing number, which becomes NaN.
+    reader's unit. `wanted`: what the column holds, for a sentence. `gaps`: whether an empty cell or nan is a missing
+    number, which becomes NaN.
     """
 
     name: str
-    units: Mapping[str, float] | None = None
+    units: Mapping[str, float] = field(default_factory=lambda: {"": 1.0})
     wanted: str = ""
     gaps: bool = False
 
-    def unit(self, heading: str) -> str | None:
-        """The unit that a heading gives to this column; None if the heading is of another column."""
-        if self.units is None:
-            return "" if heading == self.name else None
+    def places(self, headings: Sequence[str]) -> list["_Place"]:
+        """Where headings name this column, with one of its units."""
         name = self.name.replace("_", "[ _]?")
-        match = re.match(f"{name}(?![a-z])(.*)$", heading.lower().translate(_LETTERS))
-        return (
-            None if match is None else re.sub(r"[\s_\[\]()^*·]", "", match[1].replace("per", "/"))
-        )
+        found = []
+        for index, heading in enumerate(headings):
+            match = re.match(f"{name}(?![a-z])(.*)$", heading.lower().translate(_LETTERS))
+            if match:
+                unit = re.sub(r"[\s_\[\]()^*·]", "", match[1].replace("per", "/"))
+                if unit in self.units:
+                    found.append(_Place(self, index, unit))
+        return found
 
 
 def columns_named(names: Sequence[str]) -> tuple[Column, ...]:
@@ -52,28 +57,23 @@ def columns_named(names: Sequence[str]) -> tuple[Column, ...]:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Rows:
-    """The numbers of a table, shape [n, columns], in the reader's units, and the line of each row, counted from 1.
+    """The rows of a table, with their `lines` in the file, counted from 1, shape [n].
 
-    `factors`: of each column, in their order, from the unit in the header to the reader's unit.
+    `columns`: by name in the reader's order, the numbers of each column in the reader's unit, shape [n]. `units`: the
+    unit of each in the header, "" without one.
     """
 
-    numbers: NDArray[np.float64]
+    columns: dict[str, NDArray[np.float64]]
+    units: dict[str, str]
     lines: NDArray[np.int64]
-    factors: dict[str, float]
-
-    def column(self, name: str) -> NDArray[np.float64]:
-        """The numbers of a column, shape [n]."""
-        numbers: NDArray[np.float64] = self.numbers[:, [*self.factors].index(name)]
-        return numbers
 
 
-@dataclass(frozen=True, slots=True)
-class _Place:
-    """Where a column stands in a line, and the factor of its unit."""
+class _Place(NamedTuple):
+    """A column, the number of its cell in a line, and its unit."""
 
     column: Column
-    index: int
-    factor: float
+    cell: int
+    unit: str
 
 
 def read_table(
@@ -96,7 +96,7 @@ def read_table(
     headings = [heading.strip().strip(_QUOTES) for heading in header.split(separator)]
     places: list[_Place] = []
     for group in (columns, *optional):
-        if group is columns or _names_any(headings, group):
+        if group is columns or any(column.places(headings) for column in group):
             places += [_place(column, headings, group, named) for column in group]
     return _rows(lines, named, places=places, separator=separator, width=len(headings))
 
@@ -118,26 +118,16 @@ def _separator(header: str) -> str | None:
     return None if separator == " " else separator
 
 
-def _names_any(headings: Sequence[str], group: Sequence[Column]) -> bool:
-    return any(column.unit(heading) is not None for column in group for heading in headings)
-
-
 def _place(column: Column, headings: Sequence[str], group: Sequence[Column], named: str) -> _Place:
     """The place of a column of a group. Raises InputError where it is missing, or there twice."""
-    units = column.units or {"": 1.0}
-    found = []
-    for index, heading in enumerate(headings):
-        unit = column.unit(heading)
-        if unit is not None and unit in units:
-            found.append(_Place(column, index, units[unit]))
+    found = column.places(headings)
     if len(found) == 1:
         return found[0]
+    has = f"several columns {column.name}" if found else f"no column {column.name}"
     must = f"its first line must name {','.join(other.name for other in group)}, without #"
-    if found:
-        raise InputError(f"{named} has several columns {column.name}; {must}")
-    if column.wanted and _names_any(headings, group):
-        must = f"it must be {column.wanted}; the columns are {shown(', '.join(headings))}"
-    raise InputError(f"{named} has no column {column.name}; {must}")
+    if column.wanted:
+        must += f"; {column.name} must be {column.wanted}"
+    raise InputError(f"{named} has {has}; {must}")
 
 
 def _rows(
@@ -149,7 +139,6 @@ def _rows(
     width: int,
 ) -> Rows:
     """The rows below the header. `width`: how many cells a line has."""
-    indices = [place.index for place in places]
     numbers = array("d")
     counted = array("q")
     for number, line in lines:
@@ -157,16 +146,22 @@ def _rows(
         if len(cells) != width:
             raise InputError(f"{named} line {number} is not {width} numbers; correct or remove it")
         try:
-            numbers.extend([float(cells[index]) for index in indices])
+            numbers.extend([float(cells[place.cell]) for place in places])
         except ValueError:
             where = f"{named} line {number} is not {width} numbers"
-            numbers.extend([_number(cells[place.index], place.column, where) for place in places])
+            numbers.extend([_number(cells[place.cell], place.column, where) for place in places])
         counted.append(number)
     if not counted:
         raise InputError(f"{named} has a header and no rows; it needs at least one")
-    factors = {place.column.name: place.factor for place in places}
-    table = np.frombuffer(numbers).reshape(len(counted), -1) * np.array([*factors.values()])
-    return Rows(table, np.frombuffer(counted, dtype=np.int64), factors)
+    table = np.frombuffer(numbers).reshape(len(counted), -1)
+    return Rows(
+        columns={
+            place.column.name: values * place.column.units[place.unit]
+            for place, values in zip(places, table.T, strict=True)
+        },
+        units={place.column.name: place.unit for place in places},
+        lines=np.frombuffer(counted, dtype=np.int64),
+    )
 
 
 def _number(cell: str, column: Column, where: str) -> float:

@@ -5,34 +5,25 @@ from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
 from rft_ros.bags.sources import Messages, Source
 from rft_ros.errors import InputError
 from rft_ros.messages import TYPES, Role, stamped_cdr
 from rft_ros.parameters import Values
 from rft_ros.rft import AXES, POSE, STATE, TWIST
-from rft_ros.table_file import Rows, columns_named, read_table
+from rft_ros.states_file import columns_of, read_motion
+from rft_ros.table_file import Rows, columns_named
 
-_GROUPS: dict[Role, tuple[str, ...]] = {
+_COLUMNS: dict[Role, tuple[str, ...]] = {
     "pose": tuple(STATE[POSE]),
     "twist": tuple(STATE[TWIST]),
     "wrench": AXES,
 }
-_TIME_AND_POSE = columns_named(("t", *_GROUPS["pose"]))
-_TWIST = columns_named(_GROUPS["twist"])
-_WRENCH = columns_named(_GROUPS["wrench"])
+"""Columns of the messages of a row, beside its time t.
 
-COLUMNS = ("t", *STATE[POSE], *STATE[TWIST], *AXES)
-"""Columns of a table: [s], [m], quaternion, [m/s], [rad/s], [N], [N m].
-
-Pose and twist of the tool frame are in world axes, the wrench in sensor axes, as the load cell's driver gives it. The
-six columns of the twist may be missing, and those of the wrench.
+Pose and twist of the tool frame are in world axes, the wrench in sensor axes, as the load cell's driver gives it. Those
+of the twist may be missing, and those of the wrench.
 """
-
-_LAST = 2**31  # s: stamps of ROS have 32 bits
-_UNITS = {"ns": 5e5, "µs": 500.0, "ms": 0.5}
-"""Least time between rows, taken for seconds, of a table whose times are in each unit. None is slower than 2 Hz."""
 
 
 def is_table(bag: Path) -> bool:
@@ -41,13 +32,13 @@ def is_table(bag: Path) -> bool:
 
 
 def read_recorded_table(file: Path) -> Rows:
-    """Those of `COLUMNS` that a table has, in their order. Raises InputError, which names the line."""
-    return read_table(file, "table", _TIME_AND_POSE, _TWIST, _WRENCH)
+    """The columns of a table. Raises InputError, which names the line."""
+    return read_motion(file, "table", columns_named(AXES))
 
 
 def values_for_table(rows: Rows, values: Values) -> Values:
     """The parameters with which a table is read: velocities are found from the poses unless it has them."""
-    twist_source = "topic" if "vx" in rows.factors else "pose_difference"
+    twist_source = "topic" if "vx" in rows.columns else "pose_difference"
     return {**values, "pose_source": "topic", "twist_source": twist_source}
 
 
@@ -59,21 +50,25 @@ def source_of_table(
     In ROS a stamp of 0 means none: stamps that begin at 0 or below are shifted by whole seconds. Raises InputError,
     which names the line.
     """
-    times = rows.column("t")
-    _check_times(times, rows.lines, f"table '{file}'")
+    times = rows.columns["t"]
+    back = np.flatnonzero(np.diff(times) < 0.0)
+    if len(back):
+        k = back[0] + 1
+        must = "it must be a time [s] that does not go back; write a file for each run"
+        raise InputError(f"table '{file}' line {rows.lines[k]}: t is {times[k]:.9g}; {must}")
     shift = 0 if times[0] > 0.0 else 1 + math.ceil(-times[0])
     stamps = np.round((times + shift) * 1e9).astype(np.int64).tolist()
     columns: dict[Role, list[list[float]]] = {}
-    for role, names in _GROUPS.items():
-        if role in topics and names[0] in rows.factors:
-            columns[role] = np.column_stack([rows.column(name) for name in names]).tolist()
+    for role, names in _COLUMNS.items():
+        if role in topics and names[0] in rows.columns:
+            columns[role] = columns_of(rows, names).tolist()
 
     def read(wanted: Collection[str], first: int, last: int) -> Messages:
         for k, stamp in enumerate(stamps):
             for role, numbers in columns.items():
                 if first <= stamp <= last and topics[role] in wanted:
                     frame = values["sensor_frame" if role == "wrench" else "world_frame"]
-                    serialised = stamped_cdr(frame, len(_GROUPS[role]))
+                    serialised = stamped_cdr(frame, len(numbers[k]))
                     yield stamp, topics[role], serialised(stamp, numbers[k])
 
     source = Source(
@@ -85,17 +80,3 @@ def source_of_table(
         read=read,
     )
     return source, shift * 1_000_000_000
-
-
-def _check_times(times: NDArray[np.float64], lines: NDArray[np.int64], named: str) -> None:
-    """Raise InputError for times that are not in seconds, too large, or go back."""
-    step = float(np.median(np.diff(times))) if len(times) > 1 else 0.0
-    for unit, least in _UNITS.items():
-        if step >= least:
-            raise InputError(
-                f"{named}: t looks like {unit} ({step:.3g} s between rows); give seconds"
-            )
-    wrong = np.flatnonzero(~(np.abs(times) < _LAST) | (np.diff(times, prepend=-np.inf) < 0.0))
-    if len(wrong):
-        must = "it must be a time [s] that does not go back; write a file for each run"
-        raise InputError(f"{named} line {lines[wrong[0]]}: t is {times[wrong[0]]:.9g}; {must}")

@@ -305,7 +305,7 @@ def read_height_map(file: Path | str, cell: float) -> HeightMap:
 def _points_of(file: Path, what: str) -> tuple[Array, Array, Array]:
     """The columns x, y, h of a file, shape [n] each, if they are of one length."""
     if file.suffix.lower() != ".npz":
-        x, y, h = read_table(file, "ground.file", columns_named(_COLUMNS)).numbers.T
+        x, y, h = read_table(file, "ground.file", columns_named(_COLUMNS)).columns.values()
         return x, y, h
     x, y, h = read_arrays(file, "ground.file", _COLUMNS)
     if any(v.dtype.kind not in "fiu" for v in (x, y, h)):

@@ -52,7 +52,7 @@ def read_stress_map(file: Path) -> StressMap:
         raise InputError(
             f"{named} has {len(rows.lines):,} rows; the limit is {_MOST_CELLS:,}: take the mean of repeated cells"
         )
-    beta, gamma, alpha_x, alpha_z = rows.numbers.T
+    beta, gamma, alpha_x, alpha_z = rows.columns.values()
     greatest = float(np.abs(np.nan_to_num([alpha_x, alpha_z])).max())
     if not _LEAST <= greatest <= _GREATEST:
         unit = "1 N/cm³ = 1e6 Pa/m; a pressure in Pa must be divided by the depth"
@@ -75,7 +75,7 @@ def read_alpha_y_table(file: str) -> Table:
         )
     named = f"alpha_y.table '{file}'"
     rows = _read(Path(file), "alpha_y.table", (_BETA, _ALPHA_Y), (_GAMMA,))
-    stresses = rows.column("alpha_y")
+    stresses = rows.columns["alpha_y"]
     if stresses.min() < 0.0:
         raise InputError(
             f"{named} has a negative alpha_y ({stresses.min():g}); give the size of a stress that resists"
@@ -85,8 +85,8 @@ def read_alpha_y_table(file: str) -> Table:
         raise InputError(
             f"{named} has alpha_y up to {stresses.max():.4g}, {unit} (1 N/cm³ = 1e6 Pa/m)"
         )
-    gammas = rows.column("gamma") if "gamma" in rows.factors else np.zeros(len(stresses))
-    beta, row = np.unique(rows.column("beta"), return_inverse=True)
+    gammas = rows.columns.get("gamma", np.zeros(len(stresses)))
+    beta, row = np.unique(rows.columns["beta"], return_inverse=True)
     gamma, column = np.unique(gammas, return_inverse=True)
     pairs = len(beta) * len(gamma)
     different = len(np.unique(row * len(gamma) + column))
@@ -107,8 +107,8 @@ def _read(file: Path, what: str, *columns: Sequence[Column]) -> Rows:
     """As `read_table`. Raises InputError also for numbers that are not finite, and for implausible angles."""
     rows = read_table(file, what, *columns, limit=_MOST_BYTES)
     for column in itertools.chain(*columns):
-        if column.name in rows.factors:
-            values = rows.column(column.name)
+        if column.name in rows.columns:
+            values = rows.columns[column.name]
             wrong = np.flatnonzero(np.isinf(values) if column.gaps else ~np.isfinite(values))
             if len(wrong):
                 where = f"{what} '{file}' line {rows.lines[wrong[0]]}"
@@ -116,7 +116,9 @@ def _read(file: Path, what: str, *columns: Sequence[Column]) -> Rows:
                     f"{where}: {column.name} is {values[wrong[0]]:g}; it must be a finite number"
                 )
             if column.units is _DEGREES:
-                _check_angles(values, rows.factors[column.name], f"{what} '{file}'", column.name)
+                _check_angles(
+                    values, column.units[rows.units[column.name]], f"{what} '{file}'", column.name
+                )
     return rows
 
 

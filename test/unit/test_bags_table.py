@@ -8,17 +8,17 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from recordings import START, moments, plunge, rows_of, values, write_ros2
-from refusals import refusal
+from refusals import assert_says, refusal
 
 from rft_ros.bags.reading import Recording
 from rft_ros.bags.replay import replay
-from rft_ros.bags.table import COLUMNS
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
-from rft_ros.rft import STATE, TWIST
+from rft_ros.rft import AXES, STATE, TWIST
 from rft_ros.states_file import read_states
 from rft_ros.sweeps.motions import circumnutation, sample
 
+COLUMNS = ("t", *STATE, *AXES)
 GROUPS = {"pose": COLUMNS[1:8], "twist": COLUMNS[8:14], "wrench": COLUMNS[14:]}
 
 
@@ -118,19 +118,69 @@ def test_what_is_wrong_in_a_table_is_named(tmp_path, change, words):
     assert words in said
 
 
-@pytest.mark.parametrize(("unit", "factor"), [("ms", 1e3), ("µs", 1e6), ("ns", 1e9)])
-@pytest.mark.parametrize("begin", [0.0, 1.7e9])
-def test_times_in_another_unit_are_named_as_such(tmp_path, unit, factor, begin):
-    rows = list(plunge())[:60]
-    table = write_table(tmp_path / "trial.csv", rows, begin=begin)
-    header, *lines = table.read_text().splitlines()
-    cells = [line.split(",", 1) for line in lines]
-    table.write_text(
-        "\n".join([header, *(f"{factor * float(t):.0f},{rest}" for t, rest in cells)])
+def rewritten(table, change):
+    """The table with `change` applied to the columns, each a list of numbers, and to their headings."""
+    header, *lines = [line.split(",") for line in table.read_text().splitlines()]
+    columns = dict(zip(header, np.array(lines, dtype=float).T, strict=True))
+    changed = change(columns)
+    np.savetxt(
+        table,
+        np.column_stack([*changed.values()]),
+        delimiter=",",
+        header=",".join(changed),
+        comments="",
+        fmt="%.17g",
     )
-    assert f"t looks like {unit} ({0.01 * factor:.3g} s between rows); give seconds" in refusal(
-        opened, table
-    )
+    return table
+
+
+def in_millimetres(columns):
+    return columns | {name: 1e3 * columns[name] for name in STATE[:3]}
+
+
+READERS = {"table": lambda table: opened(table), "states": read_states}
+
+
+@pytest.mark.parametrize("reader", READERS)
+@pytest.mark.parametrize("roles", [("pose",), ("pose", "twist")])
+@pytest.mark.parametrize(
+    ("hertz", "unit", "factor"),
+    [(100, "ms", 1e3), (4000, "ms", 1e3), (100, "us", 1e6), (100, "ns", 1e9), (1, "s", 1.0)],
+)
+def test_times_in_another_unit_are_named_by_the_speed_of_the_poses(
+    tmp_path, reader, roles, hertz, unit, factor
+):
+    """Slow logs in seconds are taken; a heading that says the unit is believed."""
+    table = write_table(tmp_path / "trial.csv", list(plunge())[:600], roles=roles)
+
+    slower = 100 / hertz
+    finer = min(slower, 1.0)  # the same speed at a high rate, a slower tool at a low one
+
+    def change(columns):
+        places = {name: finer * columns[name] for name in STATE[:3]}
+        moved = columns | places | {"t": factor * slower * columns["t"]}
+        return moved | {n: finer / slower * columns[n] for n in ("vx", "vy", "vz") if n in columns}
+
+    rewritten(table, change)
+    if unit == "s":
+        READERS[reader](table)
+        return
+    said = refusal(READERS[reader], table)
+    assert_says(said, str(table), f"t looks like {unit} ", "mm/s", f"t [{unit}]", "t [s]")
+    table.write_text(table.read_text().replace("t,", f"t [{unit}],", 1))
+    READERS[reader](table)
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_positions_in_millimetres_are_named(tmp_path, reader):
+    table = rewritten(write_table(tmp_path / "trial.csv", list(plunge())[:300]), in_millimetres)
+    said = refusal(READERS[reader], table)
+    assert_says(said, str(table), "look like mm", "m/s", "px [mm]", "px [m]")
+    header, rest = table.read_text().split("\n", 1)
+    for name in STATE[:3]:
+        header = header.replace(name, f"{name} [mm]")
+    table.write_text(f"{header}\n{rest}")
+    READERS[reader](table)
 
 
 def opened(table):

@@ -26,7 +26,8 @@ ALLOWED = {
     "estimator": "parameters ground tool rft child_process errors",
     "simulation": "files ground tool rft errors installation",
     "report": "parameters files ground tool rft errors",
-    "bags": "diagnosis messages estimator parameters ground tool rft report errors progress files table_file yaml_file",
+    "bags": "diagnosis messages estimator parameters ground tool rft report errors progress files states_file"
+    " table_file yaml_file",
     "calibration": "diagnosis files bags estimator parameters ground tool rft errors yaml_file",
     "sweeps": "parameters tool rft states_file installation progress errors files yaml_file",
     "node": "messages bags estimator parameters ground tool rft report files installation child_process errors",

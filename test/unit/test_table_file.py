@@ -65,9 +65,9 @@ def test_names_give_columns_units_and_order_in_every_dialect(tmp_path_factory, t
     file.write_bytes(text.encode())
     rows = read_table(file, "table", COLUMNS, MORE)
     names = ["beta", "alpha_x", *(["gamma"] if "gamma" in meant else [])]
-    assert [*rows.factors] == names
+    assert [*rows.columns] == names
     for name in names:
-        np.testing.assert_allclose(rows.column(name), meant[name], rtol=1e-14)
+        np.testing.assert_allclose(rows.columns[name], meant[name], rtol=1e-14)
 
 
 READERS = {
@@ -114,4 +114,4 @@ def test_a_group_of_columns_is_there_in_full_or_not_at_all(tmp_path):
     time, twist = columns_named(["t"]), columns_named(["vx", "vy", "vz"])
     assert_says(refusal(read_table, file, "table", time, twist), "no column vz", "vx,vy,vz")
     file.write_text("t,wx\n0,1\n")
-    assert [*read_table(file, "table", time, twist).factors] == ["t"]
+    assert [*read_table(file, "table", time, twist).columns] == ["t"]
