@@ -29,8 +29,6 @@ __all__ = [
     "Settings",
     "TwistSample",
     "WrenchSample",
-]
-__all__ += [
     "alpha_y_model",
     "checked_states",
     "law_named",
@@ -38,8 +36,8 @@ __all__ += [
     "medium_named",
     "read_medium",
     "wrenches",
+    "wrenches_in_time",
 ]
-__all__ += ["wrenches_in_time"]
 
 _HOMES = "rft_ros.rft", "rft_ros.tool", "rft_ros.parameters", "rft_ros.estimator"
 

@@ -67,14 +67,11 @@ def parser(rft: str = "rft", *, only: str | None = None) -> argparse.ArgumentPar
         if only in (None, name):
             functions = vars(import_module(f"rft_ros.commands.{module}"))
             function = name.replace("-", "_")
-            if f"{function}_options" in functions:
-                functions[f"{function}_options"](command)
             run = functions[function]
+            functions[f"{function}_options"](command)
             command.set_defaults(run=run)
-            examples = (
-                f"  {rft}{line.removeprefix('rft')}" for line in (getdoc(run) or "").splitlines()
-            )
-            command.epilog = "\n".join(["example:", *examples])
+            examples = f"\n{getdoc(run)}".replace("\nrft", f"\n  {rft}")
+            command.epilog = f"example:{examples}"
     return whole
 
 
@@ -123,7 +120,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
             return status
         finally:
             if sys.stdout is not None:
-                sys.stdout.flush()  # a closed pipe is reported here instead of at exit, where it leaves a traceback
+                # a closed pipe is reported here instead of at exit, where it leaves a traceback
+                sys.stdout.flush()
     except InputError as error:
         # names in a damaged file may hold control characters
         sentence = "".join(c if c.isprintable() else repr(c)[1:-1] for c in str(error))

@@ -89,15 +89,16 @@ def demo(arguments: argparse.Namespace) -> int:
     bag = arguments.output / "bag"
     out = arguments.output / "replay"
     run(bag, parameters, seconds=arguments.seconds)
-    same = shlex.join(
-        ["replay", str(bag), "--params", str(parameters), "--tare", f"{tare:g}", "-o", str(out)]
-    )
-    print(f"the same offline: {program()} {same}")
-    summary = replay(
-        bag, out, read_parameter_file(parameters), ReplayOptions(tare=tare), report=True
-    )
+    same = ["replay", str(bag), "--params", str(parameters), "--tare", f"{tare:g}", "-o", str(out)]
+    print(f"the same offline: {program()} {shlex.join(same)}")
+    values = read_parameter_file(parameters)
+    summary = replay(bag, out, values, ReplayOptions(tare=tare), report=True)
     print("\n".join([*summary.lines(), f"-> {out / 'report.html'}"]))
     return 0
+
+
+def warm_up_options(_command: argparse.ArgumentParser) -> None:
+    pass
 
 
 def warm_up(_arguments: argparse.Namespace) -> int:

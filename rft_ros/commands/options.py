@@ -2,14 +2,12 @@
 
 import argparse
 import math
-import re
 from collections.abc import Iterable
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 from rft_ros.bags.options import ReplayOptions, read_replay_options
-from rft_ros.errors import InputError
 from rft_ros.files import refuse_overwriting
 from rft_ros.parameters import NODE, PARAMETERS, Values, defaults, read_parameter_file
 from rft_ros.parameters.from_values import SHORT_NAMES, parameters_of
@@ -30,17 +28,7 @@ OF_LAW = (
 )
 OF_RECORDING = ("--params", "--node", "--remap", "--start", "--end")
 
-_ROS_NAME = re.compile(r"(/[A-Za-z_][A-Za-z0-9_]*)+")
-_BY_NAME = ", ".join(name for name in ALPHA_Y_MODELS if name != "table")
-_ALPHA_Y = (
-    f"{_BY_NAME} or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default linear)"
-)
-_TOLERANCE = (
-    "reduce the tool to the fewest plates whose force and torque deviate by at most this share, such as 0.01, in 95 of"
-    " 100 random motions (default 0: full tool)"
-)
-_PARAMS = "the node's own parameter file (default: the node's defaults)"
-_REMAP = "topic of the recording, such as ~/pose:=/tool_pose; may be repeated"
+_AXES = ("X", "Y", "Z", "W")
 
 
 def number(text: str) -> float:
@@ -51,15 +39,35 @@ def number(text: str) -> float:
     return value
 
 
-_MEDIUM = f"{', '.join(MEDIA)}, or a FILE of your own as for medium.file (default generic)"
+_MODELS = ", ".join(name for name in ALPHA_Y_MODELS if name != "table")
 
 _SHARED: dict[str, dict[str, Any]] = {
-    "--medium": {"metavar": "NAME|FILE", "help": _MEDIUM},
-    "--alpha-y": {"metavar": "MODEL", "help": _ALPHA_Y},
-    "--tolerance": {"type": number, "metavar": "SHARE", "help": _TOLERANCE},
-    "--params": {"type": Path, "metavar": "FILE.yaml", "help": _PARAMS},
+    "--medium": {
+        "metavar": "NAME|FILE",
+        "help": f"{', '.join(MEDIA)}, or a FILE of your own as for medium.file (default generic)",
+    },
+    "--alpha-y": {
+        "metavar": "MODEL",
+        "help": f"{_MODELS} or a TABLE.csv of beta [deg], (gamma [deg],) alpha_y [N/cm³] (default linear)",
+    },
+    "--tolerance": {
+        "type": number,
+        "metavar": "SHARE",
+        "help": "reduce the tool to the fewest plates whose force and torque deviate by at most this share, such as"
+        " 0.01, in 95 of 100 random motions (default 0: full tool)",
+    },
+    "--params": {
+        "type": Path,
+        "metavar": "FILE.yaml",
+        "help": "the node's own parameter file (default: the node's defaults)",
+    },
     "--node": {"metavar": "NAME", "help": f"the node with its namespace (default {NODE})"},
-    "--remap": {"action": "append", "default": [], "metavar": "FROM:=TO", "help": _REMAP},
+    "--remap": {
+        "action": "append",
+        "default": [],
+        "metavar": "FROM:=TO",
+        "help": "topic of the recording, such as ~/pose:=/tool_pose; may be repeated",
+    },
     "--start": {
         "type": number,
         "metavar": "S",
@@ -84,23 +92,23 @@ def _of_parameter(option: str) -> dict[str, Any]:
     name = SHORT_NAMES[option.removeprefix("--").replace("-", "_")]
     (parameter,) = (p for p in PARAMETERS if p.name == name)
     value = parameter.default
-    unit = f" [{parameter.unit}]" if parameter.unit else ""
     text = parameter.description.rstrip(".").replace("%", "%%")
     meaning = text[0].lower() + text[1:]
+    if parameter.unit:
+        meaning += f" [{parameter.unit}]"
     if isinstance(value, bool):
         return {"action": "store_true", "default": None, "help": meaning}
     if isinstance(value, str):
         among = f"{meaning} ({', '.join(parameter.choices)}; default {value})"
         return {"choices": parameter.choices, "metavar": "NAME", "help": among}
     if isinstance(value, float):
-        return {"type": number, "metavar": "X", "help": f"{meaning}{unit} (default {value:g})"}
+        return {"type": number, "metavar": "X", "help": f"{meaning} (default {value:g})"}
     default = " ".join(f"{v:g}" for v in value)
-    metavar = ("X", "Y", "Z") if len(value) == 3 else ("QX", "QY", "QZ", "QW")
     return {
         "type": number,
         "nargs": len(value),
-        "metavar": metavar,
-        "help": f"{meaning}{unit} (default {default})",
+        "metavar": _AXES[: len(value)],
+        "help": f"{meaning} (default {default})",
     }
 
 
@@ -121,23 +129,23 @@ def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[
     """Raise InputError if an output would overwrite an input: a path in another argument, or one of `also`."""
     inputs = [*also]
     for name, value in vars(arguments).items():
-        words = value if isinstance(value, list) else [value]
-        inputs += [word for word in words if isinstance(word, Path) and name != "output"]
+        if name != "output":
+            words = value if isinstance(value, list) else [value]
+            inputs += [word for word in words if isinstance(word, Path)]
     refuse_overwriting(outputs, inputs)
 
 
 def recording(arguments: argparse.Namespace) -> tuple[Values, ReplayOptions]:
     """The node's parameters and the replay options. Those on the command line override the parameter file."""
     node = "/" + (arguments.node or NODE).strip("/")
-    if not _ROS_NAME.fullmatch(node):
-        raise InputError(
-            f"--node is '{node}'; a ROS name has letters, digits and underscores, such as /rft"
-        )
     values = defaults()
     written = ReplayOptions()
     if arguments.params:
         values = read_parameter_file(arguments.params, node)
         written = read_replay_options(arguments.params)
-    words = {name: getattr(arguments, name, None) for name in ("tare", "start", "end")}
-    given = {name: value for name, value in words.items() if value is not None}
+    given = {
+        name: value
+        for name, value in vars(arguments).items()
+        if name in ("tare", "start", "end") and value is not None
+    }
     return values, replace(written, remap=(*written.remap, *arguments.remap), node=node, **given)

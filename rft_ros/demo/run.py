@@ -21,7 +21,7 @@ _ELLIPSOID = "an ellipsoid on a virtual arm pitches into virtual grains; a real 
 
 def demo(bag: Path, parameters: Path, *, seconds: float) -> None:
     """Move and record a virtual arm for `seconds` [s]. Raises InputError if no estimates come."""
-    if not seconds > PAUSE:
+    if seconds <= PAUSE:
         raise InputError(
             f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air"
         )

@@ -66,17 +66,14 @@ def moments(seconds: float) -> Iterator[tuple[float, Array, Wrench]]:
         without_sigma = np.concatenate([_grain_wrench(tool, law, state), np.zeros(6)])
         wrench, offset, _ = frame.into_sensor(state[QUATERNION], without_sigma)
         reading = np.add(wrench, offset) + random.normal(scale=_NOISE)
-        fx, fy, fz, tx, ty, tz = reading.tolist()
-        yield t, state, (fx, fy, fz, tx, ty, tz)
+        yield t, state, tuple(reading.tolist())
 
 
 def _grain_wrench(tool: Tool, law: Law, state: Array) -> Array:
     """Force [N] and torque [N m] of the virtual grains on the tool, world axes, about the tool frame's origin."""
     result = wrenches(tool.plates, law, state, threads=1, sensitivities=True)[0]
-    force = result[FORCE]
-    moments = result[MOMENTS]
     depth = -state[STATE.index("pz")] - tool.lowest_point(rotation_matrix(state[QUATERNION]))
     strength = _STRENGTH * np.interp(depth, [LAYER, LAYER + _TRANSITION], [1.0, _HARDNESS])
-    m = moments.reshape(3, 3) * strength
+    m = result[MOMENTS].reshape(3, 3) * strength
     torque = m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]
-    return np.array([*(strength * force), *torque])
+    return np.array([*(strength * result[FORCE]), *torque])
