@@ -21,7 +21,7 @@ LARGEST = 10.0
 _SMALLEST_USUAL = 5e-3  # m; below, and above a thousand times as much, the check proposes a scale
 _ROUNDING = np.finfo(np.float64).eps  # of the farthest coordinate
 
-# of the longest edge squared: rounding error of the cross product of parallel edges
+# of a facet's longest extent: rounding error of the cross product of parallel edges
 _COLLINEAR = 1e-12
 _CLOSED = 0.01  # greatest sum of the area vectors, over the area, of a surface that counts as closed; 0 without holes
 _HOLLOW = 0.02  # of the largest extent: how far other parts may reach beyond a facet's plane
@@ -33,10 +33,17 @@ _MOST_PAIRS = 10_000_000  # of a point and a facet in that check
 # of the largest extent: distance in front of a facet at which another body covers it
 _OUTSIDE = 1e-4
 
-_Surface = Literal[
-    "not_closed", "inconsistent_winding", "inside_out", "duplicate_facets", "degenerate_facets"
+MeshIssue = Literal[
+    "not_closed",
+    "inconsistent_winding",
+    "inside_out",
+    "duplicate_facets",
+    "degenerate_facets",
+    "overlap",
+    "concave",
+    "size",
+    "far",
 ]
-MeshIssue = Literal[_Surface, "overlap", "concave", "size", "far"]
 """The kinds of issues of a mesh."""
 
 
@@ -46,8 +53,7 @@ def with_area(mesh: "trimesh.Trimesh", named: str = "the mesh") -> NDArray[np.bo
     Raises InputError, which calls the mesh `named`, if there is none.
     """
     triangles = mesh.triangles
-    edges = np.roll(triangles, -1, axis=1) - triangles
-    longest = np.linalg.norm(edges, axis=2).max(axis=1)
+    longest = np.ptp(triangles, axis=1).max(axis=1)
     doubled = np.linalg.norm(mesh.triangles_cross, axis=1)
     height = _COLLINEAR * longest + _ROUNDING * np.abs(triangles).max(axis=(1, 2))
     has_area = doubled > height * longest
@@ -96,7 +102,7 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
             f"{inside}, whose force counts although no grains touch it; rft check-mesh --union OUT.stl writes the union"
             " of the bodies"
         )
-    share = _hollow_share(mesh, has_area, outward=-1.0 if is_inside_out else 1.0)
+    share = 0.0 if is_inside_out else _hollow_share(mesh, has_area)
     if share > _CONCAVE_SHARE:
         hollow = f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores"
         issues["concave"] = (
@@ -171,13 +177,13 @@ def _covered_share(mesh: "trimesh.Trimesh") -> float:
     return float(are_inside(places, mesh.triangles).mean())
 
 
-def _hollow_share(mesh: "trimesh.Trimesh", used: NDArray[np.bool_], outward: float) -> float:
+def _hollow_share(mesh: "trimesh.Trimesh", used: NDArray[np.bool_]) -> float:
     """Share of the area that has other parts of the tool in front of it, whose shielding RFT ignores."""
     all_used = np.flatnonzero(used)
     keep = all_used[:: 1 + len(all_used) // _SAMPLED]
     vertices = np.unique(mesh.vertices[np.unique(mesh.faces)], axis=0)
     points = vertices[:: 1 + len(vertices) // _SAMPLED]
-    normal = outward * mesh.face_normals[keep]
+    normal = mesh.face_normals[keep]
     area = mesh.area_faces[keep]
     # in chunks of 64 facets: the system clears new memory, and 32 MB at once would delay the node on the same core
     chunks = np.array_split(normal, 1 + len(normal) // 64)

@@ -10,7 +10,7 @@ from rft_ros.files import checked_file, expanded
 from rft_ros.installation import share_directory
 
 _SCHEMES = "package://", "file://"
-_ROBOT = re.compile(r"(?P<file>.*?\.(?:urdf|xacro))#(?P<link>.*)", re.DOTALL)
+_BEFORE_LINK = re.compile(r"(?:(?<=\.urdf)|(?<=\.xacro))#")
 
 
 def is_mesh_path(file: str) -> bool:
@@ -20,8 +20,8 @@ def is_mesh_path(file: str) -> bool:
 
 def link_in(file: str | os.PathLike[str]) -> str:
     """The link that ``robot.urdf#link`` names; "" in any other value of `mesh.file`."""
-    robot = _ROBOT.fullmatch(os.fspath(file))
-    return robot["link"] if robot else ""
+    _, *link = _BEFORE_LINK.split(os.fspath(file), maxsplit=1)
+    return "".join(link)
 
 
 def locate_mesh(file: str | os.PathLike[str]) -> Path:
@@ -32,8 +32,7 @@ def locate_mesh(file: str | os.PathLike[str]) -> Path:
     """
     if not isinstance(file, str | os.PathLike) or "\0" in unquote(os.fspath(file)):
         raise InputError(f"mesh.file is {file!r}; it must be a path or the name of a shipped mesh")
-    robot = _ROBOT.fullmatch(os.fspath(file))
-    place = robot["file"] if robot else os.fspath(file)
+    place, *_ = _BEFORE_LINK.split(os.fspath(file), maxsplit=1)
     if place.startswith("package://"):
         return _in_package(place)
     if place.startswith("file://"):

@@ -244,18 +244,17 @@ def tool_of_mesh(
 def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Plates:
     """Plates for the published rule, one per face. `vertices` [m]: shape [n, 3]. `faces`: indices of them, [m, 3]."""
     triangles = vertices[faces]
-    area_vectors = doubled_areas(triangles) / 2.0
-    areas = np.linalg.norm(area_vectors, axis=1)
-    return Plates.from_arrays(triangles.sum(axis=1) / 3.0, area_vectors, areas)
+    doubled = doubled_areas(triangles)
+    areas = 0.5 * np.linalg.norm(doubled, axis=1)
+    return Plates.from_arrays(triangles.sum(axis=1) / 3.0, doubled, areas)
 
 
 def describe_tool(tool: Tool) -> list[str]:
     """Lines of text that describe a tool: file, extent in the tool frame, reduction, area, volume, issues."""
-    used = 1e3 * tool.vertices[np.unique(tool.faces)]
     lines = [f"{tool.name} ({tool.file})", f"facets: {len(tool.facets):,}"]
     if tool.reduction:
         lines.append(f"reduced: {tool.reduction}")
-    for axis, low, high in zip("xyz", used.min(axis=0), used.max(axis=0), strict=True):
+    for axis, (low, high) in zip("xyz", 1e3 * tool.bounds.T, strict=True):
         lines.append(f"{axis}: {low:.3f} to {high:.3f} mm (extent {high - low:.3f} mm)")
     below = -1e3 * tool.lowest_point(np.eye(3))
     side = "below" if below >= 0.0 else "above"
