@@ -67,8 +67,10 @@ def checked_file(
 
 def _check_size(size: int, named: str, limit: int) -> None:
     if size > limit:
-        most = f"the limit is {limit / 2**20:.0f} MiB; give a smaller one"
-        raise InputError(f"{named} has {size / 2**20:.0f} MiB or more; {most}")
+        raise InputError(
+            f"{named} has {size / 2**20:.0f} MiB or more; "
+            f"the limit is {limit / 2**20:.0f} MiB; give a smaller one"
+        )
 
 
 @contextmanager
@@ -109,9 +111,9 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any
         raise
     # zip's and numpy's readers raise almost anything on damage, and numpy advises to unpickle
     except Exception:
-        wanted = f"NPZ file with the arrays of numbers {', '.join(names)}"
         raise InputError(
-            f"{named} is not a valid {wanted}; write it again with numpy.savez"
+            f"{named} is not a valid NPZ file with the arrays of numbers {', '.join(names)}; "
+            "write it again with numpy.savez"
         ) from None
     for values in found:
         _check_size(8 * values.size, f"{named} as numbers of eight bytes", MAX_BYTES)

@@ -130,10 +130,10 @@ class _Reader:
         if _DECIMAL.fullmatch(text) and math.isfinite(float(text)):
             return float(text)
         if not _is_text(text):
-            advice = "write a decimal number, true or false, or put text in quotes"
             self._refuse(
                 event,
-                f"has {shown(text)}, which is not one thing to every reader of YAML; {advice}",
+                f"has {shown(text)}, which is not one thing to every reader of YAML; "
+                "write a decimal number, true or false, or put text in quotes",
             )
         return text
 

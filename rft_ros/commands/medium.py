@@ -16,14 +16,26 @@ from rft_ros.report import check_figure, write_stress_figure
 
 def fit_medium_options(command: argparse.ArgumentParser) -> None:
     """Add the arguments of `rft fit-medium`."""
-    columns = "measured map: header beta_deg,gamma_deg,alpha_x,alpha_z [N/cm³], conventions of docs/method.md"
-    command.add_argument("map", type=Path, metavar="MAP.csv", help=columns)
-    medium = "file to write: the nine coefficients, for medium.file and --medium"
     command.add_argument(
-        "-o", "--output", type=Path, required=True, metavar="MEDIUM.yaml", help=medium
+        "map",
+        type=Path,
+        metavar="MAP.csv",
+        help="measured map: header beta_deg,gamma_deg,alpha_x,alpha_z [N/cm³], conventions of docs/method.md",
     )
-    figure = "picture to write: measured, fitted and their difference (PNG, SVG or PDF; needs matplotlib)"
-    command.add_argument("--figure", type=Path, metavar="MAP.png", help=figure)
+    command.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="MEDIUM.yaml",
+        help="file to write: the nine coefficients, for medium.file and --medium",
+    )
+    command.add_argument(
+        "--figure",
+        type=Path,
+        metavar="MAP.png",
+        help="picture to write: measured, fitted and their difference (PNG, SVG or PDF; needs matplotlib)",
+    )
 
 
 def fit_medium(arguments: argparse.Namespace) -> int:
@@ -61,7 +73,8 @@ def _described(fit: MediumFit, cells: int) -> list[str]:
         certainty = "not identifiable" if np.isnan(error) else f"± {error:.4f}"
         lines.append(f"  {name:4} {value:8.4f} N/cm³ {certainty}")
     lines += fit.remarks
-    scaled = f"the generic medium with medium.zeta {fit.zeta:.3g}"
-    own = f"{fit.misfit:.4f} N/cm³ with these coefficients"
-    lines.append(f"RMS of the residual: {own}, {fit.misfit_scaled:.4f} with {scaled}")
+    lines.append(
+        f"RMS of the residual: {fit.misfit:.4f} N/cm³ with these coefficients, "
+        f"{fit.misfit_scaled:.4f} with the generic medium with medium.zeta {fit.zeta:.3g}"
+    )
     return lines

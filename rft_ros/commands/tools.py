@@ -23,8 +23,12 @@ from rft_ros.tool import (
 def check_mesh_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("mesh", metavar="FILE", help=MESH)
     options.share(command, *options.PLACED)
-    union = "write the union of its bodies as STL (needs manifold3d)"
-    command.add_argument("--union", type=Path, metavar="OUT.stl", help=union)
+    command.add_argument(
+        "--union",
+        type=Path,
+        metavar="OUT.stl",
+        help="write the union of its bodies as STL (needs manifold3d)",
+    )
 
 
 def check_mesh(arguments: argparse.Namespace) -> int:
@@ -49,19 +53,22 @@ def reduce_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("mesh", metavar="MESH", help=MESH)
     options.share(command, *options.PLACED, "--integration")
     usual = defaults()["tolerance"]
-    allowed = (
-        f"greatest error of force and torque, as a share, in 95 of 100 motions (default {usual:g})"
-    )
     command.add_argument(
         "--tolerance",
         dest="share",
         type=options.number,
         default=usual,
         metavar="SHARE",
-        help=allowed,
+        help=f"greatest error of force and torque, as a share, in 95 of 100 motions (default {usual:g})",
     )
-    file = "file to write; accepted wherever a mesh is"
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="OUT.npz", help=file)
+    command.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="OUT.npz",
+        help="file to write; accepted wherever a mesh is",
+    )
 
 
 def reduce(arguments: argparse.Namespace) -> int:
@@ -93,19 +100,35 @@ def _same_options(tool: Tool, values: Values) -> str:
     """The options for a file that is written in the coordinates and units of the tool's mesh."""
     origin = " ".join(f"{v:g}" for v in values["mesh.origin"])
     rotation = " ".join(f"{v:g}" for v in values["mesh.quaternion"])
-    same = f"--scale {tool.frame.scale:g} --origin {origin} --rotate {rotation}"
-    return f"use it with the options of the mesh: {same}"
+    return (
+        "use it with the options of the mesh: "
+        f"--scale {tool.frame.scale:g} --origin {origin} --rotate {rotation}"
+    )
 
 
 def sweep_options(command: argparse.ArgumentParser) -> None:
-    study = "tools, motions and media, as in config/sweep_example.yaml"
-    command.add_argument("study", type=Path, metavar="STUDY.yaml", help=study)
-    out = "folder for the results; a stopped sweep continues"
-    command.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help=out)
-    cluster = "run on this Dask cluster (default: processes here)"
-    command.add_argument("--scheduler", metavar="tcp://HOST:PORT", help=cluster)
-    workers = "number of processes here (default: one per core)"
-    command.add_argument("--workers", type=int, metavar="N", help=workers)
+    command.add_argument(
+        "study",
+        type=Path,
+        metavar="STUDY.yaml",
+        help="tools, motions and media, as in config/sweep_example.yaml",
+    )
+    command.add_argument(
+        "-o",
+        "--output",
+        type=Path,
+        required=True,
+        metavar="DIR",
+        help="folder for the results; a stopped sweep continues",
+    )
+    command.add_argument(
+        "--scheduler",
+        metavar="tcp://HOST:PORT",
+        help="run on this Dask cluster (default: processes here)",
+    )
+    command.add_argument(
+        "--workers", type=int, metavar="N", help="number of processes here (default: one per core)"
+    )
 
 
 def sweep(arguments: argparse.Namespace) -> int:

@@ -55,9 +55,9 @@ def read_stress_map(file: Path) -> StressMap:
     beta, gamma, alpha_x, alpha_z = rows.columns.values()
     greatest = float(np.abs(np.nan_to_num([alpha_x, alpha_z])).max())
     if not _LEAST <= greatest <= _GREATEST:
-        unit = "1 N/cm³ = 1e6 Pa/m; a pressure in Pa must be divided by the depth"
         raise InputError(
-            f"{named} has stresses per depth of up to {greatest:.3g} N/cm³; no grains have that ({unit})"
+            f"{named} has stresses per depth of up to {greatest:.3g} N/cm³; no grains have that "
+            "(1 N/cm³ = 1e6 Pa/m; a pressure in Pa must be divided by the depth)"
         )
     return StressMap(
         beta=np.deg2rad(beta), gamma=np.deg2rad(gamma), alpha_x=alpha_x, alpha_z=alpha_z
@@ -81,9 +81,10 @@ def read_alpha_y_table(file: str) -> Table:
             f"{named} has a negative alpha_y ({stresses.min():g}); give the size of a stress that resists"
         )
     if stresses.max() > _GREATEST:
-        unit = f"over {_GREATEST:g} N/cm³, which no grains have; check the order of the columns, and the unit"
         raise InputError(
-            f"{named} has alpha_y up to {stresses.max():.4g}, {unit} (1 N/cm³ = 1e6 Pa/m)"
+            f"{named} has alpha_y up to {stresses.max():.4g}, "
+            f"over {_GREATEST:g} N/cm³, which no grains have; check the order of the columns, and the unit"
+            " (1 N/cm³ = 1e6 Pa/m)"
         )
     gammas = rows.columns.get("gamma", np.zeros(len(stresses)))
     beta, row = np.unique(rows.columns["beta"], return_inverse=True)
@@ -91,8 +92,10 @@ def read_alpha_y_table(file: str) -> Table:
     pairs = len(beta) * len(gamma)
     different = len(np.unique(row * len(gamma) + column))
     if not different == len(stresses) == pairs:
-        grid = f"a grid of {len(beta)} beta x {len(gamma)} gamma values needs each pair once ({pairs} rows)"
-        raise InputError(f"{named} has {len(stresses)} rows; {grid}")
+        raise InputError(
+            f"{named} has {len(stresses)} rows; "
+            f"a grid of {len(beta)} beta x {len(gamma)} gamma values needs each pair once ({pairs} rows)"
+        )
     values = np.empty((len(beta), len(gamma)))
     values[row, column] = stresses
     table = Table.sampled(np.deg2rad(beta), np.deg2rad(gamma), values)
@@ -111,9 +114,9 @@ def _read(file: Path, what: str, *columns: Sequence[Column]) -> Rows:
             values = rows.columns[column.name]
             wrong = np.flatnonzero(np.isinf(values) if column.gaps else ~np.isfinite(values))
             if len(wrong):
-                where = f"{what} '{file}' line {rows.lines[wrong[0]]}"
                 raise InputError(
-                    f"{where}: {column.name} is {values[wrong[0]]:g}; it must be a finite number"
+                    f"{what} '{file}' line {rows.lines[wrong[0]]}: "
+                    f"{column.name} is {values[wrong[0]]:g}; it must be a finite number"
                 )
             if column.units is _DEGREES:
                 _check_angles(
@@ -130,9 +133,9 @@ def _check_angles(degrees: Array, factor: float, named: str, name: str) -> None:
         advice = "it is no angle in degrees" if factor == 1.0 else f"name the column {name}_deg"
         raise InputError(f"{named} has {name} up to {widest:.4g} degrees; {advice}")
     if widest <= _WIDEST_RADIANS and different > 1 and factor == 1.0:
-        found = f"{different} different {name}, none beyond {widest:.3g} degrees"
         raise InputError(
-            f"{named} has {found}; for radians name the column {name}_rad, else check the order of the columns"
+            f"{named} has {different} different {name}, none beyond {widest:.3g} degrees; "
+            f"for radians name the column {name}_rad, else check the order of the columns"
         )
 
 

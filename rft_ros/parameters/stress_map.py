@@ -65,8 +65,10 @@ class MediumFit:
         filled = [name for name, error in self.errors.items() if np.isnan(error)]
         if not filled:
             return []
-        why = "not identifiable from the measured stresses and angles"
-        return [f"{', '.join(filled)}: {why}; the generic medium times {self.zeta:.3g} fills in"]
+        return [
+            f"{', '.join(filled)}: not identifiable from the measured stresses and angles; "
+            f"the generic medium times {self.zeta:.3g} fills in"
+        ]
 
 
 def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
@@ -108,9 +110,10 @@ def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
 def checked_medium(medium: Medium) -> Medium:
     """The medium. Raises ValueError if its stresses do not resist the motion, or are far too weak."""
     if medium.strength < _LEAST_STRENGTH:
-        stresses = f"the stresses are {medium.strength:.3g} times those of the generic medium"
-        why = "the force is along the motion, or not in N/cm³"
-        raise ValueError(f"{stresses}: {why}; check signs and unit")
+        raise ValueError(
+            f"the stresses are {medium.strength:.3g} times those of the generic medium: "
+            "the force is along the motion, or not in N/cm³; check signs and unit"
+        )
     return medium
 
 
@@ -123,9 +126,9 @@ def _units(zeta: float) -> list[str]:
     """A sentence on stresses that are weaker or stronger than those of any grains measured so far."""
     if _WEAKEST <= zeta <= _STRONGEST:
         return []
-    stresses = f"the stresses are {zeta:.3g} times those of the generic medium"
     return [
-        f"{stresses}, outside of {_WEAKEST:g} to {_STRONGEST:g}; they must be in N/cm³, a pressure over its depth"
+        f"the stresses are {zeta:.3g} times those of the generic medium, "
+        f"outside of {_WEAKEST:g} to {_STRONGEST:g}; they must be in N/cm³, a pressure over its depth"
     ]
 
 
@@ -144,11 +147,11 @@ def _far_cells(measured: StressMap, residual: Array, *, size: float) -> list[str
     for k in np.argsort(far)[::-1][:_WORST]:
         beta, gamma = np.rad2deg([measured.beta[k], measured.gamma[k]])
         cells.append(f"beta {beta:.4g}, gamma {gamma:.4g} (by {far[k]:.3g} N/cm³)")
-    left = f"the fit leaves {misfit:.3g} of {size:.3g} N/cm³ (RMS)"
-    check = (
+    return [
+        f"the fit leaves {misfit:.3g} of {size:.3g} N/cm³ (RMS); "
+        f"it is furthest from the cells {', '.join(cells)}: "
         "check these, the order of the columns, and the signs and angles against docs/method.md"
-    )
-    return [f"{left}; it is furthest from the cells {', '.join(cells)}: {check}"]
+    ]
 
 
 def _least_squares(terms: Array, values: Array, start: Array) -> tuple[Array, Array]:

@@ -58,8 +58,10 @@ def with_area(mesh: "trimesh.Trimesh", named: str = "the mesh") -> NDArray[np.bo
     height = _COLLINEAR * longest + _ROUNDING * np.abs(triangles).max(axis=(1, 2))
     has_area = doubled > height * longest
     if not has_area.any():
-        what = "no facet with an area over the rounding of its coordinates"
-        raise InputError(f"{named} has {what}; check its unit and its distance from the origin")
+        raise InputError(
+            f"{named} has no facet with an area over the rounding of its coordinates; "
+            "check its unit and its distance from the origin"
+        )
     return np.asarray(has_area)
 
 
@@ -86,9 +88,9 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
             "the winding is inconsistent: some facets face outward, others inward"
         )
     elif is_inside_out:
-        measured = f"volume {1e6 * volume:.3g} cm³"
         issues["inside_out"] = (
-            f"the surface is inside out ({measured}): its trailing facets are taken as leading"
+            f"the surface is inside out (volume {1e6 * volume:.3g} cm³): "
+            "its trailing facets are taken as leading"
         )
     repeated = _repeated_facets(joined)
     if repeated:
@@ -97,26 +99,26 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
         )
     covered = _covered_share(joined) if is_consistent and not is_inside_out else 0.0
     if covered > _COVERED_SHARE:
-        inside = f"{100 * covered:.0f} % of the surface lies in or on other bodies of the mesh"
         issues["overlap"] = (
-            f"{inside}, whose force counts although no grains touch it; rft check-mesh --union OUT.stl writes the union"
+            f"{100 * covered:.0f} % of the surface lies in or on other bodies of the mesh, "
+            "whose force counts although no grains touch it; rft check-mesh --union OUT.stl writes the union"
             " of the bodies"
         )
     share = 0.0 if is_inside_out else _hollow_share(mesh, has_area)
     if share > _CONCAVE_SHARE:
-        hollow = f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores"
         issues["concave"] = (
-            f"{hollow}; rft check-mesh says whether the convex hull (mesh.hull, --hull) is better"
+            f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores; "
+            "rft check-mesh says whether the convex hull (mesh.hull, --hull) is better"
         )
     unusual = _unusual_size(float(mesh.extents.max()), scale)
     if unusual:
         issues["size"] = unusual
     away = float(np.linalg.norm(np.clip(0.0, *mesh.bounds)))
     if away > LARGEST:
-        nearer = (
+        issues["far"] = (
+            f"the mesh lies {away:.3g} m from the tool frame's origin; "
             "set mesh.origin (--origin) to the place of the tool frame's origin in the mesh file"
         )
-        issues["far"] = f"the mesh lies {away:.3g} m from the tool frame's origin; {nearer}"
     return issues
 
 
@@ -153,8 +155,10 @@ def _unusual_size(extent: float, scale: float) -> str:
     if thousands == 0.0:
         return ""
     factor = 1000.0**-thousands
-    meant = f"if {extent * factor:.3g} m is meant, set mesh.scale (--scale) to {scale * factor:g}"
-    return f"the largest extent is {extent:.3g} m at mesh.scale {scale:g}; {meant}"
+    return (
+        f"the largest extent is {extent:.3g} m at mesh.scale {scale:g}; "
+        f"if {extent * factor:.3g} m is meant, set mesh.scale (--scale) to {scale * factor:g}"
+    )
 
 
 def _covered_share(mesh: "trimesh.Trimesh") -> float:

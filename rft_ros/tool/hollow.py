@@ -41,8 +41,10 @@ def describe_hollow(tool: Tool) -> list[str]:
         ("drag along x", (1.0, 0.0, 0.0), drag),
         ("drag along y", (0.0, 1.0, 0.0), drag),
     ):
-        forces = f"{_resistance(tool, direction):.3g} and {_resistance(hull, direction):.3g} N"
-        lines.append(f"{motion}: {forces}; use {advice}")
+        lines.append(
+            f"{motion}: {_resistance(tool, direction):.3g} and {_resistance(hull, direction):.3g} N; "
+            f"use {advice}"
+        )
     return lines
 
 

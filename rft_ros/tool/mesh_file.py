@@ -184,14 +184,19 @@ def _load(path: Path) -> "trimesh.Trimesh":
             f"{name} needs a package ({error}; for .dae: pip install pycollada)"
         ) from None
     except Exception:  # each reader raises its own errors, and some quote the file
-        why = "it may be empty, cut short or without facets"
-        raise InputError(f"{name} is not a valid {suffix[1:].upper()} file: {why}") from None
+        raise InputError(
+            f"{name} is not a valid {suffix[1:].upper()} file: "
+            "it may be empty, cut short or without facets"
+        ) from None
     if len(mesh.faces) > _MOST_FACETS:
         raise InputError(f"{name} has {len(mesh.faces):,} facets; the limit is {_MOST_FACETS:,}")
     folds = _folds(mesh) if suffix in _POLYGONS else 0
     if folds > 0:
-        folded = f"has facets folded onto each other at {folds:,} edges, as readers divide concave polygons"
-        raise InputError(f"{name} {folded}; export it with triangles only")
+        raise InputError(
+            f"{name} "
+            f"has facets folded onto each other at {folds:,} edges, as readers divide concave polygons; "
+            "export it with triangles only"
+        )
     return mesh
 
 
@@ -244,8 +249,10 @@ def _in_tool_frame(
         )
     farthest = _FARTHEST * np.abs(corners).max()
     if not (np.abs(frame.origin) <= farthest).all():
-        near = f"near mesh file '{path}', in its units (within {_FARTHEST:,.0f} times its farthest vertex)"
-        raise InputError(f"mesh.origin is {frame.origin.tolist()}; it must be {near}")
+        raise InputError(
+            f"mesh.origin is {frame.origin.tolist()}; it must be "
+            f"near mesh file '{path}', in its units (within {_FARTHEST:,.0f} times its farthest vertex)"
+        )
     mesh = trimesh.Trimesh(frame.placed(corners), faces, process=False)
     with_area(mesh, f"mesh file '{path}' at mesh.scale {frame.scale}")
     return mesh
@@ -277,7 +284,7 @@ def read_reduced(file: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", MeshF
     except InputError:
         raise
     except (ValueError, LookupError, TypeError) as error:
-        why = (
+        raise InputError(
+            f"mesh file '{file}' "
             f"is not a reduced tool of this rft reduce: {reason_of(error)}; reduce the mesh again"
-        )
-        raise InputError(f"mesh file '{file}' {why}") from None
+        ) from None

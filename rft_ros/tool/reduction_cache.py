@@ -31,8 +31,10 @@ def reduced_once(
     plates: Plates, corners: NDArray[np.float64], tolerance: float
 ) -> tuple[Plates, str]:
     """The result of `reduced_for_any_motion`, read from the cache if it is there; every bit is the same."""
-    code = f"{sources(Path(__file__).resolve())} {np.__version__}"
-    numbers = f"{code} {plates.rows.shape} {corners.shape} {tolerance!r}".encode()
+    numbers = (
+        f"{sources(Path(__file__).resolve())} {np.__version__}"
+        f" {plates.rows.shape} {corners.shape} {tolerance!r}".encode()
+    )
     key = digest(numbers, plates.rows.tobytes(), corners.tobytes())
     file = cache_folder() / f"{key}.npz"
     with suppress(InputError, ValueError):  # no such file, or a damaged one

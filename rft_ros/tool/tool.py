@@ -162,8 +162,10 @@ def _load_reduced(path: Path, frame: MeshFrame, integration: Integration | None)
     mesh, frame_of_file, plates, reduction = read_reduced(path, frame)
     rule = plates.integration
     if integration not in (None, rule):
-        only = f"has plates for integration '{rule}' only; set that, or reduce the mesh again"
-        raise InputError(f"mesh file '{path}' {only}")
+        raise InputError(
+            f"mesh file '{path}' "
+            f"has plates for integration '{rule}' only; set that, or reduce the mesh again"
+        )
     tool = tool_of_mesh(
         mesh, name=path.stem, file=str(path), frame=frame_of_file, integration=rule
     )
@@ -265,8 +267,10 @@ def describe_tool(tool: Tool) -> list[str]:
     of_facets = centroid_plates(tool.vertices, tool.faces).area
     area = f"area: {1e6 * of_facets:.1f} mm²"
     if abs(tool.facets.area - of_facets) > _SAME_AREA * of_facets:
-        curved = f"{1e6 * tool.facets.area:.1f} mm² of the curved surface that they approximate"
-        area += f" of facets; forces are computed with the {curved}"
+        area += (
+            " of facets; forces are computed with the "
+            f"{1e6 * tool.facets.area:.1f} mm² of the curved surface that they approximate"
+        )
     lines.append(area)
     if not {"not_closed", "inconsistent_winding"} & tool.issues.keys():
         heights = (tool.facets.centroids * tool.facets.normals).sum(axis=0)

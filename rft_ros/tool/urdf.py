@@ -72,8 +72,10 @@ def shapes_of_link(urdf: Path, link: str) -> list[LinkShape]:
         raise InputError(
             f"{named} {wanted}; write {urdf.name}#LINK, with one of its links that have a shape: {usable}"
         )
-    where = f"{named} has in its link '{link}'"
-    return [_placed(shape, geometry, urdf, where) for shape, geometry in shapes[link]]
+    return [
+        _placed(shape, geometry, urdf, f"{named} has in its link '{link}'")
+        for shape, geometry in shapes[link]
+    ]
 
 
 def _text(urdf: Path, named: str) -> str:
