@@ -150,15 +150,7 @@ def draw_demo(bag: Path, file: Path) -> None:
     tables = [estimates_of(bag, given, options) for given in (values, fixed)]
     played = states_of(bag, fixed, model, options)
     height, title = settings_of(fixed).surface_height, "Traction and force by the fixed model"
-    scene = animate(
-        title,
-        model.tool,
-        model.law,
-        played.times,
-        played.states,
-        played.forces,
-        surface_height=height,
-    )
+    scene = animate(title, model, played, surface_height=height)
     strength: NDArray[np.float64] = np.linalg.norm(scene.forces, axis=1)
     strength[scene.placed[:, :, 2].max(axis=1) < scene.surface_height + 3.0] = -1.0
     scene = replace(scene, first=int(strength.argmax()))

@@ -2,7 +2,6 @@
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -11,9 +10,9 @@ from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import Recording, bag_name
 from rft_ros.errors import InputError
 from rft_ros.estimator import Answer, Estimate, Estimator, PoseSample, Reason, Sample
-from rft_ros.ground import HeightMap
 from rft_ros.parameters import LoadCell, Model, Values, settings_of
 from rft_ros.progress import bar
+from rft_ros.report import Motion
 from rft_ros.rft import FORCE, QUATERNION
 
 _BAR_PERIOD = 512  # samples between updates of the progress bar
@@ -48,20 +47,8 @@ def reasons(recording: Recording, estimator: Estimator) -> str:
     return "; ".join([*damage, *estimator.counted()]) or "no sample was refused"
 
 
-class Played(NamedTuple):
-    """The estimates of a recording. `times`: since the first one [s], shape [n]. `states`: shape [n, 13].
-
-    `forces`: predicted, on the tool, world axes [N], shape [n, 3]. `ground`: the map at the end; None: a level plane.
-    """
-
-    times: NDArray[np.float64]
-    states: NDArray[np.float64]
-    forces: NDArray[np.float64]
-    ground: HeightMap | None
-
-
-def states_of(bag: Path, values: Values, model: Model, options: ReplayOptions) -> Played:
-    """The estimates of a recording. Raises InputError if no pose has an estimate."""
+def states_of(bag: Path, values: Values, model: Model, options: ReplayOptions) -> Motion:
+    """The estimates of a recording, from the first one on. Raises InputError if no pose has an estimate."""
     recording = Recording(bag, values, options)
     estimator = Estimator(settings_of(recording.values), model)
     stamps = []
@@ -77,7 +64,7 @@ def states_of(bag: Path, values: Values, model: Model, options: ReplayOptions) -
             f"bag '{bag}' has no pose with an estimate ({reasons(recording, estimator)})"
         )
     states = np.array(states_of_estimates)
-    return Played(
+    return Motion(
         times=(np.array(stamps) - stamps[0]) * 1e-9,
         states=states,
         forces=world_forces(np.array(wrenches), states, estimator.load_cell),

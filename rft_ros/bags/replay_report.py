@@ -13,7 +13,15 @@ from rft_ros.bags.playback import world_forces
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Estimator, QualityFlag, sentences, trust
 from rft_ros.parameters import PARAMETERS
-from rft_ros.report import Figure, Table, animate, animation_figure, what_is_shown, write_page
+from rft_ros.report import (
+    Figure,
+    Motion,
+    Table,
+    animate,
+    animation_figure,
+    what_is_shown,
+    write_page,
+)
 from rft_ros.rft import AXES, FORCE
 
 _Array = NDArray[np.float64]
@@ -275,20 +283,19 @@ def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
     shown = rows[~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)]
     if not len(shown):
         return
-    model = estimator.model
     states = np.array(shown["state"])
     title = "Tool and traction"
-    drawn = animate(
-        title,
-        model.tool,
-        model.law,
-        1e-9 * (shown["stamp"] - begin),
-        states,
-        world_forces(shown["predicted"], states, estimator.load_cell),
-        surface_height=estimator.settings.surface_height,
+    motion = Motion(
+        times=1e-9 * (shown["stamp"] - begin),
+        states=states,
+        forces=world_forces(shown["predicted"], states, estimator.load_cell),
         ground=estimator.ground,
     )
-    colours = what_is_shown(model.law, learned=estimator.settings.learning_mode == "apply")
+    height = estimator.settings.surface_height
+    drawn = animate(title, estimator.model, motion, surface_height=height)
+    colours = what_is_shown(
+        estimator.model.law, learned=estimator.settings.learning_mode == "apply"
+    )
     where = (
         "World axes; the surface is the one at the end. The slider selects a moment in the grains."
     )

@@ -4,12 +4,12 @@ import argparse
 import sys
 from pathlib import Path
 
-from rft_ros.bags.playback import Played, states_of
+from rft_ros.bags.playback import states_of
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
 from rft_ros.parameters import MESH, Model, Values, defaults, model_of, named_files
 from rft_ros.progress import busy
-from rft_ros.report import Figure, animate, animation_figure, what_is_shown, write_page
+from rft_ros.report import Figure, Motion, animate, animation_figure, what_is_shown, write_page
 from rft_ros.rft import FORCE, SUBMERGED_AREA, described
 from rft_ros.states_file import read_states, wrenches_along, write_wrenches
 
@@ -121,24 +121,15 @@ def view(arguments: argparse.Namespace) -> int:
     height = values["surface_height"]
     if of_states:
         with busy("computing"):
-            played = _played(source, model, surface_height=height)
+            motion = _motion_of_states(source, model, surface_height=height)
     else:
-        played = states_of(source, values, model, chosen)
+        motion = states_of(source, values, model, chosen)
     warnings.warn_of_motion(
-        model.tool, played.times, played.states, played.forces, surface_height=height
+        model.tool, motion.times, motion.states, motion.forces, surface_height=height
     )
     learned = not of_states and values["learning.mode"] == "apply"
     with busy("drawing"):
-        drawn = animate(
-            model.tool.name,
-            model.tool,
-            model.law,
-            played.times,
-            played.states,
-            played.forces,
-            surface_height=height,
-            ground=played.ground,
-        )
+        drawn = animate(model.tool.name, model, motion, surface_height=height)
         figure = Figure(
             "tool", "", what_is_shown(model.law, learned=learned), animation_figure(drawn)
         )
@@ -147,11 +138,9 @@ def view(arguments: argparse.Namespace) -> int:
     return 0
 
 
-def _played(file: Path, model: Model, *, surface_height: float) -> Played:
+def _motion_of_states(file: Path, model: Model, *, surface_height: float) -> Motion:
     """The motion of a states file, with its forces."""
     times, states = read_states(file)
     where = f"states file '{file}'"
-    forces = wrenches_along(model, times, states, surface_height=surface_height, where=where)[
-        :, FORCE
-    ]
-    return Played(times=times, states=states, forces=forces, ground=None)
+    wrenches = wrenches_along(model, times, states, surface_height=surface_height, where=where)
+    return Motion(times=times, states=states, forces=wrenches[:, FORCE])

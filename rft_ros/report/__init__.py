@@ -3,6 +3,7 @@
 from rft_ros.report.animation import (
     TRACTION,
     Animation,
+    Motion,
     animate,
     animation_figure,
     drawn_mesh,
@@ -15,6 +16,7 @@ __all__ = [
     "TRACTION",
     "Animation",
     "Figure",
+    "Motion",
     "Table",
     "animate",
     "animation_figure",

@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.ground import HeightMap, Support
+from rft_ros.parameters import Model
 from rft_ros.rft import POSITION, QUATERNION, Law, plate_forces, rotation_matrix
 from rft_ros.tool import Tool
 
@@ -14,11 +15,10 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
 _MOST_FACES = 10_000  # of a mesh that is drawn as it is
-_FEWER = 5000, 20_000, 80_000  # numbers of faces that are tried for a finer one
+_FEWER = (5000, 20_000, 80_000)  # numbers of faces that are tried for a finer one
 _EXTENT_ERROR = 0.01  # of the largest extent: how far a face of the bounding box may move
-_AREA_ERROR = 0.02  # of the area: error of the area that faces +x, -x, ..., -z
-# of the largest extent: the distance that is as bad as an error of the normal by 1 rad
-_TURN = 0.1
+_AREA_ERROR = 0.02  # of the area
+_TURN = 0.1  # of the largest extent: a distance as bad as an error of the normal by 1 rad
 
 
 class DrawnMesh(NamedTuple):
@@ -35,44 +35,31 @@ class DrawnMesh(NamedTuple):
 def drawn_mesh(tool: Tool, *, most_faces: int = _MOST_FACES) -> DrawnMesh:
     """The mesh with which a tool is drawn. Up to `most_faces` faces, it is the tool's own mesh.
 
-    For a finer mesh it is the coarsest simplification that keeps the extent, and the area towards each side. If no
-    simplification keeps them, as with thin blades, the full mesh is drawn.
+    For a finer mesh it is the coarsest simplification that keeps the extent and the area. If none keeps them, as with
+    thin blades, the full mesh is drawn.
     """
     import trimesh
     from scipy.spatial import KDTree
 
-    # each face of an STL file has its own
-    vertices, merged = np.unique(tool.vertices, axis=0, return_inverse=True)
-    full = trimesh.Trimesh(vertices, merged.reshape(-1)[tool.faces], process=False)
-    for count in _FEWER if len(full.faces) > most_faces else ():
-        if count < len(full.faces):
+    full = trimesh.Trimesh(tool.vertices, tool.faces)  # whose faces share vertices, as in no STL
+    extent = full.extents.max()
+
+    def places(mesh: Any) -> Array:
+        """Centres and scaled normals of faces [m], shape [n, 6]: errors of normals count as distance."""
+        return np.hstack([mesh.triangles_center, _TURN * extent * mesh.face_normals])
+
+    for count in _FEWER:
+        if max(count, most_faces) < len(full.faces):
             fewer = full.simplify_quadric_decimation(face_count=count)
             fewer.update_faces(fewer.area_faces > 0.0)
-            if len(fewer.faces) and _keeps_shape(full, fewer):
-                facets = _places(full, full.triangles_center, full.face_normals)
-                nearest = KDTree(facets).query(
-                    _places(full, fewer.triangles_center, fewer.face_normals)
-                )[1]
-                return DrawnMesh(
-                    np.array(fewer.vertices),
-                    np.array(fewer.faces),
-                    np.asarray(nearest, dtype=np.int64),
-                )
-    return DrawnMesh(vertices, np.array(full.faces), np.arange(len(full.faces)))
-
-
-def _places(full: Any, points: Array, normals: Array) -> Array:
-    """Points and scaled normals [m], shape [n, 6], of a surface, so that errors of normals count as distance."""
-    return np.hstack([points, _TURN * full.extents.max() * normals])
-
-
-def _keeps_shape(full: Any, fewer: Any) -> bool:
-    """Whether a simplified mesh keeps the full one's extent, and its area towards each of the six sides."""
-    if np.abs(full.bounds - fewer.bounds).max() > _EXTENT_ERROR * full.extents.max():
-        return False
-    vectors = [mesh.face_normals * mesh.area_faces[:, None] for mesh in (full, fewer)]
-    sides, drawn_sides = (np.maximum([v, -v], 0.0).sum(axis=1) for v in vectors)
-    return bool(np.abs(sides - drawn_sides).max() <= _AREA_ERROR * full.area)
+            if not len(fewer.faces):
+                continue
+            moved = np.abs(full.bounds - fewer.bounds).max()
+            lost = abs(full.area - fewer.area)
+            if moved <= _EXTENT_ERROR * extent and lost <= _AREA_ERROR * full.area:
+                nearest = np.asarray(KDTree(places(full)).query(places(fewer))[1], np.int64)
+                return DrawnMesh(np.array(fewer.vertices), np.array(fewer.faces), nearest)
+    return DrawnMesh(np.array(full.vertices), np.array(full.faces), np.arange(len(full.faces)))
 
 
 _SURFACE = "#C2A878"
@@ -81,13 +68,24 @@ _PATH = "#555555"
 TRACTION = ((0.0, "#dfe3e8"), (0.25, "#f9d48b"), (0.6, "#e8743b"), (1.0, "#8c0d25"))
 """Colour scale of the traction, relative to the greatest."""
 
-_ZOOM_TALL = 1.1  # size at which a scene as tall as wide fills the figure
-_FLAT = 0.7  # height over width of a scene, below which the size is
-_ZOOM_FLAT = 1.35
+_ZOOM = 1.2  # size at which a scene fills the figure
 _PERIOD = 83  # ms from frame to frame
 _MOMENTS = 60
 _FEWEST_MOMENTS = 3
 _NUMBERS = 400_000  # coordinates and tractions in all moments, 2 MB; of a finer mesh fewer moments are drawn
+
+
+class Motion(NamedTuple):
+    """n states of a tool in the order of time, with the predicted forces.
+
+    `times` [s], shape [n]. `states`: shape [n, 13]. `forces`: on the tool, world axes [N], shape [n, 3]. `ground`: the
+    map at the end; None: a level plane.
+    """
+
+    times: Array
+    states: Array
+    forces: Array
+    ground: HeightMap | None = None
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -111,62 +109,48 @@ class Animation:
     first: int
 
 
-def animate(
-    title: str,
-    tool: Tool,
-    law: Law,
-    times: Array,
-    states: Array,
-    forces: Array,
-    *,
-    surface_height: float,
-    ground: HeightMap | None = None,
-) -> Animation:
-    """The animation of at most 60 of n states, evenly spaced by index. It includes the state of the greatest force.
+def animate(title: str, model: Model, motion: Motion, *, surface_height: float) -> Animation:
+    """The animation of at most 60 states, evenly spaced by index. It includes the state of the greatest force.
 
-    `times` [s], shape [n]. `states`: shape [n, 13]. `forces`: on the tool, world axes [N], shape [n, 3].
-    `surface_height` [m]: where the heights of `ground` are unknown. The traction is that of the law on the tool's own
+    `surface_height` [m]: where the heights of the ground are unknown. The traction is that of the law on the tool's own
     facets, without memory and without learned corrections.
     """
+    tool = model.tool
     vertices, faces, facet = drawn_mesh(tool)
-    moments = min(
-        len(states), _MOMENTS, max(_NUMBERS // (vertices.size + len(faces)), _FEWEST_MOMENTS)
-    )
-    greatest = np.linalg.norm(forces, axis=1).argmax()
-    used = np.linspace(0, len(states) - 1, moments).round().astype(int)
-    used[np.abs(used - greatest).argmin()] = greatest
-    times = times[used]
-    states = states[used]
-    forces = forces[used]
+    moments = max(_NUMBERS // (vertices.size + len(faces)), _FEWEST_MOMENTS)
+    moments = min(len(motion.states), _MOMENTS, moments)
+    greatest = np.linalg.norm(motion.forces, axis=1).argmax()
+    used = np.linspace(0, len(motion.states) - 1, moments).round().astype(int)
+    first = int(np.abs(used - greatest).argmin())
+    used[first] = greatest
+    states = motion.states[used]
     support = Support(tool.corners)
     traction = []
-    grid = None
+    placed = []
     for state in states:
-        surface = support.local_surface(ground, state, level=surface_height)
+        surface = support.local_surface(motion.ground, state, level=surface_height)
         by_facet = plate_forces(
-            tool.facets, law, state, surface_height=surface.height, slope=surface.slope
+            tool.facets, model.law, state, surface_height=surface.height, slope=surface.slope
         )
         traction.append((np.linalg.norm(by_facet, axis=1) / tool.facets.areas)[facet])
-    if ground is not None:  # around the tool's path
+        placed.append(vertices @ rotation_matrix(state[QUATERNION]).T + state[POSITION])
+    grid = None
+    if motion.ground is not None:  # around the tool's path
         around = 3.0 * tool.plates.reach
         places = states[:, POSITION][:, :2]
         x, y = np.linspace(places.min(axis=0) - around, places.max(axis=0) + around, 100).T
-        grid = 1e3 * x, 1e3 * y, 1e3 * ground.heights_at(*np.meshgrid(x, y, indexing="ij"))
+        heights = motion.ground.heights_at(*np.meshgrid(x, y, indexing="ij"))
+        grid = (1e3 * x, 1e3 * y, 1e3 * heights)
     return Animation(
         title=title,
-        labels=tuple(f"t = {time:.2f} s" for time in times),
-        placed=np.array(
-            [
-                1e3 * (vertices @ rotation_matrix(state[QUATERNION]).T + state[POSITION])
-                for state in states
-            ]
-        ),
+        labels=tuple(f"t = {time:.2f} s" for time in motion.times[used]),
+        placed=1e3 * np.array(placed),
         faces=faces,
         traction=1e-3 * np.array(traction),
-        forces=forces,
+        forces=motion.forces[used],
         surface_height=1e3 * surface_height,
         ground=grid,
-        first=int(np.linalg.norm(forces, axis=1).argmax()),
+        first=first,
     )
 
 
@@ -195,43 +179,57 @@ def animation_figure(drawn: Animation) -> Any:
     sizes = np.linalg.norm(drawn.forces, axis=1)
     starts = drawn.placed.mean(axis=1)
     ends = starts + 0.4 * (high - low).max() / (sizes.max() or 1.0) * drawn.forces
-    captions = [
-        f"{drawn.title}   {s}   |F| = {f:.2f} N" for s, f in zip(drawn.labels, sizes, strict=True)
-    ]
-
-    def moving(n: int, tool: dict[str, Any], line: dict[str, Any]) -> list[Any]:
-        """The tool and the line of the force at a moment, with the rest of how they look."""
+    frames = []
+    for n, (label, size) in enumerate(zip(drawn.labels, sizes, strict=True)):
         with np.errstate(over="ignore"):  # poses may lie anywhere
-            x, y, z = drawn.placed[n].astype(np.float32).T
-        tool = {"x": x, "y": y, "z": z, "intensity": drawn.traction[n].astype(np.float32), **tool}
-        return [go.Mesh3d(**tool), go.Scatter3d(**_points([starts[n], ends[n]]), **line)]
-
-    i, j, k = drawn.faces.astype(np.int32).T
-    tool = {
-        "i": i, "j": j, "k": k, "flatshading": True, "lighting": {"ambient": 0.75, "diffuse": 0.4}, "name": "tool",
-        "colorscale": [list(c) for c in TRACTION], "cmin": 0.0, "cmax": drawn.traction.max() or 1.0,
-        "intensitymode": "cell", "colorbar": {"title": {"text": "Traction [kPa]"}, "len": 0.6},
-    }  # fmt: skip
-    force = {"mode": "lines", "line": {"color": _FORCE, "width": 8}, "name": "force on the tool"}
-    path = {"mode": "lines", "line": {"color": _PATH, "width": 3}, "name": "path"}
-    x, y, heights = drawn.ground or (
-        *np.array([low, high]).T[:2],
-        np.full((2, 2), drawn.surface_height),
-    )
-    ground = go.Surface(
-        x=x, y=y, z=heights.T, name="surface",
-        colorscale=[[0, _SURFACE], [1, _SURFACE]], showscale=False, opacity=0.35, hoverinfo="skip",
-    )  # fmt: skip
-    frames = [
-        go.Frame(
-            data=moving(n, {}, {}), traces=[0, 1], name=str(n), layout={"title": {"text": caption}}
+            vertices = drawn.placed[n].astype(np.float32)
+        intensity = drawn.traction[n].astype(np.float32)
+        tool = {"type": "mesh3d", **_points(vertices), "intensity": intensity}
+        line = {"type": "scatter3d", **_points([starts[n], ends[n]])}
+        title = {"text": f"{drawn.title}   {label}   |F| = {size:.2f} N"}
+        frames.append(
+            {"data": [tool, line], "traces": [0, 1], "name": str(n), "layout": {"title": title}}
         )
-        for n, caption in enumerate(captions)
-    ]
-    data = [*moving(drawn.first, tool, force), go.Scatter3d(**_points(starts), **path), ground]
-    return go.Figure(data=data, frames=frames).update_layout(
+    shown: Any = frames[drawn.first]
+    i, j, k = drawn.faces.astype(np.int32).T
+    tool = go.Mesh3d(
+        shown["data"][0],
+        i=i,
+        j=j,
+        k=k,
+        name="tool",
+        flatshading=True,
+        lighting={"ambient": 0.75, "diffuse": 0.4},
+        colorscale=TRACTION,
+        cmin=0.0,
+        cmax=drawn.traction.max() or 1.0,
+        intensitymode="cell",
+        colorbar={"title": {"text": "Traction [kPa]"}, "len": 0.6},
+    )
+    force = go.Scatter3d(
+        shown["data"][1],
+        name="force on the tool",
+        mode="lines",
+        line={"color": _FORCE, "width": 8},
+    )
+    path = go.Scatter3d(
+        _points(starts), name="path", mode="lines", line={"color": _PATH, "width": 3}
+    )
+    level = np.full((2, 2), drawn.surface_height)
+    x, y, heights = drawn.ground or (*np.array([low, high]).T[:2], level)
+    ground = go.Surface(
+        x=x,
+        y=y,
+        z=heights.T,
+        name="surface",
+        colorscale=[[0, _SURFACE], [1, _SURFACE]],
+        showscale=False,
+        opacity=0.35,
+        hoverinfo="skip",
+    )
+    return go.Figure(data=[tool, force, path, ground], frames=frames).update_layout(
         template="plotly_white",
-        title=captions[drawn.first],
+        title=shown["layout"]["title"],
         font={"family": "system-ui, sans-serif", "size": 13},
         scene=_scene(low, high, force_points_up=drawn.forces[drawn.first, 2] > 0.0),
         legend={"orientation": "h", "x": 0.03, "y": 1.0, "yanchor": "top"},
@@ -258,7 +256,6 @@ def _points(points: Any) -> dict[str, Array]:
 def _scene(low: Array, high: Array, *, force_points_up: bool) -> dict[str, Any]:
     """The axes, their proportions and the camera of a scene between two points."""
     size = high - low
-    zoom = np.interp(size[2] / size.max(), (_FLAT, 1.0), (_ZOOM_FLAT, _ZOOM_TALL))
     axes = {
         f"{a}axis": {"title": {"text": f"{a} [mm]"}, "range": [low[n], high[n]]}
         for n, a in enumerate("xyz")
@@ -266,7 +263,7 @@ def _scene(low: Array, high: Array, *, force_points_up: bool) -> dict[str, Any]:
     return {
         **axes,
         "aspectmode": "manual",  # with "data", a wide scene is larger than the page
-        "aspectratio": dict(zip("xyz", (zoom * size / size.max()).tolist(), strict=True)),
+        "aspectratio": dict(zip("xyz", (_ZOOM * size / size.max()).tolist(), strict=True)),
         # view from the side of the loaded faces: the force points from them into the tool
         "camera": {"eye": {"x": 1.15, "y": -1.35, "z": -0.75 if force_points_up else 0.5}},
     }
