@@ -8,9 +8,6 @@ import numpy as np
 import trimesh
 from scipy.spatial.transform import Rotation
 
-from rft_ros.rft import Integration, Plates, wrenches
-from rft_ros.tool import FLAT_HALF_ANGLE
-from studies.paper import law
 from studies.parameter_sweep import (
     ANGLE_STEP,
     LENGTH_STEP,
@@ -26,10 +23,8 @@ from studies.parameter_sweep import (
 __all__ = [
     "along_itself_sweep",
     "direction_sweeps",
-    "greatest_power",
     "height_sweeps",
     "level_sweeps",
-    "plate_facing",
 ]
 __all__ += ["reversal_sweep", "turning_sweep", "wheel_sweep", "yaw_sweeps"]
 
@@ -125,11 +120,6 @@ def yaw_sweeps(*tools: str) -> tuple[Sweep, ...]:
     return tuple(sweeps)
 
 
-_DEPTH = 1.0  # m; large beside the plate
-
-_DIRECTIONS = 90  # of velocity, from the normal to the plate, and half of those around it
-
-
 def direction_sweeps() -> tuple[Sweep, ...]:
     """The direction of motion, from up over forwards to down, of a plate at three attack angles."""
     sweeps = []
@@ -148,44 +138,6 @@ def direction_sweeps() -> tuple[Sweep, ...]:
             )
         )
     return tuple(sweeps)
-
-
-def plate_facing(beta: float, rule: Integration) -> Plates:
-    """One small triangle at the origin whose outward normal lies β [rad] from straight down towards +x."""
-    along, up = np.array([0.0, 1.0, 0.0]), np.array([np.cos(beta), 0.0, np.sin(beta)])
-    normal = np.array([[np.sin(beta), 0.0, -np.cos(beta)]])
-    corners = 1e-3 * np.array([up, -0.5 * up - 0.8 * along, -0.5 * up + 0.8 * along])
-    if np.cross(corners[1] - corners[0], corners[2] - corners[0]) @ normal[0] < 0.0:
-        corners = corners[[0, 2, 1]]
-    if rule == "refined":
-        return Plates.from_triangles(corners[None], [FLAT_HALF_ANGLE])
-    return Plates.from_arrays(np.zeros((1, 3)), normal, [1e-6])
-
-
-def greatest_power(beta: float, rule: Integration, alpha_y: str, *, intruding: bool) -> float:
-    """Greatest F·v of a leading plate over ζ, area, depth and speed [N/cm³], over all directions of motion.
-
-    Positive: the grains would push the plate on. -inf: it leads in no direction. `intruding`: only directions that do
-    not rise (γ >= 0).
-    """
-    # directions on the leading side, the same about the normal at every β
-    normal, along = np.array([np.sin(beta), 0.0, -np.cos(beta)]), np.array([0.0, 1.0, 0.0])
-    off, around = np.meshgrid(
-        np.linspace(0.0, 0.499 * np.pi, _DIRECTIONS),
-        np.linspace(0.0, 2.0 * np.pi, 2 * _DIRECTIONS),
-    )
-    aside = np.cos(around)[..., None] * along + np.sin(around)[..., None] * np.cross(normal, along)
-    v = (np.cos(off)[..., None] * normal + np.sin(off)[..., None] * aside).reshape(-1, 3)
-    v = v[v[:, 2] <= 0.0] if intruding else v
-    if len(v) == 0:
-        return -np.inf
-    plates = plate_facing(beta, rule)
-    force = wrenches(
-        plates,
-        law(alpha_y, zeta=1.0),
-        scene_states(Rotation.identity(), velocity=v, height=-_DEPTH),
-    )
-    return float((force[:, :3] * v).sum(axis=1).max() / (1e6 * plates.area * _DEPTH))
 
 
 def turning_sweep(divisions: int = 1) -> Sweep:

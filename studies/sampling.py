@@ -20,7 +20,6 @@ __all__ = [
     "Work",
     "WorkConvergence",
     "differenced",
-    "sample_every",
     "window",
     "work",
     "work_convergence",
@@ -30,12 +29,6 @@ __all__ = [
 _NOISE = 1e-5  # of each coordinate of a pose [m]; its attitude has this at 100 mm from the flange
 _RATES = (125.0, 500.0, 1000.0)  # Hz
 _WINDOWS = (0.05, 0.1, 0.2, 0.5)  # s
-
-
-def sample_every(motion: Trajectory, step: float) -> tuple[Array, Array]:
-    """Times 0, step, 2 step .. up to the end [s], shape [n], and states, shape [n, 13]."""
-    times = np.arange(int(motion.duration / step + 1e-9) + 1, dtype=np.float64) * step
-    return times, motion.at(times)
 
 
 def differenced(states: Array, rate: float, width: float) -> Array:
@@ -64,7 +57,8 @@ def _with_noise(states: Array, random: np.random.Generator) -> Array:
 
 def _error(motion: Trajectory, plates: Plates, rate: float, width: float) -> float:
     """RMS error of the force with twists from noisy poses, over the RMS force with true twists."""
-    _, states = sample_every(motion, 1.0 / rate)
+    step = 1.0 / rate
+    states = motion.at(step * np.arange(int(motion.duration / step + 1e-9) + 1))
     shaken = differenced(_with_noise(states, np.random.default_rng(0)), rate, width)
     settled = slice(int(max(_WINDOWS) * rate) + 1, None)
     true, found = (wrenches(plates, law("constant"), s)[settled, :3] for s in (states, shaken))

@@ -26,7 +26,6 @@ __all__ = ["DATA", "KINDS", "LOAD", "MEASURED", "STEPS", "ZETA_OF_PRESS", "Stead
 __all__ += [
     "fitted_zeta",
     "kind_of",
-    "mean_states",
     "measured_sinkage",
     "median_errors",
     "of_kind",
@@ -100,19 +99,6 @@ def read_states() -> SteadyStates:
         forces=forces,
         slip_angles=table["slip_angle_deg"],
         rim_speeds=1e-3 * table["rim_speed_mm_s"],
-    )
-
-
-def mean_states(states: SteadyStates) -> SteadyStates:
-    """The 63 set-ups of slip angle and rim speed: means over the three or four repeats of each."""
-    setups = np.column_stack([states.slip_angles, states.rim_speeds])
-    each, of_state = np.unique(setups, axis=0, return_inverse=True)
-    repeats = [of_state.ravel() == k for k in range(len(each))]
-    return SteadyStates(
-        states=np.array([states.states[same].mean(axis=0) for same in repeats]),
-        forces=np.array([states.forces[same].mean(axis=0) for same in repeats]),
-        slip_angles=each[:, 0],
-        rim_speeds=each[:, 1],
     )
 
 

@@ -19,22 +19,25 @@ from rft_ros.rft.traction import packed_law
 Array = NDArray[np.float64]
 
 BODY = np.dtype(
-    [(name, np.int64) for name in ("rows", "rows_end", "bounds", "blocks", "refined", "near")]
-    + [
-        (name, np.float64)
-        for name in ("reach", "height", "slope_x", "slope_y", "duration", "energy")
+    [
+        ("rows", int),  # where its part of `Beds.rows` begins
+        ("rows_end", int),
+        ("bounds", int),  # where its part of `Beds.bounds` begins
+        ("blocks", int),  # of its plates
+        ("is_refined", int),
+        ("reach", float),  # of its plates [m]
+        ("height", float),  # of its surface at x = y = 0 [m]
+        ("slope_x", float),
+        ("slope_y", float),
+        ("state", float, 13),  # the last one
+        ("explicit", float, 6),  # wrench of the grains there
+        ("wrench", float, 6),  # held over the step that begins there
+        ("duration", float),  # of this step [s]
+        ("is_near", int),  # whether it may reach the surface in this step
+        ("energy", float),  # that the grains have taken [J]
     ]
-    + [("state", np.float64, 13), ("explicit", np.float64, 6), ("wrench", np.float64, 6)]
 )
-"""A body.
-
-Its shape: where its part of `Beds.rows` begins and ends and that of `Beds.bounds` begins, the number of its blocks,
-whether its plates are refined, and its `reach` [m]. Its surface: `height` at x = y = 0 [m] and slopes.
-
-`state`: the last one. `explicit`: the grains' wrench there. `wrench`: that which is held over the step that begins
-there, of this `duration` [s]. `near`: whether the body may reach the surface in this step. `energy` that the grains
-have taken [J].
-"""
+"""A body: its shape, its surface, and its motion."""
 
 
 class Beds(NamedTuple):
@@ -68,7 +71,7 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
     shapes["rows"][1:] = shapes["rows_end"][:-1]
     shapes["blocks"] = [shape.bounds.shape[1] for shape in places]
     shapes["bounds"][1:] = BOUNDS * np.cumsum(shapes["blocks"])[:-1]
-    shapes["refined"] = [shape.integration == "refined" for shape in places]
+    shapes["is_refined"] = [shape.integration == "refined" for shape in places]
     shapes["reach"] = [shape.reach for shape in places]
     numbers = np.repeat(packed.numbers, len(plates))
     beds = Beds(
@@ -106,7 +109,7 @@ def evaluate(beds, b, memory, stiffness, states, out):
     form = (
         beds.rows[body.rows : body.rows_end],
         bounds.reshape(BOUNDS, body.blocks),
-        body.refined == 1,
+        body.is_refined == 1,
         body.reach,
     )
     law = PackedLaw(beds.numbers[b : b + 1], beds.table)

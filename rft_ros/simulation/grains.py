@@ -1,6 +1,5 @@
 """Grains that a simulator steps: bodies' poses and twists in, the wrenches to hold over the step out."""
 
-import itertools
 import logging
 from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
@@ -77,7 +76,7 @@ class GrainsBatch(Copied):
         threads: int = 1,
     ) -> None:
         n = whole_number("bodies", bodies, most=MOST_BODIES)
-        self._threads = whole_number("threads", threads, most=MOST_BODIES)
+        workers = whole_number("threads", threads, most=MOST_BODIES)
         self.tools = [tool] * n if isinstance(tool, Tool) else list(tool)
         for one in self.tools:
             if not isinstance(one, Tool):
@@ -108,12 +107,9 @@ class GrainsBatch(Copied):
         self.failures = 0
         """Number of steps of a body in which Newton's method did not converge."""
         # Each thread takes the next part of the bodies when it has finished one.
-        parts = 1 if threads == 1 else min(n, 2 * self._threads)
-        self._parts = [
-            slice(a, b)
-            for a, b in itertools.pairwise(np.linspace(0, n, parts + 1).astype(int).tolist())
-        ]
-        self._pool = ThreadPoolExecutor(self._threads)
+        size = n if workers == 1 else -(-n // (2 * workers))
+        self._parts = [slice(k, k + size) for k in range(0, n, size)]
+        self._pool = ThreadPoolExecutor(workers)
         self._advance: Any = machine_code(advance, (self.beds, 0, np.zeros((n, 13)), 0.1))
         self.reset(strength=strength, surface_height=surface_height)
 

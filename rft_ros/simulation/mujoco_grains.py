@@ -158,7 +158,7 @@ class MujocoGrains(Copied):
         if not mechanism.move():
             raise self._without_bound(data, h)
         grains.advance(mechanism.states, h)
-        bodies = np.flatnonzero(grains.beds.bodies["near"])
+        bodies = np.flatnonzero(grains.beds.bodies["is_near"])
         grains.last[:] = 0.0
         if len(bodies):
             trial = self._search_for(mechanism.joints(bodies, h), h)

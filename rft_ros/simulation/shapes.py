@@ -158,7 +158,8 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
     )
     finest = 2.0 * np.sqrt(half_x * half_y / MOST_CELLS)
     smallest = min(tool.size for tool in tools) / solids.CELLS
-    cell = max(min(2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1), smallest), finest)
+    own = min(2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1))
+    cell = max(min(own, smallest), finest)
     turn = axes[:2, :2]
     reach = np.abs(turn) @ (half_x, half_y)
     low_x, low_y = np.floor((middle[:2] - reach) / cell)

@@ -212,7 +212,7 @@ def advance(beds, first, given, h):
         body.explicit[:] = wrench[0]
         body.state[:] = given[k]
         body.duration = h
-        body.near = _may_reach(body)
+        body.is_near = _may_reach(body)
 
 
 @inlined
@@ -378,7 +378,7 @@ def hold_each(beds, first, inverse, free, h):
         b = first + k
         body = beds.bodies[b]
         trial = new_trial(1, 6)
-        if body.near:
+        if body.is_near:
             joints = Joints(
                 bodies=np.array([b]),
                 twists=(body.state[7:] + h * free[k]).reshape(1, 6),

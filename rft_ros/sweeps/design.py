@@ -1,6 +1,7 @@
 """A design study read from YAML: its variants, in a fixed order."""
 
 import itertools
+import math
 import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from inspect import signature
@@ -14,12 +15,14 @@ from rft_ros.files import read_file
 from rft_ros.installation import release
 from rft_ros.parameters import is_medium_file
 from rft_ros.parameters.from_values import OF_MEDIUM, OF_TOOL, parameters_of
+from rft_ros.rft.arguments import number, whole_number
 from rft_ros.sweeps.motions import FAMILIES, Trajectory
 from rft_ros.tool import files_of_mesh, locate_mesh
 from rft_ros.yaml_file import read_yaml
 
 Kind = Literal["release", "mesh", "file"]
 
+_PARTS = ("tools", "motions", "media")
 _VECTORS = ("origin", "rotate")  # a list of numbers is one value of these
 _MOST = 1_000_000  # variants, values in a range, samples, and the greatest number in a motion
 _LEAST = {"samples": 2, "speed": 1e-9, "travel": 1e-9, "pitch": 1e-9}
@@ -97,11 +100,7 @@ def motion_of(entry: Mapping[str, Any]) -> tuple[Trajectory, int]:
     _check_names(numbers, ("family", "samples", *signature(FAMILIES[family]).parameters))
     for name, value in numbers.items():
         least = _LEAST.get(name, -_MOST)
-        if (
-            isinstance(value, bool)
-            or not isinstance(value, int | float)
-            or not least <= value <= _MOST
-        ):
+        if type(value) not in (int, float) or not least <= value <= _MOST:
             raise InputError(
                 f"{name} is {shown(value)}; it must be a number from {least:g} to {_MOST:,}"
             )
@@ -121,52 +120,35 @@ def read_design(file: Path) -> Design:
     if not isinstance(content, Mapping):
         raise InputError(f"study '{file}' has no entries; it needs tools, motions and media")
     try:
-        _check_names(content, ("tools", "motions", "media", "sample", "seed"))
-        parts = [
-            list(_expanded(name, content.get(name))) for name in ("tools", "motions", "media")
-        ]
-        total = len(parts[0]) * len(parts[1]) * len(parts[2])
+        _check_names(content, (*_PARTS, "sample", "seed"))
+        parts = [list(_expanded(name, content.get(name))) for name in _PARTS]
+        total = math.prod(map(len, parts))
         if total > _MOST:
             raise InputError(f"it has {total:,} variants; the limit is {_MOST:,}")
-        sample = _whole_number(content, "sample", default=total, least=1, most=total)
-        seed = _whole_number(content, "seed", default=0, least=0, most=2**63)
-    except InputError as error:
+        sample = whole_number("sample", content.get("sample", total), most=total)
+        seed = int(number("seed", content.get("seed", 0), least=0.0))
+    except ValueError as error:
         raise InputError(f"study '{file}': {error}") from None
     variants = list(itertools.starmap(Variant, itertools.product(*parts)))
     chosen = np.random.default_rng(seed).permutation(total)[:sample]
     return Design(file, [variants[k] for k in sorted(chosen)])
 
 
-def _whole_number(
-    content: Mapping[str, Any], name: str, *, default: int, least: int, most: int
-) -> int:
-    value = content.get(name, default)
-    if type(value) is not int or not least <= value <= most:
-        raise InputError(
-            f"{name} is {shown(value)}; it must be a whole number from {least} to {most:,}"
-        )
-    return value
-
-
 def _expanded(name: str, entries: object) -> Iterator[dict[str, Any]]:
     """One dict for each combination of the values in an entry's lists and ranges."""
     if not isinstance(entries, list) or not entries:
         raise InputError(f"{name} is {shown(entries)}; it must be a list of entries")
-    for number, entry in enumerate(entries, start=1):
+    for place, entry in enumerate(entries, start=1):
         try:
-            needed = "names and values"
-            if name == "tools":
-                needed += ", and a mesh"
-            if not isinstance(entry, Mapping) or (name == "tools" and "mesh" not in entry):
-                raise InputError(f"it is {shown(entry)}; it must have {needed}")
-            for combination in itertools.product(
-                *(_values(key, value) for key, value in entry.items())
-            ):
+            if not isinstance(entry, Mapping):
+                raise InputError(f"it is {shown(entry)}; it must have names and values")
+            values = [_values(key, value) for key, value in entry.items()]
+            for combination in itertools.product(*values):
                 point = dict(zip(entry, combination, strict=True))
                 _check_point(name, point)
                 yield point
         except InputError as error:
-            raise InputError(f"{name} {number}: {error}") from None
+            raise InputError(f"{name} {place}: {error}") from None
 
 
 def _check_point(name: str, point: Mapping[str, Any]) -> None:
@@ -178,17 +160,15 @@ def _check_point(name: str, point: Mapping[str, Any]) -> None:
     _check_names(point, OF_TOOL if name == "tools" else OF_MEDIUM)
     parameters_of(point)
     if name == "tools":
-        locate_mesh(point["mesh"])
+        locate_mesh(point.get("mesh", ""))
 
 
 def _values(key: str, value: object) -> list[Any]:
     if isinstance(value, Mapping):
         try:
-            count = int(value["count"])
-            if not 0 < count <= _MOST:
-                raise ValueError
+            count = whole_number("count", value["count"], most=_MOST)
             return list(np.linspace(float(value["from"]), float(value["to"]), count).tolist())
-        except (KeyError, TypeError, ValueError, OverflowError):
+        except (KeyError, TypeError, ValueError):
             needed = f"a range has from, to and count, of 1 to {_MOST:,}"
             raise InputError(f"{key} is {shown(dict(value))}; {needed}") from None
     if not isinstance(value, list) or (

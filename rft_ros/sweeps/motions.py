@@ -36,19 +36,15 @@ class Trajectory:
 
     def at(self, times: ArrayLike) -> Array:
         """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
+        from scipy.spatial.transform import Rotation
+
         t = np.atleast_1d(np.asarray(times, dtype=np.float64))
         yaw = self.yaw + self.turning * t
         tilt = self.tilt + self.amplitude * np.sin(self.omega * t)
         pitching = self.amplitude * self.omega * np.cos(self.omega * t)
-        sin_y = np.sin(yaw / 2.0)
-        cos_y = np.cos(yaw / 2.0)
-        sin_t = np.sin(tilt / 2.0)
-        cos_t = np.cos(tilt / 2.0)
         states = np.zeros((len(t), len(STATE)))
         states[:, POSITION] = np.array([0.0, 0.0, self.start_height]) + np.outer(t, self.velocity)
-        states[:, QUATERNION] = np.column_stack(
-            [-sin_y * sin_t, cos_y * sin_t, sin_y * cos_t, cos_y * cos_t]
-        )
+        states[:, QUATERNION] = Rotation.from_euler("ZY", np.column_stack([yaw, tilt])).as_quat()
         states[:, VELOCITY] = self.velocity
         spin = states[:, ANGULAR_VELOCITY]  # a view
         spin[:, 0] -= pitching * np.sin(yaw)

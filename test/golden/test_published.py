@@ -4,10 +4,9 @@ import numpy as np
 import pytest
 
 from rft_ros.parameters import model_of, read_parameter_file
-from rft_ros.rft import wrenches
+from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.states_file import read_states
 from rft_ros.tool import load_tool
-from studies.paper import law
 
 CONFIG = "config/published.yaml"
 
@@ -40,7 +39,7 @@ def test_it_is_the_centroid_rule_with_all_plates_and_no_memory_bit_by_bit(publis
     state = np.array(
         [[0.0, 0.0, -0.02, 0.1, 0.2, 0.3, 0.9273618495495703, 0.003, 0.002, -0.01, 0.1, 0.2, 0.3]]
     )
-    by_hand = wrenches(
-        load_tool("ellipsoid", integration="centroid").plates, law("constant"), state
-    )
+    generic = MEDIA["generic"]
+    law = treers2021(generic, alpha_y_model("constant", generic), zeta=0.33)
+    by_hand = wrenches(load_tool("ellipsoid", integration="centroid").plates, law, state)
     np.testing.assert_array_equal(wrenches(model.tool.plates, model.law, state), by_hand)

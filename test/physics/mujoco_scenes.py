@@ -145,7 +145,7 @@ def block(
 
 
 def pressed(kind: str, step: float, integrator: str = "Euler", *, option: str = "") -> Numbers:
-    """The tool is pressed down beside one of `KINDS`: what it feels [N], its scatter, creep in the last second [mm]."""
+    """The tool is pressed down beside one of `KINDS`: what it feels [N], and its scatter."""
     joint = '<joint name="z" type="slide" axis="0 0 1" {}/>'
     slide = '<joint name="y" type="slide" axis="0 0 1"/>'
     other = f'<body pos="0.3 0 0">{slide}<geom size="0.02" mass="0.5" {_NO_CONTACT}/></body>'
@@ -179,20 +179,16 @@ def pressed(kind: str, step: float, integrator: str = "Euler", *, option: str = 
         "joint equality": lambda ramp: data.qfrc_applied.__setitem__(1, -20.0 * ramp),
         "servo": lambda ramp: data.ctrl.__setitem__(0, -0.03 * ramp),
     }
-    felt, remembered, heights = [], 1.0, []
-    for _ in range(round(2.5 / step)):
+    felt = []
+    for _ in range(round(2.0 / step)):
         push[kind](min(data.time, 1.0))
         scene.advance(remember=True)
         felt.append(scene.grains.wrench[2])
-        remembered = scene.memory[2]
-        heights.append(1e3 * data.xpos[scene.body, 2])
     late = felt[-round(0.5 / step) :]
     return {
         "felt": float(felt[-1]),
-        "felt over memory": float(felt[-1] / remembered),
+        "felt over memory": float(felt[-1] / scene.memory[2]),
         "scatter": float(np.ptp(late) / abs(felt[-1])),
-        "creep": float(np.ptp(heights[-round(1.0 / step) :])),
-        "failures": scene.grains.failures,
     }
 
 

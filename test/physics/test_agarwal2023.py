@@ -6,11 +6,10 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from scenes import AGARWAL, GENERIC, RULES, directions
+from scenes import AGARWAL, GENERIC, RULES, directions, facing
 
 from rft_ros.rft import LAWS, agarwal2023, alpha_y_model, law_named, traction_per_depth, wrenches
 from rft_ros.rft.agarwal2023 import C1, C2, C3, FLAT_PRESS
-from studies.force_jumps import plate_facing
 
 ROUGH = agarwal2023(surface_friction=1e6)
 """A surface so rough that it limits nothing."""
@@ -128,7 +127,8 @@ def test_the_coefficient_taken_for_x2_x3_squared_is_the_one_by_which_grains_seld
 @RULES
 @given(beta=st.floats(0.0, math.pi), velocity=directions())
 def test_both_rules_integrate_it(rule, beta, velocity):
-    plate, normal = plate_facing(beta, rule), (math.sin(beta), 0.0, -math.cos(beta))
+    normal = math.sin(beta), 0.0, -math.cos(beta)
+    plate = facing(rule, [[0.0, 0.0, 0.0]], [normal])
     if np.dot(normal, velocity) < 0.05:  # a refined plate leads in part up to 1°
         return
     state = np.array([[0, 0, -1.0, 0, 0, 0, 1, *velocity, 0, 0, 0]])

@@ -1,5 +1,7 @@
 """The families of motion: the twist is the pose's derivative, and they contain the motions of the reference data."""
 
+from pathlib import Path
+
 import numpy as np
 import pytest
 from scipy.spatial.transform import Rotation
@@ -15,9 +17,8 @@ from rft_ros.sweeps.motions import (
     sample,
     straight,
 )
-from studies.dem import DATA
-from studies.sampling import sample_every
 
+DATA = Path(__file__).resolve().parents[1] / "data" / "dem"
 MOTIONS = [
     straight(descent_deg=60.0, heading_deg=25.0, tilt_deg=10.0, yaw_deg=-40.0, start_height=0.02),
     straight(descent_deg=-90.0),
@@ -47,18 +48,14 @@ def test_samples_run_from_the_start_to_the_end(motion):
     assert states[-1, POSITION] - states[0, POSITION] == pytest.approx(
         motion.duration * np.array(motion.velocity)
     )
-    every_times, every_states = sample_every(motion, step=motion.duration / 6)
-    assert every_times == pytest.approx(times)
-    assert every_states == pytest.approx(states)
 
 
 def test_circumnutation_gives_the_85_states_of_the_released_code(shared_data):
     rows = np.loadtxt(
         shared_data / "paper" / "circumnutation_P40_states.csv", delimiter=",", skiprows=1
     )
-    times, states = sample_every(circumnutation(tilt_deg=10.0, pitch=0.04), step=0.25)
-    assert len(rows) == len(times) == 85
-    assert times == pytest.approx(rows[:, 0], abs=1e-12)
+    assert rows[:, 0] == pytest.approx(0.25 * np.arange(85), abs=1e-12)
+    states = circumnutation(tilt_deg=10.0, pitch=0.04).at(rows[:, 0])
     assert states == pytest.approx(rows[:, 1:], abs=1e-14)
 
 

@@ -191,6 +191,7 @@ def test_the_examples_run_headless_and_hold_still(tmp_path, capsys, monkeypatch,
     folder = Path(__file__).resolve().parents[2] / "examples"
     monkeypatch.syspath_prepend(folder)
     main = runpy.run_path(str(folder / f"{name}.py"))["main"]
+    main.__globals__["STAY"] = 0.8  # s, of the arm at each place
     assert main(["-o", str(tmp_path / "picture.png"), *more]) == 0
     assert (tmp_path / "picture.png").stat().st_size > 10_000
     printed = capsys.readouterr().out

@@ -34,7 +34,7 @@ def test_a_users_torque_controller_feels_the_force_of_explicit_short_steps(
     tree = f'<body name="tool" pos="0 0 0.06"><joint name="z" type="slide" axis="0 0 1"/>{blade.format(mass)}</body>'
     motor, states, forces = '<actuator><motor joint="z"/></actuator>', np.zeros((1, 13)), {}
     states[0, 6] = 1.0
-    for step in (5e-5, 1e-3, 2e-3):
+    for step in (1e-4, 1e-3, 2e-3):
         model = model_of(tree, step=step, more=motor)
         data, grains = mujoco.MjData(model), MujocoGrains(model, body="tool", law=law())
         memory, found = GrainsBatch(grains.tool, law(), bodies=1), []
@@ -42,7 +42,7 @@ def test_a_users_torque_controller_feels_the_force_of_explicit_short_steps(
             way, speed = (-0.1 * data.time, -0.1) if data.time < 0.5 else (-0.05, 0.0)
             z, v = data.qpos[0], data.qvel[0]
             data.ctrl[0] = stiffness * (way - z) + damping * (speed - v) + mass * 9.81
-            if step == 5e-5:
+            if step == 1e-4:
                 states[0, 2], states[0, 9] = 0.06 + z, v
                 force = memory.step(states, step)[0, 2]
                 data.xfrc_applied[1, 2] = force
@@ -53,9 +53,9 @@ def test_a_users_torque_controller_feels_the_force_of_explicit_short_steps(
         forces[step] = np.interp(
             np.arange(0.1, 0.7, 0.002), step * np.arange(1, len(found) + 1), found
         )
-    peak = forces[5e-5].max()
-    assert np.abs(forces[1e-3] - forces[5e-5]).max() < 0.1 * peak
-    assert np.abs(forces[2e-3] - forces[5e-5]).max() < 0.15 * peak
+    peak = forces[1e-4].max()
+    assert np.abs(forces[1e-3] - forces[1e-4]).max() < 0.1 * peak
+    assert np.abs(forces[2e-3] - forces[1e-4]).max() < 0.15 * peak
 
 
 def test_steps_without_the_grains_and_a_second_data_are_refused_with_the_remedy():

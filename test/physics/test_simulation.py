@@ -191,14 +191,14 @@ def held(mass, stiffness, hold, *, load=0.0):
 
     It holds each wrench for a time [s], with an implicit step if this is over 1 ms. Greatest scatter over the holds'
     last 0.4 s over the force; net work of the grains over what they took; with `load` [N] sideways at the first hold
-    for 10 s: how far it yields in 0.2 s [m], the creep since [m], the speed then [m/s].
+    for 4 s: how far it yields in 0.2 s [m], the creep since [m], the speed then [m/s].
     """
     grains = Grains(load_tool("plate", tolerance=0.025), LAW)
     dt, depth = 0.001, -0.0184
     goals = np.array([[0, 0, 0.003], [0, 0, depth], [0.02, 0, depth], [0.01, 0, depth]])[
         : 2 if load else 4
     ]
-    rest = 11.0 if load else 1.5
+    rest = 5.0 if load else 1.5
     ways = np.linalg.norm(np.diff(goals, axis=0), axis=1) / 0.02
     times = np.cumsum([0.0, *(t for path in ways for t in (path, rest))])
     command = np.repeat(goals, [1] + [2] * (len(goals) - 1), axis=0)
@@ -385,7 +385,7 @@ def test_a_tool_that_leaves_the_map_meets_the_height_of_its_edge(plate):
 def test_a_sideways_load_below_the_drag_moves_nothing_and_one_above_yields_and_stops():
     """At a depth of 20 mm, where the drag is about 2.5 N."""
     below, above = (held(2.0, 2e3, 0.001, load=load) for load in (1.2, 12.0))
-    assert below["creep"] < 5e-5
+    assert below["creep"] < 2e-5
     assert above["yielded"] > 1e-3
     assert above["speed"] < 1e-6
 

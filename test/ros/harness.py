@@ -26,9 +26,8 @@ from std_srvs.srv import Trigger
 
 from rft_ros.node import rft_node
 from rft_ros.parameters import Values, defaults, load_parts, parts_of, tool_of
-from rft_ros.rft import checked_states, wrenches
+from rft_ros.rft import MEDIA, alpha_y_model, checked_states, law_named, wrenches
 from rft_ros.tool import Tool
-from studies.paper import law as paper_law
 
 OUTPUTS = ("wrench_predicted", "wrench_sigma", "wrench_compensated", "wrench_residual")
 WITHOUT_MEMORY = ("-p", "medium.mobilization_length:=0.0", "-p", "alpha_y.model:=constant")
@@ -324,7 +323,9 @@ def predicted_by_the_core(
     linear=(0.0, 0.0, -0.01),
 ) -> np.ndarray:
     """What the node must answer to `Harness.send`'s defaults; the sensor's axes are the world's."""
-    made = paper_law(alpha_y, zeta=zeta, name=law, density=density)
+    generic = MEDIA["generic"]
+    model = alpha_y_model(alpha_y, generic)
+    made = law_named(law, generic, model, zeta=zeta, density=density)
     state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
     given = {"mesh.file": mesh, "mesh.quaternion": quaternion, "mesh.hull": hull}
     of_tool = parts_of({**defaults(), **given})["tool"]

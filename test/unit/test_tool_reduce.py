@@ -25,7 +25,6 @@ from rft_ros.rft import (
 from rft_ros.sweeps.motions import circumnutation, oscillating_insertion, sample
 from rft_ros.tool import load_tool, random_motions
 from rft_ros.tool.reduce import merged_plates
-from studies.sampling import sample_every
 
 LAW = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
 RULES = ["centroid", "refined"]
@@ -198,7 +197,8 @@ def test_the_line_says_what_was_done_and_the_same_command_gives_the_same_bytes(t
 
 
 def write_states(file, height=0.0):
-    times, states = sample_every(circumnutation(), 0.25)
+    times = 0.25 * np.arange(85)
+    states = circumnutation().at(times)
     states[:, 2] += height
     np.savetxt(file, np.column_stack([times, states]), delimiter=",", header=HEADER, comments="")
     return str(file)
