@@ -38,14 +38,14 @@ class Column:
     gaps: bool = False
 
     def places(self, headings: Sequence[str]) -> list["_Place"]:
-        """Where headings name this column, with one of its units."""
+        """Where headings name this column, with one of its units; if it has a `wanted` one, with any unit."""
         name = self.name.replace("_", "[ _]?")
         found = []
         for index, heading in enumerate(headings):
             match = re.match(f"{name}(?![a-z])(.*)$", heading.lower().translate(_LETTERS))
             if match:
                 unit = re.sub(r"[\s_\[\]()^*·]", "", match[1].replace("per", "/"))
-                if unit in self.units:
+                if unit in self.units or self.wanted:
                     found.append(_Place(self, index, unit))
         return found
 
@@ -120,7 +120,7 @@ def _separator(header: str) -> str | None:
 
 def _place(column: Column, headings: Sequence[str], group: Sequence[Column], named: str) -> _Place:
     """The place of a column of a group. Raises InputError where it is missing, or there twice."""
-    found = column.places(headings)
+    found = [place for place in column.places(headings) if place.unit in column.units]
     if len(found) == 1:
         return found[0]
     has = f"several columns {column.name}" if found else f"no column {column.name}"

@@ -52,7 +52,12 @@ def yaml_text(tree: Mapping[str, Any]) -> str:
     return yaml.dump(tree, Dumper=_Dumper, sort_keys=False, allow_unicode=True, width=110)
 
 
-def write_yaml(file: Path, what: str, tree: Mapping[str, Any], comments: Iterable[str]) -> None:
+def write_yaml(
+    file: Path,
+    what: str,
+    tree: Mapping[str, Any],
+    comments: Iterable[str],
+) -> None:
     """Write `yaml_text` below a line for each comment. Raises InputError, which calls the file `what`."""
     head = "".join(f"# {' '.join(comment.split())}\n" for comment in comments)
     with whole(file, what) as part:

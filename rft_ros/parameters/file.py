@@ -17,13 +17,12 @@ NODE = "/rft"
 """The node's full name, without a namespace."""
 
 
-def sections_for(sections: Iterable[Section], node: str = NODE) -> list[Section]:
+def sections_for(sections: list[Section], node: str = NODE) -> list[Section]:
     """The sections that hold a node's parameters; a later one overrides an earlier one.
 
     `ros2 param dump` writes a namespace before the node's name, such as /cell/rft. If a file has no section for /rft
     and one such section, that one is taken.
     """
-    sections = list(sections)
     found = [section for section in sections if section.is_for(node)]
     if found or node != NODE:
         return found

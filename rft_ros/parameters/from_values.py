@@ -10,7 +10,14 @@ from rft_ros.parameters.medium_file import is_medium_file, read_alpha_y_table, r
 from rft_ros.parameters.parameter import Values, values_of
 from rft_ros.parameters.settings import LoadCell, Model, Settings
 from rft_ros.parameters.table import checked, defaults
-from rft_ros.rft import LAW_NUMBERS, Medium, Table, alpha_y_model, law_named, medium_named
+from rft_ros.rft import (
+    LAW_NUMBERS,
+    Medium,
+    Table,
+    alpha_y_model,
+    law_named,
+    medium_named,
+)
 from rft_ros.tool import Tool, load_tool
 
 

@@ -13,7 +13,12 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.parameters.parameter import Parameter
-from rft_ros.parameters.stress_map import MediumFit, StressMap, checked_medium, fit_medium
+from rft_ros.parameters.stress_map import (
+    MediumFit,
+    StressMap,
+    checked_medium,
+    fit_medium,
+)
 from rft_ros.rft import MEDIA, Medium, Table
 from rft_ros.table_file import Column, Rows, read_table
 from rft_ros.yaml_file import read_yaml, write_yaml
@@ -76,15 +81,12 @@ def read_alpha_y_table(file: str) -> Table:
     named = f"alpha_y.table '{file}'"
     rows = _read(Path(file), "alpha_y.table", (_BETA, _ALPHA_Y), (_GAMMA,))
     stresses = rows.columns["alpha_y"]
-    if stresses.min() < 0.0:
+    least = stresses.min()
+    greatest = stresses.max()
+    if least < 0.0 or greatest > _GREATEST:
         raise InputError(
-            f"{named} has a negative alpha_y ({stresses.min():g}); give the size of a stress that resists"
-        )
-    if stresses.max() > _GREATEST:
-        raise InputError(
-            f"{named} has alpha_y up to {stresses.max():.4g}, "
-            f"over {_GREATEST:g} N/cm³, which no grains have; check the order of the columns, and the unit"
-            " (1 N/cm³ = 1e6 Pa/m)"
+            f"{named} has alpha_y from {least:.4g} to {greatest:.4g} N/cm³ (1e6 Pa/m); it must lie between 0 and"
+            f" {_GREATEST:g}: check the order of the columns, the unit and the sign"
         )
     gammas = rows.columns.get("gamma", np.zeros(len(stresses)))
     beta, row = np.unique(rows.columns["beta"], return_inverse=True)
@@ -125,7 +127,12 @@ def _read(file: Path, what: str, *columns: Sequence[Column]) -> Rows:
     return rows
 
 
-def _check_angles(degrees: Array, factor: float, named: str, name: str) -> None:
+def _check_angles(
+    degrees: Array,
+    factor: float,
+    named: str,
+    name: str,
+) -> None:
     """Raise InputError if angles are implausible in the unit that the header names, of `factor` degrees."""
     widest = float(np.abs(degrees).max())
     different = len(np.unique(degrees))

@@ -3,9 +3,22 @@
 import math
 import sys
 from collections.abc import Mapping, Sequence
-from dataclasses import KW_ONLY, dataclass, field, fields, replace
+from dataclasses import (
+    KW_ONLY,
+    dataclass,
+    field,
+    fields,
+    replace,
+)
 from functools import cache
-from typing import Any, Literal, NoReturn, get_args, get_origin, get_type_hints
+from typing import (
+    Any,
+    Literal,
+    NoReturn,
+    get_args,
+    get_origin,
+    get_type_hints,
+)
 
 from rft_ros.errors import InputError, shown
 from rft_ros.rft.frames import UNIT_TOLERANCE

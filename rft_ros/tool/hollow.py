@@ -7,7 +7,14 @@ The simulations are a box with one open side, two plates 0.3 and 0.8 of their wi
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft import FORCE, MEDIA, alpha_y_model, checked_states, treers2021, wrenches
+from rft_ros.rft import (
+    FORCE,
+    MEDIA,
+    alpha_y_model,
+    checked_states,
+    treers2021,
+    wrenches,
+)
 from rft_ros.tool.solids import are_inside, convex_hull, crossings
 from rft_ros.tool.tool import Tool, tool_of_mesh
 

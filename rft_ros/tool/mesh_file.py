@@ -23,7 +23,13 @@ from rft_ros.errors import InputError, reason_of
 from rft_ros.files import read_arrays, read_file
 from rft_ros.rft import Plates, rotation_matrix, unit_quaternion
 from rft_ros.rft.arguments import number, numbers
-from rft_ros.rft.plates import AREA, CENTROID, FIRST_CORNER, NORMAL, SECOND_CORNER
+from rft_ros.rft.plates import (
+    AREA,
+    CENTROID,
+    FIRST_CORNER,
+    NORMAL,
+    SECOND_CORNER,
+)
 from rft_ros.tool.check import with_area
 from rft_ros.tool.locate import advice
 from rft_ros.tool.urdf import ROBOT_SUFFIXES, shapes_of_link

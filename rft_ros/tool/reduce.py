@@ -23,7 +23,14 @@ from rft_ros.rft import (
     treers2021,
     wrenches,
 )
-from rft_ros.rft.plates import AREA, CENTROID, FIRST_CORNER, HALF_ANGLE, NORMAL, SECOND_CORNER
+from rft_ros.rft.plates import (
+    AREA,
+    CENTROID,
+    FIRST_CORNER,
+    HALF_ANGLE,
+    NORMAL,
+    SECOND_CORNER,
+)
 
 Array = NDArray[np.float64]
 Labels = NDArray[np.int64]
@@ -135,7 +142,12 @@ def _united(rows: Array, groups: Labels) -> Array:
     return np.vstack(parts)
 
 
-def _triangles(rows: Array, groups: Labels, centroids: Array, normals: Array) -> Array:
+def _triangles(
+    rows: Array,
+    groups: Labels,
+    centroids: Array,
+    normals: Array,
+) -> Array:
     """Two corners, relative to the centroid, of a triangle with each group's second moments, shape [6, m].
 
     Equal moments give a submerged plate the depth integral and the centre of pressure of its parts. `centroids`,

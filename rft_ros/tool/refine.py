@@ -131,7 +131,12 @@ def _smooth_groups(mesh: "trimesh.Trimesh", facet: Array) -> Indices:
     return np.asarray(group, dtype=np.int64).reshape(-1, 3)
 
 
-def _tips(normals: Array, facet: Array, group: Indices, areas: Array) -> NDArray[np.bool_]:
+def _tips(
+    normals: Array,
+    facet: Array,
+    group: Indices,
+    areas: Array,
+) -> NDArray[np.bool_]:
     """Whether each corner is a tip, shape [m, 3]. `facet`: unit normals; `areas` of the facets, in any unit."""
     lean = normals - _dot(normals, facet[:, None])[:, :, None] * facet[:, None]
     left_over = _dot(lean, lean.sum(axis=1)[:, None])

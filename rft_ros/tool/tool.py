@@ -12,7 +12,15 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
 from rft_ros.files import whole
-from rft_ros.rft import INTEGRATIONS, LEVEL, QUATERNION, STATE, Integration, Plates, frames
+from rft_ros.rft import (
+    INTEGRATIONS,
+    LEVEL,
+    QUATERNION,
+    STATE,
+    Integration,
+    Plates,
+    frames,
+)
 from rft_ros.rft.arguments import number
 from rft_ros.tool.check import MeshIssue, check_mesh, with_area
 from rft_ros.tool.locate import link_in, locate_mesh
@@ -133,6 +141,8 @@ def load_tool(
     from an .npz file is not reduced again. Normals come from the winding of the facets. Facets without area are
     dropped. Raises InputError or ValueError, with one sentence, for a file or a value that cannot be used.
     """
+    from scipy.spatial import QhullError
+
     if integration not in (None, *INTEGRATIONS):
         raise InputError(
             f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}"
@@ -150,8 +160,13 @@ def load_tool(
     source = f"{path}#{link}" if link else str(path)
     mesh, frame_of_file = read_mesh(path, frame, link=link)
     if hull:
-        mesh = _hull_of(mesh, path)
         name = f"{name} (convex hull)"
+        try:
+            mesh = convex_hull(mesh.vertices[np.unique(mesh.faces)])
+        except QhullError:
+            raise InputError(
+                f"mesh file '{path}' lies in a plane and has no convex hull; unset mesh.hull"
+            ) from None
     rule = integration or "refined"
     return tool_of_mesh(
         mesh, name=name, file=source, frame=frame_of_file, integration=rule, tolerance=tolerance
@@ -186,17 +201,6 @@ def save_reduced(file: Path, tool: Tool) -> None:
             plates=to_file.placed_plates(tool.plates).rows,
             about=np.array([REDUCED_FORMAT, tool.reduction, repr(tool.frame.scale)]),
         )
-
-
-def _hull_of(mesh: "trimesh.Trimesh", path: Path) -> "trimesh.Trimesh":
-    from scipy.spatial import QhullError
-
-    try:
-        return convex_hull(mesh.vertices[np.unique(mesh.faces)])
-    except QhullError:
-        raise InputError(
-            f"mesh file '{path}' lies in a plane and has no convex hull; unset mesh.hull"
-        ) from None
 
 
 def tool_of_mesh(

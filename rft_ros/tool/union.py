@@ -1,7 +1,6 @@
 """The union of a mesh's bodies: a surface of which grains touch all."""
 
 from collections import Counter
-from itertools import pairwise, starmap
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -49,18 +48,18 @@ def _bodies(tool: Tool) -> "list[trimesh.Trimesh]":
     points, faces = welded(tool.frame.inverse.placed(tool.vertices), tool.faces)
     bodies: list[trimesh.Trimesh] = []
     for part in _closed_parts(faces):
-        bodies += trimesh.Trimesh(points, faces[part]).split(only_watertight=False, repair=False)
+        bodies += trimesh.Trimesh(points, part).split(only_watertight=False, repair=False)
     return bodies
 
 
-def _closed_parts(faces: NDArray[np.int64]) -> list[slice]:
+def _closed_parts(faces: NDArray[np.int64]) -> list[NDArray[np.int64]]:
     """Facets from one after which the surface is closed to the next; none if it stays open.
 
     Files hold the bodies one after the other. Where two of them touch, four facets meet at an edge, and the order
     tells which two of these are of one body.
     """
     open_edges: Counter[tuple[int, int]] = Counter()
-    ends = [0]
+    ends = []
     for k, (a, b, c) in enumerate(faces.tolist(), start=1):
         for start, end in ((a, b), (b, c), (c, a)):
             edge = (min(start, end), max(start, end))
@@ -69,9 +68,8 @@ def _closed_parts(faces: NDArray[np.int64]) -> list[slice]:
                 del open_edges[edge]
         if not open_edges:
             ends.append(k)
-    if ends[-1] < len(faces):
-        return []
-    return list(starmap(slice, pairwise(ends)))
+    *closed, rest = np.split(faces, ends)
+    return [] if len(rest) else closed
 
 
 def write_union(file: Path, tool: Tool) -> int:

@@ -65,7 +65,7 @@ HEADER = "beta_deg,gamma_deg,alpha_x,alpha_z\n"
         ("beta_deg,gamma_deg,alpha_x\n0,90,0\n", ("no column alpha_z", "N/cm3")),
         (
             "beta_deg,gamma_deg,alpha_x_Pa,alpha_z_Pa\n0,90,0,1000\n",
-            ("no column alpha_x", "N/cm3", "alpha_x_Pa"),
+            ("no column alpha_x", "N/cm3"),
         ),
         (HEADER + "0,inf,0.1,0.1\n", ("line 2", "gamma is inf", "finite")),
         (HEADER + "0,nan,0.1,0.1\n", ("line 2", "gamma is nan", "finite")),

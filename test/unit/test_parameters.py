@@ -312,9 +312,9 @@ def test_a_table_of_beta_and_gamma_is_a_full_grid_in_any_order(table):
             "# beta,alpha_y\n0,0.1\n",
             "has no column beta; its first line must name beta,alpha_y, without #",
         ),
-        ("beta,gamma_grad,alpha_y\n0,0,0.2\n", "no column gamma; it must be in deg or rad"),
+        ("beta,gamma_grad,alpha_y\n0,0,0.2\n", "gamma must be in deg or rad"),
         ("beta,alpha_y\nnan,0.1\n0,0.2\n", "line 2: beta is nan; it must be a finite number"),
-        ("beta,alpha_y\n0,0.1\n90,-0.2\n", "has a negative alpha_y (-0.2)"),
+        ("beta,alpha_y\n0,0.1\n90,-0.2\n", "has alpha_y from -0.2 to 0.1 N/cm³"),
         (
             "beta,alpha_y\n0,0.1\n0,0.2\n",
             "has 2 rows; a grid of 1 beta x 1 gamma values needs each pair once (1 rows)",
