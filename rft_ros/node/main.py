@@ -8,7 +8,6 @@ that cannot be used.
 import gc
 import os
 import signal
-import socket
 import sys
 import threading
 import time
@@ -38,15 +37,12 @@ def _stop_on_signal() -> threading.Event:
 
     A thread waits for the signals, because the main thread handles none while it imports, compiles or loads.
     """
-    receiver, sender = socket.socketpair()
-    sender.setblocking(False)
-    signal.set_wakeup_fd(sender.detach())
-    for number in (signal.SIGINT, signal.SIGTERM):
-        signal.signal(number, lambda *_: None)
+    signals = {signal.SIGINT, signal.SIGTERM}
+    signal.pthread_sigmask(signal.SIG_BLOCK, signals)
     stop = threading.Event()
 
     def await_signal() -> None:
-        receiver.recv(1)
+        signal.sigwait(signals)
         stop.set()
         time.sleep(_GRACE)
         os._exit(0)

@@ -2,7 +2,6 @@
 
 import struct
 from functools import lru_cache, partial
-from typing import NamedTuple
 
 import numpy as np
 from geometry_msgs.msg import Point, Vector3
@@ -10,11 +9,11 @@ from numpy.typing import NDArray
 from rclpy.node import Node
 from rclpy.serialization import serialize_message
 from rclpy.time import Time
-from std_msgs.msg import ColorRGBA
+from std_msgs.msg import ColorRGBA, Header
 from visualization_msgs.msg import Marker, MarkerArray
 
 from rft_ros.estimator import Estimate, Estimator
-from rft_ros.ground import HeightMap, LocalSurface
+from rft_ros.ground import HeightMap
 from rft_ros.rft import FORCE, POSITION, QUATERNION, plate_forces, rotation_matrix
 from rft_ros.rft.frames import Wrench
 
@@ -78,14 +77,6 @@ def _point(place: Array) -> Point:
     return Point(x=x, y=y, z=z)
 
 
-class _Drawing(NamedTuple):
-    """An estimate with its state and surface: a later pose without an estimate changes those of the estimator."""
-
-    answer: Estimate
-    state: Array
-    surface: LocalSurface
-
-
 class Markers:
     """Publishes markers of the last estimate, when a timer calls it between ticks.
 
@@ -95,50 +86,53 @@ class Markers:
     def __init__(self, node: Node, estimator: Estimator) -> None:
         self._estimator = estimator
         self._publisher = node.create_publisher(MarkerArray, "~/markers", 1)
-        self._drawing: _Drawing | None = None
+        self._answer: Estimate | None = None
         self.measured: Wrench | None = None
         # to find the cells of the largest maps takes 0.2 s
         self._cells_of = lru_cache(maxsize=1)(partial(HeightMap.points, at_most=_MOST_FACETS))
 
     def estimated(self, answer: Estimate) -> None:
-        """Keep an estimate for `publish`."""
-        self._drawing = _Drawing(answer, self._estimator.state, self._estimator.surface)
+        """Keep an estimate with its state and surface: a later pose without an estimate changes the estimator's."""
+        self._answer = answer
+        self._state = self._estimator.state
+        self._surface = self._estimator.surface
 
     def forget(self) -> None:
         """Do not draw the last estimate, because its model or its frames are no longer in use."""
-        self._drawing = None
+        self._answer = None
 
     def publish(self) -> None:
         """Draw the last estimate and measurement, if there is a subscriber and the estimate is new."""
-        drawing = self._drawing
-        if drawing is None or not self._publisher.get_subscription_count():
+        answer = self._answer
+        if answer is None or not self._publisher.get_subscription_count():
             return
-        self._drawing = None
-        self._publish_tool(drawing)
-        markers = [
-            self._surface_around(drawing),
-            self._arrow(drawing, 1, drawing.answer.predicted, _PREDICTED),
-        ]
+        self._answer = None
+        stamp = Time(nanoseconds=answer.stamp).to_msg()
+        self._header = Header(stamp=stamp, frame_id=self._estimator.settings.world_frame)
+        self._to_world = rotation_matrix(self._state[QUATERNION])
+        markers = [self._surface_around(), self._arrow(1, answer.predicted, _PREDICTED)]
         if self.measured is not None:
-            markers.append(self._arrow(drawing, 2, self.measured, _MEASURED))
+            markers.append(self._arrow(2, self.measured, _MEASURED))
+        self._publisher.publish(self._tool())
         self._publisher.publish(MarkerArray(markers=markers))
-        self._publish_ground(drawing)
+        self._publish_ground()
 
-    def _publish_tool(self, drawing: _Drawing) -> None:
+    def _tool(self) -> bytes:
         model = self._estimator.model
         tool = model.tool
-        state = drawing.state
-        height, slope, *_ = drawing.surface
-        forces = plate_forces(tool.facets, model.law, state, surface_height=height, slope=slope)
+        height, slope, *_ = self._surface
+        forces = plate_forces(
+            tool.facets, model.law, self._state, surface_height=height, slope=slope
+        )
         drawn = slice(None, None, 1 + (len(tool.faces) - 1) // _MOST_FACETS)
         traction = np.linalg.norm(forces[drawn], axis=1) / tool.facets.areas[drawn]
         colours = _coloured(traction / max(traction.max(), 1e-12), _OF_TRACTION)
         corners = tool.vertices[tool.faces[drawn]].reshape(-1, 3)
-        places = state[POSITION] + corners @ rotation_matrix(state[QUATERNION]).T
-        marker = self._marker(drawing, 0, Marker.TRIANGLE_LIST, (1.0, 1.0, 1.0))
-        self._publisher.publish(_spliced(marker, places, np.repeat(colours, 3, axis=0)))
+        places = self._state[POSITION] + corners @ self._to_world.T
+        marker = self._marker(0, Marker.TRIANGLE_LIST, (1.0, 1.0, 1.0))
+        return _spliced(marker, places, np.repeat(colours, 3, axis=0))
 
-    def _publish_ground(self, drawing: _Drawing) -> None:
+    def _publish_ground(self) -> None:
         """Publish the known cells, at most some thousand."""
         ground = self._estimator.ground
         start = self._estimator.model.ground
@@ -147,34 +141,31 @@ class Markers:
         cells = self._cells_of(ground)
         x, y, height = cells.T
         rise = np.nan_to_num(height - start.heights_at(x, y))
-        marker = self._marker(drawing, 4, Marker.CUBE_LIST, (ground.cell, ground.cell, 1e-4))
+        marker = self._marker(4, Marker.CUBE_LIST, (ground.cell, ground.cell, 1e-4))
         self._publisher.publish(_spliced(marker, cells, _coloured(rise, _OF_CHANGE)))
 
-    def _surface_around(self, drawing: _Drawing) -> Marker:
+    def _surface_around(self) -> Marker:
         side = 10.0 * self._estimator.model.tool.plates.reach
-        marker = self._marker(drawing, 3, Marker.CUBE, (side, side, 1e-4))
+        x, y, _ = self._state[POSITION].tolist()
+        height, (sx, sy), *_ = self._surface
+        marker = self._marker(3, Marker.CUBE, (side, side, 1e-4))
         marker.color = _SURFACE
-        height, slope, *_ = drawing.surface
-        x, y, _ = drawing.state[POSITION]
-        marker.pose.position = _point(np.array([x, y, height + np.dot(slope, (x, y))]))
+        marker.pose.position = Point(x=x, y=y, z=height + sx * x + sy * y)
         return marker
 
-    def _arrow(self, drawing: _Drawing, number: int, wrench: Wrench, colour: ColorRGBA) -> Marker:
+    def _arrow(self, number: int, wrench: Wrench, colour: ColorRGBA) -> Marker:
         """An arrow from the tool frame's origin along the force of a wrench, which has the sensor's axes."""
-        position = drawing.state[POSITION]
+        position = self._state[POSITION]
         in_tool = rotation_matrix(self._estimator.load_cell.quaternion) @ wrench[FORCE]
-        force = rotation_matrix(drawing.state[QUATERNION]) @ in_tool
-        marker = self._marker(drawing, number, Marker.ARROW, (0.003, 0.006, 0.008))
+        end = position + _METRES_PER_NEWTON * (self._to_world @ in_tool)
+        marker = self._marker(number, Marker.ARROW, (0.003, 0.006, 0.008))
         marker.color = colour
-        marker.points = [_point(position), _point(position + _METRES_PER_NEWTON * force)]
+        marker.points = [_point(position), _point(end)]
         return marker
 
-    def _marker(
-        self, drawing: _Drawing, number: int, kind: int, scale: tuple[float, float, float]
-    ) -> Marker:
+    def _marker(self, number: int, kind: int, scale: tuple[float, float, float]) -> Marker:
         x, y, z = scale
-        marker = Marker(ns="rft", id=number, type=kind, scale=Vector3(x=x, y=y, z=z))
-        marker.header.frame_id = self._estimator.settings.world_frame
-        marker.header.stamp = Time(nanoseconds=drawing.answer.stamp).to_msg()
+        marker = Marker(header=self._header, ns="rft", id=number, type=kind)
+        marker.scale = Vector3(x=x, y=y, z=z)
         marker.pose.orientation.w = 1.0
         return marker

@@ -15,13 +15,14 @@ from rclpy.executors import SingleThreadedExecutor
 from refusals import refusal
 
 import rft_ros
+from rft_ros.cli import main
 from rft_ros.estimator.warm_up import prepare
+from rft_ros.node.node_parameters import given_sections
 from rft_ros.node.rft_node import executor_of
 from rft_ros.parameters import read_parameter_file
 from rft_ros.tool import locate_mesh
 
 PLATE = locate_mesh("plate")
-CELL = PLATE.parents[1] / "config" / "default.yaml"
 
 
 def descendants(pid: int) -> set[int]:
@@ -70,16 +71,36 @@ def test_a_node_is_ready_before_code_that_it_does_not_use_is_compiled_and_refuse
 ):
     prepare()
     cache = not_compiled / "__pycache__"
-    unused = shutil.ignore_patterns("rft_ros.estimator.learning.*")
+    module = "rft_ros.estimator.pose_difference"
+    unused = shutil.ignore_patterns(f"{module}.*")
     shutil.copytree(Path(rft_ros.__file__).parents[1] / "__pycache__", cache, ignore=unused)
-    rft = start_process("-p", f"mesh.file:={PLATE}", folder=not_compiled).wait_ready()
-    made, why = rft.set(learning__mode="observe")
+    rft = start_process("-p", f"mesh.file:={PLATE}", folder=not_compiled)
+    (compiler,) = found(lambda: compilers(rft.process.pid))
+    os.kill(compiler, signal.SIGSTOP)
+    rft.wait_ready()
+    made, why = rft.set(twist_source="pose_difference")
     assert not made
-    assert "learning still compiles" in why
-    while not rft.set(learning__mode="observe")[0]:
-        rft.ask(rft.moment())
-    assert list(cache.glob("rft_ros.estimator.learning.*"))
+    assert "velocity still compiles" in why
+    os.kill(compiler, signal.SIGCONT)
+    while not rft.set(twist_source="pose_difference")[0]:
+        rft.spin(0.1)
+    assert list(cache.glob(f"{module}.*"))
     assert "compiling: " not in rft.said()
+
+
+def compilers(pid: int) -> set[int]:
+    """The processes that compile code for later."""
+    return {
+        child
+        for child in descendants(pid)
+        if b"_load_slowly" in Path(f"/proc/{child}/cmdline").read_bytes()
+    }
+
+
+def found(processes):
+    """The processes, once there are some."""
+    wait_until(processes, "a process starts")
+    return processes()
 
 
 @pytest.mark.parametrize(
@@ -157,12 +178,7 @@ for rule in ("centroid", "refined"):
 
 
 def test_after_compiling_ahead_nothing_is_left_to_compile():
-    assert (
-        subprocess.run(
-            [sys.executable, "-m", "rft_ros.cli", "warm-up"], capture_output=True
-        ).returncode
-        == 0
-    )
+    assert main(["warm-up"]) == 0
     done = subprocess.run(
         [sys.executable, "-c", POSES_IN_THE_GRAINS], capture_output=True, text=True
     )
@@ -173,22 +189,26 @@ def test_arguments_and_parameters_that_cannot_be_used_are_one_line_and_exit_stat
     file, pipe = tmp_path / "cell.yaml", tmp_path / "pipe.yaml"
     file.write_text("/**:\n  ros__parameters:\n    sensor.position: [0, 0, 0.5]\n")
     os.mkfifo(pipe)
+    advice = "ROS arguments, such as --params-file, come after --ros-args"
+    refused = {
+        f"--params-file {file}": f"cannot use '--params-file {file}'; {advice}",
+        "--ros-args -p mesh.file:=plate -- plate": f"cannot use 'plate'; {advice}",
+        f"--ros-args --params-file {pipe}": f"parameter file '{pipe}' is a pipe",
+        # in the words of a replay
+        f"--ros-args --params-file {file}": refusal(read_parameter_file, file),
+    }
+    for arguments, sentence in refused.items():
+        said = refusal(lambda given: list(given_sections(given)), arguments.split())
+        assert said.startswith(sentence)
     bool_expected = (
         "Trying to set parameter 'use_sim_time' to '3' of type 'INTEGER', expecting type 'BOOL'"
     )
-    refused = {
-        f"--params-file {file}": f"cannot use '--params-file {file}'; ROS arguments, such as",
-        "--foo --ros-args -p mesh.file:=plate": "cannot use '--foo'; ROS arguments, such as",
-        "--ros-args -p mesh.file:=plate -- plate": "cannot use 'plate'; ROS arguments, such as",
-        "--ros-args --foo": "unknown ROS argument '--foo'",
+    of_the_node = {
+        "--foo": f"cannot use '--foo'; {advice}",
         "--ros-args --log-lvel debug": "unknown ROS argument '--log-lvel', 'debug'",
-        f"--ros-args --params-file {pipe}": f"parameter file '{pipe}' is a pipe",
-        f"--ros-args --params-file {file}": refusal(
-            read_parameter_file, file
-        ),  # in the words of a replay
         "--ros-args -p use_sim_time:=3": bool_expected,
     }
-    for arguments, sentence in refused.items():
+    for arguments, sentence in of_the_node.items():
         done = subprocess.run(
             [*NODE[:-1], *arguments.split()], capture_output=True, text=True, timeout=WAIT
         )
@@ -197,16 +217,11 @@ def test_arguments_and_parameters_that_cannot_be_used_are_one_line_and_exit_stat
         assert len(done.stderr.splitlines()) == 1
 
 
-@pytest.mark.parametrize(
-    "command", [("-m", "rft_ros.node.main"), ("-m", "rft_ros.cli", "doctor", str(CELL))]
-)
-def test_a_home_in_which_ros_cannot_write_its_log_is_a_sentence_that_names_ros_log_dir(command):
+def test_a_home_in_which_ros_cannot_write_its_log_is_a_sentence_that_names_ros_log_dir():
     environment = {**os.environ, "HOME": "/proc/nowhere"}
     for name in ("ROS_LOG_DIR", "ROS_HOME"):
         environment.pop(name, None)
-    done = subprocess.run(
-        [sys.executable, *command], env=environment, capture_output=True, text=True
-    )
+    done = subprocess.run(NODE, env=environment, capture_output=True, text=True)
     assert done.returncode == 2
     assert (
         "set ROS_LOG_DIR to a folder in which this user may write" in done.stderr.splitlines()[-1]

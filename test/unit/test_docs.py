@@ -123,7 +123,3 @@ def test_the_coefficients_of_the_weights_are_those_in_use():
     assert {name: printed[name] for name in names} == {
         name: getattr(weights, name) for name in names
     }
-    bracket_1 = weights.math.tanh(weights.A2 - weights.A3) + weights.math.tanh(weights.A3)
-    bracket_23 = weights.math.atanh(weights.B2 - weights.B3) + weights.math.atanh(weights.B3)
-    assert printed["N1"] == pytest.approx(weights.A1 * bracket_1, rel=1e-14)
-    assert printed["N23"] == pytest.approx(weights.B1 * bracket_23, rel=1e-14)

@@ -216,25 +216,8 @@ def test_the_blocks_of_the_readme_work_in_its_order_where_nothing_but_the_wheel_
     assert (project / "out" / "demo" / "replay" / "report.html").is_file()
 
 
-def test_blocks_that_are_not_run_give_a_reason_and_name_files_that_exist():
-    for mark in (b.mark for page in ALL for b in blocks(page) if b.mark is not None):
-        file = re.fullmatch(
-            r"needs .+ in (\S+)|minutes long; tested in (\S+)|the suite itself", mark
-        )
-        assert file, mark
-        assert all((ROOT / name).is_file() for name in file.groups() if name), mark
-
-
-def test_every_code_block_is_run_or_marked():
-    """In an unknown language, in a fence that was not found, or as an indented block."""
-    command = re.compile(
-        r"^ {4,}(?:rft|make|python3?|pip|ros2|colcon|git|import|from) .*$", flags=re.MULTILINE
-    )
-    for page in ALL:
-        assert [b.where for b in blocks(page) if b.language not in (*RUN, *SHOWN)] == []
-        text = page.read_text(encoding="utf-8")
-        assert len(re.findall(r"^ *```", text, flags=re.MULTILINE)) == 2 * len(blocks(page)), (
-            page.name
-        )
-        outside = re.sub(r"^ *```.*?^ *```$", "", text, flags=re.DOTALL | re.MULTILINE)
-        assert command.findall(outside) == [], page.name
+def test_a_block_is_run_or_says_where_it_is_tested():
+    for block in (block for page in ALL for block in blocks(page)):
+        assert block.language in (*RUN, *SHOWN), block.where
+        named = re.findall(r" in (\S+)$", block.mark or "")
+        assert all((ROOT / name).is_file() for name in named), block.where

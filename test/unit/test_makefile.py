@@ -47,25 +47,22 @@ def make(project: Path, version: str) -> "subprocess.CompletedProcess[str]":
     return subprocess.run(command, cwd=project, capture_output=True, text=True, env=alone)
 
 
-@pytest.mark.parametrize("version", ["3.9", "3.6", "3.14", "2.7"])
+@pytest.mark.parametrize("version", ["3.9", "3.14"])
 def test_make_refuses_an_unsupported_python_before_it_begins_an_environment(project, version):
     done = make(project, version)
     assert done.returncode == 2
     said = done.stderr.splitlines()[0]
-    assert f"is {version}" in said
-    assert "3.10 to 3.13" in said
-    assert "make PYTHON=" in said
+    for words in (f"is {version}", "3.10 to 3.13", "make PYTHON="):
+        assert words in said
     assert not (project / ".venv").exists()
 
 
-def test_make_begins_an_environment_again_that_another_python_began(project):
-    begun = python(project / ".venv" / "bin" / "python", "3.9")
+@pytest.mark.parametrize("before", ["another Python", "no pip"])
+def test_make_begins_an_environment_anew_that_cannot_be_used(project, before):
+    scripts = project / ".venv" / "bin"
+    scripts.mkdir(parents=True)
+    if before == "another Python":
+        python(scripts / "python", "3.9")
     assert make(project, "3.12").returncode == 0
-    assert "3.12" in begun.read_text()
-    assert (project / "begun").read_text().split() == ["3.12"]
-
-
-def test_make_begins_an_environment_again_that_was_left_without_pip(project):
-    (project / ".venv" / "bin").mkdir(parents=True)
-    assert make(project, "3.12").returncode == 0
+    assert "3.12" in (scripts / "python").read_text()
     assert (project / "begun").read_text().split() == ["3.12"]
