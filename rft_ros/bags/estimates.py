@@ -87,7 +87,9 @@ _ESTIMATE = -1  # in place of the number of a reason
 _NO_PHASE = -1
 _PLACED = (_ESTIMATE, _REASONS.index(Reason.AT_REST))  # answers at which state and depth are known
 _NONE = (math.nan,) * len(AXES)
-_EMPTY = np.array((0, _ESTIMATE, _NO_PHASE, 0, *[math.nan] * 8), ROW)
+_NAMES = ROW.names or ()
+_EMPTY = dict.fromkeys(_NAMES, math.nan)
+_EMPTY |= {"reason": _ESTIMATE, "phase": _NO_PHASE, "quality_flags": 0}
 
 
 class Run:
@@ -98,13 +100,15 @@ class Run:
         self.issues: Counter[str] = Counter()
         """For each issue of the estimator, the number of answers at which it was present."""
         self._rows = bytearray()
+        self._row = np.empty(1, ROW)
         self._compensated = array("d")  # of the estimates in order, which are measured later
 
     def add(self, answer: Estimate | NoEstimate) -> None:
         """Add the estimator's last answer."""
         estimator = self.estimator
         self.issues.update(estimator.issues())
-        row = _EMPTY.copy()
+        # one assignment of all fields takes a fifth of the time of one for each
+        row: dict[str, object] = dict(_EMPTY)
         row["stamp"] = answer.stamp
         if isinstance(answer, Estimate):
             row["quality_flags"] = answer.quality_flags
@@ -117,9 +121,10 @@ class Run:
             row["depth"] = estimator.surface.depth
         if estimator.learning:
             belief = estimator.learning.belief()
-            row["learned"] = tuple(getattr(belief, name) for name in LEARNED_COLUMNS)
+            row["learned"] = tuple([getattr(belief, name) for name in LEARNED_COLUMNS])
         row["state"] = estimator.state
-        self._rows += row.tobytes()
+        self._row[0] = tuple(row.values())
+        self._rows += self._row.tobytes()
         self._add_measurements()
 
     def _add_measurements(self) -> None:
@@ -163,11 +168,12 @@ def write_estimates(run: Run, rows: Rows, folder: Path, *, shift: int = 0) -> No
         file.open("w", encoding="utf-8", newline="\n") as table,
     ):
         table.write(",".join(COLUMNS + learned) + "\n")
-        for row in rows:
-            stamp = int(row["stamp"])
-            wrenches = {kind: row[kind].tolist() for kind in _KINDS}
-            numbers = [float(row["depth"]), float(row["speed"])]
-            for kind, wrench in wrenches.items():
+        for values in rows:
+            row = dict(zip(_NAMES, values.tolist(), strict=True))
+            stamp = row["stamp"]
+            numbers = [row["depth"], row["speed"]]
+            for kind in _KINDS:
+                wrench = row[kind].tolist()
                 numbers += wrench
                 if not math.isnan(wrench[0]):
                     cdr = in_frame(stamp, wrench)
@@ -182,13 +188,13 @@ def write_estimates(run: Run, rows: Rows, folder: Path, *, shift: int = 0) -> No
                 _flags(row["quality_flags"]),
             ]
             if learned:
-                cells.append(_cells(row["learned"].tolist()))
+                cells.append(_cells(row["learned"]))
             table.write(",".join(cells) + "\n")
 
 
 def _cells(numbers: Sequence[float]) -> str:
     """Cells of numbers; that of NaN is empty."""
-    return ",".join([f"{number:.9g}" for number in numbers]).replace("nan", "")
+    return (",".join(["%.9g"] * len(numbers)) % tuple(numbers)).replace("nan", "")
 
 
 @cache
