@@ -16,7 +16,7 @@ from rft_ros.estimator.pose_noise import NOISY, NOISY_SENTENCE
 from rft_ros.estimator.run import RESTARTS, Change, Run, changes, compared
 from rft_ros.estimator.samples import Answer, Estimate, PoseSample, Reason, RefusedError
 from rft_ros.estimator.sigma import predict_without_learning
-from rft_ros.estimator.tare import PastPose, mean_in_air
+from rft_ros.estimator.tare import TarePose, mean_in_air
 from rft_ros.estimator.timeline import NEW_RUN, PATIENCE
 from rft_ros.ground import HeightMap, LocalSurface, ToolPlace
 from rft_ros.parameters import LoadCell, Model, Settings
@@ -248,7 +248,7 @@ class Estimator:
             self.counts[refused.reason] += 1
             if refused.reason in UNKNOWN_VELOCITY:
                 self.run.poses.append(
-                    PastPose(sample, f"the tool's velocity was unknown ({refused.reason})")
+                    TarePose(sample, f"the tool's velocity was unknown ({refused.reason})")
                 )
             return samples.NoEstimate(sample.stamp, refused.reason)
         self.estimates += 1
@@ -270,7 +270,7 @@ class Estimator:
             run.surface = run.footing.surface(run.mapper.map, state, level=settings.surface_height)
         row, force, area = self._model_wrench(motion)
         in_grains = area > 0.0
-        run.poses.append(PastPose(pose, "the tool was in the grains" if in_grains else None))
+        run.poses.append(TarePose(pose, "the tool was in the grains" if in_grains else None))
         run.withdrawal.follow(motion, force, in_grains=in_grains)
         run.unseen.follow(motion, in_grains=in_grains)
         with_sigma = self._corrected(motion, row)

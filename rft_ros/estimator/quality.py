@@ -269,7 +269,7 @@ def _joined(**conditions: bool) -> int:
     return sum([_VALUES[label] for label, holds in conditions.items() if holds])
 
 
-_KEPT = 512  # places of the path
+_MOST_PLACES = 512  # places of the path
 _BENT = 0.85  # distance over path length; a straighter path does not return to itself
 _STEP = 0.125  # widths of the tool between two places
 
@@ -287,7 +287,7 @@ class _Wake:
         self._middle = Placement(tool.middle)
         self._width = tool.width
         # the last places, each with the length of the path up to it [m]
-        self._places: deque[tuple[Vector, float]] = deque(maxlen=_KEPT)
+        self._places: deque[tuple[Vector, float]] = deque(maxlen=_MOST_PLACES)
         self.is_crossed = False
         """Whether the tool crosses its earlier path."""
 

@@ -1,11 +1,9 @@
 """What the estimator keeps from pose to pose, and the table of changes that make each part of it begin anew."""
 
 from collections import deque
-from collections.abc import Callable
 from enum import Flag, auto
 from functools import reduce
 from operator import or_
-from typing import Any
 
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY
@@ -13,7 +11,7 @@ from rft_ros.estimator.motion import Kinematics, Pace
 from rft_ros.estimator.quality import QualityMonitor
 from rft_ros.estimator.samples import PoseSample, TwistSample, WrenchSample
 from rft_ros.estimator.sigma import Withdrawal
-from rft_ros.estimator.tare import AirReading, PastPose
+from rft_ros.estimator.tare import AirReading, TarePose
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.estimator.unseen_motion import UnseenMotion
 from rft_ros.ground import Footing, GroundMapper, LocalSurface
@@ -60,11 +58,11 @@ RESTARTS: dict[str, Change] = {
     "unseen": _TOOL,
     "air": _TOOL | Change.LOAD_CELL,
     "learning": Change.LAW | Change.PRIOR,
-    "place": _TOOL
-    | Change.GROUND
-    | Change.HEIGHT,  # of `learning`: all but the strength of the grains
 }
 """For each part of `Run`, the changes after which it begins anew."""
+
+_PLACE = _TOOL | Change.GROUND | Change.HEIGHT
+"""The changes after which `Run.learning` forgets all but the strength of the grains."""
 
 
 def compared(settings: Settings, load_cell: LoadCell, model: Model) -> dict[Change, object]:
@@ -95,73 +93,45 @@ def changes(before: dict[Change, object], after: dict[Change, object]) -> Change
 
 
 class Run:
-    """The parts of the estimator's state. Each is made anew after the changes that `RESTARTS` names for it."""
-
-    twists: Timeline[TwistSample]
-    readings: Timeline[WrenchSample]
-    """Of the load cell."""
-    pose: PoseSample | None
-    """The last one that was accepted."""
-    poses: deque[PastPose]
-    """For a tare."""
-    pace: Pace
-    kinematics: Kinematics
-    mapper: GroundMapper | None
-    """None: the ground is a level plane."""
-    surface: LocalSurface
-    """The one around the tool at the last pose that was evaluated."""
-    footing: Footing
-    step: Callable[..., None]
-    """`prepared` for the plates of the tool, with their memory if the law has one."""
-    withdrawal: Withdrawal
-    quality: QualityMonitor
-    unseen: UnseenMotion
-    air: AirReading
-    learning: Learning | None = None
+    """The parts of the estimator's state, made for settings and a model. `RESTARTS` says what makes each part anew."""
 
     def __init__(self, settings: Settings, model: Model) -> None:
-        self.restart(~Change(0), settings, model)
+        tool = model.tool
+        self.twists = Timeline[TwistSample](maxlen=_TWISTS)
+        self.readings = Timeline[WrenchSample](maxlen=HISTORY)
+        """Of the load cell."""
+        self.pose: PoseSample | None = None
+        """The last one that was accepted."""
+        self.poses = deque[TarePose](maxlen=HISTORY)
+        """For a tare."""
+        self.pace = Pace(settings.max_rate)
+        self.kinematics = Kinematics()
+        self.mapper = None if model.ground is None else GroundMapper(model.ground)
+        """None: the ground is a level plane."""
+        self.surface = LocalSurface(settings.surface_height)
+        """The one around the tool at the last pose that was evaluated."""
+        self.footing = Footing(tool.corners)
+        self.step = prepared(tool.plates, Memory(tool.plates) if model.law.has_memory else None)
+        """Evaluates the model at the next pose."""
+        self.withdrawal = Withdrawal()
+        self.quality = QualityMonitor(tool)
+        self.unseen = UnseenMotion(tool)
+        self.air = AirReading()
+        self.learning: Learning | None = None
+        if settings.learning_mode != "off":
+            self.learning = Learning(
+                lag=settings.learning_lag,
+                strength_error=settings.strength_error,
+                reach=tool.plates.reach,
+            )
 
     def restart(self, changed: Change, settings: Settings, model: Model) -> None:
         """Make the parts anew that the changes restart, for these settings and this model."""
-        if changed & RESTARTS["place"] and self.learning is not None:
+        if not changed:
+            return
+        if changed & _PLACE and self.learning is not None:
             self.learning.forget_place()
-        for name, new in _NEW.items():
-            if changed & RESTARTS[name]:
-                setattr(self, name, new(settings, model))
-
-
-def _new_mapper(_settings: Settings, model: Model) -> GroundMapper | None:
-    return None if model.ground is None else GroundMapper(model.ground)
-
-
-def _new_step(_settings: Settings, model: Model) -> Callable[..., None]:
-    plates = model.tool.plates
-    return prepared(plates, Memory(plates) if model.law.has_memory else None)
-
-
-def _new_learning(settings: Settings, model: Model) -> Learning | None:
-    if settings.learning_mode == "off":
-        return None
-    reach = model.tool.plates.reach
-    return Learning(lag=settings.learning_lag, strength_error=settings.strength_error, reach=reach)
-
-
-_NEW: dict[str, Callable[[Settings, Model], Any]] = {
-    "twists": lambda _settings, _model: Timeline[TwistSample](maxlen=_TWISTS),
-    "readings": lambda _settings, _model: Timeline[WrenchSample](maxlen=HISTORY),
-    "pose": lambda _settings, _model: None,
-    "poses": lambda _settings, _model: deque[PastPose](maxlen=HISTORY),
-    "pace": lambda settings, _model: Pace(settings.max_rate),
-    "kinematics": lambda _settings, _model: Kinematics(),
-    "mapper": _new_mapper,
-    "surface": lambda settings, _model: LocalSurface(settings.surface_height),
-    "footing": lambda _settings, model: Footing(model.tool.corners),
-    "step": _new_step,
-    "withdrawal": lambda _settings, _model: Withdrawal(),
-    "quality": lambda _settings, model: QualityMonitor(model.tool),
-    "unseen": lambda _settings, model: UnseenMotion(model.tool),
-    "air": lambda _settings, _model: AirReading(),
-    "learning": _new_learning,
-}
-"""How each part is made."""
+        new = Run(settings, model)
+        for name, when in RESTARTS.items():
+            if changed & when:
+                setattr(self, name, getattr(new, name))

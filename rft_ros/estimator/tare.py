@@ -82,8 +82,8 @@ class AirReading:
         return [OFFSET_SENTENCE] if self.is_offset else []
 
 
-class PastPose(NamedTuple):
-    """A past pose. `refusal`: why a tare must not use it; None if it may."""
+class TarePose(NamedTuple):
+    """A pose for a tare. `refusal`: why a tare must not use it; None if it may."""
 
     pose: PoseSample
     refusal: str | None
@@ -108,7 +108,7 @@ def drift(time: Array, places: Array, reach: float) -> float:
 
 def mean_in_air(
     readings: Timeline[WrenchSample],
-    poses: deque[PastPose],
+    poses: deque[TarePose],
     cell: LoadCellFrame,
     *,
     window: float,
@@ -125,15 +125,15 @@ def mean_in_air(
     end = readings.last.stamp if readings.last else poses[-1].pose.stamp
     start = end - round(window * 1e9)
     refused = f"tare refused: within the last {window:g} s"
-    recent = [past for past in poses if past.pose.stamp > start]
-    for past in reversed(recent):
-        if past.refusal is not None:
-            raise InputError(f"{refused} {past.refusal}")
+    recent = [each for each in poses if each.pose.stamp > start]
+    for each in reversed(recent):
+        if each.refusal is not None:
+            raise InputError(f"{refused} {each.refusal}")
     if len(recent) < 2:
         raise InputError(f"{refused} no pose has shown the tool at rest")
-    time = np.array([past.pose.stamp - start for past in recent]) * 1e-9
+    time = np.array([each.pose.stamp - start for each in recent]) * 1e-9
     speed = drift(
-        time, np.array([(*past.pose.position, *past.pose.quaternion) for past in recent]), reach
+        time, np.array([(*each.pose.position, *each.pose.quaternion) for each in recent]), reach
     )
     if speed >= rest_speed:
         raise InputError(f"{refused} the tool moved at {speed:.4f} m/s")

@@ -32,8 +32,8 @@ class Transforms:
             str, Timeline[TransformSample]
         ] = {}  # by child; a fixed frame has one transform
         self._ends: tuple[str, str] | None = None
-        self._kept: set[str] | None = None
-        """Frames between the ends, whose history is kept; None: not linked yet, every history is kept."""
+        self._aside = set[str]()
+        """Frames that are not between the ends, whose history is dropped; none until transforms link the ends."""
         self._places: dict[tuple[str, str], Placement | None] = {}  # what `fixed` has found
 
     def keep(self, target: str, source: str) -> None:
@@ -58,17 +58,10 @@ class Transforms:
         child = sample.child
         frame = self._frames.get(child)
         last = frame.last if frame else None
-        is_same_link = last is not None and (last.parent, last.fixed) == (
-            sample.parent,
-            sample.fixed,
-        )
-        if (
-            is_same_link
-            and not sample.fixed
-            and self._kept is not None
-            and child not in self._kept
-        ):
-            return None  # the history of this frame is not needed
+        link = sample.parent, sample.fixed
+        is_same_link = last is not None and (last.parent, last.fixed) == link
+        if is_same_link and not sample.fixed and child in self._aside:
+            return None
         quaternion = unit_quaternion(*sample.quaternion)
         if quaternion is None:
             return Reason.TF_INVALID, "the quaternion is not of unit length"
@@ -128,31 +121,21 @@ class Transforms:
         way = self._way(target, source, stamp)
         if way is None:
             return Reason.TF_FRAME_UNKNOWN
-        up, down = way
-        from_source = self._climbed(up, stamp, max_age)
-        from_target = self._climbed(down, stamp, max_age)
-        if isinstance(from_source, Placement) and isinstance(from_target, Placement):
-            return from_target.inverse().of(from_source)
-        reasons = [
-            found for found in (from_source, from_target) if not isinstance(found, Placement)
-        ]
-        return next(
-            (reason for reason in reasons if reason is not Reason.TF_STALE), Reason.TF_STALE
-        )
-
-    def _climbed(self, frames: list[str], stamp: int, max_age: int) -> Placement | Reason:
-        """Placement of the first frame in the parent of the last one; a reason that is not `TF_STALE` goes first."""
-        place = Placement()
-        is_stale = False
-        for frame in frames:
-            step = _placed(self._frames[frame], stamp, max_age)
-            if step is Reason.TF_STALE:
-                is_stale = True
-            elif isinstance(step, Reason):
-                return step
-            else:
-                place = step.of(place)
-        return Reason.TF_STALE if is_stale else place
+        ends = []
+        reasons = []
+        for frames in way:
+            place = Placement()
+            for frame in frames:
+                step = _placed(self._frames[frame], stamp, max_age)
+                if isinstance(step, Reason):
+                    reasons.append(step)
+                else:
+                    place = step.of(place)
+            ends.append(place)
+        if reasons:  # one that later transforms do not resolve goes first
+            return min(reasons, key=lambda reason: reason is Reason.TF_STALE)
+        from_source, from_target = ends
+        return from_target.inverse().of(from_source)
 
     def fixed(self, target: str, source: str) -> Placement | None:
         """Placement of the frame `source` in the frame `target`; None if fixed transforms alone do not link them."""
@@ -214,9 +197,8 @@ class Transforms:
         """A frame and its ancestors at a stamp [ns]."""
         found = [frame]
         parent = self._parent(frame, stamp)
-        while (
-            parent is not None and parent not in found
-        ):  # transforms of several stamps may make a loop
+        # transforms of several stamps may make a loop
+        while parent is not None and parent not in found:
             found.append(parent)
             parent = self._parent(parent, stamp)
         return found
@@ -245,11 +227,10 @@ class Transforms:
         """Find what depends on the links of the tree again."""
         self._places.clear()
         way = self._way(*self._ends) if self._ends else None
-        self._kept = None if way is None else {*way[0], *way[1]}
-        for name, frame in self._frames.items():
-            if self._kept is not None and name not in self._kept:
-                while len(frame) > 1:
-                    frame.popleft()
+        self._aside = set() if way is None else self._frames.keys() - {*way[0], *way[1]}
+        for name in self._aside:
+            while len(self._frames[name]) > 1:
+                self._frames[name].popleft()
 
 
 def _placed(frame: Timeline[TransformSample], stamp: int, max_age: int) -> Placement | Reason:

@@ -109,7 +109,7 @@ def pressed():
 @pytest.mark.parametrize("change", TABLE)
 def test_a_change_restarts_the_parts_of_the_table_and_no_other(change):
     e = pressed()
-    before = {name: getattr(e.run, name) for name in RESTARTS if name != "place"}
+    before = {name: getattr(e.run, name) for name in RESTARTS}
     strength, place = e.learning.strength(), e.learning.belief().surface
     assert place != 0.0
     CHANGES[change](e)
