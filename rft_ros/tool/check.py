@@ -127,8 +127,7 @@ def _joined(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
     import trimesh
 
     vertices, faces = welded(mesh.vertices, mesh.faces)
-    a, b, c = faces.T
-    is_whole = (a != b) & (b != c) & (c != a)
+    is_whole = (np.diff(np.sort(faces, axis=1), axis=1) > 0).all(axis=1)
     return trimesh.Trimesh(vertices, faces[is_whole], process=False)
 
 
@@ -136,10 +135,8 @@ def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
     """Signed volume [m³] of a closed surface, even if its facets share no vertices; 0 if it is open."""
     doubled = mesh.triangles_cross
     left_over = np.linalg.norm(doubled.sum(axis=0))
-    if left_over >= _CLOSED * np.linalg.norm(doubled, axis=1).sum():
-        return 0.0
-    centres = mesh.triangles_center
-    return float(((centres - centres.mean(axis=0)) * doubled).sum()) / 6.0
+    is_closed = left_over < _CLOSED * np.linalg.norm(doubled, axis=1).sum()
+    return float(mesh.volume) if is_closed else 0.0
 
 
 def _repeated_facets(mesh: "trimesh.Trimesh") -> int:

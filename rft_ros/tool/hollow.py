@@ -71,13 +71,13 @@ def _supported(tool: Tool, hull: Tool) -> tuple[str, str]:
     if {"not_closed", "inconsistent_winding", "inside_out"} & tool.issues.keys():
         return _NOT_KNOWN, _NOT_KNOWN
     walls = _walls_of_hollows(tool, hull)
-    if not len(walls):
+    if not walls.size:
         return _FILLED, _FILLED
     is_open = np.isinf(walls)
-    if np.median(is_open.sum(axis=(1, 2))) <= 1.0:
-        is_mouth_down = bool(is_open[:, 2, 0].mean() > 0.5)
+    if np.median(is_open.sum(axis=(0, 1))) <= 1.0:
+        is_mouth_down = is_open[2, 0].mean() > 0.5
         return (_FILLS if is_mouth_down else _HULL), _HULL
-    gap = float(np.median(walls.sum(axis=2).min(axis=1)))
+    gap = np.median(walls.sum(axis=1).min(axis=0))
     narrow = _NARROW * tool.width
     if gap <= narrow:
         return _HULL_OF_DRAGS, _HULL
@@ -91,7 +91,7 @@ def _supported(tool: Tool, hull: Tool) -> tuple[str, str]:
 def _walls_of_hollows(tool: Tool, hull: Tool) -> Array:
     """From points in the hull but outside of the tool, the distance to the tool along -x, +x, -y, +y, -z and +z [m].
 
-    Shape [n, 3, 2]; infinite where the tool is not met.
+    Shape [3, 2, n]; infinite where the tool is not met.
     """
     triangles = tool.vertices[tool.faces]
     count = min(_POINTS, _MOST_PAIRS // len(triangles))
@@ -99,15 +99,10 @@ def _walls_of_hollows(tool: Tool, hull: Tool) -> Array:
     points = np.random.default_rng(0).uniform(low, high, (count, 3))
     in_hull = points[are_inside(points, hull.vertices[hull.faces])]
     hollow = in_hull[~are_inside(in_hull, triangles)]
-    return np.stack([_walls_along(axis, hollow, triangles) for axis in range(3)], axis=1)
-
-
-def _walls_along(axis: int, points: Array, triangles: Array) -> Array:
-    """Distance from each point to the nearest triangle backwards and forwards along an axis, shape [n, 2]."""
-    order = [axis - 2, axis - 1, axis]
-    lines = crossings(points[:, order], triangles[..., order])
-    distances = np.full((len(points), 2), np.inf)
-    for found, (heights, _) in zip(distances, lines, strict=True):
-        found[0] = min(-heights[heights < 0.0], default=np.inf)
-        found[1] = min(heights[heights > 0.0], default=np.inf)
-    return distances
+    walls = np.full((3, 2, len(hollow)), np.inf)
+    for axis in range(3):
+        order = [axis - 2, axis - 1, axis]
+        for k, (heights, _) in enumerate(crossings(hollow[:, order], triangles[..., order])):
+            walls[axis, 0, k] = min(-heights[heights < 0.0], default=np.inf)
+            walls[axis, 1, k] = min(heights[heights > 0.0], default=np.inf)
+    return walls
