@@ -135,8 +135,10 @@ def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
     """Signed volume [m³] of a closed surface, even if its facets share no vertices; 0 if it is open."""
     doubled = mesh.triangles_cross
     left_over = np.linalg.norm(doubled.sum(axis=0))
-    is_closed = left_over < _CLOSED * np.linalg.norm(doubled, axis=1).sum()
-    return float(mesh.volume) if is_closed else 0.0
+    if left_over >= _CLOSED * np.linalg.norm(doubled, axis=1).sum():
+        return 0.0
+    centres = mesh.triangles_center
+    return float(((centres - centres.mean(axis=0)) * doubled).sum()) / 6.0
 
 
 def _repeated_facets(mesh: "trimesh.Trimesh") -> int:
