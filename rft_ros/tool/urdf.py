@@ -66,11 +66,9 @@ def shapes_of_link(urdf: Path, link: str) -> list[LinkShape]:
     shapes = {str(element.get("name")): _shapes(element) for element in links}
     if not shapes.get(link):
         usable = ", ".join(name for name, its in shapes.items() if its) or "none"
-        wanted = (
-            f"has no shape in its link '{link}'" if link in shapes else f"has no link '{link}'"
-        )
         raise InputError(
-            f"{named} {wanted}; write {urdf.name}#LINK, with one of its links that have a shape: {usable}"
+            f"{named} has no link '{link}' with a shape; write {urdf.name}#LINK, with one of its links that have one: "
+            f"{usable}"
         )
     return [
         _placed(shape, geometry, urdf, f"{named} has in its link '{link}'")
@@ -106,7 +104,9 @@ def _shapes(link: ElementTree.Element) -> list[tuple[ElementTree.Element, Elemen
     known = ("mesh", *_SOLIDS)
     for kind in ("collision", "visual"):
         shapes = [
-            (shape, found) for shape in link.iter(kind) for found in shape.iterfind("geometry/*")
+            (shape, found)
+            for shape in link.findall(kind)
+            for found in shape.iterfind("geometry/*")
         ]
         usable = [(shape, geometry) for shape, geometry in shapes if geometry.tag in known]
         if usable:

@@ -158,10 +158,10 @@ def test_the_file_of_a_link_is_the_urdf_and_a_hash_elsewhere_is_part_of_a_name()
     [
         ("<robot", ("is not XML", "xacro")),
         ('<robot><link name="a"/></robot>', ("has no link 'tip'", "robot.urdf#LINK", "none")),
-        ('<robot><link name="tip"/></robot>', ("has no shape in its link 'tip'",)),
+        ('<robot><link name="tip"/></robot>', ("has no link 'tip' with a shape",)),
         (
             f'<robot><link name="b">{element("visual", "x.stl")}</link></robot>',
-            ("has no link 'tip'", "have a shape: b"),
+            ("has no link 'tip'", "have one: b"),
         ),
         *(
             (
