@@ -100,15 +100,12 @@ def crossings(points: Array, triangles: Array) -> Iterator[tuple[Array, Array]]:
 
 
 def _crossings_of_axis(triangles: Array) -> tuple[Array, Array]:
-    a, b, c = triangles.transpose(1, 0, 2)
-    weights = np.stack([_doubled_area(b, c), _doubled_area(c, a), _doubled_area(a, b)])
-    turns = np.sign(weights).sum(axis=0) / 3.0
+    after = np.roll(triangles, -1, axis=1)
+    opposite = np.roll(triangles, -2, axis=1)
+    # twice the areas of the axis and each edge, seen from above
+    weights = np.cross(after, opposite)[..., 2]
+    turns = np.sign(weights).sum(axis=1) / 3.0
     is_met = np.abs(turns) == 1.0
-    met = weights[:, is_met]
-    heights = (met * triangles[is_met, :, 2].T).sum(axis=0) / met.sum(axis=0)
+    met = weights[is_met]
+    heights = (met * triangles[is_met, :, 2]).sum(axis=1) / met.sum(axis=1)
     return heights, turns[is_met]
-
-
-def _doubled_area(p: Array, q: Array) -> Array:
-    """Twice the area of triangles of the origin and two points, seen from above."""
-    return p[:, 0] * q[:, 1] - p[:, 1] * q[:, 0]
