@@ -117,13 +117,12 @@ def _checked(name: str, value: Any) -> Given:
         raise InputError(
             f"{name} has no value, where ROS stops or reads text; give it one, or quotes around text"
         )
-    if isinstance(value, Mapping) or (
-        isinstance(value, list) and any(isinstance(v, list | Mapping) for v in value)
-    ):
+    items = value if isinstance(value, list) else [value]
+    if any(isinstance(item, list | Mapping) for item in items):
         raise InputError(
             f"{name} has a list or a mapping in a list; ROS takes lists of values only"
         )
-    if isinstance(value, list) and len({type(v) for v in value}) > 1:
+    if len(set(map(type, items))) > 1:
         raise InputError(
             f"{name} is {shown(value)}; ROS takes lists of one type only, such as [0.0, 0.5]"
         )
