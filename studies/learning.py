@@ -86,6 +86,7 @@ PASSES = "multipass_plate_b90_d15"
 """The run of four passes."""
 _FRESH = ("drag_plate_b90_d15_y22", "fast_plate_b90_0p1mps_ref")
 _BLOCK = "buried_block"
+_WITHOUT_MEMORY = ["--fit", "sensor", "--fit", "surface", "--fit", "zeta"]
 _INERTIAL = 0.2  # m/s, of the tool frame's origin
 _Error = Callable[["Series", Array], float]
 
@@ -233,7 +234,8 @@ def bag_series(group: str, choice: Choice) -> list[Series]:
     """
     if not _RECORDINGS.is_dir():
         return []
-    file = calibrated("cmu" if group == "wheel" else group, choice)
+    fitted = replace(choice, name="fitted", tolerance=0.0, lag=0.0)
+    file = calibrated("cmu" if group == "wheel" else group, fitted)
     values, options = read_parameter_file(file), read_replay_options(file)
     with TemporaryDirectory() as folder:
         bags, meshes = _recordings(group, Path(folder))
@@ -268,8 +270,10 @@ def calibrate(group: str, choice: Choice, folder: Path) -> Path:
     rules = [
         word for name, mesh in meshes.items() for word in ("--mesh", f"{name}={mesh['mesh.file']}")
     ]
+    # λ takes most of the time, and changes nothing else
+    parts = [] if choice.mobilization_length else _WITHOUT_MEMORY
     with redirect_stdout(io.StringIO()):
-        main(["calibrate", *map(str, bags), "--params", str(file), *rules, "-o", str(out)])
+        main(["calibrate", *map(str, bags), "--params", str(file), *rules, *parts, "-o", str(out)])
     return out
 
 

@@ -7,10 +7,18 @@ import signal
 import sys
 from collections import Counter
 from collections.abc import Callable, Iterator
+from contextlib import redirect_stderr
+from functools import partial
 from pathlib import Path
+from typing import TYPE_CHECKING
 
 import pytest
 from hypothesis import settings
+
+if TYPE_CHECKING:
+    from studies.choice import Choice
+
+CalibrationOf = Callable[[str, "Choice"], Path]
 
 # The first example compiles the kernel: no deadline. The same examples every time: a failure is a change, not luck.
 settings.register_profile("rft", deadline=None, derandomize=True)
@@ -55,6 +63,30 @@ def once(
         return folder
 
     return folder_of
+
+
+@pytest.fixture(scope="session")
+def calibration_of(
+    once: Callable[[str, Callable[[Path], object]], Path],
+) -> Iterator[CalibrationOf]:
+    """Calibrations of recordings for the studies: each takes ten seconds, so one process makes it for all.
+
+    Beside the parameter file lies `said.txt`, what the command wrote on stderr.
+    """
+    from studies import learning
+
+    def make(group: str, choice: "Choice", folder: Path) -> None:
+        with (folder / "said.txt").open("w") as said, redirect_stderr(said):
+            learning.calibrate(group, choice, folder)
+
+    def calibrated(group: str, choice: "Choice") -> Path:
+        model = f"{choice.law} {choice.integration} {choice.alpha_y} {choice.mobilization_length}"
+        folder = once(f"calibrated {group} {model}", partial(make, group, choice))
+        return folder / "calibrated.yaml"
+
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(learning, "calibrated", calibrated)
+        yield calibrated
 
 
 _CPU = Counter[str]()

@@ -4,23 +4,17 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-import trimesh
 import yaml
 
 from rft_ros.bags.options import read_replay_options
 from rft_ros.bags.replay import replay
 from rft_ros.cli import main
 from rft_ros.parameters import read_parameter_file
+from studies.choice import DEFAULT
 
 ABB = Path(__file__).resolve().parents[2] / "config" / "abb_plate.yaml"
 OTHER = {2: 3, 3: 2}
 """The two trials, and the one that each is calibrated on."""
-
-PLATES = {
-    "cmu_plate_large_60mm_1": 60,
-    "cmu_plate_large_80mm_7": 80,
-    "cmu_plate_large_100mm_4": 100,
-}
 
 
 def bag(shared_data, trial):
@@ -138,31 +132,12 @@ def test_memory_halves_the_residual_of_the_withdrawal_and_the_push_is_gone_after
     assert abs(measured[after]) < 0.015
 
 
-def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(
-    shared_data, tmp_path, capsys
-):
+@pytest.mark.usefixtures("shared_data")
+def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(calibration_of):
     """In the model the pressure under a plate does not depend on its size."""
-    rules, bags = [], []
-    for name, diameter in PLATES.items():
-        mesh = tmp_path / f"{name}.stl"
-        trimesh.creation.cylinder(radius=0.5 * diameter, height=10.0, sections=96).export(mesh)
-        rules += ["--mesh", f"{name}={mesh}"]
-        bags.append(str(shared_data / "cmu_plate" / name))
-    given = {
-        "mesh.file": str(mesh),
-        "mesh.origin": [0.0, 0.0, 5.0],
-        "twist_source": "pose_difference",
-    }
-    remap = {"remap": ["~/pose:=/tool_pose", "~/wrench_measured:=/ft_sensor/wrench"]}
-    file, out = tmp_path / "cmu.yaml", tmp_path / "calibrated.yaml"
-    file.write_text(
-        yaml.safe_dump(
-            {n: {"ros__parameters": p} for n, p in (("/**", given), ("rft_replay", remap))}
-        )
-    )
-    assert main(["calibrate", *bags, "--params", str(file), *rules, "-o", str(out)]) == 0
+    out = calibration_of("cmu", DEFAULT)
     # a plate on its edge has a force of the measured growth
-    assert "mesh points" not in capsys.readouterr().err
+    assert "mesh points" not in (out.parent / "said.txt").read_text()
     zeta = record(out)["fitted"]["medium_zeta"]
     assert "ζ differs by 39 %: tools of different size" in zeta["goodness"]
     assert "60mm_1 1.29" in zeta["source"]

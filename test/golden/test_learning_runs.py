@@ -3,7 +3,6 @@
 import numpy as np
 import pytest
 
-from studies import learning
 from studies.coverage import GROUPS, series_of_group, within
 from studies.dem import RUNS
 from studies.learning import (
@@ -20,23 +19,8 @@ from studies.learning import (
 )
 
 PUBLISHED, REFINED = MODELS
+pytestmark = pytest.mark.usefixtures("calibration_of")
 FRESH = (*RUNS, "drag_plate_b90_d15_y22", "fast_plate_b90_0p1mps_ref")
-
-
-@pytest.fixture(scope="module", autouse=True)
-def _calibrations_of_all_processes(once):
-    """A calibration takes ten seconds and more: one process makes it, and the others read it."""
-
-    def calibrated(group, choice):
-        folder = once(
-            f"calibrated {group} {choice.name}",
-            lambda folder: learning.calibrate(group, choice, folder),
-        )
-        return folder / "calibrated.yaml"
-
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(learning, "calibrated", calibrated)
-        yield
 
 
 @pytest.fixture(scope="module")

@@ -1,4 +1,7 @@
-"""docs/architecture.md says how to add an α_y model. Here its listing is put into a copy of the package, and used."""
+"""docs/architecture.md says how to add an α_y model. Here its listing is put into a copy of the package, and used.
+
+No cache has the copy's machine code: its first process compiles all of it, as at a first start.
+"""
 
 import os
 import re
@@ -7,8 +10,14 @@ import subprocess
 import sys
 from pathlib import Path
 
+import pytest
+
 ROOT = Path(__file__).resolve().parents[2]
-# One process compiles the new law once, by the default rule. The plate moves along y at 0.008 of 0.01005 m/s: Eq. (8)
+FIRST_START = """
+from rft_ros.estimator.warm_up import prepare
+prepare(frozenset({"forces", "around"}))
+"""
+# The plate moves along y at 0.008 of 0.01005 m/s: Eq. (8)
 # along e1 = -y, in which e2 = x has no part.
 SCRIPT = """
 import math, sys
@@ -38,39 +47,52 @@ assert "fading" in {p.name: p.choices for p in PARAMETERS}["alpha_y.model"]
 """
 
 
-def test_a_model_added_as_the_page_says_gives_its_force_in_command_and_node(tmp_path):
-    shutil.copytree(
-        ROOT / "rft_ros", tmp_path / "rft_ros", ignore=shutil.ignore_patterns("__pycache__")
+def python(folder, *command):
+    own = {"PYTHONPATH": str(folder), "NUMBA_CACHE_DIR": str(folder / "cache")}
+    done = subprocess.run(
+        [sys.executable, "-c", *command],
+        env={**os.environ, **own},
+        cwd=folder,
+        capture_output=True,
+        text=True,
+        timeout=600,
     )
-    for name in (
-        "package.xml",
-        "meshes",
-        "config",
-    ):  # a checkout, so that the shipped files are found
-        (tmp_path / name).symlink_to(ROOT / name)
-    section = (
-        (ROOT / "docs" / "architecture.md")
-        .read_text(encoding="utf-8")
-        .partition("## A new α_y model")[2]
-    )
-    section = section.partition("\n## ")[0]
+    assert done.returncode == 0, done.stderr
+
+
+@pytest.fixture(scope="session")
+def copy(once):
+    """A folder with the copy, compiled by a first start, and its cache."""
+    return once("new_alpha_y", copied)
+
+
+def copied(folder):
+    ignored = shutil.ignore_patterns("__pycache__")
+    shutil.copytree(ROOT / "rft_ros", folder / "rft_ros", ignore=ignored)
+    # a checkout, so that the shipped files are found
+    for name in ("package.xml", "meshes", "config"):
+        (folder / name).symlink_to(ROOT / name)
+    page = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+    section = page.partition("## A new α_y model")[2].partition("\n## ")[0]
     (listing,) = re.findall(r"```python\n(.*?)```", section, flags=re.DOTALL)
     (line,) = re.findall(r'^`("fading".*)`$', section, flags=re.MULTILINE)
     assert len(listing.splitlines()) + 1 <= 20
-    file = tmp_path / "rft_ros" / "rft" / "alpha_y.py"
+    file = folder / "rft_ros" / "rft" / "alpha_y.py"
     above, marked, below = file.read_text(encoding="utf-8").partition("\n_MODELS: ")
     head, brace, entries = below.partition("{\n")
     assert marked and brace
-    file.write_text(
-        f"{above}\n{listing}\n{marked}{head}{brace}    {line}\n{entries}", encoding="utf-8"
-    )
-    environment = {
-        **os.environ,
-        "PYTHONPATH": str(tmp_path),
-        "NUMBA_CACHE_DIR": str(tmp_path / "cache"),
-    }
-    command = [sys.executable, "-c", SCRIPT, str(ROOT / "meshes" / "plate.stl")]
-    done = subprocess.run(
-        command, env=environment, cwd=tmp_path, capture_output=True, text=True, timeout=600
-    )
-    assert done.returncode == 0, done.stderr
+    changed = f"{above}\n{listing}\n{marked}{head}{brace}    {line}\n{entries}"
+    file.write_text(changed, encoding="utf-8")
+    python(folder, FIRST_START)
+
+
+def test_a_model_added_as_the_page_says_gives_its_force_in_command_and_node(copy):
+    python(copy, SCRIPT, str(ROOT / "meshes" / "plate.stl"))
+
+
+@pytest.mark.parametrize("part", ["_tractions", "_add_memory"])
+def test_a_part_of_the_loop_that_one_child_compiles_for_the_other_is_the_part_that_the_loop_loads(
+    copy, part
+):
+    """Other types would be a second file: then a first start compiles that part twice."""
+    assert len(list((copy / "cache").rglob(f"*.{part}.*.nbc"))) == 1

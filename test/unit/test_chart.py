@@ -51,6 +51,7 @@ def test_on_these_beads_treers_law_is_the_better_one_for_plates(errors):
     assert errors["refined, α_y linear", "plates"] < errors["refined, agarwal2023", "plates"]
 
 
+@pytest.mark.usefixtures("calibration_of")
 def test_the_command_draws_the_chart_and_writes_the_table(tmp_path, monkeypatch):
     monkeypatch.setattr(models, "median_seconds", lambda calls: [1e-3] * len(calls))
     # all choices over all recordings take minutes; test/golden/test_learning_runs.py has their errors

@@ -134,9 +134,7 @@ def tools(draw):
     return mesh
 
 
-@settings(
-    max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture]
-)
+@settings(max_examples=6, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(
     tools(),
     st.floats(-1.0, 1.0),
