@@ -39,13 +39,12 @@ class PoseDifference:
         self.noise = PoseNoise()
         self._stamps = np.zeros(_CAPACITY, dtype=np.int64)
         self._ring = np.zeros((_CAPACITY, 7))
-        self._variances = np.zeros(2)  # of positions and of rotations
         times = np.zeros(_CAPACITY)
         coordinates = np.zeros((2, 3, _CAPACITY))
         self._arrays = (
             self._stamps,
             self._ring,
-            self._variances,
+            self.noise.variances,
             times,
             coordinates,
             self.twist.reshape(2, 3),
@@ -62,7 +61,6 @@ class PoseDifference:
             newest = self._count % _CAPACITY
             self._stamps[newest] = pose.stamp
             self._ring[newest] = (*pose.position, *pose.quaternion)
-            self._variances[:] = self.noise.position, self.noise.rotation
             self._fitted = int(_fit(*self._arrays, newest, round(1e9 * window), gap))
             self._count += 1
         return self._fitted >= _FEWEST

@@ -60,16 +60,16 @@ class PoseNoise:
     The misfit of a pose is its distance from the parabola through the three poses before it, scaled to the variance of
     one pose. A driver that publishes faster than it measures repeats poses; repeats have no part in this.
 
-    `position`, `rotation`: variance of a coordinate of a position [m²], and of a rotation [rad²]; infinite until there
-    are enough misfits, and while the poses do not vary, such as the attitude of an arm that only translates.
-    `position_across`, `rotation_across`: the same, but only across the motion while the poses go on one way, where
-    jitter of the stamps moves no pose; 0 until there are enough misfits. At rest all directions count: a stage with one
-    axis has noise along it alone.
+    `variances`: of a coordinate of a position [m²], and of a rotation [rad²], shape [2]; infinite until there are
+    enough misfits, and while the poses do not vary, such as the attitude of an arm that only translates.
     """
 
     def __init__(self) -> None:
-        self.position = self.rotation = math.inf
-        self.position_across = self.rotation_across = 0.0
+        self.variances = np.full(2, np.inf)
+        # The same, but only across the motion while the poses go on one way, where jitter of the stamps moves no pose.
+        # At rest all directions count: a stage with one axis has noise along it alone.
+        self._position_across = 0.0
+        self._rotation_across = 0.0
         self._tracks = np.zeros(1, _TRACK)
         self._pose = np.zeros(7)
         self._add: Any = machine_code(_add, (self._tracks, self._pose, 0, 0))
@@ -79,7 +79,7 @@ class PoseNoise:
 
         It is that across a motion: stamps that jitter, as on a busy machine, do not move the path of the poses.
         """
-        return math.sqrt(self.position_across + reach * reach * self.rotation_across)
+        return math.sqrt(self._position_across + reach * reach * self._rotation_across)
 
     def add(self, pose: PoseSample, *, gap: int) -> bool:
         """Add a pose in world axes. Returns False for a repeat, which brings nothing new; True also for one at rest.
@@ -90,10 +90,10 @@ class PoseNoise:
         found = self._add(self._tracks, self._pose, pose.stamp, gap)
         if found == _DUE:
             of_position, of_rotation, across, turn_across = self._tracks[0]["misfits"]
-            self.position = _variance(of_position, self.position, *_OF_FIT)
-            self.rotation = _variance(of_rotation, self.rotation, *_OF_FIT)
-            self.position_across = _variance(across, self.position_across, *_OF_TIP)
-            self.rotation_across = _variance(turn_across, self.rotation_across, *_OF_TIP)
+            self.variances[0] = _variance(of_position, self.variances[0], *_OF_FIT)
+            self.variances[1] = _variance(of_rotation, self.variances[1], *_OF_FIT)
+            self._position_across = _variance(across, self._position_across, *_OF_TIP)
+            self._rotation_across = _variance(turn_across, self._rotation_across, *_OF_TIP)
         return bool(found != _REPEAT)
 
 

@@ -258,15 +258,12 @@ def _take_plausible(seen, heights, jump):
             if np.isnan(seen[i, j]):
                 continue
             count = 0
-            # if all neighbours are near this height, so is their median: no need to sort
-            alike = True
             for a in range(max(i - 1, 0), min(i + 2, seen.shape[0])):
                 for b in range(max(j - 1, 0), min(j + 2, seen.shape[1])):
                     if not np.isnan(seen[a, b]) and (a != i or b != j):
                         around[count] = seen[a, b]
-                        alike = alike and abs(seen[a, b] - seen[i, j]) <= jump
                         count += 1
-            if alike or abs(seen[i, j] - _median(around, count)) <= jump:
+            if count == 0 or abs(seen[i, j] - _median(around, count)) <= jump:
                 heights[i, j] = seen[i, j]
 
 
@@ -312,11 +309,11 @@ def _points_of(file: Path, what: str) -> tuple[Array, Array, Array]:
         raise InputError(
             f"{what} has arrays that are not numbers; write x, y and h as numbers [m]"
         )
+    x, y, h = (values.astype(np.float64) for values in (x, y, h))
     if h.ndim == 2 and h.shape == (*x.shape, *y.shape):
-        known = ~np.isnan(h)
-        i, j = np.nonzero(known)
-        return x[i].astype(np.float64), y[j].astype(np.float64), h[known].astype(np.float64)
-    return x.ravel().astype(np.float64), y.ravel().astype(np.float64), h.ravel().astype(np.float64)
+        i, j = np.nonzero(~np.isnan(h))
+        return x[i], y[j], h[i, j]
+    return x.ravel(), y.ravel(), h.ravel()
 
 
 def _issue_of(ground: HeightMap, what: str) -> str:

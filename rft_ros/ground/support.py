@@ -64,12 +64,13 @@ def _spiral(n: int) -> tuple[Array, Array, Array]:
 
 _AREA, _COS, _SIN = _spiral(37)
 _DISC = np.column_stack([np.sqrt(_AREA) * _COS, np.sqrt(_AREA) * _SIN])
+"""Places at which a plane is fitted, in a disc of radius 1."""
 
 
 class _Grid(NamedTuple):
     """What the compiled fit takes of a map: heights [m], the first cell's corner [cells], the side of a cell [m].
 
-    `level`: height where nothing is known [m]. `disc`: places at which the plane is fitted, in a disc of radius 1.
+    `level`: height where nothing is known [m].
     """
 
     heights: NDArray[np.float32]
@@ -77,7 +78,6 @@ class _Grid(NamedTuple):
     j0: float
     cell: float
     level: float
-    disc: Array
 
 
 @inlined
@@ -112,10 +112,9 @@ def _fit(grid, x, y, radius):
     whole = u_sum = v_sum = h_sum = 0.0
     uu = uv = vv = uh = vh = hh = 0.0
     heights = grid.heights
-    disc = grid.disc
-    for k in range(len(disc)):
-        u = disc[k, 0]
-        v = disc[k, 1]
+    for k in range(len(_DISC)):
+        u = _DISC[k, 0]
+        v = _DISC[k, 1]
         i = (x + radius * u) / grid.cell - 0.5 - grid.i0
         j = (y + radius * v) / grid.cell - 0.5 - grid.j0
         height, weight = _known(heights, i, j)
@@ -260,12 +259,8 @@ def _find_plane(grid, placed, state, last):
 
 
 @compiled
-def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, lasts):
-    """Update the last surface if the body has moved; returns the depth of the body's deepest point below it.
-
-    The first six: as in `_Grid`. `lasts`: one record of `LAST_SURFACE`.
-    """
-    grid = _Grid(heights, i0, j0, cell, level, disc)
+def _local_plane(grid, corners, reach, state, lasts):
+    """Update the last surface, one record of `LAST_SURFACE`, if the body has moved; returns the `LocalSurface`."""
     last = lasts[0]
     position, quaternion, _, _ = parts_of_state(state)
     placed = _placed(corners, quaternion)
@@ -276,13 +271,14 @@ def _local_plane(heights, i0, j0, cell, level, disc, corners, reach, state, last
     )
     if not rests:
         _find_plane(grid, placed, state, last)
+    slope = last.slope[0], last.slope[1]
     deepest = -np.inf
     for k in range(len(placed)):
         x = position[0] + placed[k, 0]
         y = position[1] + placed[k, 1]
-        surface = last.height + last.slope[0] * x + last.slope[1] * y
+        surface = last.height + slope[0] * x + slope[1] * y
         deepest = max(deepest, surface - position[2] - placed[k, 2])
-    return deepest
+    return LocalSurface(last.height, slope, last.roughness, deepest)
 
 
 class Support:
@@ -318,17 +314,12 @@ class Support:
         if last is None:
             last = np.zeros(1, LAST_SURFACE)
         i0, j0 = map(float, ground.corner)  # numba compiles once more for each type of argument
-        grid = ground.heights, i0, j0, ground.cell, level, _DISC
-        depth = _local_plane(*grid, self._corners, self._reach, state, last)
-        found = last[0]
-        height = float(found["height"])
-        roughness = float(found["roughness"])
-        sx, sy = found["slope"].tolist()
-        if not math.isfinite(
-            height + sx + sy + roughness
-        ):  # a pose so far away that its squares overflow
+        grid = _Grid(ground.heights, i0, j0, ground.cell, level)
+        surface: LocalSurface = _local_plane(grid, self._corners, self._reach, state, last)
+        # a pose so far away that its squares overflow
+        if not math.isfinite(surface.height + sum(surface.slope) + surface.roughness):
             return LocalSurface(level, depth=level - float(state[STATE.index("pz")]))
-        return LocalSurface(height, (sx, sy), roughness, depth)
+        return surface
 
 
 class Footing:
