@@ -146,37 +146,28 @@ def _clouds(*, ros1: bool) -> Callable[[bytes], Cloud]:
     def decode(data: bytes) -> Cloud:
         try:
             cloud: Any = read(memoryview(data), _CLOUD)
+            order = ">" if cloud.is_bigendian else "<"
+            places: Any = {
+                field.name: (order + _COORDINATES[field.datatype], field.offset)
+                for field in cloud.fields
+                if field.name in ("x", "y", "z") and field.datatype in _COORDINATES
+            }
+            point = np.dtype(places)
         except Exception as error:  # rosbags' parsers raise anything on damage
             raise ValueError(f"not a cloud: {error}") from error
-        frame = cloud.header.frame_id
-        shape = (cloud.height, cloud.width)
-        places = {
-            f.name: (f.offset, _COORDINATES[f.datatype])
-            for f in cloud.fields
-            if f.datatype in _COORDINATES
-        }
-        found = [places[name] for name in "xyz" if name in places]
-        if (
-            len(found) != 3
-            or max(offset + int(kind[1]) for offset, kind in found) > cloud.point_step
-        ):
+        if len(places) != 3 or point.itemsize > cloud.point_step:
             raise ValueError("the cloud has no fields x, y and z of type FLOAT32 or FLOAT64")
         if cloud.height > 1 and cloud.row_step < cloud.width * cloud.point_step:
             raise ValueError(
                 f"the cloud's row_step, {cloud.row_step}, is less than a row of its points"
             )
-        order = ">" if cloud.is_bigendian else "<"
-        steps = (cloud.row_step, cloud.point_step)
-        axes = [np.empty(0), np.empty(0), np.empty(0)]
-        if (
-            cloud.height * cloud.width
-        ):  # numpy raises ValueError where these need more bytes than there are
-            layouts = [(np.dtype(order + kind), offset) for offset, kind in found]
-            axes = [
-                np.ndarray(shape, type_, cloud.data, offset, steps).reshape(-1)
-                for type_, offset in layouts
-            ]
-        return Cloud(_stamp(cloud.header.stamp.sec, cloud.header.stamp.nanosec), frame, *axes)
+        points = np.empty(0, point)
+        if cloud.height and cloud.width:  # numpy raises ValueError where there are too few bytes
+            steps = (cloud.row_step, cloud.point_step)
+            points = np.ndarray((cloud.height, cloud.width), point, cloud.data, 0, steps)
+        stamp = _stamp(cloud.header.stamp.sec, cloud.header.stamp.nanosec)
+        axes = [points[name].reshape(-1) for name in "xyz"]
+        return Cloud(stamp, cloud.header.frame_id, *axes)
 
     return decode
 

@@ -34,7 +34,7 @@ class ReplayOptions:
             raise InputError(f"remap is {shown(self.remap)}; it must be a list of strings")
         for name in ("start", "end", "tare"):
             seconds = getattr(self, name)
-            is_number = isinstance(seconds, int | float) and not isinstance(seconds, bool)
+            is_number = type(seconds) in (int, float)
             if seconds is not None and not (is_number and 0.0 <= seconds <= 1e9):
                 raise InputError(
                     f"{name} is {shown(seconds)}; it must be a number from 0 to 1e9 [s]"
@@ -66,23 +66,24 @@ def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> di
     topics = {role: _resolved(name, node) for role, name in TOPICS.items() if role != "tf_static"}
     roles = {topic: role for role, topic in topics.items()}
     for rule in remap:
-        left, separator, right = (part.strip() for part in rule.partition(":="))
-        if not separator or not right:
+        left, _, right = (part.strip() for part in rule.partition(":="))
+        if not right:
             raise InputError(
                 f"remap '{rule}' is not of the form FROM:=TO, such as ~/pose:=/tool_pose"
             )
-        role = roles.get(_resolved(left, node) if left.startswith(("/", "~")) else "")
-        if role is None:
+        role = roles.get(_resolved(left, node))
+        if role is None or not left.startswith(("/", "~")):
             raise InputError(
                 f"remap '{rule}': '{left}' is none of {', '.join(TOPICS[role] for role in topics)}"
             )
         topics[role] = _resolved(right, node)
-    unused: set[Role] = {"pose"} if values["pose_source"] == "tf" else {"tf"}
-    if values["twist_source"] != "topic":
-        unused.add("twist")
-    if not values["ground.cell"]:
-        unused.add("surface")
-    return {role: topic for role, topic in topics.items() if role not in unused}
+    is_used: dict[Role, bool] = {
+        "pose": values["pose_source"] != "tf",
+        "tf": values["pose_source"] == "tf",
+        "twist": values["twist_source"] == "topic",
+        "surface": values["ground.cell"] > 0.0,
+    }
+    return {role: topic for role, topic in topics.items() if is_used.get(role, True)}
 
 
 def _resolved(name: str, node: str) -> str:

@@ -4,7 +4,7 @@ import heapq
 import os
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, suppress
 from operator import itemgetter
 from pathlib import Path
@@ -67,7 +67,7 @@ class Recording:
             topics = topics_of(self.values, self.options.remap, self.options.node)
         self.topics = dict(topics)
         self.mistyped: dict[Role, str] = {}
-        self._kinds: dict[Role, str] = {}  # message type of each topic
+        self._decoders: dict[Role, Callable[[bytes], Sample]] = {}
         self.counts: Counter[Role] = Counter()
         self.fixed: tuple[TransformSample, ...] = ()  # of the whole bag, from /tf_static
         self.time = 0  # receive time of the last sample [ns]
@@ -78,7 +78,11 @@ class Recording:
 
     def __enter__(self) -> "Recording":
         with file_errors(f"bag '{self.bag}'", "read"), ExitStack() as opened:
-            sources = self._opened_sources(opened)
+            if is_table(self.bag):
+                sources = [source_of_table(self.bag, self._table, self.topics, self.values)]
+            else:
+                sources, faults = sources_of(self.bag, opened)
+                self._faults = faults
             self._sources = sorted(
                 (source for source in sources if source.count), key=lambda source: source.first
             )
@@ -86,6 +90,7 @@ class Recording:
                 why = f" ({'; '.join(self._faults)})" if self._faults else ""
                 raise InputError(f"bag '{self.bag}' has no messages{why}")
             self._check_topics()
+            self.shift = self._sources[0].shift
             self.fixed = tuple(dict.fromkeys(self._read_fixed()))
             self._choose_part()
             self.time = self.first
@@ -94,15 +99,6 @@ class Recording:
 
     def __exit__(self, *_: object) -> None:
         self._opened.close()
-
-    def _opened_sources(self, opened: ExitStack) -> list[Source]:
-        if is_table(self.bag):
-            source, shift = source_of_table(self.bag, self._table, self.topics, self.values)
-            self.shift = shift
-            return [source]
-        sources, faults = sources_of(self.bag, opened)
-        self._faults = faults
-        return sources
 
     def _choose_part(self) -> None:
         """Set the receive times of the first and the last message that may be read, `first` and `last` [ns]."""
@@ -126,15 +122,19 @@ class Recording:
                 decode = decoder("tf_static", ros1=source.ros1)
                 with suppress(Exception):  # damage, which `_stream` reports
                     for _, _, data in source.read([topic], source.first, source.last):
-                        try:
-                            yield from decode(data)  # type: ignore[misc]
-                        except UNREADABLE as error:
-                            self._leave_out(topic, error)
+                        yield from self._decoded(topic, decode, data) or ()  # type: ignore[misc]
 
-    def _leave_out(self, topic: str, error: Exception) -> None:
-        if not self.unreadable:
-            self._faults.append(f"a message on {topic} cannot be decoded ({error})")
-        self.unreadable += 1
+    def _decoded(
+        self, topic: str, decode: Callable[[bytes], Sample], data: bytes
+    ) -> Sample | None:
+        """The sample of a message; None for one that cannot be decoded, which is counted."""
+        try:
+            return decode(data)
+        except UNREADABLE as error:
+            if not self.unreadable:
+                self._faults.append(f"a message on {topic} cannot be decoded ({error})")
+            self.unreadable += 1
+            return None
 
     @property
     def damage(self) -> str | None:
@@ -148,20 +148,13 @@ class Recording:
         """The samples in order, after the fixed transforms of the whole bag."""
         if self.fixed:
             yield self.fixed
-        ros1 = self._sources[0].ros1
-        decode = {
-            role: decoder(role, ros1=ros1, kind=self._kinds.get(role, "")) for role in self.topics
-        }
         for time, rank, _, data in self._in_order():
             role = _RANK[rank]
-            try:
-                sample = decode[role](data)
-            except UNREADABLE as error:
-                self._leave_out(self.topics[role], error)
-                continue
-            self.time = time
-            self.counts[role] += 1
-            yield sample
+            sample = self._decoded(self.topics[role], self._decoders[role], data)
+            if sample is not None:
+                self.time = time
+                self.counts[role] += 1
+                yield sample
 
     def _in_order(self) -> Iterator[tuple[int, int, int, Any]]:
         rank = {topic: _RANK.index(role) for role, topic in self.topics.items()}
@@ -196,7 +189,8 @@ class Recording:
         for role, topic in list(self.topics.items()):
             types = found.get(topic, [])
             if len(types) == 1 and types[0] in TYPES[role]:
-                self._kinds[role] = types[0]
+                ros1 = self._sources[0].ros1
+                self._decoders[role] = decoder(role, ros1=ros1, kind=types[0])
             elif types and not self._strict:
                 self.mistyped[role] = f"{topic} {_is_not(role, types)}"
                 del self.topics[role]
@@ -220,12 +214,9 @@ def _is_not(role: Role, types: Collection[str]) -> str:
 
 def _advice(role: Role, found: Mapping[str, Sequence[str]]) -> str:
     """The options that help where a role has no topic, and the topics that the bag has, `found`, with their types."""
-    fits = "TOPIC"
-    there = []
-    for topic, types in found.items():
-        there.append(f"{topic} ({' and '.join(types)})")
-        if fits == "TOPIC" and len(types) == 1 and types[0] in TYPES[role]:
-            fits = topic
-    return (
-        f"(use {_INSTEAD.get(role, '')}--remap {TOPICS[role]}:={fits}); it has {', '.join(there)}"
-    )
+    there = [f"{topic} ({' and '.join(types)})" for topic, types in found.items()]
+    fitting = [
+        topic for topic, types in found.items() if len(types) == 1 and types[0] in TYPES[role]
+    ]
+    remap = f"--remap {TOPICS[role]}:={next(iter(fitting), 'TOPIC')}"
+    return f"(use {_INSTEAD.get(role, '')}{remap}); it has {', '.join(there)}"

@@ -45,9 +45,6 @@ _COLOURS = {  # Okabe and Ito's palette, distinguishable with any kind of colour
     "predicted": "#D55E00",
     "vertical_strength": "#D55E00",
     "horizontal_strength": "#0072B2",
-    "x": "#0072B2",
-    "y": "#E69F00",
-    "z": "#009E73",
     "approach": "#999999",
     "penetration": "#0072B2",
     "ploughing": "#CC79A7",
@@ -98,7 +95,8 @@ def _tables(summary: Summary) -> Iterator[Table]:
     sentence = (
         "Of the force vector: greatest measured force; RMS and peak of the residual (measured less predicted); RMS over"
         " peak of the same line; median of the relative error where the measured force is over 20 % of the recording's"
-        " peak. Depth bins are those of penetration. summary.json has every axis."
+        " peak; share of the force's components within one and two standard deviations. Depth bins are those of"
+        " penetration. summary.json has every axis."
     )
     yield Table("Metrics", sentence, ("", *METRIC_HEADS), metric_rows(summary))
     trusted = ", ".join(f"{level} {count:,}" for level, count in summary.trust.items())
@@ -136,7 +134,6 @@ def replay_charts(rows: Rows) -> list[Figure]:
     charts = [
         _wrench(rows, time, over="time", x_title=_TIME),
         _wrench(rows, depth, over="depth", x_title=_DEPTH),
-        _residual(rows, time),
     ]
     if rows["quality_flags"].any():
         charts.append(_flags(rows, time))
@@ -184,7 +181,7 @@ class _Panel(NamedTuple):
         gap = np.full((1, 2), math.nan)
         outlines = []
         known = np.ma.masked_invalid(x + y + deviation)
-        for part in np.ma.clump_unmasked(known):  # type: ignore[no-untyped-call]
+        for part in np.ma.flatnotmasked_contiguous(known):  # type: ignore[no-untyped-call]
             outlines += [lower[part], upper[part][::-1], gap]
         xs, ys = np.concatenate([*outlines, gap]).T
         fill = {"fill": "toself", "fillcolor": _COLOURS[colour], "opacity": _BAND}
@@ -223,17 +220,6 @@ def _wrench(rows: Rows, x: _Array, *, over: str, x_title: str) -> Figure:
         f" {over}. A line breaks where there is no estimate."
     )
     return Figure(f"wrench_over_{over}", f"Force and torque over {over}", sentence, figure)
-
-
-def _residual(rows: Rows, time: _Array) -> Figure:
-    figure = _figure(2, [_TIME])
-    for k, axis in enumerate("xyz" * 2):
-        panel = _Panel(figure, k // 3 + 1, 1)
-        panel.line(axis, time, rows["residual"][:, k], colour=axis, width=1.2)
-    _Panel(figure, 1, 1).label("Force residual [N]")
-    _Panel(figure, 2, 1).label("Torque residual [N m]")
-    sentence = "Measured minus predicted, by sensor axis, over time."
-    return Figure("residual", "Residual", sentence, figure)
 
 
 def _flags(rows: Rows, time: _Array) -> Figure:

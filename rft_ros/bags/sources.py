@@ -44,6 +44,7 @@ class Source:
     `types`: the pairs of a topic and its type. `count`, `first`, `last`: number of messages on all topics, and receive
     times of the first and the last one [ns]. `read`: the messages on some topics, from one receive time to another,
     both included; raises an exception at damage, after what comes before it. `ros1`: whether it is a bag of ROS 1.
+    `shift`: how much later the stamps are than the times in a table [ns].
     """
 
     name: str
@@ -53,6 +54,7 @@ class Source:
     last: int
     read: Callable[[Collection[str], int, int], Messages]
     ros1: bool = False
+    shift: int = 0
 
 
 def fault_of(name: str, error: Exception) -> str:

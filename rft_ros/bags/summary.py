@@ -4,7 +4,7 @@ import itertools
 import json
 import math
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import asdict, dataclass, fields
 from pathlib import Path
 from typing import Any
@@ -98,13 +98,9 @@ class Summary(Group):
         if self.damage:
             text.append(f"  damage: {self.damage}")
         text += [f"  warning: {sentence}" for sentence in self.warnings]
-        for name, group in self.learning.items():
-            errors = f"RMS/peak {_percent(group.rms_over_peak)}, median err. {_percent(group.median_relative_error)}"
-            within = f"{_percent(group.within_sigma)}, {_percent(group.within_two_sigma)}"
-            text.append(f"  learning {name}: {errors}, within 1, 2 sigma {within}")
         rows = [("force on the tool", *METRIC_HEADS), *metric_rows(self)]
         return text + [
-            f"  {title:<18}" + "".join(f"{cell:>12}" for cell in cells) for title, *cells in rows
+            f"  {title:<18}" + "".join(f"{cell:>11}" for cell in cells) for title, *cells in rows
         ]
 
     def json(self) -> str:
@@ -230,42 +226,39 @@ def _bin_edges(deepest: float) -> _Array:
     return np.asarray(width * np.arange(math.ceil(below / width) + 1))
 
 
-METRIC_HEADS = ("estimates", "peak N", "RMS res. N", "peak res. N", "RMS/peak", "median err.")
-"""Columns of `metric_rows`, for the magnitude of the force and of its residual."""
+METRIC_HEADS = (
+    "estimates",
+    "peak N",
+    "RMS res. N",
+    "peak res. N",
+    "RMS/peak",
+    "median err",
+    "in 1 sigma",
+    "in 2 sigma",
+)
+"""Columns of `metric_rows`, for the magnitude of the force and of its residual; `Group` defines them."""
 
 
 def metric_rows(summary: Summary) -> list[tuple[str, ...]]:
-    """Title and metrics of the whole replay, of each phase that occurs, and of the depth bins of penetration."""
-    rows = [("whole", *_metrics(summary))]
+    """Title and metrics of the whole replay, its phases, the depth bins of penetration, and the runs for comparison."""
+    groups: dict[str, Group] = {"whole": summary}
     for name, phase in summary.phases.items():
         if phase.poses:
-            rows.append((name, *_metrics(phase)))
+            groups[name] = phase
         if name == "penetration":
-            rows += [
-                (f"  {depths}", *_metrics(group)) for depths, group in phase.depth_bins.items()
-            ]
-    return rows
+            groups |= {f"  {depths}": group for depths, group in phase.depth_bins.items()}
+    groups |= {f"learning {name}": group for name, group in summary.learning.items()}
+    return [(title, *_metrics(group)) for title, group in groups.items()]
 
 
-def _metrics(group: Group) -> tuple[str, ...]:
-    measured = group.wrench["force"]["measured"]
+def _metrics(group: Group) -> Iterator[str]:
+    yield str(group.estimates)
     residual = group.wrench["force"]["residual"]
-    return (
-        str(group.estimates),
-        _newtons(measured["peak"]),
-        _newtons(residual["rms"]),
-        _newtons(residual["peak"]),
-        _percent(group.rms_over_peak),
-        _percent(group.median_relative_error),
-    )
-
-
-def _newtons(force: float | None) -> str:
-    return "-" if force is None else f"{force:.3f}"
-
-
-def _percent(share: float | None) -> str:
-    return "-" if share is None else f"{100.0 * share:.1f} %"
+    for force in (group.wrench["force"]["measured"]["peak"], residual["rms"], residual["peak"]):
+        yield "-" if force is None else f"{force:.3f}"
+    errors = (group.rms_over_peak, group.median_relative_error)
+    for share in (*errors, group.within_sigma, group.within_two_sigma):
+        yield "-" if share is None else f"{100.0 * share:.1f} %"
 
 
 def read_limits(file: Path) -> dict[str, tuple[float, float]]:

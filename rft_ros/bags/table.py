@@ -42,10 +42,8 @@ def values_for_table(rows: Rows, values: Values) -> Values:
     return {**values, "pose_source": "topic", "twist_source": twist_source}
 
 
-def source_of_table(
-    file: Path, rows: Rows, topics: Mapping[Role, str], values: Values
-) -> tuple[Source, int]:
-    """The samples of a table as messages on the topics of their roles, and how much their stamps are shifted [ns].
+def source_of_table(file: Path, rows: Rows, topics: Mapping[Role, str], values: Values) -> Source:
+    """The samples of a table as messages on the topics of their roles.
 
     In ROS a stamp of 0 means none: stamps that begin at 0 or below are shifted by whole seconds. Raises InputError,
     which names the line.
@@ -71,12 +69,12 @@ def source_of_table(
                     serialised = stamped_cdr(frame, len(numbers[k]))
                     yield stamp, topics[role], serialised(stamp, numbers[k])
 
-    source = Source(
+    return Source(
         name=file.name,
         types=[(topics[role], TYPES[role][0]) for role in columns],
         count=len(columns) * len(stamps),
         first=stamps[0],
         last=stamps[-1],
         read=read,
+        shift=shift * 1_000_000_000,
     )
-    return source, shift * 1_000_000_000

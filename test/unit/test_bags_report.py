@@ -14,7 +14,7 @@ from rft_ros.bags.replay import replay
 from rft_ros.bags.replay_report import decimated, replay_charts
 from rft_ros.estimator import QualityFlag
 
-CHARTS = ("wrench_over_time", "wrench_over_depth", "residual", "quality_flags", "learned", "tool")
+CHARTS = ("wrench_over_time", "wrench_over_depth", "quality_flags", "learned", "tool")
 
 
 @pytest.fixture(scope="module")
