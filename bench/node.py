@@ -190,12 +190,8 @@ def sphere(folder: Path, elements: int) -> Path:
     return file
 
 
-def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--rates", type=float, nargs="+", default=[125.0, 500.0, 1000.0])
-    parser.add_argument("--elements", type=int, nargs="+", default=[1000, 10_000, 50_000])
-    parser.add_argument("--seconds", type=float, default=10.0)
-    parser.add_argument("--repeat", type=int, default=3)
+def add_executor_and_busy(parser: argparse.ArgumentParser) -> None:
+    """Add the options --executor and --busy."""
     parser.add_argument("--executor", choices=("events", "single"), default="events")
     parser.add_argument(
         "--busy",
@@ -204,11 +200,25 @@ def main() -> None:
         metavar="N",
         help="processes that keep a core busy meanwhile",
     )
-    arguments = parser.parse_args()
+
+
+def driver_alone() -> Driver:
+    """A driver that meets no other nodes of this machine or its network."""
     os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     rclpy.init()
-    driver = Driver()
+    return Driver()
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("--rates", type=float, nargs="+", default=[125.0, 500.0, 1000.0])
+    parser.add_argument("--elements", type=int, nargs="+", default=[1000, 10_000, 50_000])
+    parser.add_argument("--seconds", type=float, default=10.0)
+    parser.add_argument("--repeat", type=int, default=3)
+    add_executor_and_busy(parser)
+    arguments = parser.parse_args()
+    driver = driver_alone()
     executor = ["-p", f"executor:={arguments.executor}"]
     echo = [str(Path(__file__).with_name("echo_node.py")), "--ros-args", *executor]
     table = Table(

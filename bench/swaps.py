@@ -20,7 +20,13 @@ from rich.console import Console
 from rich.table import Table
 from std_srvs.srv import Trigger
 
-from bench.node import Driver, busy_processes, running_node, sphere
+from bench.node import (
+    add_executor_and_busy,
+    busy_processes,
+    driver_alone,
+    running_node,
+    sphere,
+)
 
 RATE = 500.0
 LONGEST = 300.0  # s to wait for a swap
@@ -28,19 +34,9 @@ LONGEST = 300.0  # s to wait for a swap
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--executor", choices=("events", "single"), default="events")
-    parser.add_argument(
-        "--busy",
-        type=int,
-        default=0,
-        metavar="N",
-        help="processes that keep a core busy meanwhile",
-    )
+    add_executor_and_busy(parser)
     arguments = parser.parse_args()
-    os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
-    os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
-    rclpy.init()
-    driver = Driver()
+    driver = driver_alone()
     client = driver.node.create_client(SetParameters, "/rft/set_parameters")
     status = driver.node.create_client(Trigger, "/rft/status")
     answers = []

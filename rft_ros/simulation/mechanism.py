@@ -31,21 +31,20 @@ def import_mujoco() -> Any:
 
 
 class Mechanism:
-    """The bodies with these ids in one model. `states`: shape [n, 13], columns and units of `rft_ros.rft.STATE`."""
+    """The bodies in one model with these `ids`. `states`: shape [n, 13], columns and units of `rft_ros.rft.STATE`."""
 
     def __init__(self, model: Any, bodies: list[int]) -> None:
         mujoco = import_mujoco()
         nv = int(model.nv)
         self._mujoco = mujoco
         self.model = model
-        self._ids = np.array(bodies)
+        self.ids = np.array(bodies)
         self.states = np.zeros((len(bodies), 13))
         self._jacobian = np.zeros((len(bodies), 6, nv))
         self._mass = np.zeros((nv, nv))
         self.unconstrained = no_constraints(nv)
         self._response = self.unconstrained.response  # P
-        self._euler = int(mujoco.mjtIntegrator.mjINT_EULER)
-        self._rk4 = int(mujoco.mjtIntegrator.mjINT_RK4)
+        self._integrators = mujoco.mjtIntegrator
         flags = mujoco.mjtDisableBit
         # by version
         dampers = getattr(flags, "mjDSBL_DAMPER", getattr(flags, "mjDSBL_PASSIVE", 0))
@@ -83,7 +82,7 @@ class Mechanism:
         data = self.data
         roots = self.model.body_rootid
         poses = data.xpos, data.xquat, data.subtree_com
-        return data.qvel, data.qacc_smooth, self._ids, roots, *poses, data.cvel, self.states
+        return data.qvel, data.qacc_smooth, self.ids, roots, *poses, data.cvel, self.states
 
     def joints(self, bodies: NDArray[np.int64], h: float) -> Joints:
         """The bodies with these places among all, at a step of h [s]; in arrays that the next call overwrites."""
@@ -92,7 +91,7 @@ class Mechanism:
         data = self.data
         jacobian = self._jacobian[: len(bodies)]
         for k, place in enumerate(bodies):
-            mujoco.mj_jacBody(model, data, jacobian[k, :3], jacobian[k, 3:], self._ids[place])
+            mujoco.mj_jacBody(model, data, jacobian[k, :3], jacobian[k, 3:], self.ids[place])
         if hasattr(data, "qM"):  # before MuJoCo 4
             mujoco.mj_fullM(model, self._mass, data.qM)
         else:
@@ -113,7 +112,7 @@ class Mechanism:
         model = self.model
         if self.holds_over_stages:
             return 0.0
-        if model.opt.integrator == self._euler:
+        if model.opt.integrator == self._integrators.mjINT_EULER:
             return 0.0 if model.opt.disableflags & self._undamped else np.diag(model.dof_damping)
         # MuJoCo computes it on the way through a step
         self._mujoco.mj_copyData(self._scratch, model, self.data)
@@ -154,7 +153,7 @@ class Mechanism:
     @property
     def holds_over_stages(self) -> bool:
         """Whether the integrator is RK4, which holds the wrenches over four stages."""
-        return bool(self.model.opt.integrator == self._rk4)
+        return bool(self.model.opt.integrator == self._integrators.mjINT_RK4)
 
     def _dense(self, values: Array, counts: Array, begins: Array, columns: Array) -> Array:
         """The rows of a sparse matrix of MuJoCo."""

@@ -78,10 +78,8 @@ class MujocoGrains(Copied):
             )
         if (bodies is None) == (body is None):
             raise InputError("give the body's name as body=, or several names as bodies=")
-        names: list[Any] = [body]
-        if bodies is not None:
-            names = [bodies] if isinstance(bodies, str) else list(bodies)
-        self._ids = [_body_id(mujoco, model, name) for name in names]
+        names: list[Any] = [body] if bodies is None else list(bodies)
+        self._ids = [_body_id(model, name) for name in names]
         if not names or len(set(self._ids)) < len(names):
             raise InputError(f"bodies is {names}; name at least one body, and each of them once")
         if law is None:
@@ -119,7 +117,6 @@ class MujocoGrains(Copied):
         self._geometry = geometry_of(model, self._of_geoms)
         self._mechanism = Mechanism(model, self._ids)
         self._last: _Call | None = None
-        self._places = np.array(self._ids)
         self._own = np.zeros((len(names), 6))
         """Forces of the user's."""
         self._written = np.zeros((len(names), 6))
@@ -137,7 +134,8 @@ class MujocoGrains(Copied):
 
     def _forces(self) -> tuple[Any, ...]:
         """What `_take_away` takes."""
-        return self._places, self._own, self._written, self._mechanism.data.xfrc_applied
+        mechanism = self._mechanism
+        return mechanism.ids, self._own, self._written, mechanism.data.xfrc_applied
 
     def _wrenches(self) -> tuple[Any, ...]:
         """What `_write` takes."""
@@ -260,7 +258,7 @@ class MujocoGrains(Copied):
     def tractions(self, body: str | int = 0) -> Array:
         """`GrainsBatch.tractions` of a body, by its name or its place in `bodies`, at the begin of the current step."""
         if isinstance(body, str):
-            k = _body_id(import_mujoco(), self._model, body)
+            k = _body_id(self._model, body)
             if k not in self._ids:
                 raise InputError(
                     f"body '{body}' has no grains; name one of those given to MujocoGrains"
@@ -292,9 +290,10 @@ class MujocoGrains(Copied):
     __setstate__ = restore  # of a copy
 
 
-def _body_id(mujoco: Any, model: Any, given: object) -> int:
+def _body_id(model: Any, given: object) -> int:
     found = 0  # the world, which is none
     if isinstance(given, str):
+        mujoco = import_mujoco()
         found = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, given))
     elif isinstance(given, int | np.integer) and 0 < given < model.nbody:
         found = int(given)

@@ -107,12 +107,15 @@ def _uncovered(shapes: list[Array]) -> list[Array]:
 
     Of two faces that lie on each other, back to back, none does; of two that face the same way, the first.
     """
+    from trimesh.triangles import cross
+
     corners = np.concatenate(shapes).reshape(-1, 3)
     beside = _BESIDE * float(np.ptp(corners, axis=0).max())
     kept = []
     for k, triangles in enumerate(shapes):
-        normals = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
-        out = beside * normals / np.linalg.norm(normals, axis=1, keepdims=True).clip(1e-300)
+        normals = cross(triangles)
+        sizes = np.linalg.norm(normals, axis=1, keepdims=True)
+        out = beside * normals / sizes.clip(1e-300)
         middle = triangles.mean(axis=1)
         covered = np.zeros(len(triangles), dtype=bool)
         for j, other in enumerate(shapes):

@@ -207,8 +207,9 @@ def advance(beds, first, given, h):
         power = _dot(body.wrench, body.state[7:]) + _dot(body.wrench, given[k, 7:])
         body.energy -= 0.5 * body.duration * power
         memory = beds.memory[b : b + 1]
+        stiffness = beds.stiffness[b : b + 1]
         wrench = np.empty((1, 6))
-        evaluate(beds, b, memory, beds.stiffness[b : b + 1], given[k : k + 1], wrench)
+        evaluate(beds, b, memory, stiffness, given[k : k + 1], wrench)
         body.explicit[:] = wrench[0]
         body.state[:] = given[k]
         body.duration = h
@@ -322,7 +323,8 @@ def search(beds, joints, constraints, h, trial):
         twist = joints.twists[k] + h * _times(joints.jacobian[k], trial.acceleration)
         state[0] = body.state
         _move(state[0], twist, h)
-        evaluate(beds, b, beds.memory[b : b + 1].copy(), stiffness, state, trial.wrench[k : k + 1])
+        memory = beds.memory[b : b + 1].copy()
+        evaluate(beds, b, memory, stiffness, state, trial.wrench[k : k + 1])
         stiffness_matrix(stiffness[0], tangents[k])
         if _size(trial.wrench[k], 1.0) > 0.0:
             at.path = max(at.path, h * _size(twist, body.reach))

@@ -43,7 +43,8 @@ class Trajectory:
         tilt = self.tilt + self.amplitude * np.sin(self.omega * t)
         pitching = self.amplitude * self.omega * np.cos(self.omega * t)
         states = np.zeros((len(t), len(STATE)))
-        states[:, POSITION] = np.array([0.0, 0.0, self.start_height]) + np.outer(t, self.velocity)
+        states[:, POSITION] = np.outer(t, self.velocity)
+        states[:, 2] += self.start_height
         states[:, QUATERNION] = Rotation.from_euler("ZY", np.column_stack([yaw, tilt])).as_quat()
         states[:, VELOCITY] = self.velocity
         spin = states[:, ANGULAR_VELOCITY]  # a view

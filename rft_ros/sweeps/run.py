@@ -5,7 +5,7 @@ the same output folder continues where it stopped.
 """
 
 import csv
-import io
+import json
 import os
 import platform
 import signal
@@ -15,7 +15,6 @@ from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager, suppress
 from functools import lru_cache
-from itertools import chain
 from multiprocessing import get_context, parent_process
 from pathlib import Path
 from typing import Any
@@ -24,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
-from rft_ros.files import opened, read_text, whole
+from rft_ros.files import read_text, whole
 from rft_ros.parameters import medium_of, model_of, parts_of, tool_of
 from rft_ros.parameters.from_values import parameters_of
 from rft_ros.progress import bar
@@ -157,25 +156,38 @@ def run(
     folder = out / f"chunks_{design.fingerprint():08x}"
     size = min(-(-len(design.variants) // _CHUNKS), _MOST_ROWS)
     chunks = {
-        folder / f"{k:06d}.csv": design.variants[k : k + size]
+        folder / f"{k:06d}.json": design.variants[k : k + size]
         for k in range(0, len(design.variants), size)
     }
     with file_errors(f"output folder '{out}'", "written"):
         folder.mkdir(parents=True, exist_ok=True)
-        missing = {
-            file: chunk
-            for file, chunk in chunks.items()
-            if not _is_complete(file, len(chunk), columns)
-        }
+        missing = {file: chunk for file, chunk in chunks.items() if not _finished_rows(file)}
         if missing:
             with _workers(scheduler, workers) as pool:
                 _compute(design, missing, columns, pool)
-        table = out / "results.csv"
-        _write(table, chain([columns], *map(_read, chunks)))
-        rows = _read(table)
-        reason = next(rows).index("reason")
-        failed = sum(1 for row in rows if row[reason])
+        failed = _write_table(out / "results.csv", columns, chunks)
     return sum(map(len, missing.values())), failed
+
+
+def _finished_rows(file: Path) -> list[list[str]]:
+    """The rows of a chunk; none of a missing one, or where the copy of one was cut."""
+    with suppress(ValueError):
+        return list(json.loads(read_text(file, "results")))
+    return []
+
+
+def _write_table(file: Path, columns: Sequence[str], chunks: Iterable[Path]) -> int:
+    """Write the rows of all chunks; returns the number of those without results."""
+    reason = columns.index("reason")
+    failed = 0
+    with whole(file) as part, part.open("w", encoding="utf-8", newline="") as out:
+        table = csv.writer(out, lineterminator="\n")
+        table.writerow(columns)
+        for chunk in chunks:
+            rows = _finished_rows(chunk)
+            table.writerows(rows)
+            failed += sum(1 for row in rows if row[reason])
+    return failed
 
 
 def _compute(
@@ -195,7 +207,8 @@ def _compute(
         }
         for future in as_completed(futures):
             rows = future.result()
-            _write(futures[future], rows)
+            with whole(futures[future]) as part:
+                part.write_text(json.dumps(rows), encoding="utf-8")
             done += len(rows)
             update(done, f"{name}: {done:,} of {total:,}")
 
@@ -239,22 +252,3 @@ def _end_with_parent() -> None:
         os._exit(1)
 
     threading.Thread(target=watch, daemon=True).start()
-
-
-def _write(file: Path, rows: Iterable[Sequence[str]]) -> None:
-    with whole(file) as part, part.open("w", encoding="utf-8", newline="") as out:
-        csv.writer(out, lineterminator="\n").writerows(rows)
-
-
-def _is_complete(file: Path, count: int, columns: Sequence[str]) -> bool:
-    """Whether a chunk has all of its rows: the copy of one may have been cut."""
-    with suppress(InputError):
-        text = read_text(file, "results")
-        rows = csv.reader(io.StringIO(text, newline=""))
-        return text.endswith("\n") and [len(row) for row in rows] == [len(columns)] * count
-    return False
-
-
-def _read(file: Path) -> Iterator[list[str]]:
-    with opened(file, "results", limit=None) as stream:
-        yield from csv.reader(io.TextIOWrapper(stream, encoding="utf-8", newline=""))
