@@ -1,18 +1,20 @@
-"""``make bench-doctor``: what `rft doctor` says of twelve right cells and twenty wrong ones, live, over loopback DDS.
+"""``make bench-doctor``: what `rft doctor` says of twelve right cells and twenty wrong ones, live and from a bag.
 
-`--busy 2` asks beside two processes that keep two cores busy. For each cell: whether the fault is named (or, of a
-right cell, none), whether the machine was called too busy to judge, and what else was to be fixed. Only the lines under
-"else" may be wrong advice: read them.
+Live is over loopback DDS; `--busy 2` asks beside two processes that keep two cores busy. For each cell: whether the
+fault is named (or, of a right cell, none), whether the machine was called too busy to judge, and what else was to be
+fixed. Only the lines under "else" may be wrong advice: read them. The last line counts the cells.
 """
 
 import argparse
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, field
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -27,11 +29,15 @@ from bench.node import busy_processes, running_node
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test" / "unit"))
 import cells  # type: ignore[import-not-found]
-from recordings import cdr  # type: ignore[import-not-found]
+from recordings import POSE as POSE_KIND  # type: ignore[import-not-found]
+from recordings import START, cdr, write_messages
+from recordings import TWIST as TWIST_KIND
+from recordings import WRENCH as WRENCH_KIND
 from scipy.spatial.transform import Rotation
 
 from rft_ros.rft import FORCE, POSE, POSITION, QUATERNION, TORQUE, TWIST, VELOCITY
 
+KINDS = {"wrench_measured": WRENCH_KIND, "twist": TWIST_KIND, "pose": POSE_KIND}
 # Hz; the recorded motion takes 10 s
 RATE = 100.0
 HASTE = 4
@@ -121,41 +127,68 @@ FAULTS = {
 }
 
 
-def said_of(fault: Fault, folder: Path, seconds: float) -> list[str]:
-    """The doctor's lines, but for the compilation."""
-    parameters = {**cells.PARAMETERS, **fault.parameters}
-    file = folder / "cell.yaml"
-    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
+def rows_of(fault: Fault) -> list[tuple[list[float], list[float]]]:
+    """The states and the readings of the load cell, at `RATE`."""
     states = cells.motion(RATE / HASTE)
     states[:, VELOCITY] *= HASTE
     states[:, QUATERNION] = TILTED.as_quat() if fault.tilted else states[:, QUATERNION]
     loads = cells.loads(states)
     peak = abs(loads[:, 2]).max()
     loads[:, 2] += fault.friction * peak * np.sign(states[:, VELOCITY][:, 2])
-    loads = (
-        np.clip(loads, -fault.clipped * peak, fault.clipped * peak)
-        if fault.clipped < 1.0
-        else loads
-    )
-    loads = fault.scale * loads * ([1.0] * 3 + [fault.torque] * 3) + [
-        0.0,
-        0.0,
-        fault.bias,
-        0.0,
-        0.0,
-        0.0,
-    ]
+    if fault.clipped < 1.0:
+        loads = np.clip(loads, -fault.clipped * peak, fault.clipped * peak)
+    loads = fault.scale * loads * ([1.0] * 3 + [fault.torque] * 3)
+    loads[:, 2] += fault.bias
     if fault.in_world:
         to_world = Rotation.from_quat(states[:, QUATERNION]) * Rotation.from_quat(
             cells.MOUNT.quaternion
         )
         loads = np.hstack([to_world.apply(part) for part in (loads[:, FORCE], loads[:, TORQUE])])
     states[:, POSITION] += np.random.default_rng(1).normal(0.0, fault.noise, (len(states), 3))
-    states[:, POSITION] = states[
-        np.arange(len(states)) // fault.repeated * fault.repeated, POSITION
+    measured = np.arange(len(states)) // fault.repeated * fault.repeated
+    states[:, POSITION] = fault.unit * states[measured, POSITION]
+    return list(zip(states.tolist(), loads.tolist(), strict=True))
+
+
+def messages_of(
+    fault: Fault, state: list[float], load: list[float], now: int
+) -> Iterator[tuple[str, bytes]]:
+    """The name of each topic and its message at a time [ns]."""
+    stamp = now - fault.old
+    of_wrench = 0 if fault.unstamped else stamp + fault.late
+    if fault.silent != "wrench":
+        yield "wrench_measured", cdr("wrench", of_wrench, load)
+    if fault.silent != "twist":
+        yield "twist", cdr("twist", stamp, state[TWIST], fault.frame)
+    yield "pose", cdr("pose", stamp, state[POSE], fault.frame)
+
+
+def command_of(fault: Fault, folder: Path, *more: str) -> tuple[Path, list[str]]:
+    """The file of the cell's parameters, and the command that examines it."""
+    file = folder / "cell.yaml"
+    parameters = {**cells.PARAMETERS, **fault.parameters}
+    file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
+    return file, [sys.executable, "-m", "rft_ros.cli", "doctor", str(file), *more]
+
+
+def said_from_a_bag(fault: Fault, folder: Path, seconds: float) -> str:
+    """What the doctor prints of a recording of these seconds; messages arrive 1 ms after they are sent."""
+    rows = rows_of(fault)
+    messages = [
+        (now + 1_000_000, f"/rft/{name}", KINDS[name], data)
+        for k in range(round(seconds * RATE))
+        for now in [START + round(k * 1e9 / RATE)]
+        for name, data in messages_of(fault, *rows[k % len(rows)], now)
     ]
-    states[:, POSITION] *= fault.unit
-    rows = list(zip(states.tolist(), loads.tolist(), strict=True))
+    bag = folder / "bag"
+    shutil.rmtree(bag, ignore_errors=True)
+    _, command = command_of(fault, folder, "--bag", str(write_messages(bag, messages)))
+    return subprocess.run(command, capture_output=True, text=True, check=False).stdout
+
+
+def said_live(fault: Fault, folder: Path, seconds: float) -> str:
+    """What the doctor prints while the cell runs."""
+    rows = rows_of(fault)
     driver = rclpy.create_node("drivers")
     kinds = {"wrench_measured": WrenchStamped, "twist": TwistStamped, "pose": PoseStamped}
     publish: dict[str, Callable[[bytes], None]] = {
@@ -163,15 +196,7 @@ def said_of(fault: Fault, folder: Path, seconds: float) -> list[str]:
         for name, kind in kinds.items()
         if not fault.silent or not name.startswith(fault.silent)
     }
-    command = [
-        sys.executable,
-        "-m",
-        "rft_ros.cli",
-        "doctor",
-        str(file),
-        "--seconds",
-        f"{seconds:g}",
-    ]
+    file, command = command_of(fault, folder, "--seconds", f"{seconds:g}")
     with running_node("-m", "rft_ros.node.main", "--ros-args", "--params-file", str(file)):
         doctor = subprocess.Popen(
             command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True
@@ -180,55 +205,53 @@ def said_of(fault: Fault, folder: Path, seconds: float) -> list[str]:
         k = 0
         while doctor.poll() is None:
             time.sleep(max(0.0, start + k / RATE - time.monotonic()))
-            now = driver.get_clock().now().nanoseconds - fault.old
-            state, load = rows[k % len(rows)]
-            messages = {
-                "wrench_measured": cdr("wrench", 0 if fault.unstamped else now + fault.late, load),
-                "twist": cdr("twist", now, state[TWIST], fault.frame),
-                "pose": cdr("pose", now, state[POSE], fault.frame),
-            }
-            for name, send in publish.items():
-                send(messages[name])
+            now = driver.get_clock().now().nanoseconds
+            for name, data in messages_of(fault, *rows[k % len(rows)], now):
+                publish[name](data)
             k += 1
-        lines = doctor.communicate()[0].splitlines()
+        said = doctor.communicate()[0]
     driver.destroy_node()
-    return [line for line in lines if "compiled" not in line]
+    return said
+
+
+SAID = {"bag": said_from_a_bag, "live": said_live}
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
+    busy = "processes that keep a core busy meanwhile"
+    parser.add_argument("--busy", type=int, default=0, metavar="N", help=busy)
+    seconds = "how long the doctor listens, and how long a recording is"
+    parser.add_argument("--seconds", type=float, default=6.0, help=seconds)
+    parser.add_argument("--ways", nargs="+", choices=SAID, default=list(SAID), help="default both")
+    cells_help = "of " + ", ".join(FAULTS)
     parser.add_argument(
-        "--busy",
-        type=int,
-        default=0,
-        metavar="N",
-        help="processes that keep a core busy meanwhile",
-    )
-    parser.add_argument("--seconds", type=float, default=6.0, help="how long the doctor listens")
-    parser.add_argument(
-        "--only", nargs="+", default=list(FAULTS), metavar="FAULT", help="of " + ", ".join(FAULTS)
+        "--only", nargs="+", default=list(FAULTS), metavar="FAULT", help=cells_help
     )
     arguments = parser.parse_args()
     os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     rclpy.init()
     table = Table(title=f"rft doctor beside {arguments.busy} busy processes", show_lines=True)
-    for column in ("cell", "named", "too busy", "else"):
+    for column in ("cell", "way", "named", "too busy", "else"):
         table.add_column(column)
+    rights = 0
     with tempfile.TemporaryDirectory() as folder, busy_processes(arguments.busy):
-        for name in arguments.only:
+        asked = list(product(arguments.only, arguments.ways))
+        for name, way in asked:
             fault = FAULTS[name]
-            wrong = [
-                line
-                for line in said_of(fault, Path(folder), arguments.seconds)
-                if line.startswith("FIX")
-            ]
-            busy = [line for line in wrong if "too busy" in line]
+            said = SAID[way](fault, Path(folder), arguments.seconds).splitlines()
+            wrong = [line for line in said if line.startswith("FIX") and "compiled" not in line]
+            busy_lines = [line for line in wrong if "too busy" in line]
             named = [line for line in wrong if fault.named and fault.named in line]
-            others = [line for line in wrong if line not in (*busy, *named)]
-            right = not wrong if not fault.named else bool(named)
-            table.add_row(name, "yes" if right else "no", "yes" if busy else "", "\n".join(others))
-    Console(width=160).print(table)
+            others = [line for line in wrong if line not in (*busy_lines, *named)]
+            right = bool(named) if fault.named else bool(said) and not wrong
+            rights += right
+            of_cell = ("yes" if right else "no", "yes" if busy_lines else "", "\n".join(others))
+            table.add_row(name, way, *of_cell)
+    console = Console(width=160)
+    console.print(table)
+    console.print(f"{rights} of {len(asked)} as they should be")
     rclpy.shutdown()
 
 

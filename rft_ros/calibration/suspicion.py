@@ -10,8 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.calibration.track import Track
-from rft_ros.diagnosis import Evidence, judge, predicted
-from rft_ros.diagnosis.poses import REPEATED, repeats
+from rft_ros.diagnosis import REPEATED, Evidence, judge, predicted, repeats
 from rft_ros.errors import InputError
 from rft_ros.parameters import Settings
 from rft_ros.rft import POSE, POSITION, Law

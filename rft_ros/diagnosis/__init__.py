@@ -6,14 +6,19 @@ named together. What follows a finding is judged as if that were mended, where a
 """
 
 from collections.abc import Iterator
+from dataclasses import replace
 
+from rft_ros.diagnosis.air import BIAS, MASS, MOMENT, SPREAD, columns_in_air, fit_in_air, spread
 from rft_ros.diagnosis.attitude import OF_POSES, attitude, mount
+from rft_ros.diagnosis.contact import at_contact, contact_of, height_above, predicted
 from rft_ros.diagnosis.delay import delay_of_load_cell
-from rft_ros.diagnosis.evidence import Evidence, evidence_of, predicted
+from rft_ros.diagnosis.evidence import Evidence, evidence_of
 from rft_ros.diagnosis.finding import Finding, in_words
 from rft_ros.diagnosis.poses import (
+    REPEATED,
     noise_of_poses,
     repeated_poses,
+    repeats,
     size_of_tool,
     surface,
     unit_of_poses,
@@ -21,7 +26,23 @@ from rft_ros.diagnosis.poses import (
 from rft_ros.diagnosis.readings import push, saturation, strength, torque
 from rft_ros.diagnosis.zero import threshold, zero, zero_that_moves
 
-__all__ = ["Evidence", "Finding", "evidence_of", "in_words", "judge", "predicted"]
+__all__ = [
+    "BIAS",
+    "MASS",
+    "MOMENT",
+    "REPEATED",
+    "SPREAD",
+    "Evidence",
+    "Finding",
+    "columns_in_air",
+    "evidence_of",
+    "fit_in_air",
+    "in_words",
+    "judge",
+    "predicted",
+    "repeats",
+    "spread",
+]
 
 
 def _all_right(found: list[Finding]) -> bool:
@@ -39,41 +60,40 @@ def judge(e: Evidence) -> Iterator[Finding]:
     yield from (*repeated, *noise, *mount(e))
     if not _all_right(noise):
         return
-    if not len(e.time):
-        yield surface(e, None, 0.0)
-        return
-    yield from _of_forces(e)
+    if len(e.time):
+        yield from _of_forces(e)
+    else:
+        yield surface(e, None, e.settings.surface_height)
 
 
 def _of_forces(e: Evidence) -> Iterator[Finding]:
+    contact = contact_of(e)
+    placed = e
+    if contact:
+        above = height_above(e, contact)
+        e = replace(e, above=max(above, 0.0))
+        placed = e if abs(above) <= contact.allowed else at_contact(e, contact)
     yield from threshold(e)
-    contact = e.contact
-    at_contact = e.at_contact() if contact and abs(contact.above) > contact.allowed else e
-    told, mended = attitude(at_contact)
+    told, left, cell, is_known = attitude(placed)
     for moves in zero_that_moves(e):
-        if (
-            told is None
-            or told.ok
-            or moves.evidence["left"] < told.evidence["left"] / told.evidence["own"]
-        ):
+        if told is None or told.ok or moves.evidence["left"] < left:
             yield moves
             return
-    if told is not None and told.name in OF_POSES:
+    if told and told.name in OF_POSES:
         yield told
         return
-    cell = mended or at_contact
-    yield surface(
-        e, cell.settings.surface_height if contact else None, contact.allowed if contact else 0.0
-    )
-    if told is not None:
+    yield surface(e, contact, cell.settings.surface_height)
+    if told:
         yield told
-    yield from zero(cell)
-    if mended is None:
+    in_air = list(zero(cell))
+    yield from in_air
+    if not is_known:
         return
     missing = [*push(cell), *saturation(cell)]
     yield from missing
     if missing:
         return
     yield from delay_of_load_cell(cell)
-    yield from torque(cell)
+    if not any(finding.name == "units of torque" for finding in in_air):
+        yield from torque(cell)
     yield from strength(cell)

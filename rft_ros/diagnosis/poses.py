@@ -5,6 +5,7 @@ from collections.abc import Iterator
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.diagnosis.contact import Contact
 from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence
 from rft_ros.diagnosis.finding import Finding
 from rft_ros.estimator import NOISY, PoseNoise, PoseSample, sentence_on
@@ -119,33 +120,26 @@ def repeated_poses(e: Evidence) -> Iterator[Finding]:
     )
 
 
-def surface(e: Evidence, height: float | None, allowed: float) -> Finding:
-    """`surface_height` against the height [m] at which the measured force begins, None if it was not seen.
-
-    `allowed`: the greatest error of that [m].
-    """
+def surface(e: Evidence, contact: Contact | None, height: float) -> Finding:
+    """`surface_height` against the `height` [m] at which the measured force begins, if the contact was seen."""
     given = e.settings.surface_height
-    if height is None:
+    if contact is None:
         known = "surface_height" in e.named
-        said = f"{given:g} m" if known else f"{given:g} m, the default, since it is not set"
         return Finding(
             name="surface_height",
             ok=known,
-            said=said,
+            said=f"{given:g} m" if known else f"{given:g} m, the default, since it is not set",
             advice="" if known else "measure it, or run rft calibrate",
         )
     above = height - given
-    if abs(above) <= allowed:
-        said = f"{given:g} m; the measured force begins within {1e3 * allowed:.0f} mm of it"
-        return Finding(name="surface_height", ok=True, said=said)
+    if abs(above) <= contact.allowed:
+        within = f"the measured force begins within {1e3 * contact.allowed:.0f} mm of it"
+        return Finding(name="surface_height", ok=True, said=f"{given:g} m; {within}")
     side = "above" if above > 0.0 else "below"
-    said = (
-        f"the measured force begins {{millimetres:.0f}} mm {side} where it should with {given:g} m"
-    )
-    evidence = {"millimetres": 1e3 * abs(above)}
+    begins = f"the measured force begins {{millimetres:.0f}} mm {side} where it should"
     return Finding(
         name="surface_height",
-        said=said,
-        evidence=evidence,
+        said=f"{begins} with {given:g} m",
+        evidence={"millimetres": 1e3 * abs(above)},
         remedy={"surface_height": round(height, 4)},
     )

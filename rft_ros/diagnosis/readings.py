@@ -6,11 +6,13 @@ from itertools import product
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rft_ros.diagnosis.attitude import LEAST_ZETA, MOST_ZETA, mesh_turns, mount, residual, zeta_of
-from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Array, Evidence, cross
+from rft_ros.diagnosis.air import cross, noise
+from rft_ros.diagnosis.attitude import fewer, mesh_turns, mount
+from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Array, Evidence
 from rft_ros.diagnosis.finding import Finding, in_words
+from rft_ros.diagnosis.residual import LEAST_ZETA, MOST_ZETA, is_dry, residual, zeta_of
 from rft_ros.parameters import Value
-from rft_ros.rft import FORCE, TORQUE
+from rft_ros.rft import TORQUE
 from rft_ros.rft.frames import Placement
 
 _WEAKEST = 0.5  # measured over predicted: beds differ by less once they are calibrated
@@ -18,7 +20,6 @@ _STRONGEST = 2.0
 _UNITS = {"kgf": 9.80665, "lbf": 4.44822, "kN": 1e3, "mN": 1e-3, "gf": 9.80665e-3}  # N
 _TURNED_AS_GOOD = 2.0  # residual of a turned mesh over the given one's, whose ζ no dry grains have
 _SLACK = 0.002
-_FEW_ROWS = 400  # on which turned meshes are compared
 # m, and this share of the tool's size: the model does not give the lever more exactly
 _LEVER = 0.01
 _LEVER_OF_SIZE = 0.25
@@ -40,64 +41,50 @@ def saturation(e: Evidence) -> Iterator[Finding]:
 
     Readings count from the one in the air, which an offset or the tool's weight moves; without it nothing is known.
     """
-    air = e.in_air
-    wet = e.in_grains
-    if min(air.sum(), wet.sum()) < ENOUGH:
+    wet = e.at(e.in_grains)
+    if not (e.air.is_enough and wet.is_enough):
         return
-    step = np.diff(e.raw, axis=0)
-    zero = np.median(e.raw[air], axis=0)
-    noise = 1.48 * np.median(np.abs(step - np.median(step, axis=0)), axis=0) / np.sqrt(2.0)
-    weight = e.with_weight[:, FORCE] - e.force
-    weight = weight - np.median(weight[air], axis=0)  # it varies where the tool turns
+    zero = np.median(e.air.raw, axis=0)
+    noise_of_raw = noise(e.raw)
+    weight = wet.with_weight - wet.measured  # it varies where the tool turns
+    weight = weight - np.median(e.air.with_weight - e.air.measured, axis=0)
     for axis, side in product(range(3), (1.0, -1.0)):
-        reading = side * (e.raw[wet, axis] - zero[axis])
-        expected = side * (e.model[wet, axis] + weight[wet, axis])
+        reading = side * (wet.raw - zero)[:, axis]
+        expected = side * (wet.predicted + weight)[:, axis]
         top = float(np.quantile(reading, 0.995))
         below = (reading > 0.2 * top) & (reading < 0.9 * top)
-        band = max(4.0 * noise[axis], 1e-6 * abs(top))
-        at = reading >= top - band
-        if top < LEAST_FORCE or below.sum() < ENOUGH or at.sum() < ENOUGH:
+        band = max(4.0 * noise_of_raw[axis], 1e-6 * abs(top))
+        at_top = reading >= top - band
+        if top < LEAST_FORCE or min(below.sum(), at_top.sum()) < ENOUGH:
             continue
-        ratio = (reading * expected)[below].sum() / max((expected[below] ** 2).sum(), 1e-12)
-        least, low, high = np.quantile(ratio * expected[at] / top, (0.1, 0.2, 0.9))
-        if ratio > 0.0 and low > 0.9 and high > 1.15 and high - least > max(0.1, 2.0 * band / top):
+        followed = (reading * expected)[below].sum() / max((expected[below] ** 2).sum(), 1e-12)
+        beyond = followed * expected[at_top] / top
+        least, low, high = np.quantile(beyond, (0.1, 0.2, 0.9))
+        grows = low > 0.9 and high > 1.15 and high - least > max(0.1, 2.0 * band / top)
+        if followed > 0.0 and grows:
+            said = f"the force along {'xyz'[axis]} stays at {{limit:.3g}} N"
             yield Finding(
                 name="saturation",
-                said=f"the force along {'xyz'[axis]}"
-                + " stays at {limit:.3g} N; the model's grows to {beyond:.2g} times it",
-                evidence={
-                    "limit": side * top + zero[axis],
-                    "beyond": float(ratio * expected[at].max() / top),
-                },
+                said=f"{said}; the model's grows to {{beyond:.2g}} times it",
+                evidence={"limit": side * top + zero[axis], "beyond": float(beyond.max())},
                 advice="set a larger range in the load cell or its driver, or press less",
             )
-
-
-def _torques(e: Evidence) -> tuple[Array, Array] | None:
-    """Measured and expected torque [N m] at the pushes; None without torque, or without readings in the air.
-
-    Expected is that of the measured force, where the model's acts: the strength of the grains has no part in it.
-    """
-    if e.in_air.sum() < ENOUGH or not np.any(e.measured[:, TORQUE] != e.measured[:1, TORQUE]):
-        return None
-    model, force = e.push
-    tool = np.array(Placement(e.load_cell.position, e.load_cell.quaternion).inverse().position)
-    about_tool = e.predicted[e.pushed, TORQUE] - np.cross(tool, model)
-    square = np.maximum((model**2).sum(axis=1, keepdims=True), 1e-12)
-    place = tool + np.cross(model, about_tool) / square
-    return e.clean[e.pushed, TORQUE], np.cross(place, force)
 
 
 def torque(e: Evidence) -> Iterator[Finding]:
     """Another place of the sensor, or a torque in N mm beside a force in N.
 
-    The place is fitted to half of the moments, and judged on the other. It must explain what neither a wrong weight of
-    the tool does nor the noise, which the measured force has, too.
+    Expected is the torque of the measured force, where the model's acts: the strength of the grains has no part in it.
     """
-    both = _torques(e)
-    if both is None or not all(finding.ok for finding in mount(e)):
+    has_torque = np.any(e.measured[:, TORQUE] != e.measured[:1, TORQUE])
+    if not (e.air.is_enough and has_torque and all(finding.ok for finding in mount(e))):
         return
-    measured, expected = both
+    model = e.push.model
+    tool = np.array(Placement(e.load_cell.position, e.load_cell.quaternion).inverse().position)
+    about_tool = e.push.predicted[:, TORQUE] - np.cross(tool, model)
+    square = np.maximum((model**2).sum(axis=1, keepdims=True), 1e-12)
+    expected = np.cross(tool + np.cross(model, about_tool) / square, e.push.force)
+    measured = e.push.measured[:, TORQUE]
     found = list(_lever(e, measured - expected))
     yield from found
     ratio = float((measured * expected).sum() / max((expected**2).sum(), 1e-12))
@@ -112,19 +99,21 @@ def torque(e: Evidence) -> Iterator[Finding]:
 
 
 def _lever(e: Evidence, missing: Array) -> Iterator[Finding]:
-    """The place of the sensor that explains a missing torque [N m], shape [m, 3]."""
-    force = e.push[1]
-    of_shift = cross(force).reshape(-1, 3)
-    of_weight = cross(e.down[e.pushed]).reshape(-1, 3)
+    """The place of the sensor that explains a missing torque [N m], shape [m, 3].
+
+    It is fitted to half of the moments, and judged on the other. It must explain what neither a wrong weight of the
+    tool does nor the noise, which the measured force has, too.
+    """
+    of_weight = cross(e.push.down).reshape(-1, 3)
 
     def without_weight(part: Array) -> Array:
         return np.asarray(part - of_weight @ np.linalg.lstsq(of_weight, part, rcond=None)[0])
 
     rest = without_weight(missing.ravel())
-    of_shift = without_weight(of_shift)
-    noise = 0.5 * (np.diff(rest.reshape(-1, 3), axis=0) ** 2).sum()
-    part = np.repeat(np.arange(len(force)) // ENOUGH % 2 == 0, 3)
-    if part.all() or noise > _NOISE_OF_LEVER * (rest**2).sum():
+    of_shift = without_weight(cross(e.push.force).reshape(-1, 3))
+    scatter = 0.5 * (np.diff(rest.reshape(-1, 3), axis=0) ** 2).sum()
+    part = np.repeat(np.arange(len(missing)) // ENOUGH % 2 == 0, 3)
+    if part.all() or scatter > _NOISE_OF_LEVER * (rest**2).sum():
         return
     shift = np.linalg.lstsq(of_shift[part], rest[part], rcond=0.1)[0]
     left = ((rest - of_shift @ shift)[~part] ** 2).sum() / max((rest[~part] ** 2).sum(), 1e-12)
@@ -134,18 +123,18 @@ def _lever(e: Evidence, missing: Array) -> Iterator[Finding]:
     turned = Rotation.from_quat(e.load_cell.quaternion).apply(shift)
     place = tuple(np.round(np.array(e.load_cell.position) + turned, 3).tolist())
     remedy: dict[str, Value] = {"sensor.position": place}
-    advice = ""
+    advice = []
     if e.place_parameter:
         remedy = {}
-        advice = f"correct {e.place_parameter} to the position {in_words(place)}"
+        advice.append(f"correct {e.place_parameter} to the position {in_words(place)}")
     if np.linalg.cond(of_shift[part]) > 10.0:
-        advice = "; ".join(filter(None, [advice, "mind that it is not known along the force"]))
+        advice.append("mind that it is not known along the force")
     yield Finding(
         name="lever",
         said="a sensor {millimetres:.0f} mm away explains the torque; {left:.0f} % of the misfit remain",
         evidence={"millimetres": 1e3 * moved, "left": 100.0 * float(np.sqrt(left))},
         remedy=remedy,
-        advice=advice,
+        advice="; ".join(advice),
     )
 
 
@@ -161,12 +150,11 @@ def strength(e: Evidence) -> Iterator[Finding]:
     unit = min(_UNITS, key=lambda name: abs(np.log(max(ratio, 1e-9) * _UNITS[name])))
     like = f" (as if it were {unit})" if 0.4 < ratio * _UNITS[unit] < 2.5 else ""
     remedy: Mapping[str, Value] = {"medium.zeta": zeta}
-    if not LEAST_ZETA <= zeta <= MOST_ZETA:
+    if not is_dry(zeta):
         said += f", a ζ of {{zeta:.2g}}; dry grains have {LEAST_ZETA:g} to {MOST_ZETA:g}"
-        few = e.thinned(_FEW_ROWS)
-        turns = [
-            x for x in mesh_turns(few) if x.residual <= _TURNED_AS_GOOD * residual(few) + _SLACK
-        ]
+        few = fewer(e)
+        most = _TURNED_AS_GOOD * residual(few) + _SLACK
+        turns = [x for x in mesh_turns(few) if x.residual <= most]
         remedy = min(turns, key=lambda x: x.residual).remedy if turns else {}
     yield Finding(
         name="strength",

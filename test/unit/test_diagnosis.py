@@ -33,7 +33,7 @@ NOISE = np.random.default_rng(3).standard_normal(LOADS.shape) * (
     2e-4,
 )
 SOURCES = st.sampled_from(["topic", "pose_difference"])
-few = settings(max_examples=5, deadline=None)
+few = settings(max_examples=3, deadline=None)
 
 
 def faults(*, states=STATES, readings=LOADS, **more):
@@ -52,7 +52,7 @@ def named(found):
     st.floats(-0.002, 0.002),
     SOURCES,
 )
-@settings(max_examples=12, deadline=None)
+@settings(max_examples=6, deadline=None)
 def test_a_right_cell_in_other_grains_than_the_models_needs_nothing(
     strength, noise, length, above, source
 ):
@@ -214,7 +214,7 @@ def in_world(states, turn):
 
 
 @given(st.sampled_from([8.0, 15.0, 30.0, 90.0, 180.0]), st.floats(0.0, 6.28))
-@settings(max_examples=6, deadline=None)
+@settings(max_examples=4, deadline=None)
 def test_a_world_frame_that_does_not_point_up_is_the_only_thing_named(degrees, way):
     way = np.pi / 2.0 * np.round(way / (np.pi / 2.0)) if degrees > 45.0 else way
     turn = Rotation.from_rotvec(np.radians(degrees) * np.array([np.cos(way), np.sin(way), 0.0]))
@@ -287,7 +287,7 @@ def test_friction_in_the_air_is_a_zero_that_moves_and_nothing_else(share, source
 
 
 @given(st.floats(0.3, 3.0), st.one_of(st.none(), st.integers(150, 900)))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 def test_a_zero_that_drifts_or_steps_is_named_with_its_size(change, row):
     course = np.linspace(0.0, 1.0, len(LOADS)) if row is None else np.arange(len(LOADS)) >= row
     (said,) = faults(readings=LOADS + NOISE + change * course[:, None] * (0, 0, 1, 0, 0, 0))
@@ -304,7 +304,7 @@ def test_a_clipped_load_cell_is_saturated(share):
 
 
 @given(seeds)
-@settings(max_examples=3, deadline=None)
+@settings(max_examples=2, deadline=None)
 def test_a_reading_in_world_axes_is_told_from_a_turned_cell_at_any_attitude(seed):
     states = STATES.copy()
     states[:, QUATERNION] = Rotation.from_rotvec(np.radians(120.0) * axis(seed)).as_quat()
@@ -356,7 +356,7 @@ PITCHING = list(virtual_arm.moments(10.0))
 
 
 @given(st.floats(0.0, 3.3), st.floats(5.0, 10.0), st.sampled_from([0.0, 0.35]))
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 def test_an_untared_cell_on_a_tool_that_pitches_needs_a_tare_only(start, end, mass):
     """In other grains than the model's, which get harder, from any moment in the air; also without the tool's mass."""
     times, states, readings = zip(

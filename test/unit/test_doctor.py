@@ -248,7 +248,7 @@ def of_cell_with_delays(delays):
 @given(st.lists(st.floats(0.0, 0.95), min_size=3, max_size=20))
 # half of the messages are late by more than max_input_age, and some come in time
 @example([0.8, 0.7, 0.9])
-@settings(max_examples=8, deadline=None)
+@settings(max_examples=4, deadline=None)
 def test_messages_that_a_busy_machine_delays_are_no_fault_of_the_clocks_or_of_the_cell(stops):
     """It stands still for so long [s] once in a second, and then takes all that has come meanwhile."""
     delays = np.concatenate([np.maximum(stop - 0.01 * np.arange(100), 0.001) for stop in stops])
