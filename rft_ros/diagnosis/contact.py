@@ -96,7 +96,7 @@ def _descent(e: Evidence) -> Indices:
     deepest_later = np.maximum.accumulate(e.depth[::-1])[::-1]
     way = np.arange(int((deepest_later - e.depth).argmax()), len(e.depth))
     way = way[np.diff(np.maximum.accumulate(e.depth[way]), prepend=-np.inf) > 0.0]
-    return way[e.down[way] @ e.down[way[-1]] > _ALIKE]
+    return np.asarray(way[e.down[way] @ e.down[way[-1]] > _ALIKE])
 
 
 def _onset(force: Array, share: float) -> int | None:
