@@ -1,6 +1,8 @@
 """What a calibration doubts: recordings that would become wrong numbers that look right.
 
-Recordings that no arm and no load cell can give are refused. The others are judged by `rft_ros.diagnosis`.
+Recordings that no load cell can give are refused before any fit, and repeated poses are left out. The others are judged
+by `rft_ros.diagnosis`: of its findings some refuse a recording, those that a fit mends are dropped, and the rest are
+warnings.
 """
 
 from dataclasses import replace
@@ -44,22 +46,19 @@ def refuse_implausible(track: Track) -> None:
         limit = f"the limit is {_LARGEST:g}; check the driver and its unit"
         raise InputError(f"{track.name} has a load-cell reading of {largest:g} N or N m; {limit}")
     steps = np.linalg.norm(np.diff(track.states[:, POSITION], axis=0), axis=1)
-    path = float(steps.sum())
     changes = np.flatnonzero((np.diff(track.readings, axis=0) != 0.0).any(axis=1)) + 1
     edges = [0, *changes.tolist(), len(track.time)]
-    frozen_path, start = max((float(steps[a : b - 1].sum()), a) for a, b in pairwise(edges))
-    if path > 0.0 and frozen_path > _FROZEN * path:
+    frozen, start = max((float(steps[a : b - 1].sum()), a) for a, b in pairwise(edges))
+    share = frozen / max(float(steps.sum()), 1e-12)
+    if share > _FROZEN:
         reading = track.readings[start]
-        wrong = (
-            "reads 0 N and 0 N m"
-            if not reading.any()
-            else f"repeats one reading ({reading[2]:g} N along its z)"
+        along_z = f"repeats one reading ({reading[2]:g} N along its z)"
+        wrong = along_z if reading.any() else "reads 0 N and 0 N m"
+        where = f"from {track.time[start]:.1f} s on, over {100.0 * share:.0f} % of the tool's path"
+        advice = (
+            "check that its driver runs and that ~/wrench_measured is its topic, then record again"
         )
-        share = 100.0 * frozen_path / path
-        raise InputError(
-            f"{track.name}: the load cell {wrong} from {track.time[start]:.1f} s on, over {share:.0f} % of the"
-            " tool's path; check that its driver runs and that ~/wrench_measured is its topic, then record again"
-        )
+        raise InputError(f"{track.name}: the load cell {wrong} {where}; {advice}")
 
 
 def without_repeats(track: Track) -> Track:
@@ -71,9 +70,7 @@ def without_repeats(track: Track) -> Track:
     if often <= REPEATED:
         return track
     new = np.isin(np.arange(len(track.time)), changed)
-    moves = np.append(np.append(False, moving), False)[
-        np.cumsum(new)
-    ]  # between two changes that follow each other
+    moves = np.pad(moving, 1)[np.cumsum(new)]  # between two changes that follow each other
     rows = np.flatnonzero(new | ~moves)
     return replace(
         track, time=track.time[rows], states=track.states[rows], readings=track.readings[rows]

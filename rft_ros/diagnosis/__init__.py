@@ -13,7 +13,7 @@ from rft_ros.diagnosis.attitude import OF_POSES, attitude, mount
 from rft_ros.diagnosis.contact import at_contact, contact_of, height_above, predicted
 from rft_ros.diagnosis.delay import delay_of_load_cell
 from rft_ros.diagnosis.evidence import Evidence, evidence_of
-from rft_ros.diagnosis.finding import Finding, in_words
+from rft_ros.diagnosis.finding import Finding
 from rft_ros.diagnosis.poses import (
     REPEATED,
     noise_of_poses,
@@ -37,7 +37,6 @@ __all__ = [
     "columns_in_air",
     "evidence_of",
     "fit_in_air",
-    "in_words",
     "judge",
     "predicted",
     "repeats",

@@ -1,4 +1,8 @@
-"""Whether the stamps of the load cell differ from those of the poses by a constant delay, or its driver is slow."""
+"""Whether the stamps of the load cell differ from those of the poses by a constant delay, or its driver is slow.
+
+`rft_ros.calibration.delay` fits the delay beside λ, to turns with rests around them. Here neither λ nor the strength of
+the grains is known, and some seconds of live messages with gaps must do: so a grid of delays, on which the events vote.
+"""
 
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple
@@ -13,9 +17,7 @@ Rows = NDArray[np.int64]
 
 _LONGEST = 0.25  # s
 _DELAYS = np.linspace(-_LONGEST, _LONGEST, 251)  # that are tried
-_LAGS = np.linspace(0.0, 0.2, 41)[
-    1:
-]  # time constants of a filter of first order that are tried [s]
+_LAGS = np.linspace(0.005, 0.2, 40)  # time constants of a filter that are tried [s]
 _WINDOW = 0.4  # s before and after a change of the motion
 _SHARP = 0.05  # s in which such a change takes place
 _LEAST = 0.012  # s: a smaller delay is not told from the time between two samples

@@ -132,22 +132,23 @@ def _clock_findings(arrivals: _Arrivals, *, limit: float, live: bool) -> Iterato
         advice += "" if live else ", or use the part before or after it with --start or --end"
         yield Finding(name="clock", said=said, advice=advice)
     if any(delayed(part, limit) for part in parts):
-        least = 1e3 * ages.min()
-        most = 1e3 * ages.max()
-        if live:
-            said = f"messages on {topic} arrive {least:.0f} to {most:.0f} ms after their stamps"
-            busy = "this machine is too busy to judge, or the driver sends in bursts"
-            yield Finding(
-                name="machine", said=f"{said}: {busy}", advice="end other work, and run again"
-            )
-        else:
-            said = f"messages on {topic} were recorded {least:.0f} to {most:.0f} ms after their stamps"
-            cause = "the recorder or the network was behind, or the driver sends in bursts"
-            yield Finding(
-                name="recording",
-                said=f"{said}: {cause}",
-                advice="record again, on a machine with less work",
-            )
+        arrive = "arrive" if live else "were recorded"
+        spread = f"{1e3 * ages.min():.0f} to {1e3 * ages.max():.0f} ms after their stamps"
+        busy = (
+            "this machine is too busy to judge"
+            if live
+            else "the recorder or the network was behind"
+        )
+        on_less = (
+            "end other work, and run again"
+            if live
+            else "record again, on a machine with less work"
+        )
+        yield Finding(
+            name="machine" if live else "recording",
+            said=f"messages on {topic} {arrive} {spread}: {busy}, or the driver sends in bursts",
+            advice=on_less,
+        )
 
 
 def _clock_step(arrivals: _Arrivals, limit: float) -> int | None:
@@ -225,7 +226,8 @@ class Checkup:
         poses = np.array(self._poses).reshape(-1, 8)
         evidence = evidence_of(rows, self._estimator, poses=poses)
         evidence = replace(evidence, named=self._cell.named, tare=self._tare, complete=whole)
-        found = [*late, *self._of_inputs(), *self._of_frames()]
+        inputs = [self._of_input(role, topic) for role, topic in self._cell.topics.items()]
+        found = [*late, *inputs, *self._of_frames()]
         if not any(finding.name == "clock" for finding in late):
             found += judge(evidence)
         if whole:
@@ -253,64 +255,48 @@ class Checkup:
                 for arrivals in self._arrivals(role).values():
                     yield from _clock_findings(arrivals, limit=limit, live=self._live)
 
-    def _of_inputs(self) -> Iterator[Finding]:
-        limit = self._estimator.settings.max_input_age
-        for role, topic in self._cell.topics.items():
-            heard = self._heard[role]
-            if not heard:
-                remedy = {"twist_source": "pose_difference"} if role == "twist" else {}
-                nothing = f"nothing on {topic}"
-                yield Finding(
-                    name=role,
-                    ok=role == "surface",
-                    said=nothing,
-                    remedy=remedy,
-                    advice=_ADVICE[role],
-                )
-                continue
-            unstamped = sum(1 for message in heard if message.stamp <= 0)
-            if unstamped:
-                said = f"{unstamped} messages on {topic} have no stamp"
-                yield Finding(name=role, said=said, advice="the driver must set it")
-                continue
-            senders = self._arrivals(role)
-            off = [
-                (child, age)
-                for child, sent in senders.items()
-                if abs(age := _age_of(sent.ages)) > limit
-            ]
-            wrong = [(child, age) for child, age in off if not self._is_harmless(role, age)]
-            if wrong:
-                child, age = wrong[0]
-                of = f" of '{child}'" if child else ""
-                side = "old" if age > 0.0 else "ahead"
-                said = f"stamps{of} on {topic} are {abs(age):.3g} s {side} when they arrive, over max_input_age"
-                yield Finding(
-                    name=role, said=f"{said} {limit:g} s", advice="synchronise the clocks"
-                )
-                continue
-            seconds = (heard[-1].arrival - heard[0].arrival) * 1e-9
-            arrivals = len({message.arrival for message in heard}) if role == "tf" else len(heard)
-            rate = f"{(arrivals - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
-            named = " and ".join(sorted({message.frame for message in heard}))
-            frame = f", frame {named}" if named else ""
-            ages = np.concatenate([sent.ages for sent in senders.values()])
-            ahead = "".join(
-                f"; '{child}' is dated {-age:.2g} s ahead, as it may be"
-                for child, age in off
-                if child
+    def _of_input(self, role: Role, topic: str) -> Finding:
+        heard = self._heard[role]
+        if not heard:
+            return Finding(
+                name=role,
+                ok=role == "surface",
+                said=f"nothing on {topic}",
+                remedy={"twist_source": "pose_difference"} if role == "twist" else {},
+                advice=_ADVICE[role],
             )
-            said = f"{rate} on {topic}{frame}, stamps {1e3 * np.median(ages):.0f} ms old{ahead}"
-            yield Finding(name=role, ok=True, said=said)
+        unstamped = sum(1 for message in heard if message.stamp <= 0)
+        if unstamped:
+            said = f"{unstamped} messages on {topic} have no stamp"
+            return Finding(name=role, said=said, advice="the driver must set it")
+        limit = self._estimator.settings.max_input_age
+        ages = {child: _age_of(sent.ages) for child, sent in self._arrivals(role).items()}
+        ahead = ""
+        for child, age in ages.items():
+            of = f" of '{child}'" if child else ""
+            if abs(age) > limit and not self._is_harmless(role, age):
+                side = "old" if age > 0.0 else "ahead"
+                off = f"stamps{of} on {topic} are {abs(age):.3g} s {side} when they arrive"
+                said = f"{off}, over max_input_age {limit:g} s"
+                return Finding(name=role, said=said, advice="synchronise the clocks")
+            if child and abs(age) > limit:
+                ahead += f"; '{child}' is dated {-age:.2g} s ahead, as it may be"
+        seconds = (heard[-1].arrival - heard[0].arrival) * 1e-9
+        arrivals = len({message.arrival for message in heard}) if role == "tf" else len(heard)
+        rate = f"{(arrivals - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
+        named = " and ".join(sorted({message.frame for message in heard}))
+        frame = f", frame {named}" if named else ""
+        old = 1e-6 * np.median([message.arrival - message.stamp for message in heard])
+        said = f"{rate} on {topic}{frame}, stamps {old:.0f} ms old{ahead}"
+        return Finding(name=role, ok=True, said=said)
 
     def _is_harmless(self, role: Role, age: float) -> bool:
         """Whether an offset of stamps against the times of arrival [s] changes no estimate."""
-        if role == "surface" or (
-            role == "tf" and -_AHEAD < age < 0.0
-        ):  # as of localisation with a tolerance
-            return True
+        # as of localisation with a tolerance
+        is_ahead = role == "tf" and -_AHEAD < age < 0.0
         # all messages of a recording that was played and recorded again
-        return not self._live and age > _PLAYED
+        is_played = not self._live and age > _PLAYED
+        return role == "surface" or is_ahead or is_played
 
     def _of_frames(self) -> Iterator[Finding]:
         unknown = self._estimator.unknown_frames()
