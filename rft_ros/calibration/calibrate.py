@@ -1,8 +1,8 @@
 """Fit the load cell, the surface, ζ and λ to recordings: each with its error, or why it is not identifiable.
 
-The tracks go through five steps, each a function, and are named by the last one: as sent; placed, with the place of
-the load cell and without repeated poses; aligned, by its delay; slow, without the force of the grains' inertia;
-weighed, with the bias of the load cell and the weight of the tool. Then the grains are fitted to them.
+The tracks go through steps, each a function, and are named by the last one: as sent; placed, with the place of the
+load cell and without repeated poses; aligned, by its delay; weighed, with the bias of the load cell and the weight of
+the tool. Then the grains are fitted to them, without the force of the grains' inertia.
 """
 
 import math
@@ -16,10 +16,11 @@ from rft_ros.calibration.delay import fit_delay
 from rft_ros.calibration.fitting import FitResults, NotIdentifiable
 from rft_ros.calibration.grains import GIVEN_SURFACE_ERROR, Given, fit_grains
 from rft_ros.calibration.phases import Contact, find_contacts
-from rft_ros.calibration.recorded import BedValues, recorded
+from rft_ros.calibration.recorded import BedValues, Recorded
+from rft_ros.calibration.smoothing import interpolated
 from rft_ros.calibration.suspicion import refuse_implausible, suspicions, without_repeats
 from rft_ros.calibration.tool_weight import fit_tool_weight
-from rft_ros.calibration.track import Track, moved_back
+from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.parameters import LoadCell, Settings, Values, model_of, settings_of
 from rft_ros.rft import FORCE, Law, wrenches
@@ -29,13 +30,6 @@ PARTS = ("sensor", "surface", "zeta", "mobilization")
 
 _ROUNDS = 5  # of contacts and force of inertia, each with the result of the other
 _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m] above the surface
-
-
-class _Laws(NamedTuple):
-    """The law at ζ = 1, without memory: with the inertia of the grains, and without."""
-
-    full: Law
-    slow: Law
 
 
 class _Surface(NamedTuple):
@@ -63,11 +57,11 @@ def calibrate(
         refuse_implausible(track)
     cell = _placed_cell(settings, tracks_sent)
     tracks_placed = [without_repeats(replace(track, cell=cell)) for track in tracks_sent]
-    laws = _laws_of(values, tracks_placed[0])
-    surface_placed = _surface(result, tracks_placed, laws, settings, parts)
+    law = _law_of(values, tracks_placed[0])
+    surface_placed = _surface(result, tracks_placed, law, settings, parts)
 
     length = float(values["medium.mobilization_length"])
-    law_with_memory = replace(laws.slow, mobilization_length=length)
+    law_with_memory = replace(law, density=0.0, mobilization_length=length)
     for sent, placed in zip(tracks_sent, tracks_placed, strict=True):
         result.warnings += suspicions(
             sent, placed, settings, law_with_memory, surface=surface_placed.height
@@ -78,28 +72,27 @@ def calibrate(
     if "sensor" in parts:
         with result.or_reason("sensor.delay"):
             tracks_aligned, delay_error = _aligned(
-                result, tracks_placed, laws, surface_placed, settings
+                result, tracks_placed, law, surface_placed, settings
             )
-    surface = _surface(result, tracks_aligned, laws, settings, parts)
-    tracks_slow = [_without_inertia(track, laws, surface.height) for track in tracks_aligned]
-    tracks_weighed = tracks_slow
+    surface = _surface(result, tracks_aligned, law, settings, parts)
+    tracks_weighed = tracks_aligned
     zero_error = 0.0
     if "sensor" in parts:
         with result.or_reason("sensor.bias"):
             weighed_cell, zero_error = fit_tool_weight(
-                result, tracks_slow, air=surface.air + _CLEAR
+                result, tracks_aligned, air=surface.air + _CLEAR
             )
-            tracks_weighed = [replace(track, cell=weighed_cell) for track in tracks_slow]
+            tracks_weighed = [replace(track, cell=weighed_cell) for track in tracks_aligned]
 
     given = Given(
-        values=BedValues(settings.surface_height, math.log(length) if length > 0.0 else -math.inf),
+        values=BedValues(surface.height, math.log(length) if length > 0.0 else -math.inf),
         surface_error=0.0 if surface.contacts or "surface" not in parts else GIVEN_SURFACE_ERROR,
         zero_error=zero_error,
         delay_error=delay_error,
     )
     fit_grains(
         result,
-        [recorded(track, laws.slow, surface=surface.air) for track in tracks_weighed],
+        _recordings(tracks_weighed, law, surface),
         contacts=surface.contacts if "surface" in parts else (),
         given=given,
         parts=parts,
@@ -129,24 +122,38 @@ def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
     )
 
 
-def _laws_of(values: Values, track: Track) -> _Laws:
+def _law_of(values: Values, track: Track) -> Law:
+    """The law at ζ = 1, without memory."""
     # only the law of this model is used, so any tool will do; fits assume level ground
     at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
-    full = replace(model_of(at_one, tool=track.tool).law, mobilization_length=0.0)
-    return _Laws(full=full, slow=replace(full, density=0.0))
+    return replace(model_of(at_one, tool=track.tool).law, mobilization_length=0.0)
+
+
+def _recordings(tracks: Sequence[Track], law: Law, surface: _Surface) -> list[Recorded]:
+    """The tracks without the force of the grains' inertia."""
+    slow = replace(law, density=0.0)
+    return [
+        Recorded(
+            track=_without_inertia(track, law, surface.height),
+            law=slow,
+            states=track.states,
+            air=surface.air,
+        )
+        for track in tracks
+    ]
 
 
 def _surface(
     result: FitResults,
     tracks: Sequence[Track],
-    laws: _Laws,
+    law: Law,
     settings: Settings,
     parts: Collection[str],
 ) -> _Surface:
     """The surface from the first contacts, or the given one if there are none or it is not to be fitted."""
     given = settings.surface_height
     try:
-        contacts = _contacts(tracks, laws)
+        contacts = _contacts(tracks, law)
     except NotIdentifiable as reason:
         if "surface" in parts:
             result.not_identifiable["surface_height"] = str(reason)
@@ -160,45 +167,46 @@ def _mean_height(contacts: Sequence[Contact]) -> float:
     return float(np.mean([contact.surface for contact in contacts]))
 
 
-def _contacts(tracks: Sequence[Track], laws: _Laws) -> list[Contact]:
+def _contacts(tracks: Sequence[Track], law: Law) -> list[Contact]:
     """The first contacts; the force of inertia and the surface depend on each other, so they are found in turns.
 
     Raises NotIdentifiable if there are none.
     """
-    contacts = find_contacts(tracks, laws.slow)
-    for _ in range(_ROUNDS - 1 if laws.full.has_inertia else 0):
-        tracks_slow = [_without_inertia(track, laws, _mean_height(contacts)) for track in tracks]
-        contacts = find_contacts(tracks_slow, laws.slow)
+    slow = replace(law, density=0.0)
+    contacts = find_contacts(tracks, slow)
+    for _ in range(_ROUNDS - 1 if law.has_inertia else 0):
+        tracks_slow = [_without_inertia(track, law, _mean_height(contacts)) for track in tracks]
+        contacts = find_contacts(tracks_slow, slow)
     return contacts
 
 
-def _without_inertia(track: Track, laws: _Laws, surface: float) -> Track:
+def _without_inertia(track: Track, law: Law, surface: float) -> Track:
     """The recording without the force of the grains' inertia, which ζ does not scale; surface at this height [m]."""
-    if not laws.full.has_inertia:
+    if not law.has_inertia:
         return track
     full, slow = (
-        wrenches(track.tool.plates, law, track.states, surface_height=surface) for law in laws
+        wrenches(track.tool.plates, each, track.states, surface_height=surface)
+        for each in (law, replace(law, density=0.0))
     )
     force = np.einsum("nji,nj->ni", track.sensor_rotations, (full - slow)[:, FORCE])
-    return replace(
-        track, readings=track.readings - track.cell.sign * np.pad(force, ((0, 0), (0, 3)))
-    )
+    readings = track.readings.copy()
+    readings[:, FORCE] -= track.cell.sign * force
+    return replace(track, readings=readings)
 
 
 def _aligned(
-    result: FitResults, tracks: Sequence[Track], laws: _Laws, surface: _Surface, settings: Settings
+    result: FitResults, tracks: Sequence[Track], law: Law, surface: _Surface, settings: Settings
 ) -> tuple[list[Track], float]:
     """The tracks with the readings of each pose's moment, and the standard error of the load cell's delay [s].
 
     Raises NotIdentifiable if no turn determines the delay.
     """
     given = settings.load_cell.delay
-    tracks_slow = [_without_inertia(track, laws, surface.height) for track in tracks]
-    recordings = [recorded(track, laws.slow, surface=surface.air) for track in tracks_slow]
-    delay = fit_delay(recordings, surface.height, given=given)
+    delay = fit_delay(_recordings(tracks, law, surface), surface.height, given=given)
     result.fitted.append(delay)
     late = delay.values[0] - given
     aligned = [
-        replace(track, readings=moved_back(track.time, track.readings, late)) for track in tracks
+        replace(track, readings=interpolated(track.time + late, track.time, track.readings))
+        for track in tracks
     ]
     return aligned, delay.errors[0]

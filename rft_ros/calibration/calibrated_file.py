@@ -41,17 +41,15 @@ def write_calibrated(
     for fit in result.fitted:
         numbers = _rounded_values(fit)
         parameters[fit.name] = numbers if len(numbers) > 1 else numbers[0]
-        if (
-            fit.name == "medium.zeta"
-        ):  # of another bed of the same grains, and of each tool that was recorded
+        if fit.name == "medium.zeta":
+            # of another bed of the same grains, and of each tool that was recorded
             relative = max(fit.errors[0] / fit.values[0], _BEDS_DIFFER, fit.spread)
-            parameters["medium.zeta_error"] = float(f"{relative:.3g}")
+            parameters["medium.zeta_error"] = _short(relative)
         if fit.name == "sensor.bias":
             _remove_tare(tree)
-    if result.motions:
-        parameters["medium.calibrated_motions"] = ", ".join(
-            m.kind for m in result.motions if m.kind in MOTIONS
-        )
+    kinds = [motion.kind for motion in result.motions if motion.kind in MOTIONS]
+    if kinds:
+        parameters["medium.calibrated_motions"] = ", ".join(kinds)
     tree[SECTION] = {"ros__parameters": _record(result, tracks)}
     comment = f"{source.name} calibrated by rft calibrate; bags, sources and standard errors: {SECTION} below."
     write_yaml(file, "calibrated file", tree, [comment])
@@ -76,28 +74,32 @@ def _remove_tare(tree: dict[str, dict[str, dict[str, Any]]]) -> None:
 
 def _record(result: FitResults, tracks: Iterable[Track]) -> dict[str, Any]:
     """What was fitted to which bags. ROS cannot read empty lists, so these are left out."""
-    record: dict[str, Any] = {"bags": [f"{track.name} ({_date(track)})" for track in tracks]}
-    if result.fitted:
-        record["fitted"] = {fit.name.replace(".", "_"): _entry(fit) for fit in result.fitted}
-    if result.not_identifiable:
-        record["not_identifiable"] = [
-            f"{name}: {why}" for name, why in result.not_identifiable.items()
-        ]
-    if result.motions:
-        record["motions"] = {motion.kind: _motion(motion) for motion in result.motions}
-    if result.warnings:
-        record["warnings"] = result.warnings
-    return record
+    names = [f"{track.name} ({_date(track)})" for track in tracks]
+    fits = {fit.name.replace(".", "_"): _entry(fit) for fit in result.fitted}
+    reasons = [f"{name}: {why}" for name, why in result.not_identifiable.items()]
+    motions = {motion.kind: _motion(motion) for motion in result.motions}
+    record = {
+        "bags": names,
+        "fitted": fits,
+        "not_identifiable": reasons,
+        "motions": motions,
+        "warnings": result.warnings,
+    }
+    return {name: entries for name, entries in record.items() if entries}
 
 
 def _motion(motion: MotionFit) -> dict[str, float]:
     """The ζ that a kind of motion alone would have, and the error with the written one [N]."""
     return {
         "zeta": rounded(motion.zeta, motion.error),
-        "standard_error": float(f"{motion.error:.3g}"),
-        "rms": float(f"{motion.rms:.3g}"),
-        "peak": float(f"{motion.peak:.3g}"),
+        "standard_error": _short(motion.error),
+        "rms": _short(motion.rms),
+        "peak": _short(motion.peak),
     }
+
+
+def _short(number: float) -> float:
+    return float(f"{number:.3g}")
 
 
 def _date(track: Track) -> str:
@@ -107,7 +109,7 @@ def _date(track: Track) -> str:
 def _entry(fit: FittedValue) -> dict[str, Any]:
     return {
         "value": _rounded_values(fit),
-        "standard_error": [float(f"{error:.3g}") for error in fit.errors],
+        "standard_error": [_short(error) for error in fit.errors],
         "unit": fit.unit,
         "goodness": fit.goodness,
         "source": fit.source,

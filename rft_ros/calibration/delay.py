@@ -34,14 +34,10 @@ def _part_of(recording: Recorded, turn: Turn) -> Part:
     until = np.abs(moving[after] - time[within])
     rows = within[np.minimum(since, until) <= LATEST]
     if len(rows) < FEWEST or np.diff(time[about]).max() > GAP:
-        where = turn.where(recording.track)
         raise NotIdentifiable(
-            f"{where}: {len(rows)} samples around a turn; the delay needs {FEWEST} without a gap"
+            f"{turn.where}: {len(rows)} samples around a turn; the delay needs {FEWEST} without a gap"
         )
-    ahead = int(about[-1] - rows[-1])
-    return Part(
-        recording=recording, first=turn.first, rows=rows, axes=FORCE, zeros=True, ahead=ahead
-    )
+    return Part(recording=recording, first=turn.first, rows=rows, axes=FORCE, zeros=True)
 
 
 def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Measurement, float]:
@@ -52,12 +48,12 @@ def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Me
     # where the turn lies
     between_poses = float(np.median(np.diff(recording.track.time[part.rows]))) / 12.0**0.5
     by_friction = found.by_force(recording.friction)
-    error = float(np.linalg.norm([found.error, _RESOLUTION, between_poses, by_friction]))
+    error = float(np.linalg.norm([found.fit.error, _RESOLUTION, between_poses, by_friction]))
     misfit = found.fit.rms / max(float(np.ptp(part.observed, axis=0).max()), 1e-300)
     sure = error < _UNSURE and abs(found.value) < LATEST - error
     if not (sure and misfit < MOST_UNLIKE and found.scale > 0.0):
         raise NotIdentifiable(
-            f"{turn.where(recording.track)}: the fitted delay is {found.value:.3f} ± {error:.2g} s with a residual of"
+            f"{turn.where}: the fitted delay is {found.value:.3f} ± {error:.2g} s with a residual of"
             f" {100.0 * misfit:.0f} % of the force's range; its error must be below {_UNSURE:g} s, and the residual"
             f" below {100.0 * MOST_UNLIKE:.0f} %"
         )

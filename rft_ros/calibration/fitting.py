@@ -11,7 +11,7 @@ from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.optimize import least_squares
+from scipy.optimize import Bounds, minimize
 from scipy.signal import lfilter
 
 from rft_ros.errors import InputError
@@ -19,8 +19,8 @@ from rft_ros.parameters import checked
 
 Array = NDArray[np.float64]
 
-_MOST_STEPS = 12  # of least squares
-_CONVERGED = 1e-4  # relative change of the squares or the parameters at which least squares end
+_FIRST = 2.0  # steps from the best start that are tried first
+_CONVERGED = 0.2  # of a step
 _WIDEST = 0.1  # greatest step for derivatives, relative to the range of a parameter
 _MOST_ALIKE = 0.97  # greatest correlation of successive samples of noise; at 1 the variance of a mean is unbounded
 _SMOOTH = 0.999  # the same, where the whole series is one misfit
@@ -62,9 +62,14 @@ class FittedValue:
     source: str
     spread: float = 0.0
 
+    @property
+    def taken(self) -> float | tuple[float, ...]:
+        """As the parameter takes it."""
+        return self.values if len(self.values) > 1 else self.values[0]
+
     def __post_init__(self) -> None:
         try:
-            checked(self.name, self.values if len(self.values) > 1 else self.values[0])
+            checked(self.name, self.taken)
         except InputError as error:
             raise NotIdentifiable(f"the fitted {error}") from None
 
@@ -108,16 +113,15 @@ class FitResults:
         value: float,
         error: float,
         *,
-        unit: str,
         goodness: str,
         source: str,
+        unit: str = "m",
         spread: float = 0.0,
     ) -> None:
         """Add a fitted number, or the reason why the parameter does not take it."""
         with self.or_reason(name):
-            self.fitted.append(
-                FittedValue(name, (value,), (error,), unit, goodness, source, spread)
-            )
+            fit = FittedValue(name, (value,), (error,), unit, goodness, source, spread)
+            self.fitted.append(fit)
 
     @contextmanager
     def or_reason(self, name: str) -> Iterator[None]:
@@ -164,8 +168,7 @@ def _linear(columns: Array, observed: Array) -> tuple[Array, Array]:
 def fit_linear(columns: Array, observed: Array) -> Fit:
     """Least squares of a time series, shape [n, axes], any unit, on columns of shape [n, axes, k]."""
     coefficients, residuals = _linear(columns, observed)
-    influence = np.linalg.pinv(columns.reshape(observed.size, -1))[0].reshape(observed.shape)
-    return Fit(coefficients, _error(influence, residuals, len(coefficients)), residuals, influence)
+    return _fit(coefficients, residuals, np.linalg.pinv(columns.reshape(observed.size, -1))[0])
 
 
 def fit_curve(
@@ -186,83 +189,69 @@ def fit_curve(
     high = np.array([parameter.high for parameter in parameters]) / step
     linear_at = cache(lambda *scaled: _linear(columns(np.array(scaled) * step), observed))
 
-    def misfit(at: Array) -> Array:
+    def residuals_at(at: Array) -> Array:
         _, residuals = linear_at(*at)
-        return np.asarray(-residuals.ravel())
+        return np.asarray(residuals.ravel())
 
-    def slopes(at: Array, ahead: Array, back: Array) -> Array:
-        """Derivatives of the misfit between two places along each parameter, within the limits."""
-        columns_of_slopes = []
-        for k in range(len(at)):
-            after = at.copy()
-            before = at.copy()
-            after[k] = min(at[k] + ahead[k], high[k])
-            before[k] = max(at[k] - back[k], low[k])
-            columns_of_slopes.append((misfit(after) - misfit(before)) / (after[k] - before[k]))
-        return np.stack(columns_of_slopes, axis=1)
+    def squares(at: Array) -> float:
+        return float(np.sum(residuals_at(at) ** 2))
 
-    one = np.ones(len(step))
-    none = np.zeros(len(step))
-
-    def one_sided(at: Array) -> Array:
-        has_room = at + one <= high
-        return slopes(at, np.where(has_room, one, none), np.where(has_room, none, one))
-
-    best = min(
-        (start / step for start in starts), key=lambda start: float(np.sum(misfit(start) ** 2))
-    )
-    found = least_squares(
-        misfit,
-        np.clip(best, low, high),
-        jac=one_sided,
-        bounds=(low, high),
-        method="dogbox",
-        ftol=_CONVERGED,
-        xtol=_CONVERGED,
-        max_nfev=_MOST_STEPS,
-    )
-    linear, residuals = linear_at(*found.x)
-    coefficients = np.append(found.x * step, linear)
+    best = np.clip(min((start / step for start in starts), key=squares), low, high)
+    # without derivatives: with memory the curve is not smooth
+    simplex = best + _FIRST * np.eye(len(step) + 1, len(step), k=-1)
+    found = minimize(
+        squares,
+        best,
+        method="Nelder-Mead",
+        bounds=Bounds(low, high),
+        options={"initial_simplex": simplex, "xatol": _CONVERGED, "fatol": np.inf},
+    ).x
+    linear, residuals = linear_at(*found)
+    coefficients = np.append(found * step, linear)
 
     def fit_with(width: Array) -> Fit:
-        """The fit, with slopes over this width to either side."""
-        influence = (np.linalg.pinv(slopes(found.x, width, width))[0] * step[0]).reshape(
-            observed.shape
-        )
-        return Fit(
-            coefficients, _error(influence, residuals, len(coefficients)), residuals, influence
-        )
+        """The fit, with the derivatives of the curve over this width to either side, within the limits."""
+        slopes = []
+        for offset in np.diag(width):
+            after = np.minimum(found + offset, high)
+            before = np.maximum(found - offset, low)
+            slopes.append((residuals_at(before) - residuals_at(after)) / (after - before).sum())
+        of_first = np.linalg.pinv(np.stack(slopes, axis=1))[0] * step[0]
+        return _fit(coefficients, residuals, of_first)
 
-    # With memory the curve is not smooth. The standard error needs the slope over a step as wide as itself.
+    # the standard error needs the slope over a step as wide as itself
+    one = np.ones(len(step))
     narrow = fit_with(one)
-    width = np.clip(narrow.error / step[0], one, np.maximum(one, _WIDEST * (high - low)))
-    if (width == one).all():
-        return narrow
-    return max(narrow, fit_with(width), key=lambda fit: fit.error)
+    wide = fit_with(np.clip(narrow.error / step[0], one, np.maximum(one, _WIDEST * (high - low))))
+    return max(narrow, wide, key=lambda fit: fit.error)
 
 
-def _error(influence: Array, residuals: Array, free: int) -> float:
-    """Standard error of the sum of `influence` times the noise, both of shape [n, axes]: the greater of two estimates.
+def _fit(coefficients: Array, residuals: Array, of_first: Array) -> Fit:
+    """The fit with the standard error of its first coefficient: the greater of two estimates.
 
-    One is by Newey and West (Econometrica 55, 1987), where each residual counts at its own moment, such as at a corner,
-    on scores whitened by the residuals' lag-one correlation (Andrews, 60, 1992): else errors from a few hundred samples
-    are a third too small. The other takes the residuals as a stationary process of first order, for misfits of real
-    grains that stay alike over hundreds of samples. `free`: the number of coefficients.
+    `of_first`, shape [n * axes], times a change of the data is the change of the first coefficient.
+
+    One estimate is by Newey and West (Econometrica 55, 1987), where each residual counts at its own moment, such as at
+    a corner, on scores whitened by the residuals' lag-one correlation (Andrews, 60, 1992): else errors from a few
+    hundred samples are a third too small. The other takes the residuals as a stationary process of first order, for
+    misfits of real grains that stay alike over hundreds of samples.
     """
+    influence = of_first.reshape(residuals.shape)
     noise = residuals - residuals.mean(axis=0)
     alike = (noise[1:] * noise[:-1]).sum(axis=0) / np.maximum((noise**2).sum(axis=0), 1e-300)
-    return float(
-        np.sqrt(
-            max(
-                _by_moment(influence, residuals, alike, free),
-                _stationary(influence, residuals, alike, free),
-            )
-        )
+    free = len(coefficients)
+    variance = max(
+        _by_moment(influence, residuals, alike, free),
+        _stationary(influence, residuals, alike, free),
     )
+    return Fit(coefficients, float(np.sqrt(variance)), residuals, influence)
 
 
 def _by_moment(influence: Array, residuals: Array, alike: Array, free: int) -> float:
-    """The variance by Newey and West. `alike`: the residuals' lag-one correlation, shape [axes]."""
+    """The variance by Newey and West.
+
+    `alike`: the residuals' lag-one correlation, shape [axes]. `free`: the number of coefficients.
+    """
     n = len(residuals)
     lags = int(4.0 * (n / 100.0) ** (2.0 / 9.0))
     scores = influence * residuals
@@ -278,13 +267,11 @@ def _by_moment(influence: Array, residuals: Array, alike: Array, free: int) -> f
 def _stationary(influence: Array, residuals: Array, alike: Array, free: int) -> float:
     """The variance where the residuals are a stationary process of first order."""
     variances = (residuals**2).sum(axis=0) / max(len(residuals) - free, 1)
+    correlations = np.clip(alike, -0.5, _SMOOTH)
     total = 0.0
-    for rho, own, variance in zip(
-        np.clip(alike, -0.5, _SMOOTH), influence.T, variances, strict=True
-    ):
-        after = lfilter([1.0], [1.0, -rho], own)
-        before = lfilter([1.0], [1.0, -rho], own[::-1])[::-1]
-        total += variance * float(own @ (after + before - own))
+    for rho, own, variance in zip(correlations, influence.T, variances, strict=True):
+        earlier = lfilter([1.0], [1.0, -rho], own)
+        total += variance * float(own @ (2.0 * earlier - own))
     return total
 
 

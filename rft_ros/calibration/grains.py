@@ -13,14 +13,22 @@ recordings. In real sand, where the misfit is no such noise, its error of λ is 
 differ by 17 %; and calibration would take five to seven times as long.
 """
 
-from collections.abc import Collection, Sequence
-from typing import NamedTuple
+from collections.abc import Callable, Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.fitting import FitResults, Measurement, NotIdentifiable, fit_each, listed
-from rft_ros.calibration.motions import motion_fit, motion_phases, sentence_on
+from rft_ros.calibration.fitting import (
+    FitResults,
+    Measurement,
+    NotIdentifiable,
+    fit_each,
+    listed,
+)
+from rft_ros.calibration.motions import motion_fit, motion_phases, sentences_on
 from rft_ros.calibration.phases import (
     SHORTEST,
     Contact,
@@ -32,7 +40,7 @@ from rft_ros.calibration.phases import (
     way_down,
 )
 from rft_ros.calibration.recorded import SHAKEN, BedValues, Recorded
-from rft_ros.calibration.track import down_strokes, turns_in_grains
+from rft_ros.calibration.track import Track, down_strokes, turns_in_grains
 
 Array = NDArray[np.float64]
 
@@ -43,6 +51,7 @@ _ROUNDS = 8  # of fits with each other's results
 _SETTLED = 1e-6  # change of the surface [m] below which another round changes nothing
 # standard deviation of log λ where the recordings do not determine it: half to double
 _UNKNOWN_LENGTH = 0.7
+_SHARED = 5 + SHAKEN  # causes of errors that all fits share
 _NOTEWORTHY = 0.25  # greatest relative difference of ζ between penetrations without a note
 _GROWS = 0.8  # least correlation of ζ with the size of the tool that is reported
 
@@ -65,12 +74,76 @@ class Given(NamedTuple):
     delay_error: float
 
 
-class _Fits(NamedTuple):
-    """First contacts and turns, and the values that both give: those that none determines are given."""
+@dataclass(frozen=True, kw_only=True, eq=False)
+class _Bed:
+    """First contacts and turns that are fitted with the `values` of both; those that neither determines are given.
+
+    `length_error`: standard error of log λ if there are no turns.
+    """
 
     contacts: list[Phase]
     turns: list[Phase]
     values: BedValues
+    given: Given
+    length_error: float
+
+    def again(self) -> "_Bed":
+        """The turns fitted with the surface of the contacts, and then these with the λ of the turns."""
+        turns = [turn.again(self.values) for turn in self.turns]
+        values = self.values
+        if turns:
+            values = values._replace(log_length=_mean(turns))
+        contacts = [contact.again(values) for contact in self.contacts]
+        if contacts:
+            values = values._replace(surface=_mean(contacts))
+        return replace(self, contacts=contacts, turns=turns, values=values)
+
+    @cached_property
+    def own_errors(self) -> tuple[float, float]:
+        """Standard errors of the surface height [m] and of log λ without those of each other."""
+        surface = _own_error(self.contacts) if self.contacts else self.given.surface_error
+        return surface, _own_error(self.turns) if self.turns else self.length_error
+
+    @cached_property
+    def changes(self) -> Array:
+        """What each cause of errors changes in the surface height [m] and in log λ, shape [2, causes].
+
+        To first order, each of the two follows the other, too.
+        """
+        slopes = np.zeros((2, 2))
+        by_causes = np.zeros((2, 2 + _SHARED))
+        for row, phases in enumerate((self.contacts, self.turns)):
+            if phases:
+                slopes[row] = np.mean([self._slopes(phase) for phase in phases], axis=0)
+                by_causes[row] = np.mean([self._by_causes(phase) for phase in phases], axis=0)
+            by_causes[row, row] = self.own_errors[row]
+        return np.asarray(np.linalg.solve(np.eye(2) - slopes, by_causes))
+
+    def change(self, phases: Sequence[Phase]) -> Array:
+        """What each cause changes in the mean value of some phases, shape [causes]."""
+        changes = [self._slopes(phase) @ self.changes + self._by_causes(phase) for phase in phases]
+        return np.asarray(np.mean(changes, axis=0))
+
+    def _slopes(self, phase: Phase) -> Array:
+        """Derivatives of a phase's value by the surface height [1/m] and by log λ, shape [2]."""
+        slopes = []
+        for (name, limits), error in zip(_STEPS.items(), self.own_errors, strict=True):
+            # a step as large as the error of what is changed: in a smaller one a fit may not move at all
+            slopes.append(phase.slope(name, float(np.clip(error, *limits))))
+        return np.array(slopes)
+
+    def _by_causes(self, phase: Phase) -> Array:
+        """What each cause changes in a phase's value with the same surface and λ, shape [causes].
+
+        None for the first two, which are the own errors of surface and log λ. Then a standard error of the load cell's
+        zero along each axis, and of its delay; friction; and noise of the poses, which is added `SHAKEN` times.
+        """
+        recording = phase.recording
+        by_zero = [phase.by_force(self.given.zero_error * axis) for axis in np.eye(3)]
+        by_delay = phase.by_force(recording.by_delay(self.given.delay_error))
+        by_friction = phase.by_force(recording.friction)
+        by_noise = [phase.change(shaken) / SHAKEN**0.5 for shaken in recording.shaken]
+        return np.array([0.0, 0.0, *by_zero, by_delay, by_friction, *by_noise])
 
 
 def fit_grains(
@@ -83,232 +156,157 @@ def fit_grains(
 ) -> None:
     """Fit those of surface, zeta and mobilization that are in `parts`, into `result`.
 
-    `recordings`: without memory and inertia. `contacts`: those of them to which the surface is fitted.
+    `contacts`: those of the recordings to which the surface is fitted.
     """
     begin = given.values
-    if contacts:
-        begin = begin._replace(surface=float(np.mean([contact.surface for contact in contacts])))
     turns: list[Phase] = []
-    # of the surface [m], log λ and ζ, without each other's
-    own_errors = np.array([given.surface_error, 0.0, 0.0])
+    length_error = 0.0
     if "mobilization" in parts:
         try:
-            turns = _fitted_turns(recordings, begin)
+            none = (
+                "the tool never turns in the grains, and no recording begins with it at rest there"
+            )
+            turns = _fitted(turn_for_length, turns_in_grains, recordings, begin, none=none)
             begin = begin._replace(log_length=_mean(turns))
         except NotIdentifiable as reason:
             result.not_identifiable["medium.mobilization_length"] = str(reason)
             if isinstance(reason, TooShortToResolve):
                 begin = begin._replace(log_length=float(np.log(SHORTEST)))
             else:
-                own_errors[1] = _UNKNOWN_LENGTH
+                length_error = _UNKNOWN_LENGTH
     at_contacts = [
-        first_contact(
-            recordings[contact.number], contact.rows, begin._replace(surface=contact.surface)
-        )
-        for contact in contacts
+        first_contact(recordings[c.number], c.rows, begin._replace(surface=c.surface))
+        for c in contacts
     ]
-    fits = _settled(_Fits(at_contacts, turns, begin))
+    bed = _settled(
+        _Bed(
+            contacts=at_contacts,
+            turns=turns,
+            values=begin,
+            given=given,
+            length_error=length_error,
+        )
+    )
+    surface_error, log_error = np.linalg.norm(bed.changes, axis=1).tolist()
     if contacts:
-        own_errors[0] = _own_error(fits.contacts)
-    if turns:
-        own_errors[1] = _own_error(fits.turns)
-    ways_down: list[Phase] = []
+        _add_surface(result, bed, contacts, surface_error)
     if "zeta" in parts:
         with result.or_reason("medium.zeta"):
-            ways_down = _fitted_ways_down(recordings, fits.values)
-    errors = _errors(fits, ways_down, own_errors, given)
-    surface_error, length_error, zeta_error = errors.tolist()
-    if contacts:
-        _add_surface(result, fits, contacts, surface_error)
-    if ways_down:
-        with result.or_reason("medium.zeta"):
-            kept = fit_each(check_strength, ((way, zeta_error) for way in ways_down), none="")
-            _add_zeta(result, kept, shared_error=zeta_error, surface_error=surface_error)
-            _add_motions(
-                result, recordings, fits.values, zeta=_mean(kept), errors=errors, given=given
-            )
+            _add_zeta(result, recordings, bed, surface_error)
     if turns:
-        _add_length(result, fits, length_error)
+        _add_length(result, bed, log_error)
 
 
-def _fitted_turns(recordings: Sequence[Recorded], values: BedValues) -> list[Phase]:
-    turns = (
-        (one, turn, values)
-        for one in recordings
-        for turn in turns_in_grains(one.track, values.surface)
+def _fitted(
+    fit: Callable[..., Phase],
+    parts_of: Callable[[Track, float], Iterable[Any]],
+    recordings: Sequence[Recorded],
+    values: BedValues,
+    *,
+    none: str,
+) -> list[Phase]:
+    """`fit` of each part below the surface; `none`: why there are no parts."""
+    parts = (
+        (one, part, values) for one in recordings for part in parts_of(one.track, values.surface)
     )
-    none = "the tool never turns in the grains, and no recording begins with it at rest there"
-    return fit_each(turn_for_length, turns, none=none)
-
-
-def _fitted_ways_down(recordings: Sequence[Recorded], values: BedValues) -> list[Phase]:
-    ways = (
-        (one, way, values)
-        for one in recordings
-        for way in down_strokes(one.track, below=values.surface)
-    )
-    return fit_each(way_down, ways, none="no vertical penetration in the grains")
+    return fit_each(fit, parts, none=none)
 
 
 def _mean(phases: Sequence[Phase]) -> float:
     return float(np.mean([phase.value for phase in phases]))
 
 
-def _settled(fits: _Fits) -> _Fits:
+def _settled(bed: _Bed) -> _Bed:
     """Fit λ and the surface in turns, each with the result of the other, until they no longer change."""
     for _ in range(_ROUNDS):
-        surface_before = fits.values.surface
-        fits = _again(fits)
-        if abs(fits.values.surface - surface_before) < _SETTLED:
+        surface_before = bed.values.surface
+        bed = bed.again()
+        if abs(bed.values.surface - surface_before) < _SETTLED:
             break
-    return fits
-
-
-def _again(fits: _Fits) -> _Fits:
-    """The turns fitted with the surface of the contacts, and then these with the λ of the turns."""
-    values = fits.values
-    turns = [turn.again(values) for turn in fits.turns]
-    if turns:
-        values = values._replace(log_length=_mean(turns))
-    contacts = [contact.again(values) for contact in fits.contacts]
-    if contacts:
-        values = values._replace(surface=_mean(contacts))
-    return _Fits(contacts, turns, values)
+    return bed
 
 
 def _own_error(phases: Sequence[Phase]) -> float:
     """Standard error of a mean: the greater of that from the values' scatter and that from their own errors."""
     count = len(phases)
-    from_errors = float(np.linalg.norm([phase.error for phase in phases])) / count
+    from_errors = float(np.linalg.norm([phase.fit.error for phase in phases])) / count
     if count == 1:
         return from_errors
     scatter = float(np.std([phase.value for phase in phases], ddof=1))
     return max(from_errors, scatter / float(np.sqrt(count)))
 
 
-def _errors(fits: _Fits, ways_down: Sequence[Phase], own_errors: Array, given: Given) -> Array:
-    """Standard errors of the surface [m], log λ and ζ, shape [3]: to first order each follows the others.
-
-    `own_errors`: those without the others' errors. That of ζ is what all ways down share.
-    """
-    effects = np.zeros((3, 7 + SHAKEN))
-    for row, phases in enumerate((fits.contacts, fits.turns, ways_down)):
-        if phases:
-            effects[row] = np.mean(
-                [_effects(phase, own_errors, given) for phase in phases], axis=0
-            )
-    by_others = np.zeros((3, 3))
-    by_others[:, :2] = effects[:, :2]
-    sources = np.hstack([np.diag(own_errors), effects[:, 2:]])
-    return np.asarray(np.linalg.norm(np.linalg.solve(np.eye(3) - by_others, sources), axis=1))
-
-
-def _effects(phase: Phase, own_errors: Array, given: Given) -> Array:
-    """What changes the value of a phase, shape [7 + SHAKEN].
-
-    Derivatives by the surface height [1/m] and by log λ; changes by a standard error of the load cell's zero along each
-    axis [N] and of its delay [s], and by friction; changes by noise of the poses, of which more is added `SHAKEN`
-    times.
-    """
-    recording = phase.recording
-    slopes = []
-    for (name, (least, most)), own_error in zip(_STEPS.items(), own_errors[:2], strict=True):
-        at = getattr(phase.values, name)
-        if name in phase.free or not np.isfinite(at):
-            slopes.append(0.0)
-            continue
-        # a step as large as the error of what is changed: in a smaller one a fit may not move at all
-        step = float(np.clip(own_error, least, most))
-        slopes.append(
-            (phase.change(**{name: at + step}) - phase.change(**{name: at - step})) / (2.0 * step)
-        )
-    by_zero = [given.zero_error * phase.by_force(axis) for axis in np.eye(3)]
-    by_delay = phase.by_force(recording.by_delay(given.delay_error))
-    by_friction = phase.by_force(recording.friction)
-    by_noise = np.zeros(SHAKEN)
-    for k, shaken in enumerate(recording.shaken):
-        by_noise[k] = phase.change(shaken) / SHAKEN**0.5
-    return np.array([*slopes, *by_zero, by_delay, by_friction, *by_noise])
-
-
-def _add_surface(
-    result: FitResults, fits: _Fits, contacts: Sequence[Contact], error: float
-) -> None:
+def _add_surface(result: FitResults, bed: _Bed, contacts: Sequence[Contact], error: float) -> None:
+    misfit = max(contact.misfit for contact in contacts)
     result.add(
         "surface_height",
-        fits.values.surface,
+        bed.values.surface,
         error,
-        unit="m",
-        goodness=f"RMS up to {100 * max(contact.misfit for contact in contacts):.1f} % of the force's rise",
-        source=listed(contact.measurement() for contact in fits.contacts),
+        goodness=f"RMS up to {100 * misfit:.1f} % of the force's rise",
+        source=listed(contact.measurement() for contact in bed.contacts),
     )
 
 
-def _add_length(result: FitResults, fits: _Fits, log_error: float) -> None:
-    misfit = np.mean([turn.misfit for turn in fits.turns])
+def _add_length(result: FitResults, bed: _Bed, log_error: float) -> None:
+    misfit = np.mean([turn.misfit for turn in bed.turns])
     lengths = [
-        Measurement(turn.recording.track.name, turn.values.length, turn.values.length * turn.error)
-        for turn in fits.turns
+        Measurement(
+            turn.recording.track.name, turn.values.length, turn.values.length * turn.fit.error
+        )
+        for turn in bed.turns
     ]
     result.add(
         "medium.mobilization_length",
-        fits.values.length,
-        fits.values.length * log_error,
-        unit="m",
+        bed.values.length,
+        bed.values.length * log_error,
         goodness=f"RMS {100.0 * misfit:.1f} % of the greatest force around turns",
         source=listed(lengths),
     )
 
 
 def _add_zeta(
-    result: FitResults, ways_down: Sequence[Phase], *, shared_error: float, surface_error: float
+    result: FitResults, recordings: Sequence[Recorded], bed: _Bed, surface_error: float
 ) -> None:
-    """Add ζ, as the mean over the ways down, what makes it doubtful, and the depth of the deepest way."""
-    zeta = _mean(ways_down)
-    surface = ways_down[0].values.surface
-    strengths = [way.measurement(shared_error) for way in ways_down]
-    tools = [way.recording.track.tool for way in ways_down]
+    """Add ζ as the mean over the ways down, what makes it doubtful, the greatest depth, and each kind of motion.
+
+    Raises NotIdentifiable if no way down determines ζ.
+    """
+    none = "no vertical penetration in the grains"
+    every_way = _fitted(way_down, down_strokes, recordings, bed.values, none=none)
+    shared_error = float(np.linalg.norm(bed.change(every_way)))
+    ways = fit_each(check_strength, ((way, shared_error) for way in every_way), none="")
+    strengths = [way.measurement(shared_error) for way in ways]
+    tools = [way.recording.track.tool for way in ways]
+    misfit = max(way.misfit for way in ways)
     words = difference(strengths, [tool.size for tool in tools])
+    zeta = _mean(ways)
     result.add(
         "medium.zeta",
         zeta,
-        float(np.hypot(_own_error(ways_down), shared_error)),
+        float(np.hypot(_own_error(ways), shared_error)),
         unit="",
-        goodness=f"RMS up to {100 * max(way.misfit for way in ways_down):.1f} % of the peak{words}",
+        goodness=f"RMS up to {100 * misfit:.1f} % of the peak{words}",
         source=listed(strengths),
         spread=spread_of(strengths, [str(tool.file) for tool in tools]),
     )
-    deepest = min(ways_down, key=_lowest)
+    deepest = min(ways, key=_lowest)
     result.add(
         "medium.calibrated_depth",
-        surface - _lowest(deepest),
+        bed.values.surface - _lowest(deepest),
         surface_error,
-        unit="m",
         goodness="",
         source=f"deepest penetration, {deepest.recording.track.name}",
     )
-
-
-def _add_motions(
-    result: FitResults,
-    recordings: Sequence[Recorded],
-    values: BedValues,
-    *,
-    zeta: float,
-    errors: Array,
-    given: Given,
-) -> None:
-    """Add what each kind of motion tells. `errors`: of the surface [m], log λ and the ζ of the ways down."""
-    for kind, phases in motion_phases(recordings, values).items():
-        effects = np.mean([_effects(phase, errors, given) for phase in phases], axis=0)
-        by_causes = np.concatenate([effects[:2] * errors[:2], effects[2:]])
-        fit = motion_fit(
-            kind, phases, written_zeta=zeta, own_error=_own_error(phases), by_causes=by_causes
+    for kind, phases in motion_phases(recordings, bed.values).items():
+        of_kind = motion_fit(
+            kind,
+            phases,
+            written_zeta=zeta,
+            own_error=_own_error(phases),
+            by_causes=bed.change(phases),
         )
-        result.motions.append(fit)
-    sentence = sentence_on(result.motions)
-    if sentence:
-        result.warnings.append(sentence)
+        result.motions.append(of_kind)
+    result.warnings += sentences_on(result.motions)
 
 
 def _lowest(way: Phase) -> float:
@@ -330,18 +328,17 @@ def spread_of(found: Sequence[Measurement], tools: Sequence[str]) -> float:
     return float(max(abs(values.mean() / zeta - 1.0) for zeta in of_tools))
 
 
-def difference(found: Sequence[Measurement], sizes: Sequence[float] = ()) -> str:
+def difference(found: Sequence[Measurement], sizes: Sequence[float]) -> str:
     """Words on a ζ that differs between penetrations; none where it does not. `sizes` of their tools [m]."""
-    low = min(found, key=lambda measurement: measurement.value)
-    high = max(found, key=lambda measurement: measurement.value)
+    zetas = [measurement.value for measurement in found]
+    low = found[int(np.argmin(zetas))]
+    high = found[int(np.argmax(zetas))]
     apart = high.value - low.value
     certain = 3.0 * float(np.hypot(low.error, high.error))
     grows = ""
-    if len(sizes) == len(found) and np.ptp(sizes) > 0.1 * max(sizes):
-        zetas = [measurement.value for measurement in found]
-        if np.corrcoef(sizes, zetas)[0, 1] > _GROWS:
-            grows = f"; ζ grows with the tool's size, {1e3 * min(sizes):.0f} to {1e3 * max(sizes):.0f} mm wide"
-            certain *= 2.0 / 3.0  # that ζ follows the size is evidence of its own
+    if np.ptp(sizes) > 0.1 * max(sizes) and np.corrcoef(sizes, zetas)[0, 1] > _GROWS:
+        grows = f"; ζ grows with the tool's size, {1e3 * min(sizes):.0f} to {1e3 * max(sizes):.0f} mm wide"
+        certain *= 2.0 / 3.0  # that ζ follows the size is evidence of its own
     if apart <= max(_NOTEWORTHY * low.value, certain):
         return ""
     percent = f"{100 * apart / low.value:.0f} %"

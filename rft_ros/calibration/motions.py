@@ -57,8 +57,14 @@ def _rows_by_kind(track: Track, surface: float) -> dict[str, Indices]:
     kinds = np.array([kind_of_motion(*row) for row in np.column_stack([moved, turned]).tolist()])
     kinds = np.where(track.moving, kinds, REST)
     speed = np.linalg.norm(moved, axis=1) + turned
-    path = speed * np.minimum(np.diff(track.time, append=track.time[-1]), GAP)
-    usable = (track.heights < surface) & ~_near_corners(track.time, kinds)
+    time = track.time
+    steps = np.diff(time, append=time[-1])
+    path = speed * np.minimum(steps, GAP)
+    before = np.searchsorted(time, time - _CORNER)
+    after = np.searchsorted(time, time + _CORNER, side="right") - 1
+    corners = np.append(0, np.cumsum(kinds[1:] != kinds[:-1]))
+    steady = corners[before] == corners[after]
+    usable = steady & (track.heights < surface)
     found = {}
     for kind in (*MOTIONS, REST):
         rows = np.flatnonzero(usable & (kinds == kind))
@@ -69,22 +75,13 @@ def _rows_by_kind(track: Track, surface: float) -> dict[str, Indices]:
     return found
 
 
-def _near_corners(time: Array, kinds: NDArray[np.str_]) -> NDArray[np.bool_]:
-    """Whether the kind of motion changes within `_CORNER` of each moment, shape [n]."""
-    corners = time[1:][kinds[1:] != kinds[:-1]]
-    edges = np.concatenate([[-np.inf], corners, [np.inf]])
-    after = np.searchsorted(edges, time, side="right")
-    since = time - edges[after - 1]
-    until = edges[after] - time
-    return np.asarray(np.minimum(since, until) <= _CORNER)
-
-
 def motion_fit(
     kind: str, phases: Sequence[Phase], *, written_zeta: float, own_error: float, by_causes: Array
 ) -> MotionFit:
     """What `phases` of one kind tell; errors are those of `MotionFit`."""
     measured = np.concatenate([phase.part.observed for phase in phases])
-    residuals = np.concatenate([phase.residuals(written_zeta) for phase in phases])
+    modelled = np.concatenate([phase.part.columns(phase.values)[:, :, 0] for phase in phases])
+    residuals = measured - written_zeta * modelled
     return MotionFit(
         kind=kind,
         zeta=float(np.mean([phase.value for phase in phases])),
@@ -95,29 +92,27 @@ def motion_fit(
     )
 
 
-def sentence_on(motions: Sequence[MotionFit]) -> str:
-    """A sentence on kinds of motion whose ζ differs from that of the press by more than their errors, or ""."""
-    of_press = [motion for motion in motions if motion.kind == OF_ZETA]
-    if not of_press or of_press[0].zeta <= 0.0:
-        return ""
-    press = of_press[0]
+def sentences_on(motions: Sequence[MotionFit]) -> list[str]:
+    """A sentence on kinds of motion whose ζ differs from that of the press by more than their errors, if any do."""
+    press = next((motion for motion in motions if motion.kind == OF_ZETA), None)
+    if press is None or press.zeta <= 0.0:
+        return []
     apart = [motion for motion in motions if _differs(motion, press)]
     if not apart:
-        return ""
+        return []
     others = " and ".join(
         f"{motion.zeta:.3g} ± {motion.error:.2g} in {motion.kind}" for motion in apart
     )
-    return (
+    return [
         f"ζ is {press.zeta:.3g} ± {press.error:.2g} in {OF_ZETA}, but {others}: medium.zeta is for {OF_ZETA}; for a job"
         " of another motion set medium.zeta to the ζ of that motion, or learn from the load cell (learning.mode)"
-    )
+    ]
 
 
 def _differs(motion: MotionFit, press: MotionFit) -> bool:
     ratio = motion.zeta / press.zeta
     # a cause that both share, such as the surface, changes the ratio by less than either
     by_causes = motion.by_causes - ratio * press.by_causes
-    error = (
-        float(np.linalg.norm([motion.own_error, ratio * press.own_error, *by_causes])) / press.zeta
-    )
+    change = np.linalg.norm([motion.own_error, ratio * press.own_error, *by_causes])
+    error = float(change) / press.zeta
     return abs(ratio - 1.0) > max(_APART * error, _NOTEWORTHY)

@@ -12,8 +12,7 @@ the other values. A stop does not determine λ, as the force persists for any λ
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
-from functools import cache
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
@@ -28,7 +27,8 @@ from rft_ros.calibration.fitting import (
     fit_each,
     fit_linear,
 )
-from rft_ros.calibration.recorded import BedValues, Recorded
+from rft_ros.calibration.recorded import BedValues, Recorded, predicted
+from rft_ros.calibration.smoothing import interpolated
 from rft_ros.calibration.track import FEWEST, Indices, Track, Turn, down_strokes
 from rft_ros.rft import FORCE, Law
 
@@ -61,9 +61,8 @@ _LEAST_RISE = 6.0  # least rise of the force at a first contact, relative to the
 _IN_AIR = 10  # least number of samples in the air before a first contact
 _MOST_UNSURE = 0.75  # greatest accepted standard error of λ, relative to λ
 _SHALLOWEST = 0.005  # a penetration's least depth [m]: below it the force depends more on the surface height than on ζ
-_ALIKE = 0.9
-"""Least correlation of the measured and the modelled force, over all components and times. With less, the RMS residual
-of a force that grows with depth is over a quarter of its peak."""
+# greatest accepted misfit of ζ: of a force that grows with depth and another one that does not it is greater
+_UNRELATED = 0.25
 
 
 class TooShortToResolve(NotIdentifiable):
@@ -86,8 +85,7 @@ class Contact(NamedTuple):
 class Part:
     """Some rows of a recording, which the model follows from `first`, with an empty memory.
 
-    `axes` of the force that are compared. `zeros`: each has a free zero. `ahead`: rows that the model follows beyond
-    the last.
+    `axes` of the force that are compared. `zeros`: each has a free zero.
     """
 
     recording: Recorded
@@ -95,23 +93,20 @@ class Part:
     rows: Indices
     axes: slice
     zeros: bool = False
-    ahead: int = 0
 
     @property
     def observed(self) -> Array:
         """The measured force, shape [n, axes] [N]."""
         return self.recording.track.forces[self.rows, self.axes]
 
-    def course(self, recording: Recorded, values: BedValues) -> Array:
-        """The model's force from `first` on, world axes [N], shape [m, 3]."""
-        return recording.predicted(values, self.first, int(self.rows[-1]) + self.ahead)
-
-    def columns(self, course: Array, values: BedValues) -> Array:
-        """Columns of the linear coefficients, shape [n, axes, 1 or more], from the model's force."""
+    def columns(self, values: BedValues) -> Array:
+        """Columns of the linear coefficients, shape [n, axes, 1 or more]: the model's force, and the zeros."""
         time = self.recording.track.time
-        moments = time[self.first : self.first + len(course)]
-        at = time[self.rows] - values.delay
-        force = np.column_stack([np.interp(at, moments, axis) for axis in course[:, self.axes].T])
+        at = time[self.rows]
+        # what is followed from the beginning of a recording is followed to its end, for all such parts at once
+        end = int(np.searchsorted(time, at[-1] + LATEST)) if self.first else len(time)
+        course = predicted(self.recording, values._replace(delay=0.0), self.first, end - 1)
+        force = interpolated(at - values.delay, time[self.first : end], course[:, self.axes])
         if not self.zeros:
             return force[:, :, None]
         zeros = np.broadcast_to(np.eye(force.shape[1]), (*force.shape, force.shape[1]))
@@ -141,11 +136,6 @@ class Phase:
         return float(self.fit.coefficients[0])
 
     @property
-    def error(self) -> float:
-        """Standard error of the value from the noise of the force."""
-        return self.fit.error
-
-    @property
     def scale(self) -> float:
         """The measured force over the model's."""
         return float(self.fit.coefficients[len(self.free)])
@@ -156,32 +146,29 @@ class Phase:
         peak = float(np.linalg.norm(self.part.observed, axis=1).max())
         return self.fit.rms / peak if peak > 0.0 else 0.0
 
-    def residuals(self, scale: float) -> Array:
-        """The measured force less `scale` times the model's, shape [n, axes] [N]."""
-        course = self.part.course(self.recording, self.values)
-        return self.part.observed - scale * self.part.columns(course, self.values)[:, :, 0]
-
     def measurement(self, shared_error: float = 0.0) -> Measurement:
         """The value, with its own error and one that it shares with others."""
-        return Measurement(
-            self.recording.track.name, self.value, float(np.hypot(self.error, shared_error))
-        )
+        error = float(np.hypot(self.fit.error, shared_error))
+        return Measurement(self.recording.track.name, self.value, error)
 
     def by_force(self, force: Array) -> float:
         """Change of the value by a force that is added to the measured one: shape [3], or [n, 3] of the recording."""
-        added = np.broadcast_to(force, self.recording.track.forces.shape)[
-            self.part.rows, self.part.axes
-        ]
-        return float(np.sum(self.fit.influence * added))
+        added = np.broadcast_to(force, self.recording.track.forces.shape)
+        return float(np.sum(self.fit.influence * added[self.part.rows, self.part.axes]))
 
     def change(self, recording: Recorded | None = None, **others: float) -> float:
         """Change of the value with another motion of the recording, and with other values; to first order."""
-        values = self.values._replace(**others)
-        course = self.part.course(recording or self.recording, values)
-        modelled = self.part.columns(course, values) @ self.fit.coefficients[len(self.free) :]
-        return float(
-            np.sum(self.fit.influence * (self.part.observed - modelled - self.fit.residuals))
-        )
+        part = replace(self.part, recording=recording or self.recording)
+        columns = part.columns(self.values._replace(**others))
+        residuals = part.observed - columns @ self.fit.coefficients[len(self.free) :]
+        return float(np.sum(self.fit.influence * (residuals - self.fit.residuals)))
+
+    def slope(self, name: str, step: float) -> float:
+        """Derivative of the value by another one, over a step to either side; 0 by one that is free."""
+        if name in self.free:
+            return 0.0
+        at = getattr(self.values, name)
+        return (self.change(**{name: at + step}) - self.change(**{name: at - step})) / (2.0 * step)
 
     def again(self, values: BedValues) -> "Phase":
         """The phase fitted again with other values; those that are free from the fitted ones on."""
@@ -194,16 +181,11 @@ def fitted(
 ) -> Phase:
     """Fit the `free` values to a part, from the best of the `starts` on, or from `values`."""
     if not free:
-        columns = part.columns(part.course(part.recording, values), values)
-        return Phase(part=part, free=free, values=values, fit=fit_linear(columns, part.observed))
-
-    @cache
-    def course(values: BedValues) -> Array:
-        return part.course(part.recording, values)
+        fit = fit_linear(part.columns(values), part.observed)
+        return Phase(part=part, free=free, values=values, fit=fit)
 
     def columns_of(parameters: Array) -> Array:
-        at = values._replace(**dict(zip(free, parameters.tolist(), strict=True)))
-        return part.columns(course(at._replace(delay=0.0)), at)
+        return part.columns(values._replace(**dict(zip(free, parameters.tolist(), strict=True))))
 
     heights = part.recording.track.heights[part.rows]
     parameters = {
@@ -220,13 +202,12 @@ def fitted(
 
 def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Contact:
     """Find the contact of one stroke: fit the vertical force with a free scale and bias, without memory."""
-    up = track.sensor_rotations[stroke][:, 2]
-    force = track.cell.sign * np.einsum("nj,nj->n", up, track.readings[stroke, FORCE])
+    force = track.forces[stroke, _VERTICAL]
     height = track.heights[stroke]
     low = float(height.min())
     high = float(height.max())
     depths = np.linspace(0.0, high - low, _DEPTHS)
-    predicted = track.forces_over_depth(law, int(stroke[-1]), depths)[:, 2]
+    force_of_law = track.forces_over_depth(law, int(stroke[-1]), depths)[:, 2]
 
     used = np.ones(len(stroke), dtype=np.bool_)
     least = low
@@ -235,23 +216,22 @@ def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Cont
         z = height[used]
 
         def columns(parameters: Array, z: Array = z) -> Array:
-            force_of_law = np.interp(parameters[0] - z, depths, predicted)
-            return np.stack([force_of_law, np.ones_like(z)], axis=-1)[:, None]
+            course = np.interp(parameters[0] - z, depths, force_of_law)
+            return np.stack([course, np.ones_like(z)], axis=-1)[:, None]
 
+        limits = Parameter(1e-4 * (most - least), least, most)
         starts = np.linspace(least, most, _HEIGHTS)[:, None]
-        found = fit_curve(
-            columns, [Parameter(1e-4 * (most - least), least, most)], force[used][:, None], starts
-        )
+        found = fit_curve(columns, [limits], force[used], starts)
         surface = float(found.coefficients[0])
-        least = surface - max(_SHALLOW * (surface - low), min(_AT_LEAST, surface - low))
+        least = max(low, surface - max(_SHALLOW * (surface - low), _AT_LEAST))
         most = min(high, surface + 0.5 * _AIR)
         near = (height > least) & (height < surface + _AIR)
         if near.sum() < FEWEST or (near == used).all():
             break
         used = near
-    rise = float(found.coefficients[1] * np.interp(surface - z.min(), depths, predicted))
+    rise = float(found.coefficients[1] * np.interp(surface - z.min(), depths, force_of_law))
     in_air = int((z > surface).sum())
-    if in_air < _IN_AIR or surface >= high - 1e-6 or not rise > _LEAST_RISE * found.rms:
+    if in_air < _IN_AIR or not rise > _LEAST_RISE * found.rms:
         raise NotIdentifiable(
             f"{track.name}: no first contact between z = {high:.4f} and {low:.4f} m: {in_air} samples in the air, and a"
             f" vertical force that rises by {rise:.2f} N with {found.rms:.2f} N of scatter; it needs {_IN_AIR} samples,"
@@ -290,22 +270,21 @@ def first_contact(recording: Recorded, rows: Indices, values: BedValues) -> Phas
 
 def turn_for_length(recording: Recorded, turn: Turn, values: BedValues) -> Phase:
     """Log λ [log m] of a turn. Raises NotIdentifiable if the turn does not determine it."""
-    where = turn.where(recording.track)
     part = Part(recording=recording, first=turn.first, rows=turn.rows, axes=FORCE)
     if not part.observed.any():
-        raise NotIdentifiable(f"{where}: the load cell measures no force of the grains")
-    found = fitted(
-        part, values, ("log_length",), [(float(log_length),) for log_length in LOG_LENGTHS]
-    )
+        raise NotIdentifiable(f"{turn.where}: the load cell measures no force of the grains")
+    starts = [(log_length,) for log_length in LOG_LENGTHS.tolist()]
+    found = fitted(part, values, ("log_length",), starts)
     length = found.values.length
     if found.value < LOG_LENGTHS[0] + 0.02 * np.ptp(LOG_LENGTHS):
         raise TooShortToResolve(
-            f"{where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
+            f"{turn.where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
         )
-    sure = found.error <= _MOST_UNSURE and length <= turn.after
+    error = found.fit.error
+    sure = error <= _MOST_UNSURE and length <= turn.after
     if not (sure and found.misfit <= MOST_UNLIKE and found.scale > 0.0):
         raise NotIdentifiable(
-            f"{where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * found.error:.0f} %, the force {found.scale:.2g}"
+            f"{turn.where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * error:.0f} %, the force {found.scale:.2g}"
             f" times the model's, its RMS residual {100 * found.misfit:.0f} % of the greatest; λ must be below the"
             f" {1e3 * turn.after:.3g} mm of path after the turn, its error at most {100 * _MOST_UNSURE:.0f} %, the"
             f" factor over 0, and the residual at most {100 * MOST_UNLIKE:.0f} %"
@@ -323,24 +302,17 @@ def way_down(recording: Recorded, stroke: Indices, values: BedValues) -> Phase:
             f"{recording.track.name}: a penetration of {1e3 * depth:.1f} mm in {len(rows)} samples is too shallow; ζ"
             f" needs {1e3 * _SHALLOWEST:g} mm and {FEWEST} samples"
         )
-    first = recording.before_contact(int(rows[0]), values.surface)
-    part = Part(recording=recording, first=first, rows=rows, axes=_VERTICAL)
-    return fitted(part, values, ())
+    return fitted(Part(recording=recording, first=0, rows=rows, axes=_VERTICAL), values, ())
 
 
 def check_strength(way: Phase, shared_error: float) -> Phase:
-    """The way down. Raises NotIdentifiable if ζ does not exceed its error, or if the forces do not correlate."""
+    """The way down. Raises NotIdentifiable if ζ does not exceed its error, or if the model does not fit the force."""
     error = way.measurement(shared_error).error
-    rows = way.part.rows
-    track = way.recording.track
-    measured = track.forces[rows]
-    modelled = way.part.course(way.recording, way.values)[rows - way.part.first]
-    scale = float(np.linalg.norm(measured) * np.linalg.norm(modelled))
-    alike = float(np.sum(measured * modelled)) / max(scale, 1e-300)
-    if not (way.value > error and alike > _ALIKE):
+    if not (way.value > error and way.misfit < _UNRELATED):
         raise NotIdentifiable(
-            f"{track.name}: the fitted ζ is {way.value:.3f} ± {error:.3f}, and measured and modelled force"
-            f" correlate by {alike:.2f}; ζ must exceed its error and the correlation {_ALIKE:g}: check"
-            " sensor.quaternion, sensor.sign, surface_height, sensor.bias and mesh.file, as rft doctor does"
+            f"{way.recording.track.name}: the fitted ζ is {way.value:.3f} ± {error:.3f}, with a residual of"
+            f" {100 * way.misfit:.0f} % of the peak; ζ must exceed its error, and the residual be below"
+            f" {100 * _UNRELATED:.0f} %: check sensor.quaternion, sensor.sign, surface_height, sensor.bias and"
+            " mesh.file, as rft doctor does"
         )
     return way

@@ -7,6 +7,7 @@ way and short at a corner, where an average over a fixed time would round the co
 """
 
 from collections.abc import Iterator
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -57,24 +58,36 @@ class _Line(NamedTuple):
     deviation: Array
 
 
-def _parts(time: Array, states: Array) -> Iterator[tuple[NDArray[np.int64], Array, Array]]:
-    """The parts between gaps: their rows, their poses, shape [n, 7], and the noise of a pose's numbers, shape [7].
+def interpolated(at: Array, places: Array, columns: Array) -> Array:
+    """Columns, shape [n, k], that are known at `places`, shape [n], by straight lines between these; at `at` [m]."""
+    return np.column_stack([np.interp(at, places, column) for column in columns.T])
 
-    Parts of less than four rows are left out. The signs of quaternions are such that they do not jump.
+
+def _without_jumps(states: Array) -> Array:
+    """The states, shape [n, 13], with such signs of the quaternions that these do not jump."""
+    quaternions = states[:, QUATERNION]
+    alike = np.sum(quaternions[1:] * quaternions[:-1], axis=1) >= 0.0
+    signs = np.append(1.0, np.cumprod(np.where(alike, 1.0, -1.0)))
+    signed = states.copy()
+    signed[:, QUATERNION] *= signs[:, None]
+    return signed
+
+
+def _parts(time: Array, states: Array) -> Iterator[tuple[NDArray[np.int64], Array]]:
+    """The rows of each part between gaps, and the noise of a pose's numbers there, shape [7].
+
+    Parts of less than four rows are left out. `states`: without jumps of the quaternions.
     """
     for rows in np.split(np.arange(len(time)), np.flatnonzero(np.diff(time) > GAP) + 1):
         if len(rows) < 4:
             continue
-        poses = states[rows, POSE]
-        alike = np.sum(poses[1:, QUATERNION] * poses[:-1, QUATERNION], axis=1) >= 0.0
-        poses[1:, QUATERNION] *= np.cumprod(np.where(alike, 1.0, -1.0))[:, None]
-        third = np.diff(poses, n=3, axis=0)
+        third = np.diff(states[rows, POSE], n=3, axis=0)
         noise = np.empty(QUATERNION.stop)
         for part in (POSITION, QUATERNION):
             squares = np.sum(third[:, part] ** 2, axis=1)
             calm = np.quantile(squares, _CALM, method="lower")
             noise[part] = np.sqrt(calm / _CHI2_OF_CALM / _THIRD)
-        yield rows, poses, noise
+        yield rows, noise
 
 
 def _line(time: Array, places: Array, before: int, after: int) -> _Line:
@@ -82,48 +95,37 @@ def _line(time: Array, places: Array, before: int, after: int) -> _Line:
 
     The deviation is inf where the recording does not have as many.
     """
-    n = len(time)
     size = before + after + 1
     number = np.arange(size) - 0.5 * (size - 1)
-    squares = number @ number
-
-    def over(weights: Array, columns: Array) -> Array:
-        """The filter's results for the poses that have as many neighbours."""
-        begin = size // 2
-        return np.asarray(correlate1d(columns, weights, axis=0)[begin : begin + n - size + 1])
-
     mean = np.full(size, 1.0 / size)
-    slope = number / squares
-    inner = slice(before, n - after)
-    rate = over(slope, places) / over(slope, time)[:, None]
-    late = over(mean, time) - time[inner]
-    found = _Line(value=places.copy(), slope=np.zeros_like(places), deviation=np.full(n, np.inf))
-    found.value[inner] = over(mean, places) - rate * late[:, None]
-    found.slope[inner] = rate
+    over = partial(correlate1d, axis=0, mode="nearest", origin=before - size // 2)
+    # beyond the ends all moments are one
+    spans = np.maximum(over(time, number), 1e-12)
+    rate = over(places, number) / spans[:, None]
+    late = over(time, mean) - time
     lever = 0.5 * (after - before)
-    found.deviation[inner] = np.sqrt(1.0 / size + lever * lever / squares)
-    return found
+    deviation = np.full(len(time), np.sqrt(1.0 / size + lever**2 / (number @ number)))
+    deviation[:before] = np.inf
+    deviation[len(time) - after :] = np.inf
+    return _Line(value=over(places, mean) - rate * late[:, None], slope=rate, deviation=deviation)
 
 
 def _longest_lines(time: Array, places: Array, noise: Array) -> _Line:
     """Of each kind of line the longest that agrees with the shorter ones; of the kinds the one of least deviation."""
-    n = len(time)
     step = max(float(np.median(np.diff(time))), 1e-6)
-    most = min(round(_LONGEST / step), n - 1)
+    most = min(round(_LONGEST / step), len(time) - 1)
     # fallback: the pose itself, with the slope to the pose before
     best = _line(time, places, 1, 0)
     best.slope[0] = best.slope[1]
-    best.value[0] = places[0]
     best.deviation[0] = 1.0
     for before, after in ((1, 0), (0, 1), (1, 1)):
         low = places - _AGREE * noise
         high = places + _AGREE * noise
-        agrees = np.ones(n, dtype=np.bool_)
+        agrees = np.ones(len(time), dtype=np.bool_)
         count = 1
         while count * (before + after) <= most:
             line = _line(time, places, before * count, after * count)
-            agrees &= np.isfinite(line.deviation)
-            spread = _AGREE * np.where(agrees, line.deviation, 0.0)[:, None] * noise
+            spread = _AGREE * line.deviation[:, None] * noise
             low = np.maximum(low, line.value - spread)
             high = np.minimum(high, line.value + spread)
             agrees &= (low <= high).all(axis=1)
@@ -134,19 +136,12 @@ def _longest_lines(time: Array, places: Array, noise: Array) -> _Line:
     return best
 
 
-def shaken_states(
-    time: Array, states: Array, *, times: float, rng: np.random.Generator
-) -> Array | None:
-    """The states, shape [n, 13], with noise added to the poses: of `times` the deviation of their own noise.
-
-    None if the poses' own noise is rounding.
-    """
-    shaken = states.copy()
-    for rows, _, noise in _parts(time, states):
+def shaken_states(time: Array, states: Array, *, times: float, rng: np.random.Generator) -> Array:
+    """The states, shape [n, 13], with noise added to the poses: of `times` the deviation of their own noise."""
+    shaken = _without_jumps(states)
+    for rows, noise in _parts(time, shaken):
         own = np.where(noise > _QUIET, noise, 0.0)
-        shaken[rows, POSE] += times * own * rng.normal(size=(len(rows), 7))
-    if (shaken == states).all():
-        return None
+        shaken[rows, POSE] += times * own * rng.normal(size=(len(rows), len(own)))
     return _of_unit_length(shaken)
 
 
@@ -155,12 +150,13 @@ def smoothed_states(time: Array, states: Array) -> Array:
 
     `time` [s], shape [n]. Parts between gaps are smoothed on their own. Poses whose noise is rounding stay as they are.
     """
-    smoothed = states.copy()
-    for rows, poses, noise in _parts(time, states):
+    smoothed = _without_jumps(states)
+    for rows, noise in _parts(time, smoothed):
+        poses = smoothed[rows, POSE]
         middle = poses.mean(axis=0)
         line = _longest_lines(time[rows], poses - middle, np.maximum(noise, _QUIET))
         spin = _spin(poses[:, QUATERNION], line.slope[:, QUATERNION])
-        smoothed[rows, POSE] = np.where(noise > _QUIET, line.value + middle, states[rows, POSE])
+        smoothed[rows, POSE] = np.where(noise > _QUIET, line.value + middle, poses)
         smoothed[rows, TWIST] = np.round(np.hstack([line.slope[:, POSITION], spin]), _ROUNDED)
     return _of_unit_length(smoothed)
 
@@ -185,25 +181,26 @@ def fine_motion(time: Array, states: Array) -> FineMotion:
     one pose and undid before the other: up to 0.1 mm at 125 Hz, where grains lose their force within 0.3 mm. A corner
     lies where the lines through the poses before and after it meet. Steps that are long beside those 0.3 mm bias λ.
     """
+    index = np.arange(float(len(time)))
     at, share = _corners(time, states)
-    corners = _between(states, at, share)
-    span = (time[at + 1] - time[at]) * share
+    span = share * np.diff(time)[at]
+    corners = interpolated(at + share, index, states)
     corners[:, POSITION] = states[at, POSITION] + states[at, VELOCITY] * span[:, None]
     corners[:, TWIST] = states[at, TWIST]
-    moments = np.insert(time, at + 1, time[at] + span)
     path = np.insert(states, at + 1, corners, axis=0)
-    rows = np.arange(len(time)) + np.searchsorted(at, np.arange(len(time)))
+    moments = np.insert(time, at + 1, time[at] + span)
 
     way = np.linalg.norm(np.diff(path[:, POSITION], axis=0), axis=1)
     wanted = np.clip(np.ceil(way / _STEP), 1, _MOST_STEPS).astype(np.int64)
     steps = np.where(np.diff(moments) <= GAP, wanted, 1)
     ends = np.append(0, np.cumsum(steps))  # the row of each state of the path among the steps
-    begin = np.repeat(np.arange(len(steps)), steps)
-    part = (np.arange(ends[-1]) - ends[begin]) / steps[begin]
-    fine = np.vstack([_between(path, begin, part), path[-1:]])
-    inner = np.flatnonzero(part > 0.0)
-    fine[inner, TWIST] = path[begin[inner] + 1, TWIST]
-    return FineMotion(fine, ends[rows])
+    path_index = np.arange(float(len(path)))
+    places = np.interp(np.arange(ends[-1] + 1), ends, path_index)
+    fine = interpolated(places, path_index, path)
+    fine[:, TWIST] = path[np.ceil(places).astype(np.int64), TWIST]
+    return FineMotion(
+        _of_unit_length(fine), ends[np.arange(len(time)) + np.searchsorted(at, index)]
+    )
 
 
 def _corners(time: Array, states: Array) -> tuple[NDArray[np.int64], Array]:
@@ -219,12 +216,3 @@ def _corners(time: Array, states: Array) -> tuple[NDArray[np.int64], Array]:
     inside = (share > _BETWEEN) & (share < 1.0 - _BETWEEN)
     at = np.flatnonzero(inside & (size > _BENDS * speeds) & (span <= GAP))
     return at, share[at]
-
-
-def _between(states: Array, rows: NDArray[np.int64], share: Array) -> Array:
-    """States at that share of the way from each of the rows to the next one; attitudes in proportion."""
-    before = states[rows]
-    after = states[rows + 1]
-    opposite = np.sum(before[:, QUATERNION] * after[:, QUATERNION], axis=1) < 0.0
-    after[opposite, QUATERNION] *= -1.0
-    return _of_unit_length(before + share[:, None] * (after - before))

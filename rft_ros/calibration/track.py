@@ -8,12 +8,13 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
+from scipy.signal import find_peaks
 from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.playback import play, reasons
 from rft_ros.bags.reading import Recording, bag_name
-from rft_ros.calibration.smoothing import GAP
+from rft_ros.calibration.smoothing import GAP, interpolated
 from rft_ros.errors import InputError
 from rft_ros.estimator import GRAVITY, Estimate, Estimator
 from rft_ros.parameters import LoadCell, Values, model_of, settings_of
@@ -85,7 +86,7 @@ class Track:
     @cached_property
     def smooth(self) -> Array:
         """The states with velocities averaged over 0.1 s, shape [n, 13], units of `STATE`: noise averages out."""
-        step = float(np.median(np.diff(self.time))) if len(self.time) > 1 else _SMOOTHING
+        step = float(np.median(np.diff(self.time)))
         # stamps may lie closer than any driver's
         count = max(1, round(_SMOOTHING / max(step, 1e-4)))
         # uniform_filter1d would leave 1e-18 in place of 0, and walls along the motion would count as leading
@@ -141,11 +142,6 @@ class Track:
         return np.asarray(wrenches(self.tool.plates, law, states, threads=1)[:, FORCE])
 
 
-def moved_back(time: Array, readings: Array, delay: float) -> Array:
-    """What a load cell read `delay` [s] after each moment; `time` [s], shape [n], `readings`, shape [n, k]."""
-    return np.column_stack([np.interp(time + delay, time, column) for column in readings.T])
-
-
 def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) -> Track:
     """Read a bag's poses, each with the twist and load-cell reading that the estimator uses for it; no tare.
 
@@ -168,13 +164,14 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     estimator = Estimator(settings_raw, model)
     answers = play(recording, estimator)
     states = [estimator.state.copy() for _, answer in answers if isinstance(answer, Estimate)]
-    usable = {
-        # by stamp: a bag recorded in a loop steps back in time and repeats stamps
-        measured.stamp: (state, measured.compensated)
-        for state, measured in reversed([*zip(states, estimator.measurements(), strict=True)])
+    usable = [
+        (state, measured)
+        for state, measured in zip(states, estimator.measurements(), strict=True)
         if measured.compensated is not None
-    }
-    stamps = np.array(sorted(usable), dtype=np.int64)
+    ]
+    # by stamp: a bag recorded in a loop steps back in time and repeats stamps
+    every_stamp = np.array([measured.stamp for _, measured in usable], dtype=np.int64)
+    stamps, rows = np.unique(every_stamp, return_index=True)
     if len(stamps) < 2:
         topics = ", ".join(recording.topics.values())
         found = f"{len(stamps)} poses with a velocity and a load-cell sample (topics {topics}"
@@ -183,8 +180,8 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
         name=bag_name(bag),
         begin=int(stamps[0]),
         time=(stamps - stamps[0]) * 1e-9,
-        states=np.array([usable[stamp][0] for stamp in stamps.tolist()]),
-        readings=np.array([usable[stamp][1] for stamp in stamps.tolist()]),
+        states=np.array([usable[row][0] for row in rows]),
+        readings=np.array([usable[row][1].compensated for row in rows]),
         cell=cell,
         tool=model.tool,
         rest_speed=settings.rest_speed,
@@ -196,18 +193,14 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
 class Turn(NamedTuple):
     """A change of direction by 60° or more in the grains, or a start from rest in a recording that begins there.
 
-    `first`: row from which the memory of the grains is known. `at`: last row in motion before it. `rows`: those in
-    motion, from 3 mm of path before to 10 mm after it, or to the next turn. `after`: path to the last row [m].
+    `where`: the recording and the moment, in words. `first`: row from which the memory of the grains is known. `rows`:
+    those in motion, from 3 mm of path before to 10 mm after it, or to the next turn. `after`: path to the last row [m].
     """
 
+    where: str
     first: int
-    at: int
     rows: Indices
     after: float
-
-    def where(self, track: "Track") -> str:
-        """The recording and the moment of the turn, in words."""
-        return f"{track.name}, {track.time[self.at]:.1f} s after its beginning"
 
 
 def _segments(mask: NDArray[np.bool_], time: Array) -> list[Indices]:
@@ -229,9 +222,6 @@ def still_intervals(track: Track) -> list[Indices]:
 
 def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
     """Rows of straight motion down in each movement to a point below a height [m], in the orientation of that point."""
-    # takes 0.5 s, which rft doctor, demo and warm-up need not wait
-    from scipy.signal import find_peaks
-
     heights = track.heights
     rotations = track.rotations
     sinking = -track.smooth[:, STATE.index("vz")]
@@ -275,20 +265,17 @@ def turns_in_grains(track: Track, surface: float) -> list[Turn]:
             near = rows[(path >= begin) & (path <= end)]
             after_it = float(end - path[turn])
             if after_it >= 2.0 * _CHORD and len(near) >= FEWEST:
+                where = f"{track.name}, {track.time[rows[turn]]:.1f} s after its beginning"
                 first = max(int(segment[0]) - 1, 0)
-                found.append(Turn(first=first, at=int(rows[turn]), rows=near, after=after_it))
+                found.append(Turn(where=where, first=first, rows=near, after=after_it))
     return found
 
 
 def _sharp_turns(path: Array, places: Array) -> list[int]:
     """Index of the sharpest turn in each group of neighbouring places, shape [n, 3], with a turn by 60° or more."""
-
-    def at(s: Array) -> Array:
-        return np.column_stack([np.interp(s, path, column) for column in places.T])
-
     inner = np.flatnonzero((path >= _CHORD) & (path <= path[-1] - _CHORD))
-    behind = places[inner] - at(path[inner] - _CHORD)
-    ahead = at(path[inner] + _CHORD) - places[inner]
+    behind = places[inner] - interpolated(path[inner] - _CHORD, path, places)
+    ahead = interpolated(path[inner] + _CHORD, path, places) - places[inner]
     lengths = np.linalg.norm(behind, axis=1) * np.linalg.norm(ahead, axis=1)
     cosine = np.einsum("ni,ni->n", behind, ahead) / np.maximum(lengths, 1e-12)
     turned = np.flatnonzero(cosine < _TURNED)

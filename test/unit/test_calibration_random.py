@@ -28,7 +28,7 @@ from synthetic_track import (
 )
 
 from rft_ros.calibration.calibrate import calibrate
-from rft_ros.calibration.track import moved_back
+from rft_ros.calibration.smoothing import interpolated
 from rft_ros.errors import InputError
 from rft_ros.rft import Memory, wrenches_in_time
 from rft_ros.tool import load_tool
@@ -104,7 +104,7 @@ def recording(seed):
     drag = friction * states[:, 7:10] / np.maximum(speeds, 1e-6)
     readings[:, :3] -= Rotation.from_quat(states[:, 3:7]).inv().apply(drag)
     delay = rng.uniform(-0.1, 0.1)
-    readings = moved_back(time, readings, -delay)
+    readings = interpolated(time - delay, time, readings)
     if shakes and integration == "refined":
         states = shaken(states, rng, 3e-6, 3e-5)
     if difference:
