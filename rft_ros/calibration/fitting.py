@@ -161,14 +161,15 @@ class Parameter(NamedTuple):
 def _linear(columns: Array, observed: Array) -> tuple[Array, Array]:
     """The coefficients of columns, shape [n, axes, k], by least squares, and the residuals, shape [n, axes]."""
     matrix = columns.reshape(observed.size, -1)
-    found = np.asarray(np.linalg.lstsq(matrix, observed.ravel(), rcond=None)[0], dtype=np.float64)
-    return found, observed - (matrix @ found).reshape(observed.shape)
+    found, *_ = np.linalg.lstsq(matrix, observed.ravel(), rcond=None)
+    return np.asarray(found, float), observed - (matrix @ found).reshape(observed.shape)
 
 
 def fit_linear(columns: Array, observed: Array) -> Fit:
     """Least squares of a time series, shape [n, axes], any unit, on columns of shape [n, axes, k]."""
     coefficients, residuals = _linear(columns, observed)
-    return _fit(coefficients, residuals, np.linalg.pinv(columns.reshape(observed.size, -1))[0])
+    inverse = np.linalg.pinv(columns.reshape(observed.size, -1))
+    return _fit(coefficients, residuals, inverse[0])
 
 
 def fit_curve(
@@ -196,7 +197,8 @@ def fit_curve(
     def squares(at: Array) -> float:
         return float(np.sum(residuals_at(at) ** 2))
 
-    best = np.clip(min((start / step for start in starts), key=squares), low, high)
+    start = min((start / step for start in starts), key=squares)
+    best = np.clip(start, low, high)
     # without derivatives: with memory the curve is not smooth
     simplex = best + _FIRST * np.eye(len(step) + 1, len(step), k=-1)
     found = minimize(
@@ -215,14 +217,16 @@ def fit_curve(
         for offset in np.diag(width):
             after = np.minimum(found + offset, high)
             before = np.maximum(found - offset, low)
-            slopes.append((residuals_at(before) - residuals_at(after)) / (after - before).sum())
-        of_first = np.linalg.pinv(np.stack(slopes, axis=1))[0] * step[0]
-        return _fit(coefficients, residuals, of_first)
+            change = residuals_at(before) - residuals_at(after)
+            slopes.append(change / (after - before).sum())
+        inverse = np.linalg.pinv(np.stack(slopes, axis=1))
+        return _fit(coefficients, residuals, inverse[0] * step[0])
 
     # the standard error needs the slope over a step as wide as itself
     one = np.ones(len(step))
     narrow = fit_with(one)
-    wide = fit_with(np.clip(narrow.error / step[0], one, np.maximum(one, _WIDEST * (high - low))))
+    widest = np.maximum(one, _WIDEST * (high - low))
+    wide = fit_with(np.clip(narrow.error / step[0], one, widest))
     return max(narrow, wide, key=lambda fit: fit.error)
 
 
@@ -238,7 +242,9 @@ def _fit(coefficients: Array, residuals: Array, of_first: Array) -> Fit:
     """
     influence = of_first.reshape(residuals.shape)
     noise = residuals - residuals.mean(axis=0)
-    alike = (noise[1:] * noise[:-1]).sum(axis=0) / np.maximum((noise**2).sum(axis=0), 1e-300)
+    neighbours = (noise[1:] * noise[:-1]).sum(axis=0)
+    squares = (noise**2).sum(axis=0)
+    alike = neighbours / np.maximum(squares, 1e-300)
     free = len(coefficients)
     variance = max(
         _by_moment(influence, residuals, alike, free),
@@ -256,10 +262,12 @@ def _by_moment(influence: Array, residuals: Array, alike: Array, free: int) -> f
     lags = int(4.0 * (n / 100.0) ** (2.0 / 9.0))
     scores = influence * residuals
     whitening = np.clip(alike, -_MOST_ALIKE, _MOST_ALIKE)
-    white = (scores[1:] - whitening * scores[:-1]) / (1.0 - whitening)
+    new = scores[1:] - whitening * scores[:-1]
+    white = new / (1.0 - whitening)
     total = np.sum(white**2)
     for lag in range(1, lags + 1):
-        total += 2.0 * (1.0 - lag / (lags + 1.0)) * np.sum(white[lag:] * white[:-lag])
+        weight = 1.0 - lag / (lags + 1.0)
+        total += 2.0 * weight * np.sum(white[lag:] * white[:-lag])
     # coefficients and the kernel's width reduce the degrees of freedom
     return float(total * n / max(n - free - lags, 1))
 

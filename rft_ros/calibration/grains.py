@@ -289,6 +289,8 @@ def _add_zeta(
         source=listed(strengths),
         spread=spread_of(strengths, [str(tool.file) for tool in tools]),
     )
+    if "medium.zeta" in result.not_identifiable:
+        return
     deepest = min(ways, key=_lowest)
     result.add(
         "medium.calibrated_depth",
@@ -315,17 +317,14 @@ def _lowest(way: Phase) -> float:
 
 
 def spread_of(found: Sequence[Measurement], tools: Sequence[str]) -> float:
-    """Relative scatter of ζ between the tools; if there is only one tool, between its measurements.
+    """How far ζ is from that of a tool, relative to it; if there is only one tool, from one of its measurements.
 
     `tools`: the name of the tool of each measurement.
     """
+    names = tools if len(set(tools)) > 1 else range(len(found))
     values = np.array([measurement.value for measurement in found])
-    of_tools = [values[[name == tool for name in tools]].mean() for tool in dict.fromkeys(tools)]
-    if len(values) == 1:
-        return 0.0
-    if len(of_tools) == 1:
-        return float(np.std(values, ddof=1) / values.mean())
-    return float(max(abs(values.mean() / zeta - 1.0) for zeta in of_tools))
+    of_each = [values[[name == one for name in names]].mean() for one in dict.fromkeys(names)]
+    return float(max(abs(values.mean() / zeta - 1.0) for zeta in of_each))
 
 
 def difference(found: Sequence[Measurement], sizes: Sequence[float]) -> str:

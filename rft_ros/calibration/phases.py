@@ -105,11 +105,14 @@ class Part:
         at = time[self.rows]
         # what is followed from the beginning of a recording is followed to its end, for all such parts at once
         end = int(np.searchsorted(time, at[-1] + LATEST)) if self.first else len(time)
-        course = predicted(self.recording, values._replace(delay=0.0), self.first, end - 1)
-        force = interpolated(at - values.delay, time[self.first : end], course[:, self.axes])
+        punctual = values._replace(delay=0.0)
+        course = predicted(self.recording, punctual, self.first, end)
+        moments = time[self.first : end]
+        force = interpolated(at - values.delay, moments, course[:, self.axes])
         if not self.zeros:
             return force[:, :, None]
-        zeros = np.broadcast_to(np.eye(force.shape[1]), (*force.shape, force.shape[1]))
+        axes = force.shape[1]
+        zeros = np.broadcast_to(np.eye(axes), (*force.shape, axes))
         return np.concatenate([force[:, :, None], zeros], axis=2)
 
 
@@ -154,7 +157,8 @@ class Phase:
     def by_force(self, force: Array) -> float:
         """Change of the value by a force that is added to the measured one: shape [3], or [n, 3] of the recording."""
         added = np.broadcast_to(force, self.recording.track.forces.shape)
-        return float(np.sum(self.fit.influence * added[self.part.rows, self.part.axes]))
+        of_part = added[self.part.rows, self.part.axes]
+        return float(np.sum(self.fit.influence * of_part))
 
     def change(self, recording: Recorded | None = None, **others: float) -> float:
         """Change of the value with another motion of the recording, and with other values; to first order."""
@@ -168,7 +172,9 @@ class Phase:
         if name in self.free:
             return 0.0
         at = getattr(self.values, name)
-        return (self.change(**{name: at + step}) - self.change(**{name: at - step})) / (2.0 * step)
+        more = self.change(**{name: at + step})
+        less = self.change(**{name: at - step})
+        return (more - less) / (2.0 * step)
 
     def again(self, values: BedValues) -> "Phase":
         """The phase fitted again with other values; those that are free from the fitted ones on."""
@@ -185,7 +191,8 @@ def fitted(
         return Phase(part=part, free=free, values=values, fit=fit)
 
     def columns_of(parameters: Array) -> Array:
-        return part.columns(values._replace(**dict(zip(free, parameters.tolist(), strict=True))))
+        named = zip(free, parameters.tolist(), strict=True)
+        return part.columns(values._replace(**dict(named)))
 
     heights = part.recording.track.heights[part.rows]
     parameters = {
@@ -196,8 +203,8 @@ def fitted(
     chosen = [parameters[name] for name in free]
     begins = starts or [tuple(getattr(values, name) for name in free)]
     fit = fit_curve(columns_of, chosen, part.observed, map(np.array, begins))
-    found = values._replace(**dict(zip(free, fit.coefficients.tolist(), strict=False)))
-    return Phase(part=part, free=free, values=found, fit=fit)
+    named = zip(free, fit.coefficients.tolist(), strict=False)
+    return Phase(part=part, free=free, values=values._replace(**dict(named)), fit=fit)
 
 
 def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Contact:

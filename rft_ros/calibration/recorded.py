@@ -92,25 +92,23 @@ class Recorded:
     @cached_property
     def shaken(self) -> list["Recorded"]:
         """The recording with noise added in `SHAKEN` ways, so that its deviation doubles."""
-        return [replace(self, states=self._with_noise(seed)) for seed in range(SHAKEN)]
-
-    def _with_noise(self, seed: int) -> Array:
-        rng = np.random.default_rng(seed)
-        return shaken_states(self.track.time, self.states, times=3.0**0.5, rng=rng)
+        time = self.track.time
+        shaken = [shaken_states(time, self.states, seed) for seed in range(SHAKEN)]
+        return [replace(self, states=states) for states in shaken]
 
 
 @lru_cache(maxsize=32)
-def predicted(recording: Recorded, values: BedValues, first: int, last: int) -> Array:
-    """Force on the tool at the rows from `first`, where the memory is empty, to `last`, world axes [N], [m, 3]."""
+def predicted(recording: Recorded, values: BedValues, first: int, end: int) -> Array:
+    """Force on the tool at the rows from `first`, where the memory is empty, up to `end`, world axes [N], [m, 3]."""
     plates = recording.track.tool.plates
     surface = values.surface
     if values.length == 0.0:
         # smooth velocities: without memory there is no force at rest, and an arm guided by hand stops in between
-        states = recording.track.smooth[first : last + 1]
+        states = recording.track.smooth[first:end]
         found = wrenches(plates, recording.law, states, surface_height=surface, threads=1)
         return found[:, FORCE]
     law = replace(recording.law, mobilization_length=values.length)
-    rows = recording.motion.rows[first : last + 1]
+    rows = recording.motion.rows[first:end]
     states = recording.motion.states[rows[0] : rows[-1] + 1]
     moved = displacements_followed(states, reach=plates.reach, dead_band=_LOST_MOTION)
     found = wrenches_in_time(

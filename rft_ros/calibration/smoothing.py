@@ -59,8 +59,19 @@ class _Line(NamedTuple):
 
 
 def interpolated(at: Array, places: Array, columns: Array) -> Array:
-    """Columns, shape [n, k], that are known at `places`, shape [n], by straight lines between these; at `at` [m]."""
+    """Columns, shape [n, k], that are known at `places`, shape [n], by straight lines between these; shape [m, k].
+
+    `at`: where they are wanted, shape [m].
+    """
     return np.column_stack([np.interp(at, places, column) for column in columns.T])
+
+
+def segments(mask: NDArray[np.bool_], time: Array) -> list[NDArray[np.int64]]:
+    """The rows of each part of the mask, shape [n], that has no gap. `time` [s], shape [n]."""
+    rows = np.flatnonzero(mask)
+    apart = np.diff(time[rows]) > GAP
+    ends = np.flatnonzero(apart | (np.diff(rows) > 1))
+    return [part for part in np.split(rows, ends + 1) if len(part)]
 
 
 def _without_jumps(states: Array) -> Array:
@@ -78,7 +89,7 @@ def _parts(time: Array, states: Array) -> Iterator[tuple[NDArray[np.int64], Arra
 
     Parts of less than four rows are left out. `states`: without jumps of the quaternions.
     """
-    for rows in np.split(np.arange(len(time)), np.flatnonzero(np.diff(time) > GAP) + 1):
+    for rows in segments(np.ones(len(time), dtype=np.bool_), time):
         if len(rows) < 4:
             continue
         third = np.diff(states[rows, POSE], n=3, axis=0)
@@ -104,10 +115,12 @@ def _line(time: Array, places: Array, before: int, after: int) -> _Line:
     rate = over(places, number) / spans[:, None]
     late = over(time, mean) - time
     lever = 0.5 * (after - before)
-    deviation = np.full(len(time), np.sqrt(1.0 / size + lever**2 / (number @ number)))
+    variance = 1.0 / size + lever**2 / (number @ number)
+    deviation = np.full(len(time), np.sqrt(variance))
     deviation[:before] = np.inf
     deviation[len(time) - after :] = np.inf
-    return _Line(value=over(places, mean) - rate * late[:, None], slope=rate, deviation=deviation)
+    value = over(places, mean) - rate * late[:, None]
+    return _Line(value=value, slope=rate, deviation=deviation)
 
 
 def _longest_lines(time: Array, places: Array, noise: Array) -> _Line:
@@ -136,12 +149,13 @@ def _longest_lines(time: Array, places: Array, noise: Array) -> _Line:
     return best
 
 
-def shaken_states(time: Array, states: Array, *, times: float, rng: np.random.Generator) -> Array:
-    """The states, shape [n, 13], with noise added to the poses: of `times` the deviation of their own noise."""
+def shaken_states(time: Array, states: Array, seed: int) -> Array:
+    """The states, shape [n, 13], with noise added to the poses, so that the deviation of their noise doubles."""
+    rng = np.random.default_rng(seed)
     shaken = _without_jumps(states)
     for rows, noise in _parts(time, shaken):
-        own = np.where(noise > _QUIET, noise, 0.0)
-        shaken[rows, POSE] += times * own * rng.normal(size=(len(rows), len(own)))
+        added = 3.0**0.5 * np.where(noise > _QUIET, noise, 0.0)
+        shaken[rows, POSE] += added * rng.normal(size=(len(rows), len(added)))
     return _of_unit_length(shaken)
 
 
@@ -157,12 +171,14 @@ def smoothed_states(time: Array, states: Array) -> Array:
         line = _longest_lines(time[rows], poses - middle, np.maximum(noise, _QUIET))
         spin = _spin(poses[:, QUATERNION], line.slope[:, QUATERNION])
         smoothed[rows, POSE] = np.where(noise > _QUIET, line.value + middle, poses)
-        smoothed[rows, TWIST] = np.round(np.hstack([line.slope[:, POSITION], spin]), _ROUNDED)
+        twist = np.hstack([line.slope[:, POSITION], spin])
+        smoothed[rows, TWIST] = np.round(twist, _ROUNDED)
     return _of_unit_length(smoothed)
 
 
 def _of_unit_length(states: Array) -> Array:
-    states[:, QUATERNION] /= np.linalg.norm(states[:, QUATERNION], axis=1)[:, None]
+    lengths = np.linalg.norm(states[:, QUATERNION], axis=1)
+    states[:, QUATERNION] /= lengths[:, None]
     return states
 
 
@@ -198,9 +214,9 @@ def fine_motion(time: Array, states: Array) -> FineMotion:
     places = np.interp(np.arange(ends[-1] + 1), ends, path_index)
     fine = interpolated(places, path_index, path)
     fine[:, TWIST] = path[np.ceil(places).astype(np.int64), TWIST]
-    return FineMotion(
-        _of_unit_length(fine), ends[np.arange(len(time)) + np.searchsorted(at, index)]
-    )
+    corners_before = np.searchsorted(at, index)
+    rows = ends[np.arange(len(time)) + corners_before]
+    return FineMotion(_of_unit_length(fine), rows)
 
 
 def _corners(time: Array, states: Array) -> tuple[NDArray[np.int64], Array]:

@@ -14,7 +14,7 @@ from scipy.spatial.transform import Rotation
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.playback import play, reasons
 from rft_ros.bags.reading import Recording, bag_name
-from rft_ros.calibration.smoothing import GAP, interpolated
+from rft_ros.calibration.smoothing import interpolated, segments
 from rft_ros.errors import InputError
 from rft_ros.estimator import GRAVITY, Estimate, Estimator
 from rft_ros.parameters import LoadCell, Values, model_of, settings_of
@@ -203,16 +203,10 @@ class Turn(NamedTuple):
     after: float
 
 
-def _segments(mask: NDArray[np.bool_], time: Array) -> list[Indices]:
-    rows = np.flatnonzero(mask)
-    broken = (np.diff(rows) > 1) | (np.diff(time[rows]) > GAP)
-    return [part for part in np.split(rows, np.flatnonzero(broken) + 1) if len(part)]
-
-
 def still_intervals(track: Track) -> list[Indices]:
     """Rows of each interval at rest, without the time to settle, as indices of `Track`'s rows, shape [n], no unit."""
     found = []
-    for rows in _segments(~track.moving, track.time):
+    for rows in segments(~track.moving, track.time):
         time = track.time[rows]
         settled = (time >= time[0] + _SETTLING) & (time <= time[-1] - _SETTLING)
         if settled.sum() >= 8 and np.ptp(time[settled]) >= _SHORTEST_STILL:
@@ -238,9 +232,8 @@ def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
         top = begin + int(np.argmax(heights[begin:end]))
         begin = top + int(np.argmin(heights[top:end]))
         rows = np.arange(top, begin + 1)
-        alike = np.einsum("nij,ij->n", rotations[rows], rotations[begin]) > 1.0 + 2.0 * np.cos(
-            _TILT
-        )
+        traces = np.einsum("nij,ij->n", rotations[rows], rotations[begin])
+        alike = traces > 1.0 + 2.0 * np.cos(_TILT)
         stroke = rows[alike & straight[rows]]
         if len(stroke) >= FEWEST and heights[stroke].min() < below:
             found.append(stroke)
@@ -251,11 +244,12 @@ def turns_in_grains(track: Track, surface: float) -> list[Turn]:
     """Each turn or start followed by at least 2 mm of path in the grains, with at least 20 rows."""
     places = track.states[:, POSITION] + track.rotations @ track.tool.middle
     found = []
-    for segment in _segments(track.heights < surface, track.time):
+    for segment in segments(track.heights < surface, track.time):
         rows = segment[track.moving[segment]]
         if len(rows) < FEWEST:
             continue
-        path = np.append(0.0, np.linalg.norm(np.diff(places[rows], axis=0), axis=1).cumsum())
+        steps = np.linalg.norm(np.diff(places[rows], axis=0), axis=1)
+        path = np.append(0.0, steps.cumsum())
         turns = _sharp_turns(path, places[rows])
         if segment[0] == 0 and not track.moving[0]:
             turns.insert(0, 0)
