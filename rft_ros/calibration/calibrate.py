@@ -24,6 +24,7 @@ from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.parameters import LoadCell, Settings, Values, model_of, settings_of
 from rft_ros.rft import FORCE, Law, wrenches
+from rft_ros.rft.frames import Placement
 
 PARTS = ("sensor", "surface", "zeta", "mobilization")
 """What can be fitted: delay, bias, mass and centre of mass; surface height; ζ; λ."""
@@ -104,22 +105,21 @@ def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
     """The load cell of the settings, with its place from the recordings' transforms if they are its source."""
     if settings.sensor_source != "tf":
         return settings.load_cell
-    first = tracks[0]
+    places: list[Placement] = []
     for track in tracks:
         if track.mount is None:
             link = f"tool_frame '{settings.tool_frame}' and sensor_frame '{settings.sensor_frame}'"
             raise InputError(
                 f"{track.name}: no fixed transforms link {link}, as sensor.frame_source tf needs"
             )
-        if first.mount is not None and not first.mount.is_at(track.mount):
+        places.append(track.mount)
+        if not places[0].is_at(track.mount):
             raise InputError(
-                f"{first.name} and {track.name}: their transforms place the load cell differently; calibrate each of "
-                "the two mountings on its own"
+                f"{tracks[0].name} and {track.name}: their transforms place the load cell differently; calibrate each "
+                "of the two mountings on its own"
             )
-    assert first.mount is not None
-    return replace(
-        settings.load_cell, position=first.mount.position, quaternion=first.mount.quaternion
-    )
+    place = places[0]
+    return replace(settings.load_cell, position=place.position, quaternion=place.quaternion)
 
 
 def _law_of(values: Values, track: Track) -> Law:
