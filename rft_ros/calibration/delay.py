@@ -15,7 +15,7 @@ from rft_ros.calibration.smoothing import GAP
 from rft_ros.calibration.track import FEWEST, Turn, turns_in_grains
 from rft_ros.rft import FORCE
 
-_DELAYS = np.linspace(-LATEST, LATEST, 26)  # tried before the best one is refined
+_DELAYS = np.linspace(-LATEST, LATEST, 101)  # tried before the best one is refined
 _UNSURE = 0.05  # greatest accepted standard error of the delay of one turn [s]
 _SEEN = 2.0  # standard errors: a smaller delay is not told from the given one
 _RESOLUTION = 1e-3  # s: delays of synthetic recordings are found up to 1.6 ms too early
