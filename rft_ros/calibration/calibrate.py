@@ -158,6 +158,8 @@ def _surface(
         if "surface" in parts:
             result.not_identifiable["surface_height"] = str(reason)
         return _Surface(height=given, air=given, contacts=[])
+    # before its delay was known there may have been none
+    result.not_identifiable.pop("surface_height", None)
     height = _mean_height(contacts) if "surface" in parts else given
     air = max(height, *(contact.surface for contact in contacts))
     return _Surface(height=height, air=air, contacts=contacts)
