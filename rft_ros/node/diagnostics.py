@@ -19,7 +19,6 @@ from rft_ros.estimator import (
     trust,
 )
 from rft_ros.estimator.learning import Learning
-from rft_ros.messages import Role
 from rft_ros.node.swap import Swap
 
 DIAGNOSTICS_PERIOD = 1.0  # s, between two reports
@@ -36,18 +35,18 @@ class Diagnostics:
         self._swap = swap
         self._publisher = node.create_publisher(DiagnosticArray, "/diagnostics", 10)
         self._reported = Counter[Reason]()  # until the last report
-        self._newest: dict[Role, int] = {}  # stamp [ns] of the last message
+        self._newest: dict[str, int] = {}  # by role, stamp [ns] of the last message
         self._ongoing: dict[str, int] = {}  # reports without a problem after which it has ended
         self._idle = True  # no pose came in the second before the last report
         self._start_period()
 
     def _start_period(self) -> None:
-        self._received = Counter[Role]()
+        self._received = Counter[str]()
         self._latencies: list[float] = []
         self._fastest = 0.0
         self._quality_flags = 0
 
-    def received(self, role: Role, stamp: int) -> None:
+    def received(self, role: str, stamp: int) -> None:
         """Count a message with this stamp [ns]."""
         self._received[role] += 1
         self._newest[role] = stamp
@@ -134,9 +133,9 @@ class Diagnostics:
         )
 
     def _inputs(self, now: int, bad: list[str]) -> DiagnosticStatus:
-        roles: tuple[Role, ...] = ("pose", "twist", "wrench")
         values: dict[str, object] = {
-            f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD for role in roles
+            f"{role}_rate_hz": self._received[role] / DIAGNOSTICS_PERIOD
+            for role in ("pose", "twist", "wrench")
         }
         values |= {f"{role}_age_s": (now - stamp) * 1e-9 for role, stamp in self._newest.items()}
         values |= {f"count.{k}": n for k, n in self._estimator.counts.items()}

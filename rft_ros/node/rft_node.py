@@ -29,8 +29,7 @@ from rft_ros.parameters import Values
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
 _LEARNED_PERIOD = 20_000_000  # ns
-_WITH_ERROR = ["vertical_strength", "horizontal_strength", "turn", "surface"]
-_LEARNED = [*_WITH_ERROR, "surprise"]
+_LEARNED = ["vertical_strength", "horizontal_strength", "turn", "surface", "surprise"]
 
 
 class RftNode(Node):
@@ -58,7 +57,7 @@ class RftNode(Node):
         self._markers = Markers(self, self.estimator)
         self._measured_frame = self.estimator.wrench_frame
 
-        steady = Clock(clock_type=ClockType.STEADY_TIME)
+        timer = partial(self.create_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._subscribe("wrench")
         self._twists = self._subscribe("twist")
         if has_tf2_msgs() or "tf" in (values["pose_source"], values["sensor.frame_source"]):
@@ -68,14 +67,14 @@ class RftNode(Node):
         else:
             self._pose_type = TYPES["pose"][0]
             self._poses: Subscription | None = self._subscribe("pose")
-            self.create_timer(DIAGNOSTICS_PERIOD, self._follow_pose_type, clock=steady)
+            timer(DIAGNOSTICS_PERIOD, self._follow_pose_type)
         self._clouds: Subscription | None = None
         self._subscribe_to_clouds()
         Services(self, self.estimator, self.table, status=self._diagnostics.summary)
 
-        self.create_timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish, clock=steady)
-        self.create_timer(_MARKER_PERIOD, self._markers.publish, clock=steady)
-        self.create_timer(_SWAP_POLL_PERIOD, self._on_swap_poll, clock=steady)
+        timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish)
+        timer(_MARKER_PERIOD, self._markers.publish)
+        timer(_SWAP_POLL_PERIOD, self._on_swap_poll)
 
     def _subscribe(self, role: Role, kind: str = "") -> Subscription:
         """Subscribe to the messages of a role. `kind`: which of `TYPES` they have; by default the first."""
@@ -174,11 +173,11 @@ class RftNode(Node):
         if learning is None or 0 <= stamp - self._learned_at < _LEARNED_PERIOD:
             return
         self._learned_at = stamp
-        belief = learning.belief()
+        belief = learning.belief()._asdict()
         message = JointState(name=_LEARNED)
         message.header.stamp = Time(nanoseconds=stamp).to_msg()
-        message.position = [getattr(belief, name) for name in _LEARNED]
-        message.effort = [*(getattr(belief, f"{name}_error") for name in _WITH_ERROR), 1.0]
+        message.position = [belief[name] for name in _LEARNED]
+        message.effort = [belief.get(f"{name}_error", 1.0) for name in _LEARNED]
         self._learned.publish(message)
 
     def _publish_measurements(self) -> None:

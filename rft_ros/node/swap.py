@@ -95,7 +95,8 @@ class Swap:
     def prepare(self, values: Values) -> Prepared:
         """Prepare a change to these values, without reading files. Raises InputError for unusable values."""
         self._check_code(needed(values))
-        made = self._next(values, self.prepared.in_force)
+        before = self.prepared
+        made = _made(values, before.in_force, generation=before.model.generation + 1)
         check = self._check_thread.submit(_check_files, made)
         # without an answer the drive stalls, and the worker finds what is wrong
         if wait([check], _ANSWERS_WITHIN).done:
@@ -109,9 +110,6 @@ class Swap:
             raise InputError(
                 f"{' and '.join(sorted(missing))} still compiles; try again in ten seconds"
             )
-
-    def _next(self, values: Values, in_force: dict[str, _InForce]) -> Prepared:
-        return _made(values, in_force, generation=self.prepared.model.generation + 1)
 
     @property
     def preparing(self) -> str:
@@ -157,7 +155,8 @@ class Swap:
             return Failed(undo=before.in_force[part].values, reason=self.last_failure)
         self.last_failure = ""
         in_force = before.in_force | {part: _InForce(load.wanted, loaded[part])}
-        self.prepared = self._next(before.values, in_force)
+        generation = before.model.generation + 1
+        self.prepared = _made(before.values, in_force, generation=generation)
         return self.prepared
 
 

@@ -11,7 +11,7 @@ pytest.importorskip("rclpy", reason="ROS 2 is not installed: pip install 'rft_ro
 sys.path.insert(0, str(Path(__file__).parent))
 
 from distribution import own_domain
-from harness import Harness, NodeProcess
+from harness import WAIT, Harness, NodeProcess
 
 os.environ.update(own_domain())
 
@@ -21,7 +21,10 @@ def ros() -> Iterator[None]:
     import rclpy
 
     from rft_ros.estimator.warm_up import prepare
+    from rft_ros.node import swap
 
+    # on a busy machine a file may take longer to check than a node in use waits
+    swap._ANSWERS_WITHIN = WAIT
     prepare()  # else a node's first start compiles learning while tests use it
     rclpy.init()
     yield

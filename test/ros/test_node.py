@@ -85,7 +85,7 @@ def test_a_table_of_alpha_y_swaps_and_one_that_cannot_be_used_is_refused_without
     assert "alpha_y.table" in refusal(rft, alpha_y__model="table")
     for file, why in (
         ("~nobody_1/table.csv", "does not exist; give the path"),
-        ("/dev/zero", "is a device and not a regular file"),
+        ("/dev/zero", "is a pipe, socket or device; give a regular file"),
     ):
         assert f"alpha_y.table '{file}' {why}" in refusal(
             rft, alpha_y__model="table", alpha_y__table=file

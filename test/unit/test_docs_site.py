@@ -56,15 +56,12 @@ def test_every_equation_is_drawn_and_numbered(site):
     page = (site / "method.html").read_text(encoding="utf-8")
     source = (ROOT / "docs" / "method.md").read_text(encoding="utf-8")
     assert page.count('<div class="equation"') == source.count("```math")
-    assert re.findall(r'class="equation-number">\((\d+)\)', page) == re.findall(
-        r"\\tag\{(\d+)\}", source
-    )
-    assert page.count("<math") > 40
+    numbers = re.findall(r"\\tag\{(\d+)\}", source)
+    assert re.findall(r'class="equation-number">\((\d+)\)', page) == numbers
     for file in site.glob("*.html"):
-        text = re.sub(
-            r"<(script|style|code).*?</\1>", "", file.read_text(encoding="utf-8"), flags=re.DOTALL
-        )
-        assert not re.search(r"EquationNumber|\$[^\s$][^$\n<]*\$", text), file.name
+        text = file.read_text(encoding="utf-8")
+        plain = re.sub(r"<(script|style|code).*?</\1>", "", text, flags=re.DOTALL)
+        assert not re.search(r"EquationNumber|\$[^\s$][^$\n<]*\$", plain), file.name
 
 
 def test_the_search_works_in_a_page_opened_as_a_file_with_no_network(site, tmp_path):
