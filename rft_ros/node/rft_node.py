@@ -1,6 +1,7 @@
 """The node `rft`: converts messages, calls the estimator once per pose, publishes."""
 
 from collections.abc import Callable
+from contextlib import suppress
 from copy import copy
 from functools import partial
 from time import perf_counter
@@ -93,7 +94,10 @@ class RftNode(Node):
         """Subscribe to the other type of poses once someone publishes that one, as motion capture does."""
         kind = type_on(self, "pose", TOPICS["pose"], usual=self._pose_type)
         if self._poses is None:
-            self._poses = self._subscribe("pose", kind)
+            with suppress(
+                RuntimeError
+            ):  # the first type is still in use; the next call tries again
+                self._poses = self._subscribe("pose", kind)
         elif kind != self._pose_type:
             # The middleware takes one type of a topic at a time, and has this subscription until this callback ends.
             self.destroy_subscription(self._poses)

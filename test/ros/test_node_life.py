@@ -20,6 +20,8 @@ from rosgraph_msgs.msg import Clock
 
 from rft_ros.bags.writing import BagWriter
 from rft_ros.estimator import TransformSample
+from rft_ros.messages import TYPES
+from rft_ros.node import rft_node
 from rft_ros.node.rft_node import RftNode
 from rft_ros.node.topics import INPUTS
 
@@ -72,6 +74,19 @@ def test_poses_that_come_before_the_node_do_no_harm_and_poses_may_be_transforms_
 
     rft.until(answered)
     np.testing.assert_array_equal(numbers(predicted[-1]), expected)
+
+
+def test_the_node_waits_with_the_other_type_of_poses_while_the_middleware_has_the_first(
+    start_node, monkeypatch
+):
+    """It ended by an error of rclpy. Here a publisher of the first type in the same process keeps it."""
+    rft = start_node("-p", "mesh.file:=plate").wait_ready()
+    monkeypatch.setattr(rft_node, "type_on", lambda *_, **_usual: TYPES["pose"][1])
+    rft.until(lambda: rft._rft._poses is None)
+    for _ in range(3):
+        assert rft.diagnostic("inputs")[1] == "no poses"
+    rft.node.destroy_publisher(rft.pose)
+    rft.until(lambda: rft._rft._poses is not None)
 
 
 def test_simulated_time_dates_the_diagnostics_and_changes_no_estimate(start_node):
