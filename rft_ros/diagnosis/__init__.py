@@ -84,10 +84,10 @@ def _of_forces(e: Evidence) -> Iterator[Finding]:
     yield surface(e, contact, cell.settings.surface_height)
     if told:
         yield told
-    in_air = list(zero(cell))
-    yield from in_air
     if not is_known:
         return
+    in_air = list(zero(cell))
+    yield from in_air
     missing = [*push(cell), *saturation(cell)]
     yield from missing
     if missing:

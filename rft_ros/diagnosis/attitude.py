@@ -28,9 +28,9 @@ _AS_GOOD = 1.5  # residuals up to this factor of the smallest one, and a slack, 
 _TORQUE_ALIKE = 0.3  # difference of correlations
 _NO_TURN = 0.01  # weight of no turn, where pushes do not tell the angle about their own direction
 _OPPOSED = 0.3  # residual of the directions that is never that of the grains
-_MOST_ROWS = 200  # moments at which explanations are compared
+_MOST_ROWS = 350  # moments at which explanations are compared
 _NEARER = 0.8  # greatest residual, of that of the set-up as given, at a tilt from which a better one is sought
-_FEWER_ROWS = 120  # the same of tilts
+_FEWER_ROWS = 200  # the same of tilts
 _AXES = [
     np.eye(3)[list(order)] * np.array(signs)[:, None]
     for order in permutations(range(3))
@@ -300,7 +300,7 @@ def _explanations(e: Evidence, own: float) -> list[_Explanation]:
 def _alike(e: Evidence, told: list[_Explanation], own: float) -> list[_Explanation]:
     """The best explanation of each name among those that fit about as well as the best one, which comes first.
 
-    Rare causes give way to others, and any angle to a cause that has one, too.
+    Rare causes give way to others, and any angle to another cause, but for those that it resembles at one attitude.
     """
     best = min(x.residual for x in told)
     near = [x for x in told if x.residual <= _AS_GOOD * best + x.rule.slack * own]
@@ -309,7 +309,7 @@ def _alike(e: Evidence, told: list[_Explanation], own: float) -> list[_Explanati
     for rare in ("quaternions", "left-handed axes"):
         if first.keys() - {"angle", rare}:
             first.pop(rare, None)
-    if first.keys() - {"angle", "world frame"}:
+    if first.keys() - {"angle", "world frame", "axes of the reading"}:
         first.pop("angle", None)
     return sorted(first.values(), key=lambda x: (round(x.residual, 3), by_torque.index(x)))
 

@@ -30,7 +30,7 @@ _BEGUN = 0.05  # of the greatest force of a descent: a larger one shows that the
 _ERROR = 0.005  # m, and this share of the depth: together the greatest error of surface_height
 _SHARE = 0.1
 _DEPTHS = 50  # depths at which the force of a contact is computed
-_ALIKE = 0.94  # cosine of the angle by which the tool may turn on its way down
+_ALIKE = np.cos(np.radians(3.0))  # turned by more, the tool's weight would look like grains
 
 
 class Contact(NamedTuple):
@@ -76,10 +76,11 @@ def _in_world(tool: Tool, law: Law, states: Array, surface: float) -> Array:
 def contact_of(e: Evidence) -> Contact | None:
     """The contact by the longest descent; None if the force does not begin on it.
 
-    Only magnitudes of forces are compared, which a wrong sign or mounting does not change.
+    What a wrong sign, mounting, weight or unit does not change is compared: the magnitude of the force as it was read,
+    with the tool's weight, over that at the beginning of the way.
     """
     way = _descent(e)
-    measured = e.force[way]
+    measured = e.raw[way, FORCE]
     noise = float(np.linalg.norm(np.std(measured[:ENOUGH], axis=0)))
     force = np.linalg.norm(measured - np.median(measured[:ENOUGH], axis=0), axis=1)
     peak = float(force.max())
