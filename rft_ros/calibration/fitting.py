@@ -227,7 +227,7 @@ def fit_curve(
     narrow = fit_with(one)
     widest = np.maximum(one, _WIDEST * (high - low))
     wide = fit_with(np.clip(narrow.error / step[0], one, widest))
-    return max(narrow, wide, key=lambda fit: fit.error)
+    return wide if np.isinf(narrow.error) else max(narrow, wide, key=lambda fit: fit.error)
 
 
 def _fit(coefficients: Array, residuals: Array, of_first: Array) -> Fit:
@@ -250,7 +250,9 @@ def _fit(coefficients: Array, residuals: Array, of_first: Array) -> Fit:
         _by_moment(influence, residuals, alike, free),
         _stationary(influence, residuals, alike, free),
     )
-    return Fit(coefficients, float(np.sqrt(variance)), residuals, influence)
+    # a curve that does not change with the coefficient does not determine it
+    error = float(np.sqrt(variance)) if influence.any() else np.inf
+    return Fit(coefficients, error, residuals, influence)
 
 
 def _by_moment(influence: Array, residuals: Array, alike: Array, free: int) -> float:

@@ -291,7 +291,7 @@ def turn_for_length(recording: Recorded, turn: Turn, values: BedValues) -> Phase
     sure = error <= _MOST_UNSURE and length <= turn.after
     if not (sure and found.misfit <= MOST_UNLIKE and found.scale > 0.0):
         raise NotIdentifiable(
-            f"{turn.where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * error:.0f} %, the force {found.scale:.2g}"
+            f"{turn.where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * error:.3g} %, the force {found.scale:.2g}"
             f" times the model's, its RMS residual {100 * found.misfit:.0f} % of the greatest; λ must be below the"
             f" {1e3 * turn.after:.3g} mm of path after the turn, its error at most {100 * _MOST_UNSURE:.0f} %, the"
             f" factor over 0, and the residual at most {100 * MOST_UNLIKE:.0f} %"
