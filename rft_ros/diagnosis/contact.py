@@ -30,7 +30,8 @@ _BEGUN = 0.05  # of the greatest force of a descent: a larger one shows that the
 _ERROR = 0.005  # m, and this share of the depth: together the greatest error of surface_height
 _SHARE = 0.1
 _DEPTHS = 50  # depths at which the force of a contact is computed
-_ALIKE = np.cos(np.radians(3.0))  # turned by more, the tool's weight would look like grains
+_ALIKE = 0.94  # cosine of the angle by which the tool may turn on its way down
+_FALLS = 0.3  # least speed downwards on the way, of the fastest plate's: a tool that turns in the air is on none
 
 
 class Contact(NamedTuple):
@@ -80,6 +81,8 @@ def contact_of(e: Evidence) -> Contact | None:
     with the tool's weight, over that at the beginning of the way.
     """
     way = _descent(e)
+    if len(way) < ENOUGH:
+        return None
     measured = e.raw[way, FORCE]
     noise = float(np.linalg.norm(np.std(measured[:ENOUGH], axis=0)))
     force = np.linalg.norm(measured - np.median(measured[:ENOUGH], axis=0), axis=1)
@@ -93,11 +96,15 @@ def contact_of(e: Evidence) -> Contact | None:
 
 
 def _descent(e: Evidence) -> Indices:
-    """The rows of the longest way down, each deeper than those before, in about the attitude of the deepest one."""
+    """The rows of the longest way down, each deeper than those before, in about the attitude of the deepest one.
+
+    Where the tool turns in the air to show its weight, it also gets deeper, but does not go down.
+    """
     deepest_later = np.maximum.accumulate(e.depth[::-1])[::-1]
     way = np.arange(int((deepest_later - e.depth).argmax()), len(e.depth))
     way = way[np.diff(np.maximum.accumulate(e.depth[way]), prepend=-np.inf) > 0.0]
-    return np.asarray(way[e.down[way] @ e.down[way[-1]] > _ALIKE])
+    falls = -e.velocity[way, 2] >= _FALLS * e.speed[way]
+    return np.asarray(way[falls & (e.down[way] @ e.down[way[-1]] > _ALIKE)])
 
 
 def _onset(force: Array, share: float) -> int | None:
