@@ -86,7 +86,6 @@ PASSES = "multipass_plate_b90_d15"
 """The run of four passes."""
 _FRESH = ("drag_plate_b90_d15_y22", "fast_plate_b90_0p1mps_ref")
 _BLOCK = "buried_block"
-_WITHOUT_MEMORY = ["--fit", "sensor", "--fit", "surface", "--fit", "zeta"]
 _INERTIAL = 0.2  # m/s, of the tool frame's origin
 _Error = Callable[["Series", Array], float]
 
@@ -270,10 +269,8 @@ def calibrate(group: str, choice: Choice, folder: Path) -> Path:
     rules = [
         word for name, mesh in meshes.items() for word in ("--mesh", f"{name}={mesh['mesh.file']}")
     ]
-    # λ takes most of the time, and changes nothing else
-    parts = [] if choice.mobilization_length else _WITHOUT_MEMORY
     with redirect_stdout(io.StringIO()):
-        main(["calibrate", *map(str, bags), "--params", str(file), *rules, *parts, "-o", str(out)])
+        main(["calibrate", *map(str, bags), "--params", str(file), *rules, "-o", str(out)])
     return out
 
 
