@@ -16,7 +16,7 @@ from rft_ros.diagnosis.evidence import Array, Evidence
 from rft_ros.diagnosis.finding import Finding, in_words
 from rft_ros.diagnosis.residual import directions, is_dry, residual, zeta_of
 from rft_ros.parameters import Value
-from rft_ros.rft import FORCE, POSITION, QUATERNION, TORQUE, VELOCITY
+from rft_ros.rft import POSITION, QUATERNION, TORQUE, VELOCITY
 from rft_ros.rft.frames import ANGULAR_VELOCITY, Placement
 
 OF_POSES = ("world frame", "quaternions")
@@ -26,6 +26,7 @@ _ANGLE = np.radians(4.0)  # real grains push plates up to 3 degrees out of the m
 _TRIED = np.radians(1.5)  # between measured and predicted force, where a tilted world is tried
 _AS_GOOD = 1.5  # residuals up to this factor of the smallest one, and a slack, are alike
 _TORQUE_ALIKE = 0.3  # difference of correlations
+_ALIGNED = 3  # times: a turn changes the weight that is subtracted, and so the directions
 _NO_TURN = 0.01  # weight of no turn, where pushes do not tell the angle about their own direction
 _OPPOSED = 0.3  # residual of the directions that is never that of the grains
 _MOST_ROWS = 350  # moments at which explanations are compared
@@ -39,10 +40,8 @@ _AXES = [
 _TURNS = sorted(
     (Rotation.from_matrix(a) for a in _AXES if np.linalg.det(a) > 0.0), key=Rotation.magnitude
 )[1:]
+# but for that of all signs
 _MIRRORS = sorted((a for a in _AXES if np.linalg.det(a) < 0.0), key=np.trace)[:0:-1]
-# but for the turn of all signs
-
-
 _NONE = Rotation.identity()
 
 
@@ -125,7 +124,7 @@ def _turned_cell(e: Evidence, turn: Rotation) -> _Explanation:
     quaternion = _quaternion(Rotation.from_quat(e.load_cell.quaternion) * turn)
     return _Explanation(
         name="turn",
-        residual=residual(e, turn.as_matrix()),
+        residual=residual(e.read_in(turn.as_matrix())),
         mended=lambda e: e.with_cell(replace(e.load_cell, quaternion=quaternion)),
         remedy={"sensor.quaternion": quaternion},
         shown={"angle": float(np.degrees(turn.magnitude()))},
@@ -137,7 +136,7 @@ def _of_axes(e: Evidence) -> Iterator[_Explanation]:
     sign = -e.load_cell.sign
     yield _Explanation(
         name="sign",
-        residual=residual(e, -np.eye(3)),
+        residual=residual(e.read_in(-np.eye(3))),
         mended=lambda e: e.with_cell(replace(e.load_cell, sign=sign)),
         remedy={"sensor.sign": sign},
     )
@@ -152,20 +151,22 @@ def _of_axes(e: Evidence) -> Iterator[_Explanation]:
     )
     for axes in _MIRRORS:
         advice = "correct the driver, whose axes are left-handed: no quaternion does it"
-        left = residual(e, axes)
+        left = residual(e.read_in(axes))
         yield _Explanation(name="left-handed axes", residual=left, advice=advice)
-    best, _ = Rotation.align_vectors(np.eye(3), directions(e) + _NO_TURN * np.eye(3))
-    if best.magnitude() > _TRIED:
-        yield replace(_turned_cell(e, best), name="angle", rule=_OF_ANGLES)
+    turn = _NONE
+    for _ in range(_ALIGNED):
+        shown = directions(e.read_in(turn.as_matrix())) + _NO_TURN * np.eye(3)
+        turn = Rotation.align_vectors(np.eye(3), shown)[0] * turn
+    if turn.magnitude() > _TRIED:
+        yield replace(_turned_cell(e, turn), name="angle", rule=_OF_ANGLES)
 
 
 def _read_in_other_axes(e: Evidence) -> Evidence:
     """As if the reading were in world axes; or, if that is set, in the axes of the load cell."""
     in_world = e.settings.sensor_source == "world"
     turn = e.to_cell.inv() if in_world else e.to_cell
-    reading = np.hstack([turn.apply(e.with_weight[:, part]) for part in (FORCE, TORQUE)])
     settings = replace(e.settings, sensor_source="parameters" if in_world else "world")
-    return replace(e, settings=settings, measured=reading - (e.with_weight - e.measured))
+    return replace(e.read_in(turn.as_matrix()), settings=settings)
 
 
 def _w_first(e: Evidence) -> Evidence:

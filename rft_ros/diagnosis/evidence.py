@@ -184,6 +184,15 @@ class Evidence:
         weight = other.with_weight - other.measured
         return replace(other, predicted=model, measured=reading - weight)
 
+    def read_in(self, axes: Array) -> "Evidence":
+        """As if the reading were in other axes, which these matrices turn into those of the load cell.
+
+        `axes`: one of shape [3, 3], or one a moment, [n, 3, 3]. The tool's weight is subtracted afterwards.
+        """
+        parts = self.with_weight.reshape(-1, 2, 3) @ np.swapaxes(axes, -1, -2)
+        weight = self.with_weight - self.measured
+        return replace(self, measured=parts.reshape(-1, 6) - weight)
+
 
 def evidence_of(
     rows: NDArray[np.void], estimator: Estimator, *, poses: Array | None = None

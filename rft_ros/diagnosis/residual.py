@@ -21,7 +21,6 @@ _FAINT = 0.05  # of the greatest predicted force: the direction of a smaller one
 _OF_PEAK = (
     0.02  # of the greatest predicted force: a smaller change of that in the air counts little
 )
-_AS_READ = np.eye(3)
 
 
 def directions(e: Evidence) -> Array:
@@ -48,7 +47,7 @@ def _of_growth(e: Evidence) -> float:
     return float(1.0 - shared.max() / max(measured @ measured, 1e-12))
 
 
-def _of_weight(e: Evidence, axes: Array) -> float:
+def _of_weight(e: Evidence) -> float:
     """Share of the square of the force in the air that no weight explains; small changes there count little."""
     if not e.air.is_enough:
         return 0.0
@@ -56,19 +55,18 @@ def _of_weight(e: Evidence, axes: Array) -> float:
     if (down**2).sum() < len(down) * SPREAD**2:
         return 0.0
     force = e.air.with_weight[:, FORCE]
-    force = (force - force.mean(axis=0)) @ axes.T
+    force = force - force.mean(axis=0)
     square = float((force**2).sum())
     shared = float((force * down).sum()) ** 2 / float((down**2).sum())
     small = len(force) * (_OF_PEAK * float(np.abs(e.model).max())) ** 2
     return (square - shared) / max(square + small, 1e-12)
 
 
-def residual(e: Evidence, axes: Array = _AS_READ) -> float:
-    """That of a set-up, 2 where no push is seen; as if the reading were in these axes, shape [3, 3]."""
+def residual(e: Evidence) -> float:
+    """That of a set-up; 2 where no push is seen."""
     if not e.push_is_seen:
         return 2.0
-    apart = 1.0 - float((axes * directions(e)).sum())
-    return apart + _of_growth(e) + _of_weight(e, axes)
+    return 1.0 - float(np.trace(directions(e))) + _of_growth(e) + _of_weight(e)
 
 
 def zeta_of(e: Evidence) -> float:

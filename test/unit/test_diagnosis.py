@@ -177,6 +177,55 @@ def hung(states, readings, mass):
     return readings + np.sign(mass) * np.array(offsets)
 
 
+def turned_high_up():
+    """States and wrenches: the tool tilts about x and y 150 mm up, comes down, then moves as in `STATES`."""
+    swing = np.interp(np.arange(0.0, 8.0, 0.01), [0, 2, 3, 5, 6, 8], [0, 0.9, 0.9, -0.9, -0.9, 0])
+    tilt = np.vstack([np.outer(swing, (1, 0, 0)), np.outer(swing, (0, 1, 0))])
+    turning = np.repeat(STATES[:1], len(tilt), axis=0)
+    turning[:, 2] += 0.15
+    turning[:, QUATERNION] = Rotation.from_rotvec(tilt).as_quat()
+    turning[:, ANGULAR_VELOCITY] = np.gradient(tilt, 0.01, axis=0)
+    down = np.repeat(STATES[:1], 500, axis=0)
+    down[:, 2] += np.linspace(0.15, 0.0, 500, endpoint=False)
+    down[:, VELOCITY] = (0.0, 0.0, -0.03)
+    in_air = np.vstack([turning, down])
+    return np.vstack([in_air, STATES]), np.vstack([np.zeros((len(in_air), 6)), LOADS])
+
+
+@pytest.mark.parametrize(
+    "parameter, value",
+    [
+        ("sensor.sign", -1.0),
+        ("sensor.quaternion", (OF_CELL * Rotation.from_euler("y", 90, degrees=True)).as_quat()),
+        ("sensor.mass", 0.7),
+        ("sensor.delay", 0.1),
+    ],
+)
+def test_what_spoils_the_weight_of_a_heavy_tool_that_turns_in_the_air_is_no_other_surface(
+    parameter, value
+):
+    states, readings = turned_high_up()
+    right = {"sensor.mass": 1.2, "sensor.center_of_mass": [0.0, 0.0, 0.06]}
+    readings = hung(states, readings, 1.2) + np.resize(NOISE, readings.shape)
+    assert faults(states=states, readings=readings, **right) == []
+    given_value = np.asarray(value).tolist()
+    found = faults(states=states, readings=readings, **{**right, parameter: given_value})
+    assert "surface_height" not in named(found)
+    assert any(parameter in finding.remedy for finding in found)
+
+
+def test_nothing_follows_a_fault_with_two_remedies():
+    """A press alone tells a wrong sign from half a turn no better than the weight at one attitude does."""
+    count = round(100.0 * 4.5)
+    readings = hung(STATES, LOADS, 0.3)[:count] + NOISE[:count]
+    (said,) = faults(
+        states=STATES[:count],
+        readings=readings,
+        **{"sensor.mass": 0.3, "sensor.center_of_mass": [0.0, 0.0, 0.06], "sensor.sign": -1.0},
+    )
+    assert said.remedy == {"sensor.sign": 1.0} and said.alike
+
+
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @given(mass=st.floats(0.05, 2.0), seed=seeds)
 @few
