@@ -85,9 +85,12 @@ def _check_units(rows: Rows, named: str) -> None:
     usual = _USUAL
     alike = 0.5
     if STATE[-1] in rows.columns:
-        velocities = np.linalg.norm(columns_of(rows, STATE[VELOCITY]), axis=1)
-        usual = max(float(np.quantile(velocities[1:][moves], _QUICKEST)), speed)
-        alike = _ALIKE
+        with np.errstate(over="ignore"):
+            velocities = np.linalg.norm(columns_of(rows, STATE[VELOCITY]), axis=1)[1:][moves]
+        finite = velocities[np.isfinite(velocities)]  # a line with another one is named later
+        if len(finite):
+            usual = max(float(np.quantile(finite, _QUICKEST)), speed)
+            alike = _ALIKE
     power = math.log(usual / speed, 1000.0)
     thousands = round(power)
     shortest = float(np.median(seconds[moves])) / 1000.0**thousands

@@ -183,6 +183,35 @@ def test_positions_in_millimetres_are_named(tmp_path, reader):
     READERS[reader](table)
 
 
+@pytest.mark.parametrize("number", [np.nan, np.inf])
+@pytest.mark.parametrize("rows", [slice(3, 4), slice(None)], ids=["one row", "every row"])
+def test_a_velocity_that_is_no_number_is_named_by_predict_and_counted_by_replay(
+    tmp_path, number, rows
+):
+    table = write_table(tmp_path / "trial.csv", list(plunge())[:300])
+
+    def change(columns):
+        columns["vz"][rows] = number
+        return columns
+
+    rewritten(table, change)
+    assert_says(refusal(read_states, table), f"line {2 + (rows.start or 0)}:", "vz")
+    counted = replay(table, tmp_path / "out", values()).reasons["twist_not_finite"]
+    assert counted == len(range(100)[rows])
+
+
+@pytest.mark.parametrize("reader", READERS)
+def test_the_unit_of_time_is_named_beside_a_velocity_that_is_no_number(tmp_path, reader):
+    table = write_table(tmp_path / "trial.csv", list(plunge())[:300])
+
+    def change(columns):
+        columns["vz"][3] = np.nan
+        return columns | {"t": 1e3 * columns["t"]}
+
+    said = refusal(READERS[reader], rewritten(table, change))
+    assert_says(said, "t looks like ms ", "t [ms]")
+
+
 def opened(table):
     with Recording(table, values()):
         pass
