@@ -94,9 +94,12 @@ def _text(urdf: Path, named: str) -> str:
         raise InputError(
             f"{named} needs xacro, which is not installed; expand it with xacro: xacro FILE -o {expanded}"
         ) from None
-    except (OSError, subprocess.SubprocessError) as error:
-        reason = getattr(error, "stderr", None) or reason_of(error)
-        raise InputError(f"{named} cannot be expanded by xacro: {shown(reason)}") from None
+    except subprocess.CalledProcessError as error:
+        raise InputError(
+            f"{named} cannot be expanded by xacro: {shown(error.stderr.strip())}"
+        ) from None
+    except (OSError, subprocess.TimeoutExpired) as error:
+        raise InputError(f"{named} cannot be expanded by xacro: {reason_of(error)}") from None
 
 
 def _shapes(link: ElementTree.Element) -> list[tuple[ElementTree.Element, ElementTree.Element]]:
@@ -160,12 +163,21 @@ def _located(name: str, urdf: Path) -> Path:
     try:
         return locate_mesh(uri)
     except InputError:
-        package, _, path = unquote(uri).removeprefix("package://").partition("/")
+        scheme, _, place = uri.partition("://")
+        package, _, quoted = place.partition("/")
+        path = Path(unquote(quoted))
+        if scheme != "package" or not package.strip(".") or not _stays_inside(path):
+            raise
         for folder in resolved(urdf).parents:
             root = folder if _package_in(folder) == package else folder / package
             if (root / path).is_file():
                 return root / path
         raise
+
+
+def _stays_inside(path: Path) -> bool:
+    """Whether a path from a package's folder leads to a place in it."""
+    return not path.is_absolute() and ".." not in path.parts
 
 
 def _package_in(folder: Path) -> str:

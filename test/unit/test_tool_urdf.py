@@ -119,6 +119,25 @@ def test_a_mesh_of_another_link_is_not_looked_for(package, name):
     assert_says(refusal(load_tool, f"{file}#camera"), "package 'gone'")
 
 
+@pytest.mark.parametrize(
+    ("name", "word"),
+    [
+        ("http://digger/meshes/bucket.stl", "does not exist"),
+        ("http://host/{mesh}", "does not exist"),
+        ("file://host/{mesh}", "on another machine, 'host'"),
+        ("file://digger/meshes/bucket.stl", "on another machine, 'digger'"),
+        ("package://digger/{mesh}", "package 'digger'"),
+        ("package:///meshes/bucket.stl", "package ''"),
+        ("package://digger/../clone/meshes/bucket.stl", "package 'digger'"),
+        ("package://digger/%2e%2e/clone/meshes/bucket.stl", "package 'digger'"),
+    ],
+)
+def test_only_a_path_inside_a_package_is_looked_for_above_the_urdf(package, name, word):
+    mesh = package / "meshes" / "bucket.stl"
+    file = robot(package, element("collision", name.format(mesh=mesh)))
+    assert_says(refusal(load_tool, file), word)
+
+
 def test_a_xacro_file_is_expanded_where_xacro_is_installed_and_else_is_told_what_expands_it(
     package, tmp_path, monkeypatch
 ):
@@ -132,7 +151,10 @@ def test_a_xacro_file_is_expanded_where_xacro_is_installed_and_else_is_told_what
     program.chmod(0o755)
     assert len(load_tool(file).faces) == len(BOX.faces)
     program.write_text("#!/bin/sh\necho undefined property 1>&2\nexit 1\n")
-    assert_says(refusal(load_tool, file), "robot.urdf.xacro", "undefined property")
+    assert_says(refusal(load_tool, file), "robot.urdf.xacro", "'undefined property'")
+    monkeypatch.setattr("rft_ros.tool.urdf._XACRO_SECONDS", 0.2)
+    program.write_text("#!/bin/sh\necho still at work 1>&2\nexec /bin/sleep 5\n")
+    assert_says(refusal(load_tool, file), "robot.urdf.xacro", "timed out after 0.2 seconds")
 
 
 def test_a_declared_unit_scales_the_mesh_and_mesh_origin_moves_it_in_the_link(package):
