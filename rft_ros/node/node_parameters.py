@@ -84,7 +84,7 @@ class NodeParameters:
         self._apply = apply
         self._why = ""
         self._accepted: Prepared | None = None
-        """The result of `prepare` for the last change; None if that was refused or changes nothing."""
+        """The result of `prepare` for the last change; None if that was refused, changes nothing or is applied."""
         self.values: Values = defaults() | self._given(arguments)
         """The current checked values. When parameters are set, this mapping is replaced and not changed."""
         for p in PARAMETERS:
@@ -125,14 +125,18 @@ class NodeParameters:
         return values
 
     def set_all(self, values: Values, *, why: str) -> None:
-        """Set parameters together, from within the node. `why`: the reason for the log. May raise InputError."""
+        """Set parameters together, from within the node. `why`: the reason for the log.
+
+        Raises InputError if the change is refused, also by ROS, as by a callback of someone else's.
+        """
+        parameters = [RosParameter(name, value=_plain(value)) for name, value in values.items()]
         self._why = f" ({why})"
         try:
-            self._node.set_parameters_atomically(
-                [RosParameter(name, value=_plain(value)) for name, value in values.items()]
-            )
+            result = self._node.set_parameters_atomically(parameters)
         finally:
             self._why = ""
+        if not result.successful:
+            raise InputError(result.reason)
 
     def _on_pre_set(self, parameters: list[RosParameter]) -> list[RosParameter]:
         """Check and prepare a change; returns its parameters in the types of the table."""
@@ -155,6 +159,7 @@ class NodeParameters:
         # rclpy calls this also for the qos_overrides that `_apply` declares, perhaps after it has refused a change
         if accepted is None or not any(p.name in self.values for p in parameters):
             return
+        self._accepted = None  # or it would keep the model of this change after later swaps
         before = self.values
         said = ", ".join(
             f"{name} {before[name]!r} -> {value!r}"

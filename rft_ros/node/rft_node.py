@@ -15,6 +15,7 @@ from rclpy.subscription import Subscription
 from rclpy.time import Time
 from sensor_msgs.msg import JointState
 
+from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Reason, Sample, Stamped
 from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder, stamped_cdr
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
@@ -219,10 +220,18 @@ class RftNode(Node):
         swapped = self._swap.poll()
         if isinstance(swapped, Failed):
             self.get_logger().error(f"not swapped, the model in force stays: {swapped.reason}")
-            self.table.set_all(swapped.undo, why="the swap failed")
+            self._undo(swapped)
         elif swapped is not None:
             self._use(swapped)
             self.announce("in force")
+
+    def _undo(self, failed: Failed) -> None:
+        """Set the parameters of a failed swap back. If that is refused the node goes on: a timer calls this."""
+        try:
+            self.table.set_all(failed.undo, why="the swap failed")
+        except InputError as error:
+            names = ", ".join(failed.undo)
+            self.get_logger().error(f"{names} could not be set back: {error}")
 
 
 def executor_of(node: RftNode) -> Executor:

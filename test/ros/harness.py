@@ -15,7 +15,7 @@ import numpy as np
 import rclpy
 from diagnostic_msgs.msg import DiagnosticArray
 from geometry_msgs.msg import PoseStamped, TwistStamped, WrenchStamped
-from rcl_interfaces.msg import Log, ParameterValue
+from rcl_interfaces.msg import Log, ParameterValue, SetParametersResult
 from rcl_interfaces.msg import Parameter as ParameterMessage
 from rcl_interfaces.srv import GetParameters, SetParametersAtomically
 from rclpy.executors import Executor, SingleThreadedExecutor
@@ -141,6 +141,14 @@ class Harness:
         self.executor.shutdown()
         self.node.destroy_node()
         self._rft.destroy_node()
+
+    def refuse(self, is_refused: Callable[[Parameter], bool], *, why: str) -> None:
+        """Refuse parameters of the node from now on, as a callback of someone else's may."""
+
+        def answer(changed: list[Parameter]) -> SetParametersResult:
+            return SetParametersResult(successful=not any(map(is_refused, changed)), reason=why)
+
+        self._rft.add_on_set_parameters_callback(answer)
 
     def said(self) -> str:
         """The node's log so far."""

@@ -207,6 +207,9 @@ def test_tare_is_refused_in_the_grains_and_makes_the_reading_zero_in_the_air(rft
     at_rest_in_the_air((8e6, 0.0, 0.0))
     successful, message = rft.trigger("tare")
     assert not successful and "sensor.bias is 8e+06; it must lie between" in message
+    rft.refuse(lambda p: p.name == "sensor.bias" and p.value[0] == 4.0, why="locked at 4 N")
+    at_rest_in_the_air((4.0, 0.0, 0.0))
+    assert rft.trigger("tare") == (False, "locked at 4 N")
     assert rft.set(sensor__bias=[0.0] * 6)[0]
 
 

@@ -137,6 +137,19 @@ def test_a_swap_that_fails_is_undone_even_if_the_file_in_force_is_gone(start_nod
     )
 
 
+def test_a_node_goes_on_where_a_failed_swap_cannot_be_undone(start_node, tmp_path):
+    bad = tmp_path / "bad.stl"
+    bad.write_text("solid nothing\nendsolid nothing\n")
+    rft = start_node("-p", "mesh.file:=plate").wait_ready()
+    rft.refuse(lambda p: p.name == "mesh.file" and p.value == "plate", why="the plate is locked")
+    assert rft.set(mesh__file=str(bad)) == (True, "")
+    rft.until(lambda: "could not be set back: the plate is locked" in rft.said())
+    assert rft.set(medium__zeta=0.5) == (True, "")
+    np.testing.assert_allclose(
+        numbers(rft.ask(rft.moment())), predicted_by_the_core(zeta=0.5), rtol=1e-15
+    )
+
+
 def test_an_alpha_y_table_that_was_deleted_stays_in_force_until_another_is(start_node, tmp_path):
     table, other = tmp_path / "alpha_y.csv", tmp_path / "other.csv"
     for file, stress in ((table, 0.2), (other, 0.1)):
