@@ -14,7 +14,14 @@ from typing import Any, ClassVar
 import numpy as np
 
 from rft_ros.rft.agarwal2023 import Agarwal2023, agarwal2023_traction
-from rft_ros.rft.alpha_y import PAPER_LINEAR, AlphaY, add_alpha_y, alpha_y_name, packed_alpha_y
+from rft_ros.rft.alpha_y import (
+    PAPER_LINEAR,
+    AlphaY,
+    Constant,
+    add_alpha_y,
+    alpha_y_name,
+    packed_alpha_y,
+)
 from rft_ros.rft.grains import AGARWAL2023, GranularLaw, PackedLaw
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
@@ -139,6 +146,15 @@ class Treers2021(GranularLaw):
     @property
     def doubts(self) -> tuple[str, ...]:
         """Sentences on why its numbers may be wrong."""
+        if isinstance(self.alpha_y, Constant) and self.alpha_y.value <= 0.0:
+            value = (
+                f"alpha_y.model constant is {self.alpha_y.value:.3g} N/cm³ for {self.medium.name}"
+            )
+            return (
+                *self.medium.doubts,
+                f"{value}, so that the force on a plate would point along its motion; "
+                "use alpha_y.model linear or a table",
+            )
         strength = self.medium.strength
         if self.alpha_y != PAPER_LINEAR or _ALIKE > strength > 1.0 / _ALIKE:
             return self.medium.doubts

@@ -1,6 +1,7 @@
 """Models of α_y, the stress per depth along e1, Eq. (7)."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -119,3 +120,17 @@ def test_the_papers_line_is_the_same_for_every_medium_and_a_warning_where_the_me
     assert bool(law.doubts) == weaker
     assert not weaker or all(word in law.doubts[0] for word in ("alpha_y.model", name, "constant"))
     assert not treers2021(MEDIA[name], alpha_y_model("constant", MEDIA[name])).doubts
+
+
+@pytest.mark.parametrize("value", [-0.05, 0.0])
+def test_a_constant_that_pushes_a_plate_along_its_motion_is_doubted_and_other_models_are_not(
+    value,
+):
+    flat = MEDIA["generic"].C01 + MEDIA["generic"].Cm11
+    medium = replace(MEDIA["generic"], name="mine", C11=value - flat)
+    (doubt,) = treers2021(medium, alpha_y_model("constant", medium)).doubts
+    for word in ("alpha_y.model constant", "mine", "along its motion", "linear", "table"):
+        assert word in doubt
+    for model in (alpha_y_model("linear", medium), alpha_y_model("table", medium, UNEVEN)):
+        doubts = treers2021(medium, model).doubts
+        assert not [doubt for doubt in doubts if "along its motion" in doubt]
