@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, shown
 from rft_ros.files import MAX_BYTES, read_text
 
 _SEPARATORS = ",;\t "
@@ -127,6 +127,9 @@ def _place(column: Column, headings: Sequence[str], group: Sequence[Column], nam
     must = f"its first line must name {','.join(other.name for other in group)}, without #"
     if column.wanted:
         must += f"; {column.name} must be {column.wanted}"
+    headings_of_it = [headings[place.cell] for place in column.places(headings)]
+    if headings_of_it:
+        must += f", and the first line has {shown(', '.join(headings_of_it))}"
     raise InputError(f"{named} has {has}; {must}")
 
 

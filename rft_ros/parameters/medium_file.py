@@ -31,7 +31,7 @@ _GREATEST = 50.0
 
 _MOST_BYTES = 4 * 2**20  # of a table; a grid of 180 x 360 angles takes 2 MB
 _MOST_CELLS = 5_000  # of a map
-_WIDEST_RADIANS = 3.2  # several angles of which none is beyond are in radians
+_WIDEST_RADIANS = 3.2  # several angles without a unit, of which none is beyond, are in radians
 _WIDEST_DEGREES = 720.0
 
 _DEGREES = {"": 1.0, "deg": 1.0, "°": 1.0, "rad": float(np.rad2deg(1.0))}
@@ -121,28 +121,23 @@ def _read(file: Path, what: str, *columns: Sequence[Column]) -> Rows:
                     f"{column.name} is {values[wrong[0]]:g}; it must be a finite number"
                 )
             if column.units is _DEGREES:
-                _check_angles(
-                    values, column.units[rows.units[column.name]], f"{what} '{file}'", column.name
-                )
+                _check_angles(values, rows.units[column.name], f"{what} '{file}'", column.name)
     return rows
 
 
-def _check_angles(
-    degrees: Array,
-    factor: float,
-    named: str,
-    name: str,
-) -> None:
-    """Raise InputError if angles are implausible in the unit that the header names, of `factor` degrees."""
+def _check_angles(degrees: Array, unit: str, named: str, name: str) -> None:
+    """Raise InputError if angles are implausible in the `unit` of the header; "" without one, for degrees."""
     widest = float(np.abs(degrees).max())
     different = len(np.unique(degrees))
     if widest > _WIDEST_DEGREES:
-        advice = "it is no angle in degrees" if factor == 1.0 else f"name the column {name}_deg"
+        advice = (
+            "it is no angle in degrees" if _DEGREES[unit] == 1.0 else f"name the column {name}_deg"
+        )
         raise InputError(f"{named} has {name} up to {widest:.4g} degrees; {advice}")
-    if widest <= _WIDEST_RADIANS and different > 1 and factor == 1.0:
+    if widest <= _WIDEST_RADIANS and different > 1 and not unit:
         raise InputError(
             f"{named} has {different} different {name}, none beyond {widest:.3g} degrees; "
-            f"for radians name the column {name}_rad, else check the order of the columns"
+            f"name the column {name}_rad or {name}_deg, and check the order of the columns"
         )
 
 

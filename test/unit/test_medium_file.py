@@ -9,6 +9,7 @@ import rft_ros
 from rft_ros.cli import main
 from rft_ros.parameters import defaults, model_of, read_medium, read_parameter_file
 from rft_ros.parameters.from_values import parameters_of
+from rft_ros.parameters.medium_file import read_stress_map
 from rft_ros.rft import MEDIA
 from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import evaluate
@@ -57,6 +58,16 @@ MIXED = [(beta, gamma * np.pi / 180, x, 1e6 * z) for beta, gamma, x, z in cells(
 
 
 HEADER = "beta_deg,gamma_deg,alpha_x,alpha_z\n"
+BARE = "beta,gamma,alpha_x,alpha_z\n"
+
+
+@pytest.mark.parametrize("header", [HEADER, "beta [°],gamma(deg),alpha_x,alpha_z\n"])
+def test_small_angles_are_believed_where_the_header_says_that_they_are_degrees(write, header):
+    few = [(b, g, x, z) for b, g, x, z in cells() if abs(b) < 31.0 and abs(g) < 31.0]
+    small = lines([(0.1 * b, 0.1 * g, x, z) for b, g, x, z in few])
+    measured = read_stress_map(write(header + small))
+    assert measured.beta.max() == pytest.approx(np.deg2rad(3.0))
+    assert "beta_deg" in refusal(read_stress_map, write(BARE + small))
 
 
 @pytest.mark.parametrize(
@@ -65,19 +76,19 @@ HEADER = "beta_deg,gamma_deg,alpha_x,alpha_z\n"
         ("beta_deg,gamma_deg,alpha_x\n0,90,0\n", ("no column alpha_z", "N/cm3")),
         (
             "beta_deg,gamma_deg,alpha_x_Pa,alpha_z_Pa\n0,90,0,1000\n",
-            ("no column alpha_x", "N/cm3"),
+            ("no column alpha_x", "N/cm3", "'alpha_x_Pa'"),
         ),
         (HEADER + "0,inf,0.1,0.1\n", ("line 2", "gamma is inf", "finite")),
         (HEADER + "0,nan,0.1,0.1\n", ("line 2", "gamma is nan", "finite")),
         (HEADER + "0,90,0.1,inf\n", ("line 2", "alpha_z is inf", "finite")),
         (HEADER + lines(cells(stress=1e6)), ("N/cm³", "Pa/m")),
         (HEADER + lines(cells(stress=1e-5)), ("N/cm³", "Pa/m")),
-        (HEADER + lines(cells(np.pi / 180, np.pi / 180)), ("radians", "beta_rad")),
+        (BARE + lines(cells(np.pi / 180, np.pi / 180)), ("beta_rad", "beta_deg")),
         (
-            HEADER + lines(cells(np.pi / 180)),
-            ("different beta, none beyond 1.57", "radians", "beta_rad"),
+            BARE + lines(cells(np.pi / 180)),
+            ("different beta, none beyond 1.57", "beta_rad", "beta_deg"),
         ),
-        (HEADER + lines(cells(gamma=np.pi / 180)), ("different gamma", "radians", "gamma_rad")),
+        (BARE + lines(cells(gamma=np.pi / 180)), ("different gamma", "gamma_rad", "gamma_deg")),
         (HEADER.replace("deg", "rad") + lines(cells()), ("degrees", "beta_deg")),
         (HEADER + "0,90,,\n", ("up to 0 N/cm³",)),
         (HEADER + lines(cells(stress=-1.0)), ("along the motion",)),
