@@ -47,13 +47,14 @@ class MediumFit:
     """The medium that fits a map.
 
     `errors`: standard error of each coefficient [N/cm³], by its name; NaN where the map does not determine it, infinite
-    where it has no cells to spare. `zeta`: of the generic medium that fits best. `size`, `misfit`, `misfit_scaled`: RMS
-    of the stress (α_x, α_z) as measured, less the fit, and less that generic medium [N/cm³]. Sentences on what may be
-    wrong with the map are the medium's `doubts`.
+    where it has no cells to spare. `unmeasured`: names of the stresses that no cell has. `zeta`: of the generic medium
+    that fits best. `size`, `misfit`, `misfit_scaled`: RMS of the stress (α_x, α_z) as measured, less the fit, and less
+    that generic medium [N/cm³]. Sentences on what may be wrong with the map are the medium's `doubts`.
     """
 
     medium: Medium
     errors: Mapping[str, float]
+    unmeasured: tuple[str, ...]
     zeta: float
     size: float
     misfit: float
@@ -61,13 +62,14 @@ class MediumFit:
 
     @property
     def remarks(self) -> list[str]:
-        """A sentence on the coefficients that the generic medium times ζ fills in, if there are any."""
+        """Sentences on stresses without a cell, and on the coefficients that the generic medium times ζ fills in."""
         filled = [name for name, error in self.errors.items() if np.isnan(error)]
         if not filled:
             return []
         return [
+            *(f"no {stress} was measured" for stress in self.unmeasured),
             f"{', '.join(filled)}: not identifiable from the measured stresses and angles; "
-            f"the generic medium times {self.zeta:.3g} fills in"
+            f"the generic medium times {self.zeta:.3g} fills in",
         ]
 
 
@@ -100,6 +102,11 @@ def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
     return MediumFit(
         medium=replace(fitted, doubts=tuple(doubts)),
         errors=errors,
+        unmeasured=tuple(
+            name
+            for name, values in zip(("alpha_x", "alpha_z"), stress, strict=True)
+            if np.isnan(values).all()
+        ),
         zeta=zeta,
         size=_rms(stress),
         misfit=_rms(residual),

@@ -88,7 +88,8 @@ def test_the_coefficients_of_a_stress_that_was_not_measured_are_filled_in(stress
     )
     fit = fit_medium(replace(map_of(half), **{stress: np.full_like(BETA, np.nan)}), name="mine")
     assert fit.medium.coefficients == pytest.approx(half.coefficients, abs=1e-9)
-    (remark,) = fit.remarks
+    (missing, remark) = fit.remarks
+    assert missing == f"no {stress} was measured"
     assert remark.startswith(f"{names}: not identifiable")
 
 
