@@ -27,14 +27,10 @@ _REFUSED = {
     "quaternions",
     "world frame",
 }
-_OTHER_CELL = {"sensor.sign", "sensor.frame_source", "mesh.quaternion"}
 # a finding that these mend is refused, too: the model is of another cell
-_FITTED = {
-    "surface_height",
-    "sensor.bias",
-    "sensor.delay",
-    "medium.zeta",
-}  # a finding that only these mend is none
+_OTHER_CELL = {"sensor.sign", "sensor.frame_source", "mesh.quaternion"}
+# a finding that only these mend is none
+_FITTED = {"surface_height", "sensor.bias", "sensor.delay", "medium.zeta"}
 _LARGEST = 1e6  # reading [N], [N m] that the fits can square, and limit of sensor.bias
 _FROZEN = 0.5  # share of the path; a load cell that repeats one reading over more is stuck
 
