@@ -193,12 +193,13 @@ def _turned_as_in_grains(poses: _Poses, tracks: Sequence[Track], air: float) -> 
 
 def _poses_at_rest(tracks: Sequence[Track], air: float) -> _Poses:
     """The poses at rest above z = `air` [m]. Raises NotIdentifiable if there are none."""
-    found = [
-        (track.gravity[rows].mean(axis=0), *_reading_at_rest(track, rows))
-        for track in tracks
-        for rows in still_intervals(track)
-        if track.heights[rows].min() > air
-    ]
+    found = []
+    for track in tracks:
+        resolutions = [_resolution(readings) for readings in track.readings.T]
+        for rows in still_intervals(track):
+            if track.heights[rows].min() > air:
+                gravity = track.gravity[rows].mean(axis=0)
+                found.append((gravity, *_reading_at_rest(track, rows, resolutions)))
     if not found:
         raise NotIdentifiable(
             "the tool never rests in the air for 0.5 s; the bias needs one such pose"
@@ -206,12 +207,17 @@ def _poses_at_rest(tracks: Sequence[Track], air: float) -> _Poses:
     return _Poses(*map(np.array, zip(*found, strict=True)))
 
 
-def _reading_at_rest(track: Track, rows: NDArray[np.int64]) -> tuple[Array, list[float]]:
-    """The mean reading at some rows, with the sign of a wrench on the tool, and its standard errors, shape [6] each."""
+def _reading_at_rest(
+    track: Track, rows: NDArray[np.int64], resolutions: Sequence[float]
+) -> tuple[Array, list[float]]:
+    """The mean reading at some rows, with the sign of a wrench on the tool, and its standard errors, shape [6] each.
+
+    `resolutions`: of the track's readings, six.
+    """
     series = track.readings[rows]
     errors = [
-        _error_of_rest(column, _resolution(of_track))
-        for column, of_track in zip(series.T, track.readings.T, strict=True)
+        _error_of_rest(column, resolution)
+        for column, resolution in zip(series.T, resolutions, strict=True)
     ]
     return track.cell.sign * series.mean(axis=0), errors
 
