@@ -74,22 +74,24 @@ def _check_size(size: int, named: str, limit: int) -> None:
 
 
 @contextmanager
-def opened(file: Path, what: str, **options: Any) -> Iterator[BinaryIO]:
+def opened(
+    file: Path, what: str, *, limit: int = MAX_BYTES, advice: str = _GIVE
+) -> Iterator[BinaryIO]:
     """A `checked_file`, open for reading bytes; errors of reading it in the block are InputErrors too."""
-    path = checked_file(file, what, **options)
+    path = checked_file(file, what, limit=limit, advice=advice)
     with file_errors(f"{what} '{file}'", "read"), path.open("rb") as stream:
         yield stream
 
 
-def read_file(file: Path, what: str, **options: Any) -> bytes:
-    """The bytes of a `checked_file`, which takes the `options`."""
-    with opened(file, what, **options) as stream:
+def read_file(file: Path, what: str, *, limit: int = MAX_BYTES, advice: str = _GIVE) -> bytes:
+    """The bytes of a `checked_file`."""
+    with opened(file, what, limit=limit, advice=advice) as stream:
         return stream.read(MAX_BYTES)
 
 
-def read_text(file: Path, what: str, **options: Any) -> str:
+def read_text(file: Path, what: str, *, limit: int = MAX_BYTES, advice: str = _GIVE) -> str:
     """The text of a `checked_file` in UTF-8; a byte order mark is dropped."""
-    data = read_file(file, what, **options)
+    data = read_file(file, what, limit=limit, advice=advice)
     with file_errors(f"{what} '{file}'", "read"):
         return data.decode("utf-8-sig")
 
