@@ -136,7 +136,7 @@ def _check_angles(degrees: Array, unit: str, named: str, name: str) -> None:
         raise InputError(f"{named} has {name} up to {widest:.4g} degrees; {advice}")
     if widest <= _WIDEST_RADIANS and different > 1 and not unit:
         raise InputError(
-            f"{named} has {different} different {name}, none beyond {widest:.3g} degrees; "
+            f"{named} has {different} different {name}, none beyond {widest:.3g} degrees, as radians are; "
             f"name the column {name}_rad or {name}_deg, and check the order of the columns"
         )
 

@@ -26,11 +26,12 @@ from rft_ros.rft import POSE, POSITION, QUATERNION, TWIST, VELOCITY
 
 _RATE = 100.0
 _HASTE = 4  # the recorded motion takes 10 s
+_FINE = 5_000.0  # [Hz], of the states: each message carries the state at its own time, however late it is sent
 
 
 def examined(rft: Harness, tmp_path: Path, send, parameters) -> list[str]:
     """What the doctor says of a node, while `send(state, load, time)` is called at 100 Hz; but for the compilation."""
-    states = motion(_RATE / _HASTE)
+    states = motion(_FINE / _HASTE)
     states[:, VELOCITY] *= _HASTE
     sent = list(zip(states.tolist(), loads(states).tolist(), strict=True))
     file = tmp_path / "doctor.yaml"
@@ -57,10 +58,10 @@ def examined(rft: Harness, tmp_path: Path, send, parameters) -> list[str]:
         command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True, env=environment
     )
     try:
-        k = 0
+        begin = rft.node.get_clock().now().nanoseconds
         while doctor.poll() is None:
-            send(*sent[k % len(sent)], rft.node.get_clock().now().nanoseconds)
-            k += 1
+            now = rft.node.get_clock().now().nanoseconds
+            send(*sent[round(1e-9 * (now - begin) * _FINE) % len(sent)], now)
             rft.spin(1.0 / _RATE)
         said, errors = doctor.communicate(timeout=WAIT)
     finally:
