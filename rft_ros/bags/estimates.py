@@ -7,6 +7,8 @@ from collections.abc import Sequence
 from decimal import Decimal
 from functools import cache
 from pathlib import Path
+from tempfile import TemporaryFile
+from typing import IO, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -93,15 +95,20 @@ _EMPTY |= {"reason": _ESTIMATE, "phase": _NO_PHASE, "quality_flags": 0}
 
 
 class Run:
-    """An estimator and a row for each of its answers."""
+    """An estimator and a row for each of its answers.
 
-    def __init__(self, estimator: Estimator) -> None:
+    The rows are in unnamed files in `folder` (None: the system's for temporary files) and not in RAM: an hour at 1 kHz
+    makes 1.5 GB.
+    """
+
+    def __init__(self, estimator: Estimator, folder: Path | None = None) -> None:
         self.estimator = estimator
         self.issues: Counter[str] = Counter()
         """For each issue of the estimator, the number of answers at which it was present."""
-        self._rows = bytearray()
+        self._rows = TemporaryFile(dir=folder)  # noqa: SIM115
         self._row = np.empty(1, ROW)
-        self._compensated = array("d")  # of the estimates in order, which are measured later
+        # of the estimates in order, which are measured later
+        self._compensated = TemporaryFile(dir=folder)  # noqa: SIM115
 
     def add(self, answer: Estimate | NoEstimate) -> None:
         """Add the estimator's last answer."""
@@ -124,20 +131,20 @@ class Run:
             row["learned"] = tuple([getattr(belief, name) for name in LEARNED_COLUMNS])
         row["state"] = estimator.state
         self._row[0] = tuple(row.values())
-        self._rows += self._row.tobytes()
+        self._rows.write(self._row.tobytes())
         self._add_measurements()
 
     def _add_measurements(self) -> None:
         for measurement in self.estimator.measurements():
-            self._compensated.extend(measurement.compensated or _NONE)
+            self._compensated.write(array("d", measurement.compensated or _NONE).tobytes())
 
     def rows(self) -> Rows:
-        """The rows of all answers in order, shape [n], with measurements and phases, after the last answer."""
+        """The rows of all answers in order, shape [n], with measurements and phases, as a map of their file."""
         estimator = self.estimator
         estimator.finish()
         self._add_measurements()
-        rows = np.frombuffer(self._rows, ROW)
-        compensated = np.frombuffer(self._compensated).reshape(-1, len(AXES))
+        rows = _mapped(self._rows, ROW)
+        compensated = _mapped(self._compensated, np.dtype("<f8")).reshape(-1, len(AXES))
         rows["compensated"][rows["reason"] == _ESTIMATE] = compensated
         rows["residual"] = rows["compensated"] - rows["predicted"]
         known = np.flatnonzero(np.isin(rows["reason"], _PLACED))
@@ -152,6 +159,14 @@ class Run:
             rest_speed=estimator.settings.rest_speed,
         )
         return rows
+
+
+def _mapped(file: IO[bytes], kind: np.dtype[Any]) -> NDArray[Any]:
+    """The content of a file as an array, which the system reads and writes as it is needed."""
+    file.flush()
+    if not file.tell():  # which cannot be mapped
+        return np.empty(0, kind)
+    return np.asarray(np.memmap(file, kind, "r+"))
 
 
 def write_estimates(run: Run, rows: Rows, folder: Path, *, shift: int = 0) -> None:

@@ -63,9 +63,10 @@ def replay(
     estimator = Estimator(settings, model)
     check_replaceable(out / "estimates")
     with whole_folder(out, _FILES) as part:
-        run = Run(estimator)
+        run = Run(estimator, part)
         others = {
-            name: Run(Estimator(own, model)) for name, own in _learning_settings(settings).items()
+            name: Run(Estimator(own, model), part)
+            for name, own in _learning_settings(settings).items()
         }
         for sample, answer in play(recording, estimator):
             if answer is not None:
