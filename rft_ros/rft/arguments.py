@@ -29,12 +29,15 @@ def number(name: str, value: float, *, positive: bool = False, least: float = -i
     return x
 
 
-def whole_number(name: str, value: float, *, most: int) -> int:
-    """A whole number from 1 to `most`. Raises ValueError that names it."""
-    x = number(name, value)
-    if not 1.0 <= x <= most or x % 1.0:
-        raise ValueError(f"{name} is {value!r}; it must be a whole number from 1 to {most:,}")
-    return int(x)
+def whole_number(name: str, value: float, *, least: int = 1, most: int) -> int:
+    """A whole number from `least` to `most`, and no bool. Raises ValueError that names it."""
+    # as float, an integer over 2^53 would be rounded
+    exact = value if isinstance(value, int | np.integer) else number(name, value)
+    is_bool = isinstance(value, bool | np.bool_)
+    if is_bool or not least <= exact <= most or exact % 1:
+        wanted = f"a whole number from {least} to {most:,}"
+        raise ValueError(f"{name} is {value!r}; it must be {wanted}")
+    return int(exact)
 
 
 def numbers(

@@ -25,6 +25,7 @@ Kind = Literal["release", "mesh", "file"]
 _PARTS = ("tools", "motions", "media")
 _VECTORS = ("origin", "rotate")  # a list of numbers is one value of these
 _MOST = 1_000_000  # variants, values in a range, samples, and the greatest number in a motion
+_LARGEST_SEED = 10**18 - 1  # YAML readers round integers of more digits
 _LEAST = {"samples": 2, "speed": 1e-9, "travel": 1e-9, "pitch": 1e-9}
 
 
@@ -126,7 +127,7 @@ def read_design(file: Path) -> Design:
         if total > _MOST:
             raise InputError(f"it has {total:,} variants; the limit is {_MOST:,}")
         sample = whole_number("sample", content.get("sample", total), most=total)
-        seed = int(number("seed", content.get("seed", 0), least=0.0))
+        seed = whole_number("seed", content.get("seed", 0), least=0, most=_LARGEST_SEED)
     except ValueError as error:
         raise InputError(f"study '{file}': {error}") from None
     variants = list(itertools.starmap(Variant, itertools.product(*parts)))
@@ -167,7 +168,9 @@ def _values(key: str, value: object) -> list[Any]:
     if isinstance(value, Mapping):
         try:
             count = whole_number("count", value["count"], most=_MOST)
-            return list(np.linspace(float(value["from"]), float(value["to"]), count).tolist())
+            first = number("from", value["from"])
+            last = number("to", value["to"])
+            return list(np.linspace(first, last, count).tolist())
         except (KeyError, TypeError, ValueError):
             needed = f"a range has from, to and count, of 1 to {_MOST:,}"
             raise InputError(f"{key} is {shown(dict(value))}; {needed}") from None

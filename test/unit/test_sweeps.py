@@ -146,7 +146,7 @@ def test_a_variant_that_fails_is_a_row_with_its_reason(small):
 def test_a_sample_is_drawn_by_its_seed(tmp_path):
     first, again, other = (
         read_design(study(tmp_path, SMALL + f"sample: 7\nseed: {seed}\n")).variants
-        for seed in (1, 1, 2)
+        for seed in (2**55, 2**55, 2**55 + 1)
     )
     assert len(first) == 7
     assert first == again != other
@@ -319,6 +319,10 @@ def test_a_variant_that_cannot_be_computed_gives_a_reason(
             ("\ntools:", "\nsample: 31\ntools:"),
             ("sample is 31; it must be a whole number from 1 to 30",),
         ),
+        (("\ntools:", "\nsample: true\ntools:"), ("sample is True", "a whole number")),
+        (("\ntools:", "\nseed: true\ntools:"), ("seed is True", "a whole number from 0")),
+        (("\ntools:", f"\nseed: {2**60}\ntools:"), ("seed", "a whole number from 0")),
+        (("\ntools:", "\nseed: 1.5\ntools:"), ("seed is 1.5", "a whole number from 0")),
         (
             (SMALL, "/**: {ros__parameters: {}}"),
             ("there is no '/**'; use tools, motions, media, sample",),
