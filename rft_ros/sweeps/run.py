@@ -10,10 +10,10 @@ import os
 import platform
 import signal
 import threading
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from functools import lru_cache
 from multiprocessing import get_context, parent_process
 from pathlib import Path
@@ -161,7 +161,9 @@ def run(
     }
     with file_errors(f"output folder '{out}'", "written"):
         folder.mkdir(parents=True, exist_ok=True)
-        missing = {file: chunk for file, chunk in chunks.items() if not _finished_rows(file)}
+        missing = {
+            file: chunk for file, chunk in chunks.items() if not _is_finished(file, chunk, columns)
+        }
         if missing:
             with _workers(scheduler, workers) as pool:
                 _compute(design, missing, columns, pool)
@@ -169,22 +171,44 @@ def run(
     return sum(map(len, missing.values())), failed
 
 
-def _finished_rows(file: Path) -> list[list[str]]:
-    """The rows of a chunk; none of a missing one, or where the copy of one was cut."""
-    with suppress(ValueError):
-        return list(json.loads(read_text(file, "results")))
-    return []
+def _is_finished(file: Path, chunk: Sequence[Variant], columns: Sequence[str]) -> bool:
+    """Whether a chunk has its rows; not where its file is missing, or where a copy of it was cut."""
+    try:
+        _rows_in(file, chunk, columns)
+    except InputError:
+        return False
+    return True
 
 
-def _write_table(file: Path, columns: Sequence[str], chunks: Iterable[Path]) -> int:
-    """Write the rows of all chunks; returns the number of those without results."""
+def _rows_in(file: Path, chunk: Sequence[Variant], columns: Sequence[str]) -> list[list[str]]:
+    """The rows of a chunk from its file. Raises InputError, unless there is a whole one for each variant."""
+    text = read_text(file, "results")
+    try:
+        rows = json.loads(text)
+    except (ValueError, RecursionError):
+        rows = None
+    is_whole = isinstance(rows, list) and len(rows) == len(chunk)
+    if not is_whole or any(not _is_row(row, columns) for row in rows):
+        wanted = f"the rows of {len(chunk)} variants"
+        raise InputError(f"results '{file}' are not {wanted}; run the study again")
+    return list(rows)
+
+
+def _is_row(row: object, columns: Sequence[str]) -> bool:
+    return isinstance(row, list) and len(row) == len(columns)
+
+
+def _write_table(
+    file: Path, columns: Sequence[str], chunks: Mapping[Path, Sequence[Variant]]
+) -> int:
+    """Write the rows of all chunks; returns the number of those without results. Raises InputError."""
     reason = columns.index("reason")
     failed = 0
     with whole(file) as part, part.open("w", encoding="utf-8", newline="") as out:
         table = csv.writer(out, lineterminator="\n")
         table.writerow(columns)
-        for chunk in chunks:
-            rows = _finished_rows(chunk)
+        for chunk_file, chunk in chunks.items():
+            rows = _rows_in(chunk_file, chunk, columns)
             table.writerows(rows)
             failed += sum(1 for row in rows if row[reason])
     return failed

@@ -264,6 +264,30 @@ def test_chunks_that_were_cut_anywhere_are_computed_again(small):
     assert (small / "results.csv").read_bytes() == table
 
 
+@pytest.mark.parametrize("text", ["{}", '{"a": 1}', "1", "[]", "[[]]", '["row"]', "[[1], [2]]"])
+def test_a_chunk_without_its_rows_is_computed_again(small, text):
+    found = read_design(small / "study.yaml")
+    computed_here(found, small)
+    table = (small / "results.csv").read_bytes()
+    next(small.glob(f"chunks_{found.fingerprint():08x}/*.json")).write_text(text)
+    assert computed_here(found, small)[0] == 1
+    assert (small / "results.csv").read_bytes() == table
+
+
+def test_a_chunk_that_is_lost_before_the_table_is_written_is_named(small, monkeypatch):
+    found = read_design(small / "study.yaml")
+    computed_here(found, small)
+    table = (small / "results.csv").read_bytes()
+    lost = next(small.glob(f"chunks_{found.fingerprint():08x}/*.json"))
+    monkeypatch.setattr(runs, "_is_finished", lambda *_: True)
+    for text in ("", "[]"):
+        lost.write_text(text)
+        assert lost.name in refusal(computed_here, found, small)
+        assert (small / "results.csv").read_bytes() == table
+    monkeypatch.undo()
+    computed_here(found, small)
+
+
 @pytest.mark.filterwarnings("ignore:overflow:RuntimeWarning")
 @pytest.mark.parametrize(
     ("motion", "medium", "reason"),
