@@ -15,6 +15,7 @@ from rft_ros.tool import (
     Tool,
     describe_hollow,
     describe_tool,
+    locate_mesh,
     save_reduced,
     write_union,
 )
@@ -83,12 +84,13 @@ def reduce(arguments: argparse.Namespace) -> int:
         )
     values = options.values_of(arguments)
     options.refuse_inputs(arguments, output, also=named_files(values))
+    mesh = locate_mesh(values["mesh.file"])
+    if mesh.suffix.lower() == REDUCED_SUFFIX:
+        raise InputError(
+            f"mesh file '{mesh}' is already a reduced tool; reduce the mesh that it was made from"
+        )
     with busy("choosing plates"):
         tool = tool_of({**values, "tolerance": tolerance})
-    if Path(tool.file).suffix == REDUCED_SUFFIX:
-        raise InputError(
-            f"mesh file '{tool.file}' is already a reduced tool; reduce the mesh that it was made from"
-        )
     warnings.warn_of(tool)
     save_reduced(output, tool)
     print(f"{tool.name}, {tool.plates.integration}: {tool.reduction} -> {output}")

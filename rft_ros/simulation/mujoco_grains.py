@@ -60,7 +60,7 @@ class MujocoGrains(Copied):
         model: Any,
         *,
         body: str | int | None = None,
-        bodies: Sequence[str | int] | None = None,
+        bodies: str | Sequence[str | int] | None = None,
         zeta: float = 1.0,
         alpha_y: str = "linear",
         mobilization_length: float | None = None,
@@ -78,7 +78,12 @@ class MujocoGrains(Copied):
             )
         if (bodies is None) == (body is None):
             raise InputError("give the body's name as body=, or several names as bodies=")
-        names: list[Any] = [body] if bodies is None else list(bodies)
+        if bodies is None:
+            names: list[Any] = [body]
+        elif isinstance(bodies, str):
+            names = [bodies]
+        else:
+            names = list(bodies)
         self._ids = [_body_id(model, name) for name in names]
         if not names or len(set(self._ids)) < len(names):
             raise InputError(f"bodies is {names}; name at least one body, and each of them once")

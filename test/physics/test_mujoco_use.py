@@ -185,6 +185,8 @@ def test_a_body_is_named_by_its_id_and_jointless_children_belong_to_it():
     )
     apart = MujocoGrains(model_of(foot.format('name="toe"')), bodies=[1, "toe"], law=law()).tools
     assert [extent(tool)[0] for tool in apart] == pytest.approx([0.04, 0.04], rel=0.02)
+    (toe,) = MujocoGrains(model_of(foot.format('name="toe"')), bodies="toe", law=law()).tools
+    assert extent(toe) == pytest.approx(extent(apart[1]))
     for wrong in (0, 3, -1):
         with pytest.raises(InputError, match=f"body '{wrong}' is not in the model"):
             MujocoGrains(model, body=wrong, law=law())
