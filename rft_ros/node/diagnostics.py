@@ -58,7 +58,8 @@ class Diagnostics:
         self._fastest = max(self._fastest, estimate.speed_bound)
         if self._estimator.estimates == 1:
             depth = self._estimator.depth()
-            if depth > 0.0:
+            # with integration centroid a corner may be below the surface, and no plate
+            if depth > 0.0 and estimate.submerged_area > 0.0:
                 self._node.get_logger().warning(begins_in_grains(depth))
 
     def summary(self) -> str:

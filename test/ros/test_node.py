@@ -9,7 +9,7 @@ from harness import OUTPUTS, numbers, predicted_by_the_core, stamp_of
 from recordings import cdr
 
 from rft_ros.errors import InputError
-from rft_ros.tool import locate_mesh
+from rft_ros.tool import load_tool, locate_mesh
 
 S = 1_000_000_000
 
@@ -241,6 +241,14 @@ def test_relative_files_lie_beside_the_parameter_file_whose_values_ros_takes(
     folder = tmp_path / str(rft.get("medium.zeta").double_value)
     assert rft.get("alpha_y.table").string_value == str(folder / "table.csv")
     assert rft.get("mesh.file").string_value == str(folder / "tool.stl")
+
+
+def test_a_corner_below_the_surface_without_force_is_not_in_the_grains(start_node):
+    rft = start_node("-p", "mesh.file:=sphere", "-p", "integration:=centroid").wait_ready()
+    height = -load_tool("sphere").lowest_point(np.eye(3), (0.0, 0.0)) - 1e-6
+    assert not np.any(numbers(rft.ask(rft.moment(), z=height)))
+    rft.until(lambda: rft.diagnostics)
+    assert "deep in the grains" not in rft.said()
 
 
 def test_the_node_says_that_it_begins_in_the_grains_and_that_the_cell_reads_a_force_in_the_air(
