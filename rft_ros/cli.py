@@ -27,7 +27,7 @@ _COMMANDS = {
         "Write a reduced tool: the fewest plates that reproduce its wrench within a tolerance.",
     ),
     "replay": ("replay", "Run recorded bags through the estimator."),
-    "calibrate": ("calibrate", "Fit load cell, surface, ζ, memory and α_y to recorded bags."),
+    "calibrate": ("calibrate", "Fit load cell, surface, ζ and memory to recorded bags."),
     "fit-medium": ("medium", "Fit a medium of your own to a measured map of stresses."),
     "sweep": ("tools", "Run a design study: tools × motions × media, on all cores or a cluster."),
     "view": ("predict", "Draw a tool moving through the grains: an animated page."),

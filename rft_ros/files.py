@@ -12,7 +12,7 @@ import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, BinaryIO
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,25 +73,16 @@ def _check_size(size: int, named: str, limit: int) -> None:
         )
 
 
-@contextmanager
-def opened(
-    file: Path, what: str, *, limit: int = MAX_BYTES, advice: str = _GIVE
-) -> Iterator[BinaryIO]:
-    """A `checked_file`, open for reading bytes; errors of reading it in the block are InputErrors too."""
-    path = checked_file(file, what, limit=limit, advice=advice)
-    with file_errors(f"{what} '{file}'", "read"), path.open("rb") as stream:
-        yield stream
-
-
-def read_file(file: Path, what: str, *, limit: int = MAX_BYTES, advice: str = _GIVE) -> bytes:
+def read_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> bytes:
     """The bytes of a `checked_file`."""
-    with opened(file, what, limit=limit, advice=advice) as stream:
+    path = checked_file(file, what, limit=limit)
+    with file_errors(f"{what} '{file}'", "read"), path.open("rb") as stream:
         return stream.read(MAX_BYTES)
 
 
-def read_text(file: Path, what: str, *, limit: int = MAX_BYTES, advice: str = _GIVE) -> str:
+def read_text(file: Path, what: str, *, limit: int = MAX_BYTES) -> str:
     """The text of a `checked_file` in UTF-8; a byte order mark is dropped."""
-    data = read_file(file, what, limit=limit, advice=advice)
+    data = read_file(file, what, limit=limit)
     with file_errors(f"{what} '{file}'", "read"):
         return data.decode("utf-8-sig")
 
@@ -167,18 +158,23 @@ def whole_folder(folder: Path, names: Sequence[str]) -> Iterator[Path]:
     """
     with file_errors(f"output folder '{folder}'", "written"):
         part = folder / f".{os.getpid()}.part"
+        _remove(part)  # of a process that was killed
         part.mkdir(parents=True)
         try:
             yield part
             for name in names:
-                old = folder / name
-                if old.is_dir() and not old.is_symlink():
-                    shutil.rmtree(old)
-                old.unlink(missing_ok=True)
+                _remove(folder / name)
             for new in part.iterdir():
                 new.replace(folder / new.name)
         finally:
             shutil.rmtree(part)
+
+
+def _remove(place: Path) -> None:
+    """Remove a file or folder, if it is there; of a link, not what it points to."""
+    if place.is_dir() and not place.is_symlink():
+        shutil.rmtree(place)
+    place.unlink(missing_ok=True)
 
 
 def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:

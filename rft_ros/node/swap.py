@@ -24,7 +24,7 @@ from rft_ros.parameters import (
     settings_of,
     unused,
 )
-from rft_ros.tool import checked_mesh
+from rft_ros.tool import checked_mesh, locate_mesh
 
 _ANSWERS_WITHIN = 0.05
 """s; a tick waits so long for a drive that does not say whether a file exists."""
@@ -182,6 +182,6 @@ def _check_files(made: Prepared) -> None:
             continue
         for name, file in files_in(wanted).items():
             if name == "mesh.file":
-                checked_mesh(file)
+                checked_mesh(locate_mesh(file), "mesh.file")
             else:
                 checked_file(Path(file), name)

@@ -91,7 +91,7 @@ def checksum_of(kind: Kind, name: str) -> int | None:
 
 
 def motion_of(entry: Mapping[str, Any]) -> tuple[Trajectory, int]:
-    """The motion of a variant without a states file, and its number of samples. Raises InputError."""
+    """The motion of a variant without a states file, and its number of samples. Raises ValueError."""
     numbers = {"samples": 200, **entry}
     family = numbers.pop("family", None)
     if not isinstance(family, str) or family not in FAMILIES:
@@ -105,7 +105,7 @@ def motion_of(entry: Mapping[str, Any]) -> tuple[Trajectory, int]:
             raise InputError(
                 f"{name} is {shown(value)}; it must be a number from {least:g} to {_MOST:,}"
             )
-    samples = int(numbers.pop("samples"))
+    samples = whole_number("samples", numbers.pop("samples"), least=2, most=_MOST)
     return FAMILIES[family](**numbers), samples
 
 
@@ -148,7 +148,7 @@ def _expanded(name: str, entries: object) -> Iterator[dict[str, Any]]:
                 point = dict(zip(entry, combination, strict=True))
                 _check_point(name, point)
                 yield point
-        except InputError as error:
+        except ValueError as error:
             raise InputError(f"{name} {place}: {error}") from None
 
 

@@ -49,21 +49,15 @@ _SAME = "give an absolute path, and copy the file to all machines"
 _ADVICE = {"mesh": _SAME, "file": _SAME, "release": "install the same release on all machines"}
 
 
-def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
-    """The results of a variant by column. Raises InputError or ValueError if it cannot be computed.
-
-    `fingerprint`: of the contents of files; each file is read once for each fingerprint.
-    """
+def evaluate(variant: Variant) -> dict[str, float]:
+    """The results of a variant by column. Raises InputError or ValueError if it cannot be computed."""
     from scipy.integrate import trapezoid  # takes 0.3 s, and only this command needs it
 
     values = parameters_of({**variant.tool, **variant.medium})
-    tool = _tool(tuple(parts_of(values)["tool"].items()), fingerprint)
-    model = model_of(
-        values,
-        tool=tool,
-        medium=_medium(values["medium.name"], values["medium.file"], fingerprint),
-    )
-    times, states = _motion(tuple(variant.motion.items()), fingerprint)
+    tool = _tool(tuple(parts_of(values)["tool"].items()))
+    medium = _medium(values["medium.name"], values["medium.file"])
+    model = model_of(values, tool=tool, medium=medium)
+    times, states = _motion(tuple(variant.motion.items()))
     if (np.diff(times) < 0.0).any():
         raise InputError(
             f"states file '{variant.motion['states_file']}': t goes back; work needs it in order"
@@ -85,19 +79,19 @@ def evaluate(variant: Variant, fingerprint: int = 0) -> dict[str, float]:
 
 
 # Few values are cached, since tools vary slowest and media fastest: 400 motions of 20,000 samples took 0.9 GB.
-# `_fingerprint` is part of the keys, since files may change between two studies of one worker in a cluster.
+# `_check_contents` clears them, since files may change between two studies of one worker in a cluster.
 @lru_cache(maxsize=4)
-def _tool(items: tuple[tuple[str, Any], ...], _fingerprint: int) -> Tool:
+def _tool(items: tuple[tuple[str, Any], ...]) -> Tool:
     return tool_of(dict(items))
 
 
 @lru_cache(maxsize=16)
-def _medium(name: str, file: str, _fingerprint: int) -> Medium:
+def _medium(name: str, file: str) -> Medium:
     return medium_of({"medium.name": name, "medium.file": file})
 
 
 @lru_cache(maxsize=16)
-def _motion(items: tuple[tuple[str, Any], ...], _fingerprint: int) -> tuple[Array, Array]:
+def _motion(items: tuple[tuple[str, Any], ...]) -> tuple[Array, Array]:
     """Times and states of a motion, from the items of its entry."""
     entry = dict(items)
     if "states_file" in entry:
@@ -117,7 +111,7 @@ def rows_of(
     for variant in variants:
         cells = _cells(variant)
         try:
-            cells |= evaluate(variant, hash(contents))
+            cells |= evaluate(variant)
         except (ValueError, TypeError, ArithmeticError, MemoryError) as error:
             cells["reason"] = reason_of(error)
         rows.append([str(cells.get(name, "")) for name in columns])
@@ -126,12 +120,15 @@ def rows_of(
 
 @lru_cache(maxsize=1)
 def _check_contents(contents: tuple[Content, ...]) -> None:
+    """Check the contents of a study once, and forget what was read for another one."""
     for kind, name, checksum in contents:
         if checksum_of(kind, name) != checksum:
             there = f"on {platform.node()}, in {Path.cwd()}"
             raise InputError(
                 f"a worker ({there}) has another {kind} '{name}' than this process; {_ADVICE[kind]}"
             )
+    for cached in (_tool, _medium, _motion):
+        cached.cache_clear()
 
 
 def _cells(variant: Variant) -> dict[str, Any]:
@@ -161,13 +158,13 @@ def run(
     }
     with file_errors(f"output folder '{out}'", "written"):
         folder.mkdir(parents=True, exist_ok=True)
-        missing = {
-            file: chunk for file, chunk in chunks.items() if not _is_finished(file, chunk, columns)
-        }
-        if missing:
-            with _workers(scheduler, workers) as pool:
-                _compute(design, missing, columns, pool)
-        failed = _write_table(out / "results.csv", columns, chunks)
+    missing = {
+        file: chunk for file, chunk in chunks.items() if not _is_finished(file, chunk, columns)
+    }
+    if missing:
+        with _workers(scheduler, workers) as pool:
+            _compute(design, missing, columns, pool)
+    failed = _write_table(out / "results.csv", columns, chunks)
     return sum(map(len, missing.values())), failed
 
 
@@ -226,9 +223,14 @@ def _compute(
     done = total - sum(map(len, chunks.values()))
     contents = design.contents()
     with bar(name, total) as update:
-        futures = {
-            pool.submit(rows_of, chunk, columns, contents): file for file, chunk in chunks.items()
-        }
+        try:
+            futures = {
+                pool.submit(rows_of, chunk, columns, contents): file
+                for file, chunk in chunks.items()
+            }
+        except OSError as error:
+            fewer = "give fewer --workers, or end other processes"
+            raise InputError(f"a worker cannot be started: {reason_of(error)}; {fewer}") from None
         for future in as_completed(futures):
             rows = future.result()
             with whole(futures[future]) as part:

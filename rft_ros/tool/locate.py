@@ -67,11 +67,6 @@ def _shipped() -> dict[str, Path]:
     return {p.stem: p for p in sorted((share_directory("rft_ros") / "meshes").glob("*.stl"))}
 
 
-def advice() -> str:
-    """The end of the error for a mesh file that does not exist: what to give instead."""
-    return f"give a path, or one of {', '.join(_shipped())}"
-
-
-def checked_mesh(file: str) -> Path:
-    """The path of the file in `mesh.file`, checked but not opened. Raises InputError."""
-    return checked_file(locate_mesh(file), "mesh.file", advice=advice())
+def checked_mesh(path: Path, what: str = "mesh file") -> Path:
+    """The path of a `checked_file`. If it does not exist, the error names the shipped meshes."""
+    return checked_file(path, what, advice=f"give a path, or one of {', '.join(_shipped())}")

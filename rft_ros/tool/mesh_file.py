@@ -31,7 +31,7 @@ from rft_ros.rft.plates import (
     SECOND_CORNER,
 )
 from rft_ros.tool.check import with_area
-from rft_ros.tool.locate import advice
+from rft_ros.tool.locate import checked_mesh
 from rft_ros.tool.urdf import ROBOT_SUFFIXES, shapes_of_link
 
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ def _load(path: Path) -> "trimesh.Trimesh":
     """The mesh of a file, in the file's coordinates and units. Raises InputError that names the file."""
     name = f"mesh file '{path}'"
     suffix = path.suffix.lower()
-    data = read_file(path, "mesh file", advice=advice())
+    data = read_file(checked_mesh(path), "mesh file")
     if suffix not in _SUFFIXES:
         supported = ", ".join([*_SUFFIXES, ".urdf#LINK", REDUCED_SUFFIX])
         raise InputError(f"{name} has no supported suffix; these are {supported}")

@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError, reason_of, shown
 from rft_ros.files import read_text, resolved
 from rft_ros.tool import solids
-from rft_ros.tool.locate import advice, link_in, locate_mesh
+from rft_ros.tool.locate import checked_mesh, link_in, locate_mesh
 
 Array = NDArray[np.float64]
 
@@ -78,7 +78,7 @@ def shapes_of_link(urdf: Path, link: str) -> list[LinkShape]:
 
 def _text(urdf: Path, named: str) -> str:
     """The URDF as text, expanded if it is a xacro file."""
-    text = read_text(urdf, "mesh file", advice=advice())
+    text = read_text(checked_mesh(urdf), "mesh file")
     if urdf.suffix.lower() != ".xacro":
         return text
     try:

@@ -1,6 +1,7 @@
 """Files that parameters and users name: hostile ones are refused unread, outputs are whole, inputs stay."""
 
 import io
+import os
 import pickle
 import re
 import zipfile
@@ -27,7 +28,7 @@ READERS = {
 def test_a_mesh_that_is_not_there_is_refused_with_the_names_of_the_shipped_ones(tmp_path):
     for said in (
         refusal(load_tool, tmp_path / "tool.stl"),
-        refusal(checked_mesh, str(tmp_path / "tool.stl")),
+        refusal(checked_mesh, tmp_path / "tool.stl", "mesh.file"),
     ):
         assert "tool.stl' does not exist" in said
         assert all(
@@ -116,6 +117,15 @@ def test_an_output_that_is_not_finished_leaves_the_old_one_and_no_other_file(tmp
         part.write_text("better")
     assert (file.read_text(), [*file.parent.iterdir()]) == ("better", [file])
     assert file.stat().st_mode & 0o777 == 0o640
+
+
+def test_a_folder_of_a_killed_process_of_the_same_pid_is_replaced(tmp_path):
+    """As in a container, in which pids repeat."""
+    (tmp_path / f".{os.getpid()}.part").mkdir()
+    (tmp_path / f".{os.getpid()}.part" / "half.csv").write_text("half")
+    with whole_folder(tmp_path, []) as folder:
+        (folder / "out.csv").write_text("good")
+    assert [file.name for file in tmp_path.iterdir()] == ["out.csv"]
 
 
 def test_a_loop_of_links_is_no_output_and_no_folder_of_one(tmp_path):

@@ -20,7 +20,7 @@ from rft_ros.errors import InputError
 from rft_ros.rft import MEDIA, TWIST, Memory, alpha_y_model, treers2021, wrenches_in_time
 from rft_ros.sweeps import design
 from rft_ros.sweeps import run as runs
-from rft_ros.sweeps.design import Variant, read_design
+from rft_ros.sweeps.design import Content, Variant, checksum_of, read_design
 from rft_ros.sweeps.motions import circumnutation, sample
 from rft_ros.sweeps.run import evaluate, rows_of, run
 from rft_ros.tool import load_tool, locate_mesh
@@ -228,9 +228,10 @@ def test_another_mesh_states_file_or_version_makes_another_study(tmp_path, monke
 def test_a_worker_of_two_studies_reads_a_changed_mesh_again(tmp_path):
     mesh, plates = tmp_path / "my.stl", []
     variant = Variant({"mesh": str(mesh)}, {"family": "straight"}, {})
-    for fingerprint, name in enumerate(("plate", "sphere")):
+    for name in ("plate", "sphere"):
         mesh.write_bytes(locate_mesh(name).read_bytes())
-        plates.append(evaluate(variant, fingerprint)["plates"])
+        content = Content("mesh", str(mesh), checksum_of("mesh", str(mesh)))
+        plates += rows_of([variant], ["plates"], (content,))
     assert plates[0] != plates[1]
 
 
@@ -262,6 +263,16 @@ def test_chunks_that_were_cut_anywhere_are_computed_again(small):
         file.write_bytes(whole[: k * len(whole) // len(files)])
     assert computed_here(found, small)[0] == len(found.variants)
     assert (small / "results.csv").read_bytes() == table
+
+
+def test_a_worker_that_cannot_be_started_is_named_and_not_the_folder(tmp_path, monkeypatch):
+    def submit(*_):
+        raise BlockingIOError(11, "Resource temporarily unavailable")
+
+    monkeypatch.setattr(runs.ProcessPoolExecutor, "submit", submit)
+    said = refusal(run, read_design(study(tmp_path, SMALL)), tmp_path / "out")
+    assert said.startswith("a worker cannot be started: Resource temporarily unavailable")
+    assert "--workers" in said
 
 
 @pytest.mark.parametrize("text", ["{}", '{"a": 1}', "1", "[]", "[[]]", '["row"]', "[[1], [2]]"])
@@ -329,6 +340,11 @@ def test_a_variant_that_cannot_be_computed_gives_a_reason(
             ("motions 2", "travel", "count, of 1 to 1,000,000"),
         ),
         ((SMALL, LARGE), ("has 1,010,000 variants; the limit is 1,000,000",)),
+        (("samples: 30", "samples: 30.7"), ("motions 1", "samples is 30.7", "a whole number")),
+        (
+            ("samples: 30", "samples: {from: 2, to: 3, count: 3}"),
+            ("motions 1", "samples is 2.5", "a whole number"),
+        ),
         (("samples: 30", "samples: .inf"), ("line", ".inf", "decimal number")),
         (("mesh: plate", "mesh: 3"), ("tools 2", "mesh", "3")),
         (("mesh: plate, ", ""), ("tools 2", "mesh")),
