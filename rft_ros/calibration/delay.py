@@ -9,8 +9,8 @@ from collections.abc import Iterable
 import numpy as np
 
 from rft_ros.calibration.fitting import FittedValue, Measurement, NotIdentifiable, fit_each, listed
-from rft_ros.calibration.phases import LATEST, LOG_LENGTHS, MOST_UNLIKE, Part, fitted
-from rft_ros.calibration.recorded import BedValues, Recorded
+from rft_ros.calibration.phases import LOG_LENGTHS, MOST_UNLIKE, Part, fitted
+from rft_ros.calibration.recorded import LATEST, BedValues, Recorded
 from rft_ros.calibration.smoothing import GAP
 from rft_ros.calibration.track import FEWEST, Turn, turns_in_grains
 from rft_ros.rft import FORCE
@@ -37,7 +37,8 @@ def _part_of(recording: Recorded, turn: Turn) -> Part:
         raise NotIdentifiable(
             f"{turn.where}: {len(rows)} samples around a turn; the delay needs {FEWEST} without a gap"
         )
-    return Part(recording=recording, first=turn.first, rows=rows, axes=FORCE, zeros=True)
+    moments = recording.moments_about(rows, first=turn.first)
+    return Part(recording=recording, moments=moments, rows=rows, axes=FORCE, zeros=True)
 
 
 def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Measurement, float]:
@@ -57,7 +58,7 @@ def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Me
             f" {100.0 * misfit:.0f} % of the force's range; its error must be below {_UNSURE:g} s, and the residual"
             f" below {100.0 * MOST_UNLIKE:.0f} %"
         )
-    return Measurement(recording.track.name, found.value, error), misfit
+    return Measurement(recording.name, found.value, error), misfit
 
 
 def fit_delay(recordings: Iterable[Recorded], surface: float, *, given: float) -> FittedValue:

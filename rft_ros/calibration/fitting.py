@@ -150,8 +150,8 @@ class Fit(NamedTuple):
         return float(np.sqrt(np.mean(self.residuals**2)))
 
 
-class Parameter(NamedTuple):
-    """A parameter of a curve, in its unit: the change for derivatives, and the limits."""
+class SearchRange(NamedTuple):
+    """Where a parameter of a curve is searched, in its unit: the change for derivatives, and the limits."""
 
     step: float
     low: float
@@ -174,7 +174,7 @@ def fit_linear(columns: Array, observed: Array) -> Fit:
 
 def fit_curve(
     columns: Callable[[Array], Array],
-    parameters: Sequence[Parameter],
+    ranges: Sequence[SearchRange],
     observed: Array,
     starts: Iterable[Array],
 ) -> Fit:
@@ -185,9 +185,9 @@ def fit_curve(
     Analysis 10, 1973).
     """
     # in units of the steps: in those of the parameters a weak one would be dropped, and its error be 0
-    step = np.array([parameter.step for parameter in parameters])
-    low = np.array([parameter.low for parameter in parameters]) / step
-    high = np.array([parameter.high for parameter in parameters]) / step
+    step = np.array([searched.step for searched in ranges])
+    low = np.array([searched.low for searched in ranges]) / step
+    high = np.array([searched.high for searched in ranges]) / step
     linear_at = cache(lambda *scaled: _linear(columns(np.array(scaled) * step), observed))
 
     def residuals_at(at: Array) -> Array:

@@ -250,9 +250,7 @@ def _add_surface(result: FitResults, bed: _Bed, contacts: Sequence[Contact], err
 def _add_length(result: FitResults, bed: _Bed, log_error: float) -> None:
     misfit = np.mean([turn.misfit for turn in bed.turns])
     lengths = [
-        Measurement(
-            turn.recording.track.name, turn.values.length, turn.values.length * turn.fit.error
-        )
+        Measurement(turn.recording.name, turn.values.length, turn.values.length * turn.fit.error)
         for turn in bed.turns
     ]
     result.add(
@@ -291,13 +289,13 @@ def _add_zeta(
     )
     if "medium.zeta" in result.not_identifiable:
         return
-    deepest = min(ways, key=_lowest)
+    deepest = min(ways, key=lambda way: float(way.heights.min()))
     result.add(
         "medium.calibrated_depth",
-        bed.values.surface - _lowest(deepest),
+        bed.values.surface - float(deepest.heights.min()),
         surface_error,
         goodness="",
-        source=f"deepest penetration, {deepest.recording.track.name}",
+        source=f"deepest penetration, {deepest.recording.name}",
     )
     for kind, phases in motion_phases(recordings, bed.values).items():
         of_kind = motion_fit(
@@ -309,11 +307,6 @@ def _add_zeta(
         )
         result.motions.append(of_kind)
     result.warnings += sentences_on(result.motions)
-
-
-def _lowest(way: Phase) -> float:
-    heights = way.recording.track.heights[way.part.rows]
-    return float(heights.min())
 
 
 def spread_of(found: Sequence[Measurement], tools: Sequence[str]) -> float:

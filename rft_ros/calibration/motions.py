@@ -41,7 +41,7 @@ def motion_phases(recordings: Sequence[Recorded], values: BedValues) -> dict[str
         for kind, rows in _rows_by_kind(recording.track, values.surface).items():
             if kind == REST and values.length == 0.0:
                 continue  # without memory the model has no force at rest
-            part = Part(recording=recording, first=0, rows=rows, axes=FORCE)
+            part = Part(recording=recording, moments=recording.moments, rows=rows, axes=FORCE)
             phase = fitted(part, values, ())
             if phase.fit.influence.any():
                 found[kind].append(phase)

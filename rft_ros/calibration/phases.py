@@ -22,12 +22,12 @@ from rft_ros.calibration.fitting import (
     Fit,
     Measurement,
     NotIdentifiable,
-    Parameter,
+    SearchRange,
     fit_curve,
     fit_each,
     fit_linear,
 )
-from rft_ros.calibration.recorded import BedValues, Recorded, predicted
+from rft_ros.calibration.recorded import LATEST, BedValues, Recorded, course_of_force
 from rft_ros.calibration.smoothing import interpolated
 from rft_ros.calibration.track import FEWEST, Indices, Track, Turn, down_strokes
 from rft_ros.rft import FORCE, Law
@@ -41,9 +41,6 @@ _LONGEST = 0.1  # greatest λ that is searched [m]
 
 LOG_LENGTHS = np.linspace(np.log(SHORTEST), np.log(_LONGEST), 16)
 """Logarithms of λ that are tried before the best one is refined. With fewer a delay was 6 ms off."""
-
-LATEST = 0.25
-"""Greatest delay that is searched, to both sides [s]."""
 
 MOST_UNLIKE = 0.15
 """Greatest accepted RMS residual, relative to the greatest force or its range."""
@@ -83,13 +80,14 @@ class Contact(NamedTuple):
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Part:
-    """Some rows of a recording, which the model follows from `first`, with an empty memory.
+    """Some rows of a recording, at which the model's force is compared with the measured one.
 
-    `axes` of the force that are compared. `zeros`: each has a free zero.
+    `moments`: those that the model follows, with an empty memory at the first one. `axes` of the force that are
+    compared. `zeros`: each has a free zero.
     """
 
     recording: Recorded
-    first: int
+    moments: range
     rows: Indices
     axes: slice
     zeros: bool = False
@@ -101,14 +99,11 @@ class Part:
 
     def columns(self, values: BedValues) -> Array:
         """Columns of the linear coefficients, shape [n, axes, 1 or more]: the model's force, and the zeros."""
+        course = course_of_force(self.recording, values._replace(delay=0.0), self.moments)
         time = self.recording.track.time
-        at = time[self.rows]
-        # what is followed from the beginning of a recording is followed to its end, for all such parts at once
-        end = int(np.searchsorted(time, at[-1] + LATEST)) if self.first else len(time)
-        punctual = values._replace(delay=0.0)
-        course = predicted(self.recording, punctual, self.first, end)
-        moments = time[self.first : end]
-        force = interpolated(at - values.delay, moments, course[:, self.axes])
+        at = time[self.rows] - values.delay
+        of_course = time[self.moments.start : self.moments.stop]
+        force = interpolated(at, of_course, course[:, self.axes])
         if not self.zeros:
             return force[:, :, None]
         axes = force.shape[1]
@@ -134,6 +129,11 @@ class Phase:
         return self.part.recording
 
     @property
+    def heights(self) -> Array:
+        """World z of the tool's lowest point at the phase's rows [m], shape [n]."""
+        return self.recording.track.heights[self.part.rows]
+
+    @property
     def value(self) -> float:
         """The value that the phase determines: the first coefficient."""
         return float(self.fit.coefficients[0])
@@ -152,7 +152,7 @@ class Phase:
     def measurement(self, shared_error: float = 0.0) -> Measurement:
         """The value, with its own error and one that it shares with others."""
         error = float(np.hypot(self.fit.error, shared_error))
-        return Measurement(self.recording.track.name, self.value, error)
+        return Measurement(self.recording.name, self.value, error)
 
     def by_force(self, force: Array) -> float:
         """Change of the value by a force that is added to the measured one: shape [3], or [n, 3] of the recording."""
@@ -196,9 +196,9 @@ def fitted(
 
     heights = part.recording.track.heights[part.rows]
     parameters = {
-        "surface": Parameter(2e-5, float(heights.min()), float(heights.max())),
-        "log_length": Parameter(0.03, float(LOG_LENGTHS[0]), float(LOG_LENGTHS[-1])),
-        "delay": Parameter(5e-4, -LATEST, LATEST),
+        "surface": SearchRange(2e-5, float(heights.min()), float(heights.max())),
+        "log_length": SearchRange(0.03, float(LOG_LENGTHS[0]), float(LOG_LENGTHS[-1])),
+        "delay": SearchRange(5e-4, -LATEST, LATEST),
     }
     chosen = [parameters[name] for name in free]
     begins = starts or [tuple(getattr(values, name) for name in free)]
@@ -226,7 +226,7 @@ def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Cont
             course = np.interp(parameters[0] - z, depths, force_of_law)
             return np.stack([course, np.ones_like(z)], axis=-1)[:, None]
 
-        limits = Parameter(1e-4 * (most - least), least, most)
+        limits = SearchRange(1e-4 * (most - least), least, most)
         starts = np.linspace(least, most, _HEIGHTS)[:, None]
         found = fit_curve(columns, [limits], force[used], starts)
         surface = float(found.coefficients[0])
@@ -271,13 +271,15 @@ def first_contact(recording: Recorded, rows: Indices, values: BedValues) -> Phas
     The model with memory begins to resist at the first pose below the surface. The fitted height therefore depends on
     where the surface lies between two poses, and the error includes the standard deviation of that place.
     """
-    part = Part(recording=recording, first=int(rows[0]), rows=rows, axes=_VERTICAL, zeros=True)
+    moments = recording.moments_about(rows, first=int(rows[0]))
+    part = Part(recording=recording, moments=moments, rows=rows, axes=_VERTICAL, zeros=True)
     return fitted(part, values, ("surface",))
 
 
 def turn_for_length(recording: Recorded, turn: Turn, values: BedValues) -> Phase:
     """Log λ [log m] of a turn. Raises NotIdentifiable if the turn does not determine it."""
-    part = Part(recording=recording, first=turn.first, rows=turn.rows, axes=FORCE)
+    moments = recording.moments_about(turn.rows, first=turn.first)
+    part = Part(recording=recording, moments=moments, rows=turn.rows, axes=FORCE)
     if not part.observed.any():
         raise NotIdentifiable(f"{turn.where}: the load cell measures no force of the grains")
     starts = [(log_length,) for log_length in LOG_LENGTHS.tolist()]
@@ -306,10 +308,11 @@ def way_down(recording: Recorded, stroke: Indices, values: BedValues) -> Phase:
     depth = float(depths.max())
     if len(rows) < FEWEST or depth < _SHALLOWEST:
         raise NotIdentifiable(
-            f"{recording.track.name}: a penetration of {1e3 * depth:.1f} mm in {len(rows)} samples is too shallow; ζ"
+            f"{recording.name}: a penetration of {1e3 * depth:.1f} mm in {len(rows)} samples is too shallow; ζ"
             f" needs {1e3 * _SHALLOWEST:g} mm and {FEWEST} samples"
         )
-    return fitted(Part(recording=recording, first=0, rows=rows, axes=_VERTICAL), values, ())
+    part = Part(recording=recording, moments=recording.moments, rows=rows, axes=_VERTICAL)
+    return fitted(part, values, ())
 
 
 def check_strength(way: Phase, shared_error: float) -> Phase:
@@ -317,7 +320,7 @@ def check_strength(way: Phase, shared_error: float) -> Phase:
     error = way.measurement(shared_error).error
     if not (way.value > error and way.misfit < _UNRELATED):
         raise NotIdentifiable(
-            f"{way.recording.track.name}: the fitted ζ is {way.value:.3f} ± {error:.3f}, with a residual of"
+            f"{way.recording.name}: the fitted ζ is {way.value:.3f} ± {error:.3f}, with a residual of"
             f" {100 * way.misfit:.0f} % of the peak; ζ must exceed its error, and the residual be below"
             f" {100 * _UNRELATED:.0f} %: check sensor.quaternion, sensor.sign, surface_height, sensor.bias and"
             " mesh.file, as rft doctor does"

@@ -14,11 +14,14 @@ from rft_ros.calibration.smoothing import (
     shaken_states,
     smoothed_states,
 )
-from rft_ros.calibration.track import Track
+from rft_ros.calibration.track import Indices, Track
 from rft_ros.rft import FORCE, Law, Memory, displacements_followed, wrenches, wrenches_in_time
 from rft_ros.rft.frames import TWIST, VELOCITY
 
 Array = NDArray[np.float64]
+
+LATEST = 0.25
+"""Greatest delay that is searched, to both sides [s]."""
 
 SHAKEN = 2
 """Number of motions with more noise, to which each fit is compared."""
@@ -56,6 +59,21 @@ class Recorded:
     law: Law
     states: Array
     air: float
+
+    @property
+    def name(self) -> str:
+        """Of the track."""
+        return self.track.name
+
+    @property
+    def moments(self) -> range:
+        """The rows of all moments."""
+        return range(len(self.track.time))
+
+    def moments_about(self, rows: Indices, *, first: int) -> range:
+        """The moments from `first` to the greatest delay after the last of some rows."""
+        time = self.track.time
+        return range(first, int(np.searchsorted(time, time[rows[-1]] + LATEST)))
 
     @cached_property
     def motion(self) -> FineMotion:
@@ -98,17 +116,20 @@ class Recorded:
 
 
 @lru_cache(maxsize=32)
-def predicted(recording: Recorded, values: BedValues, first: int, end: int) -> Array:
-    """Force on the tool at the rows from `first`, where the memory is empty, up to `end`, world axes [N], [m, 3]."""
+def course_of_force(recording: Recorded, values: BedValues, moments: range) -> Array:
+    """The model's force on the tool at successive moments, world axes [N], shape [m, 3].
+
+    The memory is empty at the first one. The delay of the `values` shifts nothing here.
+    """
     plates = recording.track.tool.plates
     surface = values.surface
     if values.length == 0.0:
         # smooth velocities: without memory there is no force at rest, and an arm guided by hand stops in between
-        states = recording.track.smooth[first:end]
+        states = recording.track.smooth[moments.start : moments.stop]
         found = wrenches(plates, recording.law, states, surface_height=surface, threads=1)
         return found[:, FORCE]
     law = replace(recording.law, mobilization_length=values.length)
-    rows = recording.motion.rows[first:end]
+    rows = recording.motion.rows[moments.start : moments.stop]
     states = recording.motion.states[rows[0] : rows[-1] + 1]
     moved = displacements_followed(states, reach=plates.reach, dead_band=_LOST_MOTION)
     found = wrenches_in_time(

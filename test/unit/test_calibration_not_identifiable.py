@@ -26,7 +26,7 @@ from synthetic_track import (
 )
 
 from rft_ros.calibration.calibrate import PARTS, calibrate
-from rft_ros.calibration.fitting import Parameter, fit_curve
+from rft_ros.calibration.fitting import SearchRange, fit_curve
 from rft_ros.errors import InputError
 from rft_ros.parameters import LoadCell, checked
 from rft_ros.rft.frames import Placement
@@ -441,5 +441,5 @@ def test_a_parameter_that_changes_nothing_has_no_finite_error():
         return np.ones((40, 1, 1))
 
     observed = np.random.default_rng(1).normal(1.0, 0.1, (40, 1))
-    fit = fit_curve(level, [Parameter(0.1, -1.0, 1.0)], observed, [np.zeros(1)])
+    fit = fit_curve(level, [SearchRange(0.1, -1.0, 1.0)], observed, [np.zeros(1)])
     assert fit.error == np.inf
