@@ -69,7 +69,7 @@ def four_passes() -> tuple[Series, Series]:
         place = at[:3], rotation_matrix(at[QUATERNION]), tool.corners
         ground = HeightMap.unknown(CELL) if number == 1 else seen_before(number, place)
         for k in range(first, last):
-            surface = support.local_surface(ground, states[k], level=0.0)
+            surface = support.local_surface(ground, states[k], default_height=0.0)
             rows[k] = wrenches_in_time(
                 tool.plates,
                 law,

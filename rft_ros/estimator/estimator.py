@@ -8,19 +8,20 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.estimator import samples
+from rft_ros.estimator.comparison import Comparison
 from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.load_cell import Comparison, LoadCellFrame, Prediction
+from rft_ros.estimator.load_cell import LoadCellFrame, Prediction
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Motion
 from rft_ros.estimator.pose_noise import NOISY, NOISY_SENTENCE
 from rft_ros.estimator.run import RESTARTS, Change, Run, changes, compared
 from rft_ros.estimator.samples import Answer, Estimate, PoseSample, Reason, RefusedError
 from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.estimator.tare import TarePose, mean_in_air
-from rft_ros.estimator.timeline import NEW_RUN, PATIENCE
+from rft_ros.estimator.timeline import NEW_RUN, patience
 from rft_ros.ground import HeightMap, LocalSurface, ToolPlace
 from rft_ros.parameters import LoadCell, Model, Settings
-from rft_ros.rft import QUATERNION, STATE, SUBMERGED_AREA, rotation_matrix
+from rft_ros.rft import QUATERNION, SUBMERGED_AREA, rotation_matrix
 from rft_ros.rft.arguments import number
 from rft_ros.rft.frames import FORCE, WIDTH, Vector, Wrench
 from rft_ros.rft.traction import packed_law
@@ -52,10 +53,8 @@ class Estimator:
         self.model = model
         self.run = Run(settings, model)
         """What the estimator has followed since the last change that restarts it."""
-        self.state: Array = np.zeros(len(STATE))
-        """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
         self._law = packed_law(model.law)
-        self._comparison = Comparison(self.counts, self._learn)
+        self._comparison = Comparison(self.counts)
         self._intake = Intake(settings, self.counts, self._comparison)
         self.transforms = self._intake.transforms
         self._result = np.zeros((1, WIDTH))
@@ -63,7 +62,7 @@ class Estimator:
     # --- queries
 
     def depth(self) -> float:
-        """Depth of the lowest point below the surface at the last pose [m]: negative above it, NaN before any."""
+        """Depth of the lowest point at the last pose below `surface` [m]: negative above it, NaN before any pose."""
         pose = self.run.pose
         if pose is None:
             return math.nan
@@ -71,6 +70,11 @@ class Estimator:
         up = np.array([-sx, -sy, 1.0])
         lowest = self.model.tool.lowest_point(rotation_matrix(pose.quaternion), (sx, sy))
         return float(height - up @ pose.position - lowest)
+
+    @property
+    def state(self) -> Array:
+        """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
+        return self.run.state
 
     @property
     def surface(self) -> LocalSurface:
@@ -174,8 +178,8 @@ class Estimator:
         self._restart(Change.PRIOR)
 
     def _restart(self, changed: Change) -> None:
-        if changed & RESTARTS["readings"]:  # the predictions that wait belong to the old ones
-            self._comparison.settle(math.inf, self.run.readings)
+        if changed & RESTARTS["pending"]:
+            self._comparison.settle(math.inf, self.run)
         self.run.restart(changed, self.settings, self.model)
 
     # --- samples
@@ -214,7 +218,7 @@ class Estimator:
 
     def finish(self) -> None:
         """Call this after the last sample: it makes the measurements final that still wait for load-cell samples."""
-        self._comparison.settle(math.inf, self.run.readings)
+        self._comparison.settle(math.inf, self.run)
         self.run.air.settle(math.inf)
 
     def tare(self, window: float) -> Wrench:
@@ -260,14 +264,17 @@ class Estimator:
         run = self.run
         settings = self.settings
         max_age = settings.max_age
-        run.air.settle(pose.stamp - max(max_age, PATIENCE))
+        run.air.settle(pose.stamp - patience(max_age))
+        velocity = run.kinematics.velocity(pose, run.twists, settings)
         frame = self._intake.load_cell_frame
         if frame is None:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
-        motion = self._motion(pose)
+        motion = self._motion(pose, velocity)
         state = motion.state[0]
         if run.mapper is not None:
-            run.surface = run.footing.surface(run.mapper.map, state, level=settings.surface_height)
+            run.surface = run.footing.surface(
+                run.mapper.map, state, default_height=settings.surface_height
+            )
         row, force, area = self._model_wrench(motion)
         in_grains = area > 0.0
         run.poses.append(TarePose(pose, "the tool was in the grains" if in_grains else None))
@@ -275,14 +282,14 @@ class Estimator:
         run.unseen.follow(motion, in_grains=in_grains)
         with_sigma = self._corrected(motion, row)
         run.withdrawal.widen(with_sigma)
-        self.state = state
+        run.state = state
         if in_grains and motion.rests and not self.model.law.has_memory:
             # refused only here: a tare and the phases need the state, and late readings still update the filter
             raise RefusedError(Reason.AT_REST)
         wrench, offset, sigma = frame.into_sensor(state[QUATERNION], with_sigma)
         # the reading at this pose may have come already; it decides flags
         prediction = Prediction(pose, wrench, offset, frame, in_air=not in_grains, max_age=max_age)
-        self._comparison.add(prediction, run.readings)
+        self._comparison.add(prediction, run)
         learning = run.learning
         flags = run.quality.flags(
             motion,
@@ -308,26 +315,25 @@ class Estimator:
 
     def _accepted(self, sample: PoseSample) -> PoseSample:
         """The pose in world axes, checked, and passed to ground and comparison; it may be the first of a new run."""
-        pose, follows = self._intake.pose(sample)
         run = self.run
+        pose, follows = self._intake.pose(sample, run)
         if follows is NEW_RUN:
             self.counts[Reason.TIME_JUMP] += 1
-            self.finish()
+            self._restart(Change.RUN)
             run.twists.start_run(pose.stamp)
             run.readings.start_run(pose.stamp)
-            self._restart(Change.RUN)
+        run.pose_stamp = pose.stamp
         run.pose = pose
         if run.mapper is not None:
             run.mapper.add_place(
                 ToolPlace(pose.stamp, pose.position, pose.quaternion, self.model.tool.corners)
             )
-        self._comparison.settle(pose.stamp, run.readings)
+        self._comparison.settle(pose.stamp, run)
         return pose
 
-    def _motion(self, pose: PoseSample) -> Motion:
+    def _motion(self, pose: PoseSample, velocity: tuple[float, ...] | Reason) -> Motion:
         """The motion to a pose. Raises `RefusedError` without a velocity, or if `max_rate` allows no estimate yet."""
         run = self.run
-        velocity = run.kinematics.velocity(pose, run.twists, self.settings)
         if not run.pace.allows(pose.stamp):
             raise RefusedError(Reason.POSE_RATE_LIMITED)
         if isinstance(velocity, Reason):
@@ -376,11 +382,3 @@ class Estimator:
             passing=self.run.withdrawal.active or is_fast,
             apply=self.settings.learning_mode == "apply",
         )
-
-    def _learn(self, prediction: Prediction, compensated: Wrench, repeated: bool) -> None:
-        """Update the filter with a reading."""
-        run = self.run
-        run.air.add(prediction, compensated)
-        if run.learning is not None:
-            force = prediction.force_in_world(compensated)
-            run.learning.learn(prediction.pose.stamp, force, repeated=repeated, air=run.air)

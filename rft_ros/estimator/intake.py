@@ -5,7 +5,8 @@ from collections import Counter, deque
 from dataclasses import replace
 
 from rft_ros.estimator import samples
-from rft_ros.estimator.load_cell import Comparison, LoadCellFrame
+from rft_ros.estimator.comparison import Comparison
+from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.run import Run
 from rft_ros.estimator.samples import (
     ABSURD,
@@ -61,12 +62,10 @@ class Intake:
         self.transforms = Transforms()
         self._counts = counts
         self._comparison = comparison
-        self._pose_stamp = 0  # of the last pose
         self._wanted: deque[int] = deque()  # stamps whose poses wait for transforms
         self._scheduled = 0  # stamp up to which poses were scheduled
-        self._unknown: dict[
-            Reason, tuple[str, ...]
-        ] = {}  # the frame refused last, and those expected
+        # the frame refused last, and those expected
+        self._unknown: dict[Reason, tuple[str, ...]] = {}
         self.use(settings)
 
     def use(self, settings: Settings) -> None:
@@ -96,7 +95,7 @@ class Intake:
 
     # --- samples
 
-    def pose(self, sample: PoseSample) -> tuple[PoseSample, Succession]:
+    def pose(self, sample: PoseSample, run: Run) -> tuple[PoseSample, Succession]:
         """The pose in world axes, its quaternion of unit length, and whether it is the next one or begins a new run."""
         stamp = sample.stamp
         world = self._settings.world_frame
@@ -109,12 +108,11 @@ class Intake:
             raise RefusedError(Reason.POSE_NOT_FINITE)
         if quaternion is None:
             raise RefusedError(Reason.POSE_QUATERNION_NOT_UNIT)
-        follows = succession(stamp, after=self._pose_stamp)
+        follows = succession(stamp, after=run.pose_stamp)
         if follows is REPEATED:
             raise RefusedError(Reason.POSE_REPEATED)
         if follows is LATE:
             raise RefusedError(Reason.POSE_OUT_OF_ORDER)
-        self._pose_stamp = stamp
         return PoseSample(stamp, world, position, quaternion), follows
 
     def add(self, sample: TwistSample | WrenchSample | Cloud | TransformSample, run: Run) -> None:
@@ -158,12 +156,10 @@ class Intake:
             there = self.transforms.fixed(s.world_frame, sample.frame)
         in_world = s.sensor_source == "world" or into == s.world_frame
         wrench = sample.wrench
-        if (
-            there is not None
-        ):  # in world axes the torque is about the sensor's origin, not that of its frame
-            wrench = (there._replace(position=(0.0, 0.0, 0.0)) if in_world else there).wrench(
-                wrench
-            )
+        if there is not None:
+            if in_world:  # the torque is about the sensor's origin, not that of its frame
+                there = there._replace(position=(0.0, 0.0, 0.0))
+            wrench = there.wrench(wrench)
         if not math.hypot(*wrench) < ABSURD:
             raise RefusedError(Reason.WRENCH_NOT_FINITE)
         reading = WrenchSample(stamp, s.world_frame if in_world else s.sensor_frame, wrench)
@@ -176,10 +172,10 @@ class Intake:
         if follows in (REPEATED, LATE):
             raise RefusedError(late)
         if follows is NEW_RUN:  # the predictions belong to the run before
-            self._comparison.settle(math.inf, run.readings)
+            self._comparison.settle(math.inf, run)
             timeline.clear()
         timeline.append(sample)
-        self._comparison.settle(sample.stamp, run.readings)
+        self._comparison.settle(sample.stamp, run)
 
     def _add_cloud(self, cloud: Cloud, run: Run) -> None:
         """Pass points of the ground to the mapper, with their frame's placement in the world if that is another one."""
@@ -235,7 +231,7 @@ class Intake:
     # --- poses from transforms
 
     def poses_after(self, sample: samples.Sample) -> list[PoseSample]:
-        """With `pose_source` tf: the poses of `tool_frame` that are ready after a sample that was taken.
+        """With `pose_source` tf: the poses of `tool_frame` that are ready after a sample, even one that was refused.
 
         Their stamps are those of the load cell's events or, with `tf_rate`, multiples of its period. A pose is ready
         once the transforms on both sides of its stamp have come, so it depends on stamps only. If they do not come

@@ -1,16 +1,13 @@
-"""The load cell: its frame on the tool, and how its readings are compared with the predictions."""
+"""The load cell: its mounting, tool weight and bias, and the wrenches in its frame."""
 
 import math
-from collections import Counter, deque
-from collections.abc import Callable
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.samples import Measurement, PoseSample, Reason, WrenchSample
+from rft_ros.estimator.samples import PoseSample, WrenchSample
 from rft_ros.estimator.sigma import parts_of_prediction
-from rft_ros.estimator.timeline import PATIENCE, Timeline, between
 from rft_ros.parameters import LoadCell
 from rft_ros.rft.frames import Placement, Vector, Wrench, attitude, into_frame
 from rft_ros.rft.kernel.compilation import compiled, machine_code
@@ -22,9 +19,6 @@ GRAVITY = 9.80665
 
 HISTORY = 8192
 """Load-cell samples kept: 8 s of a 1 kHz stream. A pose that is older than all of them has no measurement."""
-
-# estimates that wait for samples; if there are more, the oldest is compared early
-_MOST_PENDING = 4096
 
 _MOUNT = np.dtype(
     [
@@ -61,9 +55,8 @@ def _into_sensor(mounts, quaternion, with_sigma, outs):
     turned = 0.0, 0.0, 0.0
     for i in range(6):
         wrench[i] = sigma[i] = 0.0
-    for k in range(
-        3
-    ):  # `turned`: a world axis, in sensor axes; `lever`: the torque of a unit force along it
+    # `turned`: a world axis, in sensor axes; `lever`: the torque of a unit force along it
+    for k in range(3):
         x, y, z = into_frame(
             tool, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0
         )
@@ -138,88 +131,6 @@ class Prediction(NamedTuple):
     in_air: bool
     max_age: int
 
-    @property
-    def patience(self) -> int:
-        """How much later [ns] than its pose the stamp of another input is when the prediction waits no longer."""
-        return max(self.max_age, PATIENCE)
-
     def force_in_world(self, compensated: Wrench) -> Vector:
         """The force of its reading [N], in world axes."""
         return self.cell.force_in_world(compensated, self.pose)
-
-
-class Comparison:
-    """Compares each prediction with the load cell at its stamp, once the readings around the stamp have come.
-
-    The reading is interpolated linearly between those on both sides of the stamp, each within `max_age`. If no reading
-    follows within that, the last one before the stamp is used. A prediction waits for a later reading until another
-    input has a stamp that is later by `patience`: 1 s, or `max_age` if that is longer. Reasons for predictions without
-    a measurement are counted in `counts`. `on_compared` is called with each prediction that has one, in the order of
-    the estimates, with the compensated wrench, and whether the raw reading equals the one before, bit by bit.
-    """
-
-    def __init__(
-        self, counts: Counter[Reason], on_compared: Callable[[Prediction, Wrench, bool], None]
-    ) -> None:
-        self._counts = counts
-        self._on_compared = on_compared
-        self._pending: deque[Prediction] = deque()
-        self._final: list[Measurement] = []
-        self._last_raw: Wrench | None = None
-
-    def add(self, prediction: Prediction, readings: Timeline[WrenchSample]) -> None:
-        """Add a prediction."""
-        if len(self._pending) >= _MOST_PENDING:
-            self._compare_oldest(readings)
-        self._pending.append(prediction)
-        self.settle(prediction.pose.stamp, readings)
-
-    def settle(self, now: float, readings: Timeline[WrenchSample]) -> None:
-        """Compare the predictions that need not wait. `now` [ns]: the stamp of the sample that has just come."""
-        while self._pending:
-            oldest = self._pending[0]
-            newest = readings.last.stamp if readings.last else 0
-            if newest < oldest.pose.stamp and now <= oldest.pose.stamp + oldest.patience:
-                break
-            self._compare_oldest(readings)
-
-    def measurements(self) -> list[Measurement]:
-        """The measurements that became final since the last call, in the order of the estimates."""
-        final = self._final
-        self._final = []
-        return final
-
-    def _compare_oldest(self, readings: Timeline[WrenchSample]) -> None:
-        self._final.append(self._measured(self._pending.popleft(), readings))
-
-    def _measured(self, prediction: Prediction, readings: Timeline[WrenchSample]) -> Measurement:
-        pose = prediction.pose
-        cell = prediction.cell
-        before, after, share = readings.around(pose.stamp)
-        if before is None or pose.stamp - before.stamp > prediction.max_age:
-            reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
-            self._counts[reason] += 1
-            return Measurement(pose.stamp, None, None, reason)
-        raw = before
-        if (
-            after
-            and after.stamp - pose.stamp <= prediction.max_age
-            and after.frame == before.frame
-        ):
-            fx, fy, fz, tx, ty, tz = between(before.wrench, after.wrench, share)
-            raw = before._replace(wrench=(fx, fy, fz, tx, ty, tz))
-        is_repeated = raw.wrench == self._last_raw
-        self._last_raw = raw.wrench
-        compensated = _difference(cell.sign, cell.in_own_axes(raw, pose), prediction.offset)
-        self._on_compared(prediction, compensated, is_repeated)
-        return Measurement(
-            pose.stamp, compensated, _difference(1.0, compensated, prediction.wrench), None
-        )
-
-
-def _difference(factor: float, a: Wrench, b: Wrench) -> Wrench:
-    """`factor` times one wrench, minus the other; written out, since a loop takes twice as long."""
-    fx, fy, fz, tx, ty, tz = a
-    gx, gy, gz, ux, uy, uz = b
-    force = factor * fx - gx, factor * fy - gy, factor * fz - gz
-    return *force, factor * tx - ux, factor * ty - uy, factor * tz - uz

@@ -151,9 +151,8 @@ def _end_slopes(t, x, n, noise, slopes, squares, factors):
             squares[kind] += square
             square_of_bend += c * c * qq
         factors[kind] = 1.0 / uu
-        if (
-            not square_of_bend <= _BENDS * noise[kind] < np.inf
-        ):  # the noise is infinite until it is estimated
+        # the noise is infinite until it is estimated
+        if not square_of_bend <= _BENDS * noise[kind] < np.inf:
             factors[kind] += bend * bend / qq
             for axis in range(3):
                 slopes[kind, axis] += curved[axis]

@@ -25,10 +25,8 @@ _OF_FIT = 0.95, 7.815
 
 A high quantile, since poses with jittering stamps are noise to a fit; the few misfits at reversals change it little.
 """
-_OF_TIP = (
-    0.5,
-    2.366,
-)  # the same across the motion; the median, since a tenth of the misfits may be those of corners
+# the same across the motion; the median, since a tenth of the misfits may be those of corners
+_OF_TIP = 0.5, 2.366
 _ROUNDING = 1e-18  # the least variance: 1 nm, 1 nrad
 _REPEATS = 1.5  # a pose that stays the same for longer than this many times the last interval has come to rest
 # poses: the four of a misfit, with one on each side, which show the direction of the motion
@@ -37,18 +35,12 @@ _LAST = 6
 
 _TRACK = np.dtype(
     [
-        (
-            "stamps",
-            np.int64,
-            _LAST,
-        ),  # of the last poses that differ, the newest first [ns]; 0 where there is none
+        # of the last poses that differ, the newest first [ns]; 0 where there is none
+        ("stamps", np.int64, _LAST),
         ("poses", float, (_LAST, 7)),  # their positions and quaternions
         ("interval", np.int64),  # between the last two of them [ns]
-        (
-            "misfits",
-            float,
-            (4, _MISFITS),
-        ),  # the last ones, of positions and rotations, then the same across the motion
+        # the last ones, of positions and rotations, then the same across the motion
+        ("misfits", float, (4, _MISFITS)),
         ("count", int),  # of misfits
     ]
 )
@@ -135,11 +127,9 @@ def _add(tracks, pose, stamp, gap):
     p = float(stamps[2] - stamps[1])
     q = float(stamps[3] - stamps[1])
     r = float(stamps[4] - stamps[1])
-    of_1, of_2, of_3 = (
-        q * r / ((p - q) * (p - r)),
-        p * r / ((q - p) * (q - r)),
-        p * q / ((r - p) * (r - q)),
-    )
+    of_1 = q * r / ((p - q) * (p - r))
+    of_2 = p * r / ((q - p) * (q - r))
+    of_3 = p * q / ((r - p) * (r - q))
     scale = 1.0 + of_1 * of_1 + of_2 * of_2 + of_3 * of_3
     for kind in range(2):
         square = along = way = 0.0

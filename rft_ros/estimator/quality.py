@@ -74,11 +74,8 @@ _FROUDE = 0.4
 # across the tool; with fewer the force rises: Paume et al., doi:10.1039/D3SM01242E
 _FEWEST_GRAINS = 5.0
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
-_HARMLESS = {
-    "concave",
-    "size",
-    "degenerate_facets",
-}  # kinds of issues that are no fault of the mesh
+# kinds of issues that are no fault of the mesh
+_HARMLESS = {"concave", "size", "degenerate_facets"}
 _DEEPER = 1.02  # times the calibrated depth, so that the bag of the calibration is not flagged
 _STEEP = 15.0  # degrees
 _STEEP_SLOPE = math.tan(math.radians(_STEEP))

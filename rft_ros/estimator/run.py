@@ -1,12 +1,18 @@
-"""What the estimator keeps from pose to pose, and the table of changes that make each part of it begin anew."""
+"""What the estimator keeps from pose to pose, and the table of changes that make each part of it begin anew.
+
+The tree of frames, and the stamps that wait for poses from transforms, are the intake's: a new run of the poses ends
+neither.
+"""
 
 from collections import deque
 from enum import Flag, auto
 from functools import reduce
 from operator import or_
 
+import numpy as np
+
 from rft_ros.estimator.learning import Learning
-from rft_ros.estimator.load_cell import HISTORY
+from rft_ros.estimator.load_cell import HISTORY, Prediction
 from rft_ros.estimator.motion import Kinematics, Pace
 from rft_ros.estimator.quality import QualityMonitor
 from rft_ros.estimator.samples import PoseSample, TwistSample, WrenchSample
@@ -16,7 +22,8 @@ from rft_ros.estimator.timeline import Timeline
 from rft_ros.estimator.unseen_motion import UnseenMotion
 from rft_ros.ground import Footing, GroundMapper, LocalSurface
 from rft_ros.parameters import LoadCell, Model, Settings
-from rft_ros.rft import Memory
+from rft_ros.rft import STATE, Memory
+from rft_ros.rft.frames import Wrench
 from rft_ros.rft.wrench import prepared
 
 # a pose that waited in a queue of 200 messages still finds the twist of its own time
@@ -45,7 +52,11 @@ _TOOL = _MOTION | Change.TOOL
 RESTARTS: dict[str, Change] = {
     "twists": Change.AXES,  # a new run also drops those of the run before, by their stamps
     "readings": Change.READINGS,  # likewise
+    "pending": Change.RUN | Change.READINGS,
+    "last_raw": Change.RUN | Change.READINGS,
+    "pose_stamp": Change.RUN,
     "pose": _MOTION,
+    "state": _MOTION,
     "poses": _MOTION,
     "pace": _MOTION | Change.RATE,
     "kinematics": _MOTION,
@@ -100,8 +111,16 @@ class Run:
         self.twists = Timeline[TwistSample](maxlen=_TWISTS)
         self.readings = Timeline[WrenchSample](maxlen=HISTORY)
         """Of the load cell."""
+        self.pending = deque[Prediction]()
+        """Those that wait for their readings. Compare them before they begin anew."""
+        self.last_raw: Wrench | None = None
+        """The last reading that was compared."""
+        self.pose_stamp = 0
+        """Of the last pose that was accepted [ns]."""
         self.pose: PoseSample | None = None
         """The last one that was accepted."""
+        self.state = np.zeros(len(STATE))
+        """As `Estimator.state`."""
         self.poses = deque[TarePose](maxlen=HISTORY)
         """For a tare."""
         self.pace = Pace(settings.max_rate)

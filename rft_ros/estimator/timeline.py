@@ -9,7 +9,7 @@ from typing import TypeVar
 from rft_ros.estimator.samples import TransformSample, TwistSample, WrenchSample
 from rft_ros.rft.frames import Quaternion
 
-TIME_JUMP = 1_000_000_000
+_NEW_RUN_AFTER = 1_000_000_000
 """A stamp that goes back by this much [ns] or more starts a new run (a bag played in a loop)."""
 
 PATIENCE = 1_000_000_000
@@ -19,13 +19,21 @@ A sender may be late by less than this, for example because its process stalls.
 """
 
 
+def patience(max_age: int) -> int:
+    """How much later [ns] the stamp of another input is when nothing waits for a reading any more.
+
+    `max_age`: the greatest time between two samples that are used together [ns].
+    """
+    return max(max_age, PATIENCE)
+
+
 class Succession(Enum):
     """How a stamp follows the last one of the same input."""
 
     NEXT = "it is later"
     REPEATED = "it is the same"
-    LATE = "it is earlier by less than `TIME_JUMP`: the sample comes out of order"
-    NEW_RUN = "it is earlier by `TIME_JUMP` or more: the sample is the first one of a new run"
+    LATE = "it is earlier by less than `_NEW_RUN_AFTER`: the sample comes out of order"
+    NEW_RUN = "it is earlier by `_NEW_RUN_AFTER` or more: the sample is the first one of a new run"
 
 
 # names of the module: an attribute of an Enum takes 0.1 us to look up
@@ -37,7 +45,7 @@ def succession(stamp: int, *, after: int) -> Succession:
     behind = after - stamp
     if behind < 0:
         return NEXT
-    if behind >= TIME_JUMP:
+    if behind >= _NEW_RUN_AFTER:
         return NEW_RUN
     return LATE if behind else REPEATED
 
@@ -77,12 +85,12 @@ class Timeline(deque[S]):
         return None, after, 0.0
 
 
-def between(a: Sequence[float], b: Sequence[float], share: float) -> tuple[float, ...]:
+def interpolated(a: Sequence[float], b: Sequence[float], share: float) -> tuple[float, ...]:
     """The numbers at a share of the way from one to the other."""
     return tuple([p + share * (q - p) for p, q in zip(a, b, strict=True)])
 
 
-def turned_between(a: Quaternion, b: Quaternion, share: float) -> Quaternion:
+def slerp(a: Quaternion, b: Quaternion, share: float) -> Quaternion:
     """The attitude at a share of the way from one to the other, at a constant rate of turn; unit quaternions."""
     cosine = sum(p * q for p, q in zip(a, b, strict=True))
     angle = math.acos(min(1.0, abs(cosine)))

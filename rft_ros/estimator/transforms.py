@@ -9,9 +9,9 @@ from rft_ros.estimator.timeline import (
     NEXT,
     REPEATED,
     Timeline,
-    between,
+    interpolated,
+    slerp,
     succession,
-    turned_between,
 )
 from rft_ros.rft import unit_quaternion
 from rft_ros.rft.frames import Placement
@@ -28,9 +28,8 @@ class Transforms:
 
     def __init__(self) -> None:
         self.sentences: dict[Reason, str] = {}
-        self._frames: dict[
-            str, Timeline[TransformSample]
-        ] = {}  # by child; a fixed frame has one transform
+        # by child; a fixed frame has one transform
+        self._frames: dict[str, Timeline[TransformSample]] = {}
         self._ends: tuple[str, str] | None = None
         self._aside = set[str]()
         """Frames that are not between the ends, whose history is dropped; none until transforms link the ends."""
@@ -247,8 +246,8 @@ def _placed(frame: Timeline[TransformSample], stamp: int, max_age: int) -> Place
         if max(after.stamp - stamp, stamp - before.stamp) > max_age:
             return Reason.TF_GAP
         if after.parent == before.parent:
-            x, y, z = between(before.position, after.position, share)
-            return Placement((x, y, z), turned_between(before.quaternion, after.quaternion, share))
+            x, y, z = interpolated(before.position, after.position, share)
+            return Placement((x, y, z), slerp(before.quaternion, after.quaternion, share))
     return Placement(before.position, before.quaternion)
 
 

@@ -43,7 +43,7 @@ def _velocity() -> None:
 
 def _ground() -> None:
     level = HeightMap.unknown(1.0).with_points(*np.zeros((3, 1)))
-    Support(np.eye(3)).local_surface(level, _SINKING, level=0.0)
+    Support(np.eye(3)).local_surface(level, _SINKING, default_height=0.0)
 
 
 _LOADS: dict[str, Callable[[], object]] = {

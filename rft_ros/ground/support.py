@@ -21,13 +21,11 @@ Array = NDArray[np.float64]
 
 LAST_SURFACE = np.dtype(
     [
-        (
-            "known",
-            np.int64,
-        ),  # 0 or 1; a Boolean would leave padding bytes, which a copy does not set
+        # 0 or 1; a Boolean would leave padding bytes, which a copy does not set
+        ("known", np.int64),
         ("position", float, 3),  # of the body, where the surface was found
         ("quaternion", float, 4),
-        ("level", float),
+        ("default_height", float),
         ("height", float),  # these three as in `LocalSurface`
         ("slope", float, 2),
         ("roughness", float),
@@ -70,14 +68,14 @@ _DISC = np.column_stack([np.sqrt(_AREA) * _COS, np.sqrt(_AREA) * _SIN])
 class _Grid(NamedTuple):
     """What the compiled fit takes of a map: heights [m], the first cell's corner [cells], the side of a cell [m].
 
-    `level`: height where nothing is known [m].
+    `default_height`: height where nothing is known [m].
     """
 
     heights: NDArray[np.float32]
     i0: float
     j0: float
     cell: float
-    level: float
+    default_height: float
 
 
 @inlined
@@ -107,7 +105,7 @@ def _known(heights, u, v):
 def _fit(grid, x, y, radius):
     """Fit a plane to the known cells of a disc by least squares: height at its centre, slopes, RMS distance.
 
-    If no cell is known, the plane at `level`.
+    If no cell is known, the plane at `default_height`.
     """
     whole = u_sum = v_sum = h_sum = 0.0
     uu = uv = vv = uh = vh = hh = 0.0
@@ -118,7 +116,7 @@ def _fit(grid, x, y, radius):
         i = (x + radius * u) / grid.cell - 0.5 - grid.i0
         j = (y + radius * v) / grid.cell - 0.5 - grid.j0
         height, weight = _known(heights, i, j)
-        h = height - grid.level
+        h = height - grid.default_height
         whole += weight
         u_sum += weight * u
         v_sum += weight * v
@@ -130,7 +128,7 @@ def _fit(grid, x, y, radius):
         vh += weight * v * h
         hh += weight * h * h
     if not whole > 1e-9:
-        return grid.level, 0.0, 0.0, 0.0
+        return grid.default_height, 0.0, 0.0, 0.0
     mean_u = u_sum / whole
     mean_v = v_sum / whole
     mean_h = h_sum / whole
@@ -143,13 +141,12 @@ def _fit(grid, x, y, radius):
     determinant = uu * vv - uv * uv
     by_u = 0.0
     by_v = 0.0
-    if (
-        determinant > 0.01 * whole * whole
-    ):  # 0.06 of the square of `whole` for a disc that is known everywhere
+    # it is 0.06 of the square of `whole` for a disc that is known everywhere
+    if determinant > 0.01 * whole * whole:
         by_u = (vv * uh - uv * vh) / determinant
         by_v = (uu * vh - uv * uh) / determinant
     rest = max(hh - by_u * uh - by_v * vh, 0.0) / whole
-    centre = grid.level + mean_h - by_u * mean_u - by_v * mean_v
+    centre = grid.default_height + mean_h - by_u * mean_u - by_v * mean_v
     return centre, by_u / radius, by_v / radius, np.sqrt(rest)
 
 
@@ -180,7 +177,7 @@ def _way(last, position, quaternion, reach):
 
 
 @inlined
-def _wet_part(placed, height, slope_x, slope_y, bottom):
+def _submerged_region(placed, height, slope_x, slope_y, bottom):
     """The part of a tool in the grains: mean place by depth, from the tool frame's origin; depth; radius [m].
 
     The surface is at `height` there, but over z = `bottom` everywhere.
@@ -237,7 +234,9 @@ def _find_plane(grid, placed, state, last):
     # in the air the disc is placed by the lowest part of the tool
     bottom = placed[lowest, 2] + least
     for _ in range(_ROUNDS):
-        mx, my, mz, deepest, wide = _wet_part(placed, height - pz, slope_x, slope_y, bottom)
+        mx, my, mz, deepest, wide = _submerged_region(
+            placed, height - pz, slope_x, slope_y, bottom
+        )
         radius = max(wide, deepest, least)
         along_x, along_y = _horizontal_direction(velocity, spin, mx, my, mz)
         ahead = min(radius, max(_WEDGE * deepest, least))
@@ -247,7 +246,7 @@ def _find_plane(grid, placed, state, last):
         # fitted ahead of the tool, but its height at the tool's middle is used
         height = fitted - slope_x * mx - slope_y * my
     last.known = 1
-    last.level = grid.level
+    last.default_height = grid.default_height
     for k in range(3):
         last.position[k] = position[k]
     for k in range(4):
@@ -266,7 +265,7 @@ def _local_plane(grid, corners, reach, state, lasts):
     placed = _placed(corners, quaternion)
     rests = (
         last.known == 1
-        and last.level == grid.level
+        and last.default_height == grid.default_height
         and _way(last, position, quaternion, reach) <= _MOVED
     )
     if not rests:
@@ -300,25 +299,27 @@ class Support:
         ground: HeightMap | None,
         state: Array,
         *,
-        level: float,
+        default_height: float,
         last: NDArray[np.void] | None = None,
     ) -> LocalSurface:
-        """The surface at a state, shape [13], columns `rft_ros.rft.STATE`; `level` [m] without a map.
+        """The surface at a state, shape [13], columns `rft_ros.rft.STATE`; `default_height` [m] without a map.
 
-        Where all cells of the map are unknown it is exactly (level, 0, 0). `last`: the last surface of one body on one
-        map, shape [1] of `LAST_SURFACE`, which is updated. It is used again until the body has moved by 0.1 mm: at rest
-        the direction of the velocity is noise, and the disc would jump about.
+        Where all cells of the map are unknown it is exactly (default_height, 0, 0). `last`: the last surface of one
+        body on one map, shape [1] of `LAST_SURFACE`, which is updated. It is used again until the body has moved by
+        0.1 mm: at rest the direction of the velocity is noise, and the disc would jump about.
         """
         if ground is None:
-            return LocalSurface(level)
+            return LocalSurface(default_height)
         if last is None:
             last = np.zeros(1, LAST_SURFACE)
         i0, j0 = map(float, ground.corner)  # numba compiles once more for each type of argument
-        grid = _Grid(ground.heights, i0, j0, ground.cell, level)
+        grid = _Grid(ground.heights, i0, j0, ground.cell, default_height)
         surface: LocalSurface = _local_plane(grid, self._corners, self._reach, state, last)
         # a pose so far away that its squares overflow
         if not math.isfinite(surface.height + sum(surface.slope) + surface.roughness):
-            return LocalSurface(level, depth=level - float(state[STATE.index("pz")]))
+            return LocalSurface(
+                default_height, depth=default_height - float(state[STATE.index("pz")])
+            )
         return surface
 
 
@@ -330,9 +331,11 @@ class Footing:
         self._last = np.zeros(1, LAST_SURFACE)
         self._ground: HeightMap | None = None
 
-    def surface(self, ground: HeightMap, state: Array, *, level: float) -> LocalSurface:
+    def surface(self, ground: HeightMap, state: Array, *, default_height: float) -> LocalSurface:
         """The surface at the next state; arguments as for `Support.local_surface`."""
         if ground is not self._ground:
             self._ground = ground
             self._last[:] = 0
-        return self._support.local_surface(ground, state, level=level, last=self._last)
+        return self._support.local_surface(
+            ground, state, default_height=default_height, last=self._last
+        )

@@ -91,9 +91,8 @@ def _run(stop: threading.Event) -> None:
                 # EventsExecutor.spin hangs in the PyPI wheel of rclpy 7.1.5
                 executor.spin_once(timeout_sec=0.1)
         finally:
-            node.feedforward.end()
-        executor.shutdown()
-        node.destroy_node()
+            node.destroy_node()  # first brings the feed-forward to zero
+            executor.shutdown()
 
 
 if __name__ == "__main__":

@@ -95,9 +95,8 @@ class RftNode(Node):
         """Subscribe to the other type of poses once someone publishes that one, as motion capture does."""
         kind = type_on(self, "pose", TOPICS["pose"], usual=self._pose_type)
         if self._poses is None:
-            with suppress(
-                RuntimeError
-            ):  # the first type is still in use; the next call tries again
+            # the first type is still in use; the next call tries again
+            with suppress(RuntimeError):
                 self._poses = self._subscribe("pose", kind)
         elif kind != self._pose_type:
             # The middleware takes one type of a topic at a time, and has this subscription until this callback ends.

@@ -50,13 +50,16 @@ def waiting(subscription: Subscription) -> Iterator[tuple[bytes, dict[str, Any]]
 
 
 def message_class(kind: str) -> Any:
-    """The class of a message type. Raises InputError for transforms if their package is not installed."""
+    """The class of a message type. Raises InputError if its package is not installed."""
     package, _, name = kind.split("/")
     try:
         return getattr(import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError):
-        why = f"pose_source tf and sensor.frame_source tf need the package {package}"
-        raise InputError(f"{why}: apt install ros-jazzy-tf2-msgs") from None
+        what = f"{kind} messages need"
+        if package == "tf2_msgs":
+            what = "pose_source tf and sensor.frame_source tf need"
+        apt = f"ros-jazzy-{package.replace('_', '-')}"
+        raise InputError(f"{what} the package {package}: apt install {apt}") from None
 
 
 def start_ros(**options: Any) -> None:

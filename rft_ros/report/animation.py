@@ -128,7 +128,7 @@ def animate(title: str, model: Model, motion: Motion, *, surface_height: float) 
     traction = []
     placed = []
     for state in states:
-        surface = support.local_surface(motion.ground, state, level=surface_height)
+        surface = support.local_surface(motion.ground, state, default_height=surface_height)
         by_facet = plate_forces(
             tool.facets, model.law, state, surface_height=surface.height, slope=surface.slope
         )

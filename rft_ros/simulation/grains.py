@@ -177,7 +177,9 @@ class GrainsBatch(Copied):
         for k, (tool, state) in enumerate(zip(self.tools, states, strict=True)):
             level = ground.nearest(state[0], state[1])
             last = self._surfaces[k : k + 1]
-            found = self._supports[tool].local_surface(ground, state, level=level, last=last)
+            found = self._supports[tool].local_surface(
+                ground, state, default_height=level, last=last
+            )
             body = self.beds.bodies[k]
             body["height"] = found.height
             body["slope_x"], body["slope_y"] = found.slope

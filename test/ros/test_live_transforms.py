@@ -103,3 +103,8 @@ def test_without_tf2_msgs_the_sentence_names_the_package(start_node, monkeypatch
     words = "pose_source tf and sensor.frame_source tf need the package tf2_msgs: apt install ros-jazzy-tf2-msgs"
     with pytest.raises(InputError, match=words):
         start_node("-p", "pose_source:=tf")
+    monkeypatch.setitem(sys.modules, "sensor_msgs.msg", None)
+    with pytest.raises(
+        InputError, match=r"PointCloud2 .* sensor_msgs: apt install ros-jazzy-sensor"
+    ):
+        message_class("sensor_msgs/msg/PointCloud2")

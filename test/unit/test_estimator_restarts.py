@@ -24,11 +24,12 @@ from rft_ros.parameters import LoadCell
 
 MODEL = replace(plate_model(mobilization_length=0.003), ground=HeightMap.unknown(0.004))
 
-MOTION = {"pose", "poses", "pace", "kinematics", "mapper", "surface", "place"}
+MOTION = {"pose", "state", "poses", "pace", "kinematics", "mapper", "surface", "place"}
 TOOL = {"step", "withdrawal", "quality", "unseen", "air", "footing"}
+COMPARED = {"pending", "last_raw"}
 TABLE = {
-    "a jump back in time": {*MOTION, *TOOL},
-    "another world_frame": {*MOTION, *TOOL, "twists", "readings"},
+    "a jump back in time": {*MOTION, *TOOL, *COMPARED, "pose_stamp"},
+    "another world_frame": {*MOTION, *TOOL, *COMPARED, "twists", "readings"},
     "another tool_frame": {*MOTION, *TOOL, "twists"},
     "another tool": {*TOOL, "place"},
     "another map": {"mapper", "surface", "place"},
@@ -40,9 +41,9 @@ TABLE = {
     "no learning": {"learning"},
     "a forgotten strength": {"learning"},
     "another bias": {"air"},
-    "another delay": {"air", "readings"},
-    "another sensor_frame": {"readings"},
-    "readings in world axes": {"readings"},
+    "another delay": {*COMPARED, "air", "readings"},
+    "another sensor_frame": {*COMPARED, "readings"},
+    "readings in world axes": {*COMPARED, "readings"},
     "another max_rate": {"pace"},
     "observe in place of apply, another lag": set(),
     "another max_input_age": set(),

@@ -201,14 +201,14 @@ DOWN, FORWARD = (0.0, 0.0, -0.01), (0.01, 0.0, 0.0)
 
 @pytest.mark.parametrize("velocity", [DOWN, FORWARD, (0.0, 0.0, 0.0)])
 def test_unknown_ground_is_the_level_plane_exactly(velocity):
-    surface = SUPPORT.local_surface(HeightMap.unknown(CELL), state(velocity), level=0.12)
+    surface = SUPPORT.local_surface(HeightMap.unknown(CELL), state(velocity), default_height=0.12)
     assert surface[:3] == (0.12, (0.0, 0.0), 0.0)
 
 
 @given(sx=st.floats(-0.26, 0.26), sy=st.floats(-0.26, 0.26), h=st.floats(-0.01, 0.01))
 def test_a_tilted_bed_under_a_sinking_tool_is_found_as_it_is(sx, sy, h):
     tilted = mapped(lambda x, y: h + sx * x + sy * y)
-    surface = SUPPORT.local_surface(tilted, state(DOWN, z=h - 0.02), level=0.0)
+    surface = SUPPORT.local_surface(tilted, state(DOWN, z=h - 0.02), default_height=0.0)
     assert_allclose((surface.height, *surface.slope), (h, sx, sy), atol=1e-5)
     assert surface.roughness < 1e-5
 
@@ -216,7 +216,9 @@ def test_a_tilted_bed_under_a_sinking_tool_is_found_as_it_is(sx, sy, h):
 def test_the_ground_ahead_resists_and_not_the_hole_behind():
     step = mapped(lambda x, _: np.where(x > 0.02, 0.0, -0.03))
     ways = (FORWARD, (-0.01, 0.0, 0.0))
-    surfaces = (SUPPORT.local_surface(step, state(v, z=-0.02, x=0.03), level=0.0) for v in ways)
+    surfaces = (
+        SUPPORT.local_surface(step, state(v, z=-0.02, x=0.03), default_height=0.0) for v in ways
+    )
     ahead, back = (surface.height + surface.slope[0] * 0.03 for surface in surfaces)
     assert ahead > back + 0.005
 
@@ -224,26 +226,26 @@ def test_the_ground_ahead_resists_and_not_the_hole_behind():
 def test_noise_at_rest_has_no_direction():
     """A tool that has moved by less than 0.1 mm keeps its surface; then it looks ahead again, and on another level."""
     slope, last = mapped(lambda x, _: 0.2 * x), np.zeros(1, LAST_SURFACE)
-    first = SUPPORT.local_surface(slope, state(FORWARD), level=0.0, last=last)
+    first = SUPPORT.local_surface(slope, state(FORWARD), default_height=0.0, last=last)
     for k, back in enumerate(([-1e-6, 0.0, 0.0], [0.0, 1e-6, -1e-6])):
         noisy = SUPPORT.local_surface(
-            slope, state(back, x=5e-5 * k, z=-0.01 - 2e-5 * k), level=0.0, last=last
+            slope, state(back, x=5e-5 * k, z=-0.01 - 2e-5 * k), default_height=0.0, last=last
         )
         assert noisy[:3] == first[:3]
         assert noisy.depth == pytest.approx(first.depth + (2e-5 + 0.2 * 5e-5) * k, abs=1e-9)
     for x, level in ((0.0, 0.1), (2e-4, 0.1)):
         moved = state((-0.01, 0.0, 0.0), x=x)
-        again = SUPPORT.local_surface(slope, moved, level=level, last=last)
-        assert again == SUPPORT.local_surface(slope, moved, level=level)
+        again = SUPPORT.local_surface(slope, moved, default_height=level, last=last)
+        assert again == SUPPORT.local_surface(slope, moved, default_height=level)
         assert again.height < first.height - 0.002
 
 
 def test_a_tool_on_a_pile_is_below_its_surface():
     pile = mapped(lambda x, y: np.maximum(0.03 - np.hypot(x, y) * 0.4, 0.0))
-    assert SUPPORT.local_surface(pile, state(DOWN, z=0.01), level=0.0).depth > 0.0
-    assert SUPPORT.local_surface(pile, state(DOWN, z=0.06), level=0.0).depth < 0.0
+    assert SUPPORT.local_surface(pile, state(DOWN, z=0.01), default_height=0.0).depth > 0.0
+    assert SUPPORT.local_surface(pile, state(DOWN, z=0.06), default_height=0.0).depth < 0.0
     tiny = Support(load_tool("plate", scale=1e-8).corners)
-    assert tiny.local_surface(pile, state(DOWN, z=0.0), level=0.0).depth > 0.02
+    assert tiny.local_surface(pile, state(DOWN, z=0.0), default_height=0.0).depth > 0.02
 
 
 @given(turn=st.floats(0.0, 6.3))
@@ -254,7 +256,7 @@ def test_turning_the_scene_turns_the_plane(turn):
         ground = mapped(lambda x, y, a=a, b=b: 0.01 * np.tanh(60.0 * (a * x + b * y)), 100)
         pose = 0.0, 0.0, -0.02, 0.0, 0.0, np.sin(angle / 2.0), np.cos(angle / 2.0)
         moved = np.array([*pose, 0.01 * a, 0.01 * b, 0.0, 0.0, 0.0, 0.0])
-        surfaces.append(SUPPORT.local_surface(ground, moved, level=0.0))
+        surfaces.append(SUPPORT.local_surface(ground, moved, default_height=0.0))
     assert surfaces[0].height == pytest.approx(surfaces[1].height, abs=2e-4)
     assert np.hypot(*surfaces[0].slope) == pytest.approx(np.hypot(*surfaces[1].slope), abs=0.02)
 
@@ -264,7 +266,8 @@ def test_the_height_is_continuous_along_a_path():
     step = 1e-5
     places = np.arange(0.0, 0.02, step)
     planes = [
-        SUPPORT.local_surface(waves, state(FORWARD, z=-0.02, x=x), level=0.0) for x in places
+        SUPPORT.local_surface(waves, state(FORWARD, z=-0.02, x=x), default_height=0.0)
+        for x in places
     ]
     at_tool = [plane.height + plane.slope[0] * x for plane, x in zip(planes, places, strict=True)]
     assert np.abs(np.diff(at_tool)).max() < 2.0 * step
@@ -278,5 +281,5 @@ def test_any_ground_and_any_state_give_numbers(values, numbers):
     n = len(values) // 3
     ground = HeightMap.unknown(CELL).with_points(*np.reshape(values[: 3 * n], (3, n)))
     moving = np.array([*numbers[:3], 0, 0, 0, 1.0, *numbers[3:], 0, 0, 0])
-    surface = SUPPORT.local_surface(ground, moving, level=0.0)
+    surface = SUPPORT.local_surface(ground, moving, default_height=0.0)
     assert np.isfinite([surface.height, *surface.slope, surface.roughness]).all()

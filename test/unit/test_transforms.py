@@ -379,3 +379,7 @@ def test_the_sensors_place_comes_from_fixed_transforms_and_until_then_there_is_n
     e.use(settings=replace(known.settings, sensor_source="tf"))
     answer = push(e, fixed("tool", "ft_sensor", *place), pose(START + MS))
     assert answer.predicted == push(known, pose(START + MS)).predicted
+    # poses before the transform are part of the window of velocities all the same
+    e = estimator(sensor_source="tf", twist_source="pose_difference")
+    push(e, *(pose(START + k * MS) for k in range(2)), fixed("tool", "ft_sensor", *place))
+    assert push(e, pose(START + 2 * MS, (0.0, 0.0, -0.011))).speed_bound > 0.0

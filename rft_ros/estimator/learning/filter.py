@@ -101,9 +101,8 @@ def _form(a, m, b):
 @inlined
 def copy(target, source):
     """Copy mean and covariance."""
-    for i in range(
-        4
-    ):  # number by number: an assignment of arrays also compiles an error message, which takes 4 s
+    # number by number: an assignment of arrays also compiles an error message, which takes 4 s
+    for i in range(4):
         target.theta[i] = source.theta[i]
         for j in range(4):
             target.p[i, j] = source.p[i, j]

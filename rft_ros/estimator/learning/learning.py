@@ -63,10 +63,8 @@ _STATE = np.dtype(
         *FILTER_FIELDS,
         *JUDGE_FIELDS,
         ("doubts", int),  # issues under which the filter was updated
-        (
-            "first",
-            int,
-        ),  # number of the first record that waits; record n is at index n modulo `_CAPACITY`
+        # number of the first record that waits; record n is at index n modulo `_CAPACITY`
+        ("first", int),
         ("open", int),  # number of the first record whose measurement may still come
         ("end", int),  # number of the next record
         ("travel", float),

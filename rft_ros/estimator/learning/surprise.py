@@ -34,10 +34,8 @@ JUDGE_FIELDS = [
     ("mean_force", float),
     ("change", int),  # 1: the grains are harder than believed, -1: softer
     ("along", float),  # mean over _SUM_LENGTH: y·F, with outliers reduced
-    (
-        "square",
-        float,
-    ),  # the same mean of F·F; next: of the horizontal parts' dot product, cross product and square
+    # the same mean of F·F; next: of the horizontal parts' dot product, cross product and square
+    ("square", float),
     ("flat_along", float),
     ("flat_cross", float),
     ("flat_square", float),

@@ -1,0 +1,92 @@
+"""The comparison of each prediction with the load cell's reading at its stamp, which also updates the filter."""
+
+from collections import Counter
+
+from rft_ros.estimator.load_cell import Prediction
+from rft_ros.estimator.run import Run
+from rft_ros.estimator.samples import Measurement, Reason
+from rft_ros.estimator.timeline import interpolated, patience
+from rft_ros.rft.frames import Wrench
+
+# estimates that wait for samples; if there are more, the oldest is compared early
+_MOST_PENDING = 4096
+
+
+class Comparison:
+    """Compares each prediction of a `Run` with the load cell, once the readings around its stamp have come.
+
+    The reading is interpolated linearly between those on both sides of the stamp, each within `max_age`. If no reading
+    follows within that, the last one before the stamp is used. A prediction waits for a later reading until another
+    input has a stamp that is later by `patience`. Reasons for predictions without a measurement are counted in
+    `counts`. Each compensated wrench updates the run's mean in the air and its filter, in the order of the estimates.
+    """
+
+    def __init__(self, counts: Counter[Reason]) -> None:
+        self._counts = counts
+        self._final: list[Measurement] = []
+
+    def add(self, prediction: Prediction, run: Run) -> None:
+        """Add a prediction."""
+        if len(run.pending) >= _MOST_PENDING:
+            self._compare_oldest(run)
+        run.pending.append(prediction)
+        self.settle(prediction.pose.stamp, run)
+
+    def settle(self, now: float, run: Run) -> None:
+        """Compare the predictions that need not wait. `now` [ns]: the stamp of the sample that has just come."""
+        while run.pending:
+            oldest = run.pending[0]
+            stamp = oldest.pose.stamp
+            newest = run.readings.last.stamp if run.readings.last else 0
+            if newest < stamp and now <= stamp + patience(oldest.max_age):
+                break
+            self._compare_oldest(run)
+
+    def measurements(self) -> list[Measurement]:
+        """The measurements that became final since the last call, in the order of the estimates."""
+        final = self._final
+        self._final = []
+        return final
+
+    def _compare_oldest(self, run: Run) -> None:
+        self._final.append(self._measured(run.pending.popleft(), run))
+
+    def _measured(self, prediction: Prediction, run: Run) -> Measurement:
+        pose = prediction.pose
+        cell = prediction.cell
+        before, after, share = run.readings.around(pose.stamp)
+        if before is None or pose.stamp - before.stamp > prediction.max_age:
+            reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
+            self._counts[reason] += 1
+            return Measurement(pose.stamp, None, None, reason)
+        raw = before
+        if (
+            after
+            and after.stamp - pose.stamp <= prediction.max_age
+            and after.frame == before.frame
+        ):
+            fx, fy, fz, tx, ty, tz = interpolated(before.wrench, after.wrench, share)
+            raw = before._replace(wrench=(fx, fy, fz, tx, ty, tz))
+        is_repeated = raw.wrench == run.last_raw
+        run.last_raw = raw.wrench
+        compensated = _difference(cell.sign, cell.in_own_axes(raw, pose), prediction.offset)
+        _learn(prediction, compensated, run, repeated=is_repeated)
+        return Measurement(
+            pose.stamp, compensated, _difference(1.0, compensated, prediction.wrench), None
+        )
+
+
+def _learn(prediction: Prediction, compensated: Wrench, run: Run, *, repeated: bool) -> None:
+    """Update the mean in the air and the filter. `repeated`: the raw reading equals the one before, bit by bit."""
+    run.air.add(prediction, compensated)
+    if run.learning is not None:
+        force = prediction.force_in_world(compensated)
+        run.learning.learn(prediction.pose.stamp, force, repeated=repeated, air=run.air)
+
+
+def _difference(factor: float, a: Wrench, b: Wrench) -> Wrench:
+    """`factor` times one wrench, minus the other; written out, since a loop takes twice as long."""
+    fx, fy, fz, tx, ty, tz = a
+    gx, gy, gz, ux, uy, uz = b
+    force = factor * fx - gx, factor * fy - gy, factor * fz - gz
+    return *force, factor * tx - ux, factor * ty - uy, factor * tz - uz
