@@ -1,6 +1,7 @@
 """Arguments of public functions: converted to the types of the compiled loops, or refused with a sentence."""
 
 from math import inf, isfinite
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -40,6 +41,19 @@ def whole_number(name: str, value: float, *, least: int = 1, most: int) -> int:
     return int(exact)
 
 
+def real_numbers(name: str, values: ArrayLike) -> NDArray[Any]:
+    """Real numbers as an array of any shape and type. Raises ValueError that names the argument."""
+    try:
+        given = np.asarray(values)
+    except ValueError:
+        raise ValueError(
+            f"{name} has rows of different lengths; it must be an array of numbers"
+        ) from None
+    if given.dtype.kind not in "fiub":
+        raise ValueError(f"{name} has values of type {given.dtype}; they must be real numbers")
+    return given
+
+
 def numbers(
     name: str, values: ArrayLike, row: tuple[int, ...] = (), *, rows: int | None = None
 ) -> NDArray[np.float64]:
@@ -52,14 +66,7 @@ def numbers(
         shape = values.shape
         if shape and shape[1:] == row and (rows is None or shape[0] == rows):
             return values
-    try:
-        given = np.asarray(values)
-    except ValueError:
-        raise ValueError(
-            f"{name} has rows of different lengths; it must be an array of numbers"
-        ) from None
-    if given.dtype.kind not in "fiub":
-        raise ValueError(f"{name} has values of type {given.dtype}; they must be real numbers")
+    given = real_numbers(name, values)
     array = np.array(given, dtype=_FLOAT, order="C", ndmin=1 + len(row))
     if array.shape[1:] != row or (rows is not None and len(array) != rows):
         wanted = ", ".join(str(size) for size in ("n" if rows is None else rows, *row))

@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rft_ros.rft.arguments import number, numbers
+from rft_ros.rft.arguments import number, real_numbers
 from rft_ros.rft.kernel.compilation import inlined
 
 INERTIA = 1.4
@@ -85,7 +85,8 @@ def packed(
     `fields`: its numbers by the names in `LAW`. `alpha_y`: those of its model of α_y, at most four. Raises
     ValueError or TypeError for what is not finite, or is no table.
     """
-    values = np.array(numbers("alpha_y.values of the law", table, np.shape(table)[1:]))
+    given = real_numbers("alpha_y.values of the law", table)
+    values = np.array(given, dtype=np.float64, order="C")
     if values.ndim != 2 or min(values.shape) < 2 or not np.isfinite(values).all():
         raise ValueError(
             f"a table of shape {values.shape} is not finite, or not [2, 2] or larger: use Table.sampled"

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.agarwal2023 import agarwal2023
-from rft_ros.rft.arguments import number, numbers
+from rft_ros.rft.arguments import number, numbers, whole_number
 from rft_ros.rft.displacement import DISPLACEMENT, displacements_between
 from rft_ros.rft.frames import COLUMNS, STATE, WIDTH
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel import loops
 from rft_ros.rft.kernel.compilation import machine_code
-from rft_ros.rft.memory import NO_MEMORY, Memory, Past, add_memory
+from rft_ros.rft.memory import MOST_BODIES, NO_MEMORY, Memory, Past, add_memory
 from rft_ros.rft.plates import BLOCK, Plates
 from rft_ros.rft.traction import Law, packed_law, tractions
 
@@ -214,7 +214,7 @@ def _checked_memory(memory: object, plates: Plates) -> Memory:
 
 
 def _workers(threads: int | None, states: int, plates: int) -> int:
-    most = _CORES if threads is None else int(number("threads", threads, least=1.0))
+    most = _CORES if threads is None else whole_number("threads", threads, most=MOST_BODIES)
     return min(most, states, 1 + states * plates // _WORTH_A_THREAD)
 
 

@@ -59,7 +59,7 @@ class GrainsBatch(Copied):
 
     `tool`: the bodies' shape, in the body frame (`load_tool`), or a sequence of one tool for each of the `bodies`.
     `law`: of the grains (`treers2021`, `agarwal2023`), with its inertia and its memory. `strength`: factor of the law's
-    stresses, and `surface_height` [m]: one number, or one for each body. `ground`: a map of the ground's height, in
+    stresses, and `surface_height` (0) [m]: one number, or one for each body. `ground`: a map of the ground's height, in
     place of `surface_height`; outside of the map, and where its height is unknown, the nearest known cell is used.
     `threads`: number of threads; results do not depend on it. Raises ValueError or TypeError.
     """
@@ -71,7 +71,7 @@ class GrainsBatch(Copied):
         *,
         bodies: int,
         strength: ArrayLike = 1.0,
-        surface_height: ArrayLike = 0.0,
+        surface_height: ArrayLike | None = None,
         ground: HeightMap | None = None,
         threads: int = 1,
     ) -> None:
@@ -105,7 +105,7 @@ class GrainsBatch(Copied):
         self.last = self.beds.bodies["wrench"]
         """The wrenches of the last step, as it returned them, shape [n, 6]."""
         self.failures = 0
-        """Number of steps of a body in which Newton's method did not converge."""
+        """Number of steps of a body that did not converge, and of calls in which one moved over 20 mm in grains."""
         # Each thread takes the next part of the bodies when it has finished one.
         size = n if workers == 1 else -(-n // (2 * workers))
         self._parts = [slice(k, k + size) for k in range(0, n, size)]
@@ -225,7 +225,10 @@ class GrainsBatch(Copied):
 
         In the order of `Tool.plates`, whose `rows` give the plates' places and areas, to draw them.
         """
-        k = int(self._indices(body)[0])
+        which = self._indices(body)
+        if len(which) != 1:
+            raise ValueError(f"body is {body!r}; give the index of one body")
+        k = int(which[0])
         plates = self.tools[k].plates
         forces = np.zeros((plates.bounds.shape[1] * BLOCK, 3))
         forces_on_plates(self.beds, k, forces)
@@ -245,6 +248,10 @@ class GrainsBatch(Copied):
 
         `strength`, `surface_height` [m]: of the new beds, one number or one for each of these bodies; None: as before.
         """
+        if surface_height is not None and self._ground is not None:
+            raise ValueError(
+                "surface_height is of level beds, and these have the heights of ground; leave it out"
+            )
         which = self._indices(bodies)
         form = (len(which),)
         factors = None if strength is None else _each("strength", strength, form, positive=True)

@@ -48,11 +48,11 @@ class MujocoGrains(Copied):
     the body and of its jointless children (meshes, boxes, spheres, capsules, cylinders, ellipsoids; those that collide,
     if any do), or `mesh`, a file as for `load_tool`, in the body frame, with `scale` in metres per unit; for several
     bodies, a file, or None, for each.
-    Reduced to fewer plates within `tolerance` of the force (0: not reduced). The grains: `zeta`, `alpha_y` (a model's
-    name) of the generic medium and `mobilization_length` [m] (3 mm), or a `law` of your own; `surface_height` [m], or
-    `ground`, as for `GrainsBatch`, or the name of a geom of type hfield. One object serves one `MjData`. It starts anew
-    when the data's time goes back to 0, as after `mj_resetData`; call `reset` or `restore` after other jumps. Shapes
-    are read once. Raises ValueError or TypeError.
+    Reduced to fewer plates within `tolerance` of the force (0: not reduced). The grains: `zeta` (1) and `alpha_y` (a
+    model's name, linear) of the generic medium with 3 mm of memory, or a `law` of your own; `mobilization_length` [m]
+    replaces the law's. `surface_height` (0) [m], or `ground`, as for `GrainsBatch`, or the name of a geom of type
+    hfield. One object serves one `MjData`. It starts anew when the data's time goes back to 0, as after `mj_resetData`;
+    call `reset` or `restore` after other jumps. Shapes are read once. Raises ValueError or TypeError.
     """
 
     def __init__(
@@ -61,11 +61,11 @@ class MujocoGrains(Copied):
         *,
         body: str | int | None = None,
         bodies: str | Sequence[str | int] | None = None,
-        zeta: float = 1.0,
-        alpha_y: str = "linear",
+        zeta: float | None = None,
+        alpha_y: str | None = None,
         mobilization_length: float | None = None,
         law: Law | None = None,
-        surface_height: float = 0.0,
+        surface_height: float | None = None,
         ground: HeightMap | str | None = None,
         mesh: _Path | Sequence[_Path | None] | None = None,
         scale: float = 0.001,
@@ -90,8 +90,13 @@ class MujocoGrains(Copied):
         if law is None:
             medium = MEDIA["generic"]
             law = treers2021(
-                medium, alpha_y_model(alpha_y, medium), zeta=zeta, mobilization_length=_LENGTH
+                medium,
+                alpha_y_model("linear" if alpha_y is None else alpha_y, medium),
+                zeta=1.0 if zeta is None else zeta,
+                mobilization_length=_LENGTH,
             )
+        elif zeta is not None or alpha_y is not None:
+            raise InputError("law has its own zeta and alpha_y; give law=, or zeta= and alpha_y=")
         if mobilization_length is not None:
             length = number("mobilization_length", mobilization_length, positive=True)
             law = replace(law, mobilization_length=length)
@@ -273,7 +278,7 @@ class MujocoGrains(Copied):
 
     @property
     def failures(self) -> int:
-        """Steps that did not converge; the first is logged."""
+        """Steps that did not converge, or in which a body moved too far; the first is logged."""
         return self._grains.failures
 
     def reset(self) -> None:

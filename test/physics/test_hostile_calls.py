@@ -251,6 +251,13 @@ def test_a_dead_band_that_is_none_is_refused_by_name(slack):
         rft.displacements_followed(np.zeros((1, 13)), reach=0.1, dead_band=slack)
 
 
+def test_threads_and_tables_that_cannot_be_used_are_refused_by_name():
+    with pytest.raises(ValueError, match=r"threads is 2\.7; it must be a whole number"):
+        wrenches(POINT, rft.agarwal2023(), [WHOLE], threads=2.7)
+    with pytest.raises(ValueError, match=r"alpha_y\.values of the law has rows of different"):
+        rft.treers2021(GENERIC, Table(0, 1, 0, 1, [[1, 2], [3]]))
+
+
 def test_a_quaternion_beyond_all_numbers_is_refused_without_a_warning():
     with pytest.raises(ValueError, match="norm inf"):
         rft.checked_states(np.full((1, 13), 1e300))

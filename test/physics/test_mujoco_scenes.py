@@ -229,6 +229,7 @@ def test_names_and_sizes_that_cannot_be_used_are_said():
         ({"body": "box", "mesh": "plate", "scale": 1.0}, "51 m long.*check scale"),
         ({"body": "box", "mesh": "plate", "scale": 1e-6}, "check scale"),
         ({"bodies": ["box", "ball"], "mesh": ["plate"]}, "1 files"),
+        ({"body": "box", "zeta": 0.33}, "law=, or zeta="),
     ):
         with pytest.raises(InputError, match=message):
             MujocoGrains(model, law=scenes.law(), **wrong)

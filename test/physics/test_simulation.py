@@ -178,7 +178,13 @@ def test_bad_grains_are_refused(plate):
         TypeError, match=r"ground is a str; read one with rft_ros\.ground\.read_height_map"
     ):
         Grains(plate, LAW, ground="bed.csv")
+    hills = HeightMap(cell=0.01, corner=(0.0, 0.0), heights=np.zeros((3, 3)))
+    with pytest.raises(ValueError, match="surface_height is of level beds"):
+        Grains(plate, LAW, ground=hills, surface_height=0.0)
     two, three = (GrainsBatch(plate, LAW, bodies=n) for n in (2, 3))
+    for body in ([], [0, 1]):
+        with pytest.raises(ValueError, match=r"body is .* one body"):
+            two.tractions(body)
     with pytest.raises(ValueError, match="3 rows; there are 2 bodies"):
         two.step(pressed()[:3], 0.01)
     for state in (three.state(), None):
