@@ -20,7 +20,7 @@ from mpl_toolkits.mplot3d.art3d import Poly3DCollection  # type: ignore[import-u
 from numpy.typing import NDArray
 
 from rft_ros.bags.options import ReplayOptions
-from rft_ros.bags.playback import states_of
+from rft_ros.bags.playback import played_estimates, played_motion
 from rft_ros.bags.replay import replay
 from rft_ros.demo.virtual_arm import LAYER
 from rft_ros.installation import share_directory
@@ -148,9 +148,10 @@ def draw_demo(bag: Path, file: Path) -> None:
     fixed = {**values, "learning.mode": "off"}
     options, model = ReplayOptions(tare=2.0), model_of(fixed)
     tables = [estimates_of(bag, given, options) for given in (values, fixed)]
-    played = states_of(bag, fixed, model, options)
+    rows, estimator = played_estimates(bag, fixed, model, options)
+    motion = played_motion(rows, estimator, begin=rows["stamp"][0])
     height, title = settings_of(fixed).surface_height, "Traction and force by the fixed model"
-    scene = animate(title, model, played, surface_height=height)
+    scene = animate(title, model, motion, surface_height=height)
     strength: NDArray[np.float64] = np.linalg.norm(scene.forces, axis=1)
     strength[scene.placed[:, :, 2].max(axis=1) < scene.surface_height + 3.0] = -1.0
     scene = replace(scene, first=int(strength.argmax()))

@@ -84,17 +84,19 @@ combined `QualityFlag`s. `state`: columns `rft_ros.rft.STATE`. The others: units
 Rows = NDArray[np.void]
 """Rows of a replay, shape [n], of type `ROW`."""
 
-_REASONS = tuple(Reason)
-_ESTIMATE = -1  # in place of the number of a reason
+ESTIMATE = -1
+"""In place of the number of a reason, in the row of a pose with an estimate."""
+
 _NO_PHASE = -1
-_PLACED = (_ESTIMATE, _REASONS.index(Reason.AT_REST))  # answers at which state and depth are known
+_REASONS = tuple(Reason)
+_PLACED = (ESTIMATE, _REASONS.index(Reason.AT_REST))  # answers at which state and depth are known
 _NONE = (math.nan,) * len(AXES)
 _NAMES = ROW.names or ()
 _EMPTY = dict.fromkeys(_NAMES, math.nan)
-_EMPTY |= {"reason": _ESTIMATE, "phase": _NO_PHASE, "quality_flags": 0}
+_EMPTY |= {"reason": ESTIMATE, "phase": _NO_PHASE, "quality_flags": 0}
 
 
-class Run:
+class ReplayTable:
     """An estimator and a row for each of its answers.
 
     The rows are in unnamed files in `folder` (None: the system's for temporary files) and not in RAM: an hour at 1 kHz
@@ -145,7 +147,7 @@ class Run:
         self._add_measurements()
         rows = _mapped(self._rows, ROW)
         compensated = _mapped(self._compensated, np.dtype("<f8")).reshape(-1, len(AXES))
-        rows["compensated"][rows["reason"] == _ESTIMATE] = compensated
+        rows["compensated"][rows["reason"] == ESTIMATE] = compensated
         rows["residual"] = rows["compensated"] - rows["predicted"]
         known = np.flatnonzero(np.isin(rows["reason"], _PLACED))
         height, sinking = estimator.model.tool.lowest_points(rows["state"][known])
@@ -169,20 +171,20 @@ def _mapped(file: IO[bytes], kind: np.dtype[Any]) -> NDArray[Any]:
     return np.asarray(np.memmap(file, kind, "r+"))
 
 
-def write_estimates(run: Run, rows: Rows, folder: Path, *, shift: int = 0) -> None:
-    """Write ``estimates.csv`` (`COLUMNS`) and the bag ``estimates`` with the wrenches of a run's rows, shape [n].
+def write_estimates(table: ReplayTable, rows: Rows, folder: Path, *, shift: int = 0) -> None:
+    """Write ``estimates.csv`` (`COLUMNS`) and the bag ``estimates`` with the wrenches of a table's rows, shape [n].
 
     `shift`: how much later the stamps are than the times in the table that was replayed [ns].
     """
-    learned = LEARNED_COLUMNS if run.estimator.learning else ()
-    generation = run.estimator.model.generation
-    in_frame = stamped_cdr(run.estimator.wrench_frame)
+    learned = LEARNED_COLUMNS if table.estimator.learning else ()
+    generation = table.estimator.model.generation
+    in_frame = stamped_cdr(table.estimator.wrench_frame)
     file = folder / "estimates.csv"
     with (
         BagWriter(folder / "estimates") as bag,
-        file.open("w", encoding="utf-8", newline="\n") as table,
+        file.open("w", encoding="utf-8", newline="\n") as out,
     ):
-        table.write(",".join(COLUMNS + learned) + "\n")
+        out.write(",".join(COLUMNS + learned) + "\n")
         for values in rows:
             row = dict(zip(_NAMES, values.tolist(), strict=True))
             stamp = row["stamp"]
@@ -193,7 +195,7 @@ def write_estimates(run: Run, rows: Rows, folder: Path, *, shift: int = 0) -> No
                 if not math.isnan(wrench[0]):
                     cdr = in_frame(stamp, wrench)
                     bag.write_raw(f"/rft/wrench_{kind}", TYPES["wrench"][0], stamp, cdr)
-            is_estimate = row["reason"] == _ESTIMATE
+            is_estimate = row["reason"] == ESTIMATE
             cells = [
                 f"{Decimal(stamp - shift).scaleb(-9):.9f}",
                 _cells(numbers),
@@ -204,7 +206,7 @@ def write_estimates(run: Run, rows: Rows, folder: Path, *, shift: int = 0) -> No
             ]
             if learned:
                 cells.append(_cells(row["learned"]))
-            table.write(",".join(cells) + "\n")
+            out.write(",".join(cells) + "\n")
 
 
 def _cells(numbers: Sequence[float]) -> str:

@@ -63,7 +63,7 @@ def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> di
     A later rule overrides an earlier one. With `pose_source` tf, /tf takes the place of the topic of poses. Raises
     InputError for a rule that cannot be used.
     """
-    topics = {role: _resolved(name, node) for role, name in TOPICS.items() if role != "tf_static"}
+    topics = {role: _resolved(name, node) for role, name in TOPICS.items()}
     roles = {topic: role for role, topic in topics.items()}
     for rule in remap:
         left, _, right = (part.strip() for part in rule.partition(":="))

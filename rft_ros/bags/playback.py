@@ -1,18 +1,27 @@
 """Play a recording through an estimator."""
 
 from collections.abc import Iterator
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 
+from rft_ros.bags.estimates import ESTIMATE, ReplayTable, Rows
 from rft_ros.bags.options import ReplayOptions
-from rft_ros.bags.reading import Recording, bag_name
+from rft_ros.bags.reading import Recording, bag_name, opened_recording
 from rft_ros.errors import InputError
-from rft_ros.estimator import Answer, Estimate, Estimator, PoseSample, Reason, Sample
-from rft_ros.parameters import LoadCell, Model, Values, settings_of
+from rft_ros.estimator import (
+    Answer,
+    Estimate,
+    Estimator,
+    PoseSample,
+    Reason,
+    Sample,
+    WrenchSample,
+)
+from rft_ros.parameters import Model, Values, settings_of
 from rft_ros.progress import bar
-from rft_ros.report import Motion
+from rft_ros.report import DrawnMotion
 from rft_ros.rft import FORCE, QUATERNION
 
 _BAR_PERIOD = 512  # samples between updates of the progress bar
@@ -24,16 +33,12 @@ def play(recording: Recording, estimator: Estimator) -> Iterator[tuple[Sample, A
     At the end all measurements are final, and messages that cannot be decoded are counted.
     """
     label = bag_name(recording.bag)
-    from_transforms = estimator.settings.pose_source == "tf"
-    with recording, bar(label, recording.last - recording.first) as update:
+    with bar(label, recording.last - recording.first) as update:
         for number, sample in enumerate(recording):
             answers = estimator.answers(sample)
             if not isinstance(sample, PoseSample):
                 yield sample, None
-            for pose, answer in answers:
-                if from_transforms:
-                    recording.counts["pose"] += 1
-                yield pose, answer
+            yield from answers
             if number % _BAR_PERIOD == 0:
                 update(recording.time - recording.first, label)
     estimator.finish()
@@ -47,36 +52,72 @@ def reasons(recording: Recording, estimator: Estimator) -> str:
     return "; ".join([*damage, *estimator.counted()]) or "no sample was refused"
 
 
-def states_of(bag: Path, values: Values, model: Model, options: ReplayOptions) -> Motion:
-    """The estimates of a recording, from the first one on. Raises InputError if no pose has an estimate."""
-    recording = Recording(bag, values, options)
-    estimator = Estimator(settings_of(recording.values), model)
-    stamps = []
-    states_of_estimates = []
-    wrenches = []
+def played(recording: Recording, estimator: Estimator) -> Rows:
+    """The rows of all answers of an estimator to a recording, shape [n]."""
+    table = ReplayTable(estimator)
     for _, answer in play(recording, estimator):
-        if isinstance(answer, Estimate):
-            stamps.append(answer.stamp)
-            states_of_estimates.append(estimator.state.copy())
-            wrenches.append(answer.predicted)
-    if not stamps:
-        raise InputError(
-            f"bag '{bag}' has no pose with an estimate ({reasons(recording, estimator)})"
-        )
-    states = np.array(states_of_estimates)
-    return Motion(
-        times=(np.array(stamps) - stamps[0]) * 1e-9,
+        if answer is not None:
+            table.add(answer)
+    return table.rows()
+
+
+def played_estimates(
+    bag: Path, values: Values, model: Model, options: ReplayOptions
+) -> tuple[Rows, Estimator]:
+    """The rows of all estimates of a recording, after its tare, and their estimator. Raises InputError if none is."""
+    with opened_recording(bag, tared(bag, values, model, options), options) as recording:
+        estimator = Estimator(settings_of(recording.values), model)
+        rows = played(recording, estimator)
+    estimates = rows[rows["reason"] == ESTIMATE]
+    if not len(estimates):
+        why = reasons(recording, estimator)
+        raise InputError(f"bag '{bag}' has no pose with an estimate ({why})")
+    return estimates, estimator
+
+
+def played_motion(rows: Rows, estimator: Estimator, *, begin: int) -> DrawnMotion:
+    """The motion in rows of estimates, shape [n], which the estimator gave. `begin`: the stamp of its time 0 [ns]."""
+    from scipy.spatial.transform import Rotation
+
+    states = np.array(rows["state"])
+    sensor = Rotation.from_quat(states[:, QUATERNION]) * Rotation.from_quat(
+        estimator.load_cell.quaternion
+    )
+    return DrawnMotion(
+        times=1e-9 * (rows["stamp"] - begin),
         states=states,
-        forces=world_forces(np.array(wrenches), states, estimator.load_cell),
+        forces=np.asarray(sensor.apply(rows["predicted"][:, FORCE])),
         ground=estimator.ground,
     )
 
 
-def world_forces(
-    wrenches: NDArray[np.float64], states: NDArray[np.float64], cell: LoadCell
-) -> NDArray[np.float64]:
-    """Rotate the forces of wrenches in sensor axes [N], shape [n, 3 or 6], to world axes. `states`: shape [n, 13]."""
-    from scipy.spatial.transform import Rotation
+def tared(bag: Path, values: Values, model: Model, options: ReplayOptions) -> Values:
+    """The parameters with the bias by the tare of the options over the first seconds, if they have one.
 
-    sensor = Rotation.from_quat(states[:, QUATERNION]) * Rotation.from_quat(cell.quaternion)
-    return np.asarray(sensor.apply(wrenches[:, FORCE]))
+    It begins at the first pose with a known velocity. Raises InputError if it is refused.
+    """
+    seconds = options.tare
+    if not seconds:
+        return values
+    start = options.start or 0.0
+    begin = newest = 0
+    with opened_recording(
+        bag, values, replace(options, start=start, end=start + seconds)
+    ) as recording:
+        estimator = Estimator(settings_of(recording.values), model)
+        for sample, answer in play(recording, estimator):
+            if isinstance(sample, WrenchSample):
+                newest = sample.stamp
+            elif isinstance(answer, Estimate) or (
+                answer is not None and answer.reason is Reason.AT_REST
+            ):
+                begin = begin or answer.stamp
+        try:
+            bias = estimator.tare((newest - begin) * 1e-9 if 0 < begin < newest else seconds)
+        except InputError as error:
+            height = estimator.settings.surface_height
+            where = f"of the first {seconds:g} s, surface_height {height:g} m"
+            raise InputError(
+                f"bag '{bag}': {error} ({where}; {reasons(recording, estimator)})"
+            ) from None
+    return {**values, "sensor.bias": bias}

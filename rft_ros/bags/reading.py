@@ -5,7 +5,7 @@ import os
 from bisect import bisect_left
 from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from operator import itemgetter
 from pathlib import Path
 from typing import Any
@@ -34,89 +34,103 @@ def bag_name(bag: Path) -> str:
     return os.fsencode(resolved(bag).name).decode(errors="backslashreplace")
 
 
-class Recording:
-    """The samples of one recording, for use in a `with` block and one `for` loop; memory does not grow with a bag.
+@contextmanager
+def opened_recording(
+    bag: Path, values: Values, options: ReplayOptions | None = None, *, strict: bool = True
+) -> Iterator["Recording"]:
+    """Open a recording for a `with` block and one `for` loop over its samples.
 
-    `values`: the parameters; those for this recording, which has its velocities or has none, are `self.values`.
-    `options`: the topic of each role, and the part that is read, by receive time since the first message on any topic.
-    `topics`: those of the options if not given. Order: receive time (the bag's log time); at equal times surface,
-    wrench, twist, pose, tf; then the file's.
+    `values`: the parameters; the recording's own have its kinds of poses and velocities. `options`: the topic of each
+    role, and the part that is read, by receive time since the first message on any topic.
 
     Raises InputError for a path that is no recording, and for a topic that is missing or of another type; those of
     wrenches and clouds may be missing. If not `strict`, all may be missing, and topics of another type are left out,
-    with a sentence on each in `mistyped`. Of a damaged bag all that is intact is used, and `damage` describes the rest;
-    messages that cannot be decoded are counted in `unreadable`.
+    with a sentence on each in `mistyped`.
+    """
+    given = options or ReplayOptions()
+    with ExitStack() as opened:
+        with file_errors(f"bag '{bag}'", "read"):
+            own_values = values
+            faults: list[str] = []
+            if is_table(bag):
+                table = read_recorded_table(bag)
+                own_values = values_for_table(table, values)
+            topics = topics_of(own_values, given.remap, given.node)
+            if is_table(bag):
+                sources = [source_of_table(bag, table, topics, own_values)]
+            else:
+                sources, faults = sources_of(bag, opened)
+            recording = Recording(
+                bag, own_values, topics, sources, options=given, faults=faults, strict=strict
+            )
+        yield recording
+
+
+class Recording:
+    """The samples of one open recording; memory does not grow with a bag. Made by `opened_recording`.
+
+    Order: receive time (the bag's log time); at equal times surface, wrench, twist, pose, tf; then the file's.
+
+    `topics`: of each role that is read; that of fixed transforms is read at once, into `fixed`. Of a damaged bag all
+    that is intact is used, and `damage` describes the rest; messages that cannot be decoded are counted in
+    `unreadable`. `first`, `last`: receive times of the first and the last message that may be read [ns]. `shift`: of
+    the stamps of a table that begins at 0 [ns].
     """
 
     def __init__(
         self,
         bag: Path,
         values: Values,
-        options: ReplayOptions | None = None,
+        topics: Mapping[Role, str],
+        sources: Sequence[Source],
         *,
-        topics: Mapping[Role, str] | None = None,
-        strict: bool = True,
+        options: ReplayOptions,
+        faults: list[str],
+        strict: bool,
     ) -> None:
+        self._sources = sorted(
+            (source for source in sources if source.count), key=lambda source: source.first
+        )
+        self._faults = faults
+        if not self._sources:
+            why = f" ({'; '.join(faults)})" if faults else ""
+            raise InputError(f"bag '{bag}' has no messages{why}")
         self.bag = bag
-        self.options = options or ReplayOptions()
         self.values = values
-        if is_table(bag):
-            self._table = read_recorded_table(bag)
-            self.values = values_for_table(self._table, values)
-        if topics is None or is_table(bag):  # the columns of a table have no names to choose
-            topics = topics_of(self.values, self.options.remap, self.options.node)
         self.topics = dict(topics)
+        fixed_topic = self.topics.pop("tf_static")
         self.mistyped: dict[Role, str] = {}
         self._decoders: dict[Role, Callable[[bytes], Sample]] = {}
-        self.counts: Counter[Role] = Counter()
-        self.fixed: tuple[TransformSample, ...] = ()  # of the whole bag, from /tf_static
-        self.time = 0  # receive time of the last sample [ns]
-        self.shift = 0  # of the stamps of a table that begins at 0 [ns]
+        self._check_topics(strict=strict)
+        self.shift = self._sources[0].shift
         self.unreadable = 0
-        self._strict = strict
-        self._faults: list[str] = []
+        self.fixed = tuple(dict.fromkeys(self._read_fixed(fixed_topic)))
+        first, last = self._part(options)
+        self.first = first
+        self.last = last
+        self.counts: Counter[Role] = Counter()
+        """Of the messages that were read so far, by role."""
+        self.time = self.first
+        """Receive time of the last one [ns]."""
 
-    def __enter__(self) -> "Recording":
-        with file_errors(f"bag '{self.bag}'", "read"), ExitStack() as opened:
-            if is_table(self.bag):
-                sources = [source_of_table(self.bag, self._table, self.topics, self.values)]
-            else:
-                sources, faults = sources_of(self.bag, opened)
-                self._faults = faults
-            self._sources = sorted(
-                (source for source in sources if source.count), key=lambda source: source.first
-            )
-            if not self._sources:
-                why = f" ({'; '.join(self._faults)})" if self._faults else ""
-                raise InputError(f"bag '{self.bag}' has no messages{why}")
-            self._check_topics()
-            self.shift = self._sources[0].shift
-            self.fixed = tuple(dict.fromkeys(self._read_fixed()))
-            self._choose_part()
-            self.time = self.first
-            self._opened = opened.pop_all()
-        return self
-
-    def __exit__(self, *_: object) -> None:
-        self._opened.close()
-
-    def _choose_part(self) -> None:
-        """Set the receive times of the first and the last message that may be read, `first` and `last` [ns]."""
-        start = self.options.start or 0.0
-        end = self.options.end
+    def _part(self, options: ReplayOptions) -> tuple[int, int]:
+        """`first` and `last`. Raises InputError if no message can lie between them."""
+        start = options.start or 0.0
+        end = options.end
         begins = self._sources[0].first
         ends = max(source.last for source in self._sources)
-        self.first = begins + round(start * 1e9)
-        self.last = ends if end is None else min(ends, begins + round(end * 1e9))
-        if self.first > self.last:
+        first = begins + round(start * 1e9)
+        last = ends if end is None else min(ends, begins + round(end * 1e9))
+        if first > last:
             until = "its end" if end is None else f"{end:g} s"
             lasts = f"lasts {(ends - begins) * 1e-9:.3f} s"
             raise InputError(
                 f"bag '{self.bag}' {lasts}; it has nothing from {start:g} s to {until}"
             )
+        return first, last
 
-    def _read_fixed(self) -> Iterator[TransformSample]:
-        topic = self.topics.get("tf", "/tf") + "_static"
+    def _read_fixed(self, topic: str) -> Iterator[TransformSample]:
+        """The fixed transforms of the whole bag."""
         for source in self._sources:
             if (topic, *TYPES["tf_static"]) in source.types:
                 decode = decoder("tf_static", ros1=source.ros1)
@@ -182,7 +196,8 @@ class Recording:
         except Exception as error:  # parsers raise anything on damage
             self._faults.append(fault_of(source.name, error))
 
-    def _check_topics(self) -> None:
+    def _check_topics(self, *, strict: bool) -> None:
+        """Find the decoder of each role. Raises InputError, as `opened_recording` says."""
         found: dict[str, list[str]] = {}
         for topic, msgtype in sorted({pair for source in self._sources for pair in source.types}):
             found.setdefault(topic, []).append(msgtype)
@@ -191,14 +206,14 @@ class Recording:
             if len(types) == 1 and types[0] in TYPES[role]:
                 ros1 = self._sources[0].ros1
                 self._decoders[role] = decoder(role, ros1=ros1, kind=types[0])
-            elif types and not self._strict:
+            elif types and not strict:
                 self.mistyped[role] = f"{topic} {_is_not(role, types)}"
                 del self.topics[role]
             elif types:
                 raise InputError(
                     f"bag '{self.bag}': {role} topic '{topic}' {_is_not(role, types)} {_advice(role, found)}"
                 )
-            elif self._strict and role not in _OPTIONAL:
+            elif strict and role not in _OPTIONAL:
                 raise InputError(
                     f"bag '{self.bag}' has no {role} topic '{topic}' {_advice(role, found)}"
                 )

@@ -9,19 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.bags.estimates import LEARNED_COLUMNS, PHASES, Rows
-from rft_ros.bags.playback import world_forces
+from rft_ros.bags.playback import played_motion
 from rft_ros.bags.summary import METRIC_HEADS, Summary, metric_rows
 from rft_ros.estimator import Estimator, QualityFlag, sentences, trust
 from rft_ros.parameters import PARAMETERS
-from rft_ros.report import (
-    Figure,
-    Motion,
-    Table,
-    animate,
-    animation_figure,
-    what_is_shown,
-    write_page,
-)
+from rft_ros.report import Figure, Table, tool_figure, write_page
 from rft_ros.rft import AXES, FORCE
 
 _Array = NDArray[np.float64]
@@ -269,20 +261,11 @@ def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
     shown = rows[~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)]
     if not len(shown):
         return
-    states = np.array(shown["state"])
-    title = "Tool and traction"
-    motion = Motion(
-        times=1e-9 * (shown["stamp"] - begin),
-        states=states,
-        forces=world_forces(shown["predicted"], states, estimator.load_cell),
-        ground=estimator.ground,
+    yield tool_figure(
+        "Tool and traction",
+        estimator.model,
+        played_motion(shown, estimator, begin=begin),
+        surface_height=estimator.settings.surface_height,
+        learned=estimator.settings.learning_mode == "apply",
+        where="World axes; the surface is the one at the end. The slider selects a moment in the grains.",
     )
-    height = estimator.settings.surface_height
-    drawn = animate(title, estimator.model, motion, surface_height=height)
-    colours = what_is_shown(
-        estimator.model.law, learned=estimator.settings.learning_mode == "apply"
-    )
-    where = (
-        "World axes; the surface is the one at the end. The slider selects a moment in the grains."
-    )
-    yield Figure("tool", title, f"{colours} {where}", animation_figure(drawn))

@@ -27,9 +27,11 @@ _COMPONENTS = (*AXES, "force", "torque")
 _SIZE_OF_FORCE = _COMPONENTS.index("force")
 _BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
 _MOST_BINS = 10
-# m: least depth of a first pose in the grains, beyond the noise of a pose at the surface
-_TOUCHES = 1e-3
 _WRONG = 0.5  # a larger median error is likely due to the set-up
+
+
+TOUCHES = 1e-3
+"""Least depth of a first pose in the grains [m], beyond the noise of a pose at the surface."""
 
 
 @dataclass(frozen=True)
@@ -137,7 +139,7 @@ def summary_of(
     first_depth = float(rows["depth"][np.argmax(answered)]) if answered.any() else 0.0
     if impossible:
         warnings.append(f"{QualityFlag.IMPOSSIBLE.sentence} (at {impossible:,} poses)")
-    elif first_depth > _TOUCHES:
+    elif first_depth > TOUCHES:
         warnings.append(begins_in_grains(first_depth))
     return Summary(
         **vars(whole),

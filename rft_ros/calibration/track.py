@@ -11,13 +11,14 @@ from scipy.ndimage import correlate1d
 from scipy.signal import find_peaks
 from scipy.spatial.transform import Rotation
 
+from rft_ros.bags.estimates import ESTIMATE
 from rft_ros.bags.options import ReplayOptions
-from rft_ros.bags.playback import play, reasons
-from rft_ros.bags.reading import Recording, bag_name
+from rft_ros.bags.playback import played, reasons
+from rft_ros.bags.reading import bag_name, opened_recording
 from rft_ros.calibration.smoothing import interpolated, segments
 from rft_ros.errors import InputError
-from rft_ros.estimator import GRAVITY, Estimate, Estimator
-from rft_ros.parameters import LoadCell, Values, model_of, settings_of
+from rft_ros.estimator import GRAVITY, Estimator
+from rft_ros.parameters import LoadCell, Settings, Values, model_of, settings_of
 from rft_ros.rft import FORCE, STATE, Law, wrenches
 from rft_ros.rft.frames import (
     ANGULAR_VELOCITY,
@@ -149,29 +150,14 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     """
     # the error of a reduced tool would bias every fit; the fits know level ground only
     values_of_fits = {**values, "tolerance": 0.0, "ground.cell": 0.0, "ground.file": ""}
-    recording = Recording(bag, values_of_fits, options)
     model = model_of(values_of_fits)
-    settings = settings_of(recording.values)
-    cell = settings.load_cell
-    settings_raw = replace(
-        settings,
-        # without bias and weight the estimator's compensated wrench is the raw reading, in the axes of the cell
-        load_cell=LoadCell(position=cell.position, quaternion=cell.quaternion, delay=cell.delay),
-        sensor_source="world" if settings.sensor_source == "world" else "parameters",
-        surface_height=_BOTTOMLESS,
-        max_rate=0.0,
-    )
-    estimator = Estimator(settings_raw, model)
-    answers = play(recording, estimator)
-    states = [estimator.state.copy() for _, answer in answers if isinstance(answer, Estimate)]
-    usable = [
-        (state, measured)
-        for state, measured in zip(states, estimator.measurements(), strict=True)
-        if measured.compensated is not None
-    ]
+    with opened_recording(bag, values_of_fits, options) as recording:
+        settings = settings_of(recording.values)
+        estimator = Estimator(_settings_of_readings(settings), model)
+        rows = played(recording, estimator)
+    usable = rows[(rows["reason"] == ESTIMATE) & ~np.isnan(rows["compensated"][:, 0])]
     # by stamp: a bag recorded in a loop steps back in time and repeats stamps
-    every_stamp = np.array([measured.stamp for _, measured in usable], dtype=np.int64)
-    stamps, rows = np.unique(every_stamp, return_index=True)
+    stamps, chosen = np.unique(usable["stamp"], return_index=True)
     if len(stamps) < 2:
         topics = ", ".join(recording.topics.values())
         found = f"{len(stamps)} poses with a velocity and a load-cell sample (topics {topics}"
@@ -180,13 +166,25 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
         name=bag_name(bag),
         begin=int(stamps[0]),
         time=(stamps - stamps[0]) * 1e-9,
-        states=np.array([usable[row][0] for row in rows]),
-        readings=np.array([usable[row][1].compensated for row in rows]),
-        cell=cell,
+        states=usable["state"][chosen],
+        readings=usable["compensated"][chosen],
+        cell=settings.load_cell,
         tool=model.tool,
         rest_speed=settings.rest_speed,
         damage=recording.damage,
         mount=estimator.transforms.fixed(settings.tool_frame, settings.sensor_frame),
+    )
+
+
+def _settings_of_readings(settings: Settings) -> Settings:
+    """Settings with which every pose has an estimate, and the compensated wrench is the raw one in the cell's axes."""
+    cell = settings.load_cell
+    return replace(
+        settings,
+        load_cell=LoadCell(position=cell.position, quaternion=cell.quaternion, delay=cell.delay),
+        sensor_source="world" if settings.sensor_source == "world" else "parameters",
+        surface_height=_BOTTOMLESS,
+        max_rate=0.0,
     )
 
 

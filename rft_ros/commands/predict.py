@@ -4,12 +4,12 @@ import argparse
 import sys
 from pathlib import Path
 
-from rft_ros.bags.playback import states_of
+from rft_ros.bags.playback import played_estimates, played_motion
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
-from rft_ros.parameters import MESH, Model, Values, defaults, model_of, named_files
+from rft_ros.parameters import MESH, Values, defaults, model_of, named_files
 from rft_ros.progress import busy
-from rft_ros.report import Figure, Motion, animate, animation_figure, what_is_shown, write_page
+from rft_ros.report import DrawnMotion, Figure, tool_figure, write_page
 from rft_ros.rft import FORCE, SUBMERGED_AREA, described
 from rft_ros.states_file import read_states, wrenches_along, write_wrenches
 
@@ -62,7 +62,7 @@ def predict(arguments: argparse.Namespace) -> int:
     where = f"states file '{arguments.states}'"
     with busy("computing"):  # the first call compiles
         result = wrenches_along(model, times, states, surface_height=height, where=where)
-    warnings.warn_of_motion(tool, times, states, result[:, FORCE], surface_height=height)
+    warnings.warn_of_states(tool, times, states, result[:, FORCE], surface_height=height)
     if (
         "concave" in tool.issues
     ):  # only here, where wrenches are written: other commands need not repeat it
@@ -111,36 +111,44 @@ def view(arguments: argparse.Namespace) -> int:
             raise InputError(
                 f"{option} is for {'a bag' if of_states else 'states'}, not for '{source}'"
             )
-    if of_states and arguments.mesh is None:
-        raise InputError(f"states file '{source}' needs --mesh, the tool that moves")
-    values, chosen = options.recording(arguments)
-    if of_states:
-        values = _values_for_states(arguments)
-    options.refuse_inputs(arguments, output, also=named_files(values))
-    model = model_of(values)
-    height = values["surface_height"]
-    if of_states:
-        with busy("computing"):
-            motion = _motion_of_states(source, model, surface_height=height)
-    else:
-        motion = states_of(source, values, model, chosen)
-    warnings.warn_of_motion(
-        model.tool, motion.times, motion.states, motion.forces, surface_height=height
-    )
-    learned = not of_states and values["learning.mode"] == "apply"
-    with busy("drawing"):
-        drawn = animate(model.tool.name, model, motion, surface_height=height)
-        figure = Figure(
-            "tool", "", what_is_shown(model.law, learned=learned), animation_figure(drawn)
-        )
-        write_page(output, [figure], title=drawn.title)
-    print(f"{len(drawn.labels)} moments of {drawn.title} -> {output}")
+    figure = _figure_of_states(arguments) if of_states else _figure_of_bag(arguments)
+    write_page(output, [figure], title=figure.title)
+    print(f"{len(figure.drawn.frames)} moments of {figure.title} -> {output}")
     return 0
 
 
-def _motion_of_states(file: Path, model: Model, *, surface_height: float) -> Motion:
-    """The motion of a states file, with its forces."""
+def _figure_of_states(arguments: argparse.Namespace) -> Figure:
+    file = arguments.source
+    if arguments.mesh is None:
+        raise InputError(f"states file '{file}' needs --mesh, the tool that moves")
+    values = _values_for_states(arguments)
+    options.refuse_inputs(arguments, arguments.output, also=named_files(values))
+    model = model_of(values)
     times, states = read_states(file)
+    height = values["surface_height"]
     where = f"states file '{file}'"
-    wrenches = wrenches_along(model, times, states, surface_height=surface_height, where=where)
-    return Motion(times=times, states=states, forces=wrenches[:, FORCE])
+    with busy("computing"):
+        wrenches = wrenches_along(model, times, states, surface_height=height, where=where)
+    forces = wrenches[:, FORCE]
+    warnings.warn_of_states(model.tool, times, states, forces, surface_height=height)
+    motion = DrawnMotion(times=times, states=states, forces=forces)
+    with busy("drawing"):
+        return tool_figure(model.tool.name, model, motion, surface_height=height, learned=False)
+
+
+def _figure_of_bag(arguments: argparse.Namespace) -> Figure:
+    bag = arguments.source
+    values, chosen = options.recording(arguments)
+    options.refuse_inputs(arguments, arguments.output, also=named_files(values))
+    model = model_of(values)
+    rows, estimator = played_estimates(bag, values, model, chosen)
+    motion = played_motion(rows, estimator, begin=rows["stamp"][0])
+    warnings.warn_of_estimates(model.tool, motion.times, rows["depth"], motion.forces)
+    with busy("drawing"):
+        return tool_figure(
+            model.tool.name,
+            model,
+            motion,
+            surface_height=values["surface_height"],
+            learned=values["learning.mode"] == "apply",
+        )

@@ -5,13 +5,12 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator import sentence_on
+from rft_ros.bags.summary import TOUCHES
+from rft_ros.estimator import begins_in_grains, sentence_on
 from rft_ros.rft import Law
 from rft_ros.tool import Tool
 
 _Array = NDArray[np.float64]
-
-_TOUCHES = 1e-6  # m: least depth of a first state in the grains, beyond rounding
 
 
 def warn_of_law(law: Law) -> None:
@@ -27,25 +26,42 @@ def warn_of(tool: Tool) -> None:
             print(f"warning: {tool.name}: {issue}", file=sys.stderr, flush=True)
 
 
-def warn_of_motion(
+def warn_of_states(
     tool: Tool, times: _Array, states: _Array, forces: _Array, *, surface_height: float
 ) -> None:
-    """Print warnings on stderr: of implausible depths and forces in a motion, and of a first state in the grains.
+    """Print warnings on stderr: of implausible depths and forces, and of a first state in the grains.
 
     `times` [s], shape [n], `states`, shape [n, 13], `forces` [N], shape [n, 3]; `surface_height` [m].
     """
-    depth = surface_height - tool.lowest_points(states)[0]
-    with np.errstate(over="ignore"):  # an infinite size is implausible, too
-        size = np.linalg.norm(forces, axis=1)
-    doubtful = {int(k) for k in (depth.argmax(), depth.argmin(), size.argmax())}
-    for k in sorted(doubtful):
-        sentence = sentence_on(tool, depth=float(depth[k]), force=float(size[k]))
-        if sentence:
-            print(f"warning: t = {times[k]:g} s: {sentence}", file=sys.stderr, flush=True)
-            return
-    if len(states) > 1 and depth[0] > _TOUCHES:  # one state is no motion
-        begins = f"the first state is {1e3 * depth[0]:.1f} mm deep in the grains"
-        if size[0] > 0.0:  # with memory, the force builds up
-            begins += f", with a force of {size[0]:.2f} N"
+    depths = surface_height - tool.lowest_points(states)[0]
+    if _warn_of_implausible(tool, times, depths, forces):
+        return
+    if len(states) > 1 and depths[0] > TOUCHES:  # one state is no motion
+        begins = f"the first state is {1e3 * depths[0]:.1f} mm deep in the grains"
+        force = np.linalg.norm(forces[0])
+        if force > 0.0:  # with memory, the force builds up
+            begins += f", with a force of {force:.2f} N"
         advice = "to begin at the surface, begin at the tool's lowest point (rft check-mesh), or set --surface-height"
         print(f"warning: {begins}; {advice}", file=sys.stderr, flush=True)
+
+
+def warn_of_estimates(tool: Tool, times: _Array, depths: _Array, forces: _Array) -> None:
+    """Print warnings on stderr: of implausible depths and forces, and of a first estimate in the grains.
+
+    `times` [s] and `depths` of the lowest point [m], shape [n]; `forces` [N], shape [n, 3].
+    """
+    if not _warn_of_implausible(tool, times, depths, forces) and depths[0] > TOUCHES:
+        print(f"warning: {begins_in_grains(float(depths[0]))}", file=sys.stderr, flush=True)
+
+
+def _warn_of_implausible(tool: Tool, times: _Array, depths: _Array, forces: _Array) -> bool:
+    """Print the first warning of an implausible depth or force on stderr; returns whether there is one."""
+    with np.errstate(over="ignore"):  # an infinite size is implausible, too
+        size = np.linalg.norm(forces, axis=1)
+    doubtful = {int(k) for k in (depths.argmax(), depths.argmin(), size.argmax())}
+    for k in sorted(doubtful):
+        sentence = sentence_on(tool, depth=float(depths[k]), force=float(size[k]))
+        if sentence:
+            print(f"warning: t = {times[k]:g} s: {sentence}", file=sys.stderr, flush=True)
+            return True
+    return False

@@ -9,9 +9,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.estimates import Run
+from rft_ros.bags.estimates import ReplayTable
 from rft_ros.bags.options import ReplayOptions
-from rft_ros.bags.reading import Recording
+from rft_ros.bags.reading import opened_recording
 from rft_ros.diagnosis import Finding, evidence_of, judge
 from rft_ros.errors import InputError
 from rft_ros.estimator import (
@@ -187,7 +187,7 @@ class Checkup:
         self._estimator = Estimator(
             settings_of({**cell.values, "learning.mode": "off"}), cell.model
         )
-        self._run = Run(self._estimator)
+        self._table = ReplayTable(self._estimator)
         self._heard: dict[Role, list[_Heard]] = {role: [] for role in cell.topics}
         self._poses: list[tuple[float, ...]] = []  # stamp [ns], position and quaternion
         self._began = 0
@@ -210,7 +210,7 @@ class Checkup:
         e = self._estimator
         for pose, answer in e.answers(sample):
             self._poses.append((pose.stamp, *pose.position, *pose.quaternion))
-            self._run.add(answer)
+            self._table.add(answer)
             if e.estimates == 1 and time - self._began <= _START:
                 self._at_start = self._at_start or Counter(e.counts)
 
@@ -219,14 +219,18 @@ class Checkup:
 
         `complete`: whether every message arrived.
         """
-        rows = self._run.rows()
+        rows = self._table.rows()
         late = list(self._of_clocks())
         # otherwise the node may have received samples that are missing here
         whole = complete and not late
         poses = np.array(self._poses).reshape(-1, 8)
         evidence = evidence_of(rows, self._estimator, poses=poses)
         evidence = replace(evidence, named=self._cell.named, tare=self._tare, complete=whole)
-        inputs = [self._of_input(role, topic) for role, topic in self._cell.topics.items()]
+        inputs = [
+            self._of_input(role, topic)
+            for role, topic in self._cell.topics.items()
+            if role != "tf_static"
+        ]
         found = [*late, *inputs, *self._of_frames()]
         if not any(finding.name == "clock" for finding in late):
             found += judge(evidence)
@@ -346,10 +350,9 @@ class Checkup:
 
 def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
     """The findings on a recording of the cell. Raises InputError for a bag that cannot be used."""
-    recording = Recording(bag, cell.values, options, topics=cell.topics, strict=False)
-    as_recorded = replace(cell, values=recording.values, topics=recording.topics)
-    checkup = Checkup(as_recorded, tare=options.tare, live=False)
-    with recording:
+    with opened_recording(bag, cell.values, options, strict=False) as recording:
+        as_recorded = replace(cell, values=recording.values, topics=recording.topics)
+        checkup = Checkup(as_recorded, tare=options.tare, live=False)
         for sample in recording:
             checkup.push(sample, recording.time)
     found = [Finding(name=role, said=sentence) for role, sentence in recording.mistyped.items()]

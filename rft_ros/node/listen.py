@@ -112,8 +112,8 @@ class Listener:
     ) -> tuple[list[Message], list[Topic]]:
         """All messages within `seconds` [s], in the order of arrival, and the topics with their publishers."""
         wanted = dict(topics)
-        if has_tf2_msgs() or "tf" in topics:
-            wanted["tf_static"] = f"{topics.get('tf', '/tf')}_static"
+        if not has_tf2_msgs() and "tf" not in topics:
+            del wanted["tf_static"]
         kinds = {role: TYPES[role][0] for role in wanted}
         subscriptions = {
             role: self._subscribe(role, kinds[role], topic) for role, topic in wanted.items()

@@ -3,11 +3,10 @@
 from rft_ros.report.animation import (
     TRACTION,
     Animation,
-    Motion,
+    DrawnMotion,
     animate,
-    animation_figure,
     drawn_mesh,
-    what_is_shown,
+    tool_figure,
 )
 from rft_ros.report.page import Figure, Table, write_page
 from rft_ros.report.stress_figure import check_figure, write_stress_figure
@@ -15,12 +14,13 @@ from rft_ros.report.stress_figure import check_figure, write_stress_figure
 __all__ = [
     "TRACTION",
     "Animation",
+    "DrawnMotion",
     "Figure",
-    "Motion",
     "Table",
     "animate",
-    "animation_figure",
     "check_figure",
     "drawn_mesh",
+    "tool_figure",
+    "write_page",
+    "write_stress_figure",
 ]
-__all__ += ["what_is_shown", "write_page", "write_stress_figure"]

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from rft_ros.ground import HeightMap, Support
 from rft_ros.parameters import Model
+from rft_ros.report.page import Figure
 from rft_ros.rft import POSITION, QUATERNION, Law, plate_forces, rotation_matrix
 from rft_ros.tool import Tool
 
@@ -75,7 +76,7 @@ _FEWEST_MOMENTS = 3
 _NUMBERS = 400_000  # coordinates and tractions in all moments, 2 MB; of a finer mesh fewer moments are drawn
 
 
-class Motion(NamedTuple):
+class DrawnMotion(NamedTuple):
     """n states of a tool in the order of time, with the predicted forces.
 
     `times` [s], shape [n]. `states`: shape [n, 13]. `forces`: on the tool, world axes [N], shape [n, 3]. `ground`: the
@@ -109,7 +110,7 @@ class Animation:
     first: int
 
 
-def animate(title: str, model: Model, motion: Motion, *, surface_height: float) -> Animation:
+def animate(title: str, model: Model, motion: DrawnMotion, *, surface_height: float) -> Animation:
     """The animation of at most 60 states, evenly spaced by index. It includes the state of the greatest force.
 
     `surface_height` [m]: where the heights of the ground are unknown. The traction is that of the law on the tool's own
@@ -154,7 +155,26 @@ def animate(title: str, model: Model, motion: Motion, *, surface_height: float) 
     )
 
 
-def what_is_shown(law: Law, *, learned: bool) -> str:
+def tool_figure(
+    title: str,
+    model: Model,
+    motion: DrawnMotion,
+    *,
+    surface_height: float,
+    learned: bool,
+    where: str = "",
+) -> Figure:
+    """The section of a page with the animation of a tool.
+
+    `surface_height` [m]: where the heights of the ground are unknown. `learned`: whether the mode of learning is apply.
+    `where`: further sentences on what is shown.
+    """
+    drawn = animate(title, model, motion, surface_height=surface_height)
+    sentence = f"{_what_is_shown(model.law, learned=learned)} {where}"
+    return Figure("tool", title, sentence, animation_figure(drawn))
+
+
+def _what_is_shown(law: Law, *, learned: bool) -> str:
     """Sentences that say what the line and the colours of an animation show. `learned`: the mode of learning is apply.
 
     The line is the whole predicted force. The colours are the law's traction without memory and learned corrections.

@@ -35,7 +35,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 from rft_ros.bags.options import ReplayOptions, topics_of
-from rft_ros.bags.reading import Recording
+from rft_ros.bags.reading import opened_recording
 from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.estimator import PoseSample, TwistSample, WrenchSample
@@ -57,8 +57,9 @@ def expected(rows):
     ]
 
 
-def read(path, topics=NAMES, **options):
-    with Recording(path, defaults(), ReplayOptions(**options), topics=topics) as recording:
+def read(path, remap=(), *, twist_source="topic", **options):
+    values = defaults() | {"twist_source": twist_source}
+    with opened_recording(path, values, ReplayOptions(remap=remap, **options)) as recording:
         return list(recording), recording.damage
 
 
@@ -83,8 +84,10 @@ def test_order_is_receive_time_then_wrench_twist_pose_whatever_the_header_stamp(
 
 def test_start_and_end_cut_by_receive_time(tmp_path):
     bag = write_ros2(tmp_path / "bag", moments(60))
-    samples, _ = read(bag, {"pose": NAMES["pose"]}, start=0.1, end=0.2)
-    assert samples == [s for s in expected(moments(21)) if isinstance(s, PoseSample)][10:]
+    samples, _ = read(bag, start=0.1, end=0.2)
+    assert [s for s in samples if isinstance(s, PoseSample)] == [
+        s for s in expected(moments(21)) if isinstance(s, PoseSample)
+    ][10:]
     with pytest.raises(InputError, match=r"lasts 0\.590 s; it has nothing from 9 s"):
         read(bag, start=9.0)
 
@@ -123,8 +126,8 @@ def test_a_length_that_no_file_has_allocates_no_more_than_the_file(tmp_path, wri
     assert most < 100e6
 
 
-def refused(path, *words, topics=NAMES):
-    said = refusal(read, path, topics)
+def refused(path, *words, **given):
+    said = refusal(read, path, **given)
     for word in (path.name, *words):
         assert re.search(word, said)
 
@@ -163,12 +166,13 @@ def test_a_bag_without_a_needed_topic_or_with_another_type_is_refused_with_a_rem
         bag,
         "no twist topic",
         "pose_difference",
-        topics=NAMES | {"pose": "/tool_pose", "wrench": "/cell"},
+        remap=["~/pose:=/tool_pose", "~/wrench_measured:=/cell"],
     )
-    swapped = {"pose": "/cell", "wrench": "/tool_pose"}
-    refused(bag, "WrenchStamped; it must be .* .use .*--remap ~/pose:=/tool_pose", topics=swapped)
-    swapped = {"pose": "/tool_pose", "wrench": "/tool_pose"}
-    refused(bag, "wrench topic .* .use --remap ~/wrench_measured:=/cell", topics=swapped)
+    poses_of_cell = "WrenchStamped; it must be .* .use .*--remap ~/pose:=/tool_pose"
+    refused(bag, poses_of_cell, remap=["~/pose:=/cell"])
+    swapped = ["~/pose:=/tool_pose", "~/wrench_measured:=/tool_pose"]
+    readings_of_pose = "wrench topic .* .use --remap ~/wrench_measured:=/cell"
+    refused(bag, readings_of_pose, remap=swapped, twist_source="pose_difference")
 
 
 @pytest.mark.parametrize("beside", [True, False])
@@ -202,7 +206,7 @@ def test_a_topic_that_is_not_of_ros_2_is_ignored_beside_the_topics_and_on_one_th
     rows = list(moments())
     file = write_mcap(tmp_path / "foreign.mcap", rows)
     assert read(file) == (expected(rows), None)
-    refused(file, "pose topic '/log' is Log as json", "convert", topics=NAMES | {"pose": "/log"})
+    refused(file, "pose topic '/log' is Log as json", "convert", remap=["~/pose:=/log"])
     ros1 = write_mcap(tmp_path / "old.mcap", rows, encoding="ros1")
     refused(
         ros1, "pose topic '/rft/pose' is geometry_msgs/msg/PoseStamped as ros1", "convert", "cdr"
@@ -400,10 +404,12 @@ def test_a_database_with_text_in_its_columns_ends_in_a_sentence(tmp_path, change
 
 
 def test_remaps_resolve_as_in_ros_later_ones_win_and_invalid_ones_are_refused():
-    assert topics_of(defaults()) == NAMES
+    fixed = {"tf_static": "/tf_static"}
+    assert topics_of(defaults()) == NAMES | fixed
     assert "twist" not in topics_of({**defaults(), "twist_source": "pose_difference"})
     rules = ["~/pose:=/a", "/rft/pose:=/b", "~/twist:=c", "~/wrench_measured:=~/d"]
-    assert topics_of(defaults(), rules) == {"pose": "/b", "twist": "/c", "wrench": "/rft/d"}
+    topics = {"pose": "/b", "twist": "/c", "wrench": "/rft/d"} | fixed
+    assert topics_of(defaults(), rules) == topics
     for rule, words in (
         ("~/pose", "FROM:=TO"),
         ("~/pose:=", "FROM:=TO"),

@@ -26,10 +26,12 @@ from rosbags.highlevel import AnyReader
 
 from rft_ros.bags.estimates import COLUMNS, LEARNED_COLUMNS
 from rft_ros.bags.options import ReplayOptions, read_replay_options
+from rft_ros.bags.playback import played_estimates
 from rft_ros.bags.replay import replay
 from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.estimator import TransformSample
+from rft_ros.parameters import model_of
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches
 from rft_ros.tool import load_tool
 
@@ -105,6 +107,8 @@ def test_a_tare_over_the_first_seconds_takes_the_bias_off(bag, tmp_path):
         [0.0, 0.0, 0.0], abs=1e-12
     )
     assert replay(bag, tmp_path, values(), ReplayOptions(tare=0.0)).bias == (0.0,) * 6
+    _, estimator = played_estimates(bag, values(), model_of(values()), ReplayOptions(tare=0.15))
+    assert estimator.load_cell.bias == summary.bias  # as rft view draws it
 
 
 def test_a_tare_ignores_poses_before_the_first_twist(tmp_path):
@@ -275,6 +279,7 @@ def test_a_learning_replay_reports_what_it_learned_and_the_error_with_and_withou
 PEAKS = """
 import resource, sys
 from pathlib import Path
+from rft_ros.bags.playback import played_estimates
 from rft_ros.bags.replay import replay
 from rft_ros.parameters import defaults
 for bag in map(Path, sys.argv[2:]):

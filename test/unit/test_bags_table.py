@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 from recordings import START, moments, plunge, rows_of, values, write_ros2
 from refusals import assert_says, refusal
 
-from rft_ros.bags.reading import Recording
+from rft_ros.bags.reading import opened_recording
 from rft_ros.bags.replay import replay
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
@@ -83,7 +83,7 @@ def test_columns_may_have_any_order_and_others_beside_them(tmp_path_factory, ran
     ]
     samples = []
     for table in tables:
-        with Recording(table, values()) as recording:
+        with opened_recording(table, values()) as recording:
             samples.append(list(recording))
     assert samples[0] == samples[1]
     assert len(samples[0]) == 90
@@ -213,7 +213,7 @@ def test_the_unit_of_time_is_named_beside_a_velocity_that_is_no_number(tmp_path,
 
 
 def opened(table):
-    with Recording(table, values()):
+    with opened_recording(table, values()):
         pass
 
 

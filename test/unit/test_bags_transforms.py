@@ -39,19 +39,22 @@ BASE = Placement(
 FRAMES = {"world_frame": "sand", "tool_frame": "tool", "sensor_frame": "ft_sensor"}
 
 
-def record(path, *, tf, late=0, fixed_at=START, unreadable=0):
+def record(path, *, tf, late=0, fixed_at=START, unreadable=0, robot=""):
     """A plunge with poses, or with the transforms that say the same; these come `late` [ns]."""
     links = [("flange", "tool", TOOL), ("sand", "base", BASE), ("tool", "ft_sensor", CELL)]
     samples = [TransformSample(0, parent, child, *placement) for parent, child, placement in links]
     fixed = [
-        (fixed_at + k, "/tf_static", TF, transforms_cdr(one)) for k, one in enumerate(samples)
+        (fixed_at + k, f"{robot}/tf_static", TF, transforms_cdr(one))
+        for k, one in enumerate(samples)
     ]
-    messages = [(START, "/tf_static", TF, b"\0\x09\0\0")] * unreadable + fixed if tf else []
+    messages = (
+        [(START, f"{robot}/tf_static", TF, b"\0\x09\0\0")] * unreadable + fixed if tf else []
+    )
     for role, time, stamp, numbers in plunge():
         if role == "pose" and tf:
             flange = BASE.inverse().of(Placement(numbers[:3], numbers[3:])).of(TOOL.inverse())
             moving = TransformSample(stamp, "base", "flange", *flange)
-            messages.append((time + late, "/tf", TF, transforms_cdr(moving)))
+            messages.append((time + late, f"{robot}/tf", TF, transforms_cdr(moving)))
         else:
             data = cdr(role, stamp, numbers, "ft_sensor" if role == "wrench" else "sand")
             messages.append((time, *TOPICS[role], data))
@@ -62,15 +65,18 @@ def numbers_of(folder, *names):
     return np.array([[float(r[n]) for n in names] for r in rows_of(folder) if not r["reason"]])
 
 
-@pytest.mark.parametrize("late", [0, 400_000_000])
+@pytest.mark.parametrize(("late", "robot"), [(0, ""), (400_000_000, "/robot")])
 @pytest.mark.parametrize("twist_source", ["topic", "pose_difference"])
-def test_transforms_replay_as_the_poses_that_they_say(tmp_path, twist_source, late):
+def test_transforms_replay_as_the_poses_that_they_say(tmp_path, twist_source, late, robot):
     frames = FRAMES | {"twist_source": twist_source}
     told = values(**frames, sensor__position=CELL.position, sensor__quaternion=CELL.quaternion)
     posed = replay(record(tmp_path / "posed", tf=False), tmp_path / "a", told)
-    bag = record(tmp_path / "tf", tf=True, late=late, fixed_at=START + 3 * 10**9, unreadable=1)
+    bag = record(
+        tmp_path / "tf", tf=True, late=late, fixed_at=START + 3 * 10**9, unreadable=1, robot=robot
+    )
     from_tf = values(**frames, pose_source="tf", sensor__frame_source="tf")
-    transformed = replay(bag, tmp_path / "b", from_tf, ReplayOptions(start=0.0))
+    remap = [f"{topic}:={robot}{topic}" for topic in ("/tf", "/tf_static")]
+    transformed = replay(bag, tmp_path / "b", from_tf, ReplayOptions(start=0.0, remap=remap))
     assert transformed.messages["pose"] == posed.messages["pose"] == 650
     assert transformed.reasons == posed.reasons | {"message_unreadable": 1}
     names = ("t", "depth", "predicted_fx", "predicted_fz", "predicted_ty", "residual_fz")

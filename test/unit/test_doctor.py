@@ -12,8 +12,7 @@ from hypothesis import strategies as st
 from recordings import START, STEP
 from scipy.spatial.transform import Rotation
 
-from rft_ros.bags.options import topics_of
-from rft_ros.bags.reading import Recording
+from rft_ros.bags.reading import opened_recording
 from rft_ros.cli import main
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import TransformSample
@@ -159,9 +158,8 @@ def test_the_remedies_are_written_to_a_parameter_file_with_which_the_cell_is_rig
 def test_what_comes_shortly_before_the_first_fixed_transforms_is_no_fault(bag, parameters, before):
     """Publishers are found one after the other: poses before the transforms that their frames need."""
     values = {**defaults(), **PARAMETERS, **parameters}
-    topics = topics_of(values)
     checkup = Checkup(cell_of(values))
-    with Recording(Path(bag), values, topics=topics) as recording:
+    with opened_recording(Path(bag), values) as recording:
         fixed, *others = ((sample, recording.time) for sample in recording)
         for sample, time in [*others[:before], (fixed[0], others[before][1]), *others[before:]]:
             checkup.push(sample, time)

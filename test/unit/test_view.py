@@ -11,7 +11,7 @@ from test_cli import HEADER, ROOT, refused, rft
 
 from rft_ros.cli import main
 from rft_ros.parameters import Model
-from rft_ros.report import Motion, animate, drawn_mesh
+from rft_ros.report import DrawnMotion, animate, drawn_mesh
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.tool import load_tool
 
@@ -79,7 +79,7 @@ def test_the_force_is_that_of_the_plates_and_in_the_air_there_is_none(height):
     )
     state = np.array([[0.0, 0.0, height, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -0.01, 0.0, 0.0, 0.0]])
     forces = wrenches(tool.plates, law, state)[:, :3]
-    motion = Motion(np.zeros(1), state, forces)
+    motion = DrawnMotion(np.zeros(1), state, forces)
     scene = animate("ellipsoid", Model(tool=tool, law=law), motion, surface_height=0.0)
     np.testing.assert_array_equal(scene.forces, forces)
     low = scene.placed[0][scene.faces].mean(axis=1)[:, 2]
