@@ -24,7 +24,7 @@ from rft_ros.rft import (
     wrenches,
     wrenches_in_time,
 )
-from rft_ros.table_file import Column, Rows, columns_named, read_table
+from rft_ros.table_file import Column, TableColumns, columns_named, read_table
 
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _UNITS = [*_SECONDS][1:]
@@ -50,7 +50,7 @@ _FEWEST = 3  # poses for a velocity
 _ANY_GAP = 10**18  # ns
 
 
-def read_motion(file: Path, what: str, *optional: Sequence[Column]) -> Rows:
+def read_motion(file: Path, what: str, *optional: Sequence[Column]) -> TableColumns:
     """The columns t [s] and px .. qw [m] of a table, and if it has them vx .. wz and the groups `optional`.
 
     A unit may follow the name of a time or position: t [ms], px [mm]. Raises InputError, which names the line, and for
@@ -67,12 +67,12 @@ def read_motion(file: Path, what: str, *optional: Sequence[Column]) -> Rows:
     return rows
 
 
-def columns_of(rows: Rows, names: Sequence[str]) -> NDArray[np.float64]:
+def columns_of(rows: TableColumns, names: Sequence[str]) -> NDArray[np.float64]:
     """The named columns of a table side by side, shape [n, k]."""
     return np.column_stack([rows.columns[name] for name in names])
 
 
-def _check_units(rows: Rows, named: str) -> None:
+def _check_units(rows: TableColumns, named: str) -> None:
     """Raise InputError if the speed by the poses shows that a column without a unit is not in seconds or metres."""
     places = columns_of(rows, STATE[POSITION])
     with np.errstate(all="ignore"):

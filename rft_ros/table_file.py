@@ -56,7 +56,7 @@ def columns_named(names: Sequence[str]) -> tuple[Column, ...]:
 
 
 @dataclass(frozen=True, slots=True, eq=False)
-class Rows:
+class TableColumns:
     """The rows of a table, with their `lines` in the file, counted from 1, shape [n].
 
     `columns`: by name in the reader's order, the numbers of each column in the reader's unit, shape [n]. `units`: the
@@ -82,7 +82,7 @@ def read_table(
     columns: Sequence[Column],
     *optional: Sequence[Column],
     limit: int = MAX_BYTES,
-) -> Rows:
+) -> TableColumns:
     """The `columns` of a `checked_file` in CSV format, and those of the groups `optional` that it has, in this order.
 
     Empty lines and lines that begin with # are skipped. The first other line names the columns, of which more may
@@ -140,7 +140,7 @@ def _rows(
     places: Sequence[_Place],
     separator: str | None,
     width: int,
-) -> Rows:
+) -> TableColumns:
     """The rows below the header. `width`: how many cells a line has."""
     numbers = array("d")
     counted = array("q")
@@ -157,7 +157,7 @@ def _rows(
     if not counted:
         raise InputError(f"{named} has a header and no rows; it needs at least one")
     table = np.frombuffer(numbers).reshape(len(counted), -1)
-    return Rows(
+    return TableColumns(
         columns={
             place.column.name: values * place.column.units[place.unit]
             for place, values in zip(places, table.T, strict=True)

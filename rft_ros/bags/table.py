@@ -12,7 +12,7 @@ from rft_ros.messages import TYPES, Role, stamped_cdr
 from rft_ros.parameters import Values
 from rft_ros.rft import AXES, POSE, STATE, TWIST
 from rft_ros.states_file import columns_of, read_motion
-from rft_ros.table_file import Rows, columns_named
+from rft_ros.table_file import TableColumns, columns_named
 
 _COLUMNS: dict[Role, tuple[str, ...]] = {
     "pose": tuple(STATE[POSE]),
@@ -31,18 +31,20 @@ def is_table(bag: Path) -> bool:
     return bag.suffix.lower() == ".csv"
 
 
-def read_recorded_table(file: Path) -> Rows:
+def read_recorded_table(file: Path) -> TableColumns:
     """The columns of a table. Raises InputError, which names the line."""
     return read_motion(file, "table", columns_named(AXES))
 
 
-def values_for_table(rows: Rows, values: Values) -> Values:
+def values_for_table(rows: TableColumns, values: Values) -> Values:
     """The parameters with which a table is read: velocities are found from the poses unless it has them."""
     twist_source = "topic" if "vx" in rows.columns else "pose_difference"
     return {**values, "pose_source": "topic", "twist_source": twist_source}
 
 
-def source_of_table(file: Path, rows: Rows, topics: Mapping[Role, str], values: Values) -> Source:
+def source_of_table(
+    file: Path, rows: TableColumns, topics: Mapping[Role, str], values: Values
+) -> Source:
     """The samples of a table as messages on the topics of their roles.
 
     In ROS a stamp of 0 means none: stamps that begin at 0 or below are shifted by whole seconds. Raises InputError,

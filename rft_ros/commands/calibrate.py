@@ -11,6 +11,7 @@ from rft_ros.calibration.calibrated_file import rounded, write_calibrated
 from rft_ros.calibration.track import read_track
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
+from rft_ros.files import expanded
 from rft_ros.parameters import named_files
 from rft_ros.progress import busy
 from rft_ros.tool import locate_mesh
@@ -29,13 +30,12 @@ def calibrate_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--fit", choices=PARTS, action="append", metavar="PART", help=f"{fit} {every}"
     )
-    mesh = "mesh of the tool in the bag of that name, if not the parameter file's; may be repeated"
+    mesh = "mesh of the tool in the bag of that path or name, if not the parameter file's; may be repeated"
     command.add_argument("--mesh", action="append", default=[], metavar="BAG=FILE", help=mesh)
 
 
 def calibrate(arguments: argparse.Namespace) -> int:
     """rft calibrate bag_1 bag_2 --params my_cell.yaml -o calibrated.yaml"""
-    bags = {bag: bag_name(bag) for bag in arguments.bags}
     output = arguments.output
     values, chosen = options.recording(arguments)
     parts = arguments.fit or PARTS
@@ -44,19 +44,19 @@ def calibrate(arguments: argparse.Namespace) -> int:
         raise InputError(
             f"{file}: no fit uses its tare of {chosen.tare:g} s; add --fit sensor, which replaces it"
         )
-    meshes = dict.fromkeys(bags.values(), str(values["mesh.file"]))
+    meshes = dict.fromkeys(arguments.bags, str(values["mesh.file"]))
     for rule in arguments.mesh:
-        bag, _, file = rule.partition("=")
-        if not file or bag not in meshes:
-            raise InputError(
-                f"--mesh '{rule}' is not BAG=FILE with one of the bags {', '.join(meshes)}"
-            )
-        meshes[bag] = file
+        name, _, file = rule.partition("=")
+        by_path = [bag for bag in meshes if bag == expanded(name)]
+        bags = by_path or [bag for bag in meshes if bag_name(bag) == name]
+        if not file or not bags:
+            known = ", ".join(map(str, meshes))
+            raise InputError(f"--mesh '{rule}' is not BAG=FILE with one of the bags {known}")
+        meshes |= dict.fromkeys(bags, file)
     inputs = {*named_files(values), *map(locate_mesh, meshes.values())}
     options.refuse_inputs(arguments, output, also=inputs)
     tracks = [
-        read_track(bag, {**values, "mesh.file": meshes[name]}, chosen)
-        for bag, name in bags.items()
+        read_track(bag, {**values, "mesh.file": file}, chosen) for bag, file in meshes.items()
     ]
     for track in tracks:
         if track.damage:

@@ -7,7 +7,7 @@ from typing import Any
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap, read_height_map
 from rft_ros.parameters.medium_file import is_medium_file, read_alpha_y_table, read_medium
-from rft_ros.parameters.parameter import Values, values_of
+from rft_ros.parameters.parameter import Values, field_values
 from rft_ros.parameters.settings import LoadCell, Model, Settings
 from rft_ros.parameters.table import checked, defaults
 from rft_ros.rft import (
@@ -24,7 +24,7 @@ from rft_ros.tool import Tool, load_tool
 def settings_of(values: Values) -> Settings:
     """The estimator's settings from checked values."""
     return Settings(
-        **values_of(Settings, values), load_cell=LoadCell(**values_of(LoadCell, values))
+        **field_values(Settings, values), load_cell=LoadCell(**field_values(LoadCell, values))
     )
 
 

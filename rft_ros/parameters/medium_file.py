@@ -20,7 +20,7 @@ from rft_ros.parameters.stress_map import (
     fit_medium,
 )
 from rft_ros.rft import MEDIA, Medium, Table
-from rft_ros.table_file import Column, Rows, read_table
+from rft_ros.table_file import Column, TableColumns, read_table
 from rft_ros.yaml_file import read_yaml, write_yaml
 
 Array = NDArray[np.float64]
@@ -108,7 +108,7 @@ def read_alpha_y_table(file: str) -> Table:
     return table
 
 
-def _read(file: Path, what: str, *columns: Sequence[Column]) -> Rows:
+def _read(file: Path, what: str, *columns: Sequence[Column]) -> TableColumns:
     """As `read_table`. Raises InputError also for numbers that are not finite, and for implausible angles."""
     rows = read_table(file, what, *columns, limit=_MOST_BYTES)
     for column in itertools.chain(*columns):

@@ -123,7 +123,7 @@ def setting(*given: Any, optional: bool = False, **options: Any) -> Any:
 
 
 @cache
-def parameters_of(owner: type) -> dict[str, Parameter]:
+def parameter_fields(owner: type) -> dict[str, Parameter]:
     """The parameters that are fields of a dataclass, by the names of the fields."""
     hints = get_type_hints(owner)
     found = {}
@@ -134,7 +134,7 @@ def parameters_of(owner: type) -> dict[str, Parameter]:
     return found
 
 
-def values_of(owner: type, values: Values) -> dict[str, Any]:
+def field_values(owner: type, values: Values) -> dict[str, Any]:
     """The values of the fields of a dataclass that are parameters."""
     found: dict[str, Any] = {}
     for f in fields(owner):

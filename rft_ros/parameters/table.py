@@ -4,7 +4,7 @@ from difflib import get_close_matches
 from typing import Any
 
 from rft_ros.errors import InputError, shown
-from rft_ros.parameters.parameter import Parameter, Value, parameters_of
+from rft_ros.parameters.parameter import Parameter, Value, parameter_fields
 from rft_ros.parameters.settings import LoadCell, Settings
 from rft_ros.rft import ALPHA_Y_MODELS, INERTIA, INTEGRATIONS, LAWS, MEDIA, SURFACE_FRICTION
 
@@ -180,7 +180,7 @@ _OTHERS = (
 )
 """Those that are no fields of `Settings` or `LoadCell`."""
 
-_ROWS = (*_OTHERS, *parameters_of(Settings).values(), *parameters_of(LoadCell).values())
+_ROWS = (*_OTHERS, *parameter_fields(Settings).values(), *parameter_fields(LoadCell).values())
 _GROUPS = [p.name.partition(".")[0] for p in _ROWS]
 
 PARAMETERS = tuple(sorted(_ROWS, key=lambda p: _GROUPS.index(p.name.partition(".")[0])))

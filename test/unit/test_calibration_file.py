@@ -22,6 +22,7 @@ from rft_ros.bags.options import read_replay_options
 from rft_ros.calibration.calibrated_file import rounded
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
+from rft_ros.errors import InputError
 from rft_ros.parameters import defaults, read_parameter_file
 from rft_ros.tool import locate_mesh
 
@@ -255,7 +256,7 @@ def test_a_recording_that_identifies_the_bias_alone_is_a_failure_that_says_what_
     [
         (
             ("--mesh", "elsewhere=plate"),
-            "--mesh 'elsewhere=plate' is not BAG=FILE with one of the bags pressed",
+            "--mesh 'elsewhere=plate' is not BAG=FILE with one of the bags ",
         ),
         (("--start", "1e6"), "pressed"),
     ],
@@ -265,6 +266,21 @@ def test_wrong_options_are_a_sentence(cell, tmp_path, capsys, more, sentence):
     error = capsys.readouterr().err
     assert sentence in error
     assert "Traceback" not in error
+
+
+def test_bags_of_one_name_have_meshes_of_their_own_by_path(cell, tmp_path, monkeypatch):
+    def stopped(bag, values, _):
+        meshes[bag.parent.name] = values["mesh.file"]
+        if len(meshes) == 3:
+            raise InputError("enough")
+
+    meshes = {}
+    monkeypatch.setattr("rft_ros.commands.calibrate.read_track", stopped)
+    bags = [str(tmp_path / folder / "rec") for folder in "abc"]
+    given = ("--mesh", "rec=sphere", "--mesh", f"{bags[1]}=scoop")
+    command = ["calibrate", *bags, "--params", str(cell / "cell.yaml"), *given]
+    assert main([*command, "-o", str(tmp_path / "out.yaml")]) == 2
+    assert meshes == {"a": "sphere", "b": "scoop", "c": "sphere"}
 
 
 def test_samples_that_repeat_a_stamp_are_left_out(tmp_path):

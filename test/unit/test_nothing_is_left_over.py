@@ -7,7 +7,7 @@ import rft_ros
 from rft_ros.cli import parser
 from rft_ros.estimator import QualityFlag
 from rft_ros.parameters import PARAMETERS, LoadCell, Settings
-from rft_ros.parameters.parameter import parameters_of
+from rft_ros.parameters.parameter import parameter_fields
 from rft_ros.rft import LAW_NUMBERS
 
 PACKAGE = Path(rft_ros.__file__).parent
@@ -28,7 +28,7 @@ def unread(parameters):
     for owner in (LoadCell, Settings):
         taken |= {
             parameter.name
-            for field, parameter in parameters_of(owner).items()
+            for field, parameter in parameter_fields(owner).items()
             if field in attributes
         }
     return [name for name in parameters if name not in taken]

@@ -22,7 +22,7 @@ from rft_ros.parameters import (
     write_parameter_file,
 )
 from rft_ros.parameters.from_values import SHORT_NAMES
-from rft_ros.parameters.parameter import parameters_of
+from rft_ros.parameters.parameter import parameter_fields
 from rft_ros.parameters.settings import CALIBRATED_ERROR
 from rft_ros.rft import LAW_NUMBERS, LAWS, MEDIA, Constant, Linear, law_named
 
@@ -112,7 +112,7 @@ def test_default_values_make_the_default_settings_and_other_values_reach_them():
     assert settings_of(defaults()) == Settings()
     others = {str: "other", float: 0.25}
     for owner in (Settings, LoadCell):
-        for name, parameter in parameters_of(owner).items():
+        for name, parameter in parameter_fields(owner).items():
             other = others.get(type(parameter.default)) or tuple(range(len(parameter.default)))
             changed = settings_of({**defaults(), parameter.name: other})
             assert getattr(changed if owner is Settings else changed.load_cell, name) == other
