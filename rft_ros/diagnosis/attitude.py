@@ -3,8 +3,7 @@
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
-from itertools import permutations, product
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from scipy.optimize import fmin
@@ -23,26 +22,32 @@ OF_POSES = ("world frame", "quaternions")
 """Names of findings that leave nothing known of the surface and the load cell."""
 
 _ANGLE = np.radians(4.0)  # real grains push plates up to 3 degrees out of the model's direction
-_TRIED = np.radians(1.5)  # between measured and predicted force, where a tilted world is tried
+# least angle between measured and predicted force at which a cell or world turned by any angle is tried
+_TRIED = np.radians(1.5)
 _AS_GOOD = 1.5  # residuals up to this factor of the smallest one, and a slack, are alike
-_TORQUE_ALIKE = 0.3  # difference of correlations
-_ALIGNED = 3  # times: a turn changes the weight that is subtracted, and so the directions
+_TORQUE_ALIKE = 0.3  # explanations whose torques' correlations differ by up to this are alike
+_ALIGNED = (
+    3  # rounds of alignment: a turn changes the weight that is subtracted, and so the directions
+)
 _NO_TURN = 0.01  # weight of no turn, where pushes do not tell the angle about their own direction
 _OPPOSED = 0.3  # residual of the directions that is never that of the grains
 _MOST_ROWS = 350  # moments at which explanations are compared
 _NEARER = 0.8  # greatest residual, of that of the set-up as given, at a tilt from which a better one is sought
-_FEWER_ROWS = 200  # the same of tilts
-_AXES = [
-    np.eye(3)[list(order)] * np.array(signs)[:, None]
-    for order in permutations(range(3))
-    for signs in product((1.0, -1.0), repeat=3)
-]  # the 48 ways in which three axes can be named and signed
-_TURNS = sorted(
-    (Rotation.from_matrix(a) for a in _AXES if np.linalg.det(a) > 0.0), key=Rotation.magnitude
-)[1:]
-# but for that of all signs
-_MIRRORS = sorted((a for a in _AXES if np.linalg.det(a) < 0.0), key=np.trace)[:0:-1]
+_FEWER_ROWS = 200  # moments at which tilts of the world are compared
 _NONE = Rotation.identity()
+
+
+def _turns_of_axes() -> list[Rotation]:
+    """The 23 turns that swap or reverse axes, by their angle: 90, 120 and 180 degrees."""
+    turns = [turn for turn in Rotation.create_group("O") if turn.magnitude() > 0.1]
+    return sorted(turns, key=lambda turn: round(turn.magnitude(), 3))
+
+
+_TURNS = _turns_of_axes()
+# by where the tool's z axis points then: down, to a side, up; in each of these by the angle
+_TURNS_OF_MESH = sorted(_TURNS, key=lambda turn: round(turn.as_matrix()[2, 2]))
+# those of one axis come first; that of all three, which is another sign of the force, is none of them
+_MIRRORS = [-turn.as_matrix() for turn in reversed(_TURNS)]
 
 
 class _Rule(NamedTuple):
@@ -77,6 +82,13 @@ class _Explanation:
     shown: Mapping[str, float] = field(default_factory=dict)
     rule: _Rule = _USUAL
 
+    @classmethod
+    def of(
+        cls, e: Evidence, mended: Callable[[Evidence], Evidence], **more: Any
+    ) -> "_Explanation":
+        """The explanation that `mended` mends, with its residual."""
+        return cls(residual=residual(mended(e)), mended=mended, **more)
+
     def is_told(self, own: float) -> bool:
         """Whether it leaves so much less than the residual of the set-up as given."""
         most = min(self.rule.share * own, _OPPOSED)
@@ -106,10 +118,12 @@ def mount(e: Evidence) -> Iterator[Finding]:
         yield Finding(name="sensor", ok=True, said="the parameters and /tf_static agree")
         return
     moved, turn = given.apart(place)
+    degrees = float(np.degrees(turn))
+    millimetres = 1e3 * moved
     yield Finding(
         name="sensor",
-        said="the parameters differ from /tf_static by {degrees:.0f} degrees and {millimetres:.0f} mm",
-        evidence={"degrees": float(np.degrees(turn)), "millimetres": 1e3 * moved},
+        said=f"the parameters differ from /tf_static by {degrees:.0f} degrees and {millimetres:.0f} mm",
+        evidence={"degrees": degrees, "millimetres": millimetres},
         remedy={"sensor.frame_source": "tf"},
         alike=({"sensor.position": place.position, "sensor.quaternion": place.quaternion},),
     )
@@ -120,45 +134,41 @@ def _quaternion(turn: Rotation) -> tuple[float, float, float, float]:
     return x, y, z, w
 
 
-def _turned_cell(e: Evidence, turn: Rotation) -> _Explanation:
+def _turned_cell(e: Evidence, turn: Rotation, **more: Any) -> _Explanation:
     quaternion = _quaternion(Rotation.from_quat(e.load_cell.quaternion) * turn)
-    return _Explanation(
-        name="turn",
-        residual=residual(e.read_in(turn.as_matrix())),
-        mended=lambda e: e.with_cell(replace(e.load_cell, quaternion=quaternion)),
+    return _Explanation.of(
+        e,
+        lambda e: e.with_cell(replace(e.load_cell, quaternion=quaternion)),
         remedy={"sensor.quaternion": quaternion},
         shown={"angle": float(np.degrees(turn.magnitude()))},
+        **more,
     )
 
 
 def _of_axes(e: Evidence) -> Iterator[_Explanation]:
     """Another sign or turn of the load cell, readings in world axes, or left-handed axes; simple ones come first."""
     sign = -e.load_cell.sign
-    yield _Explanation(
+    yield _Explanation.of(
+        e,
+        lambda e: e.with_cell(replace(e.load_cell, sign=sign)),
         name="sign",
-        residual=residual(e.read_in(-np.eye(3))),
-        mended=lambda e: e.with_cell(replace(e.load_cell, sign=sign)),
         remedy={"sensor.sign": sign},
     )
     for turn in _TURNS:
-        yield _turned_cell(e, turn)
-    other = _read_in_other_axes(e)
-    yield _Explanation(
-        name="axes of the reading",
-        residual=residual(other),
-        mended=_read_in_other_axes,
-        remedy={"sensor.frame_source": other.settings.sensor_source},
-    )
+        yield _turned_cell(e, turn, name="turn")
+    source = "parameters" if e.settings.sensor_source == "world" else "world"
+    remedy = {"sensor.frame_source": source}
+    yield _Explanation.of(e, _read_in_other_axes, name="axes of the reading", remedy=remedy)
     for axes in _MIRRORS:
-        advice = "correct the driver, whose axes are left-handed: no quaternion does it"
         left = residual(e.read_in(axes))
+        advice = "correct the driver, whose axes are left-handed: no quaternion does it"
         yield _Explanation(name="left-handed axes", residual=left, advice=advice)
     turn = _NONE
     for _ in range(_ALIGNED):
         shown = directions(e.read_in(turn.as_matrix())) + _NO_TURN * np.eye(3)
         turn = Rotation.align_vectors(np.eye(3), shown)[0] * turn
     if turn.magnitude() > _TRIED:
-        yield replace(_turned_cell(e, turn), name="angle", rule=_OF_ANGLES)
+        yield _turned_cell(e, turn, name="angle", rule=_OF_ANGLES)
 
 
 def _read_in_other_axes(e: Evidence) -> Evidence:
@@ -178,8 +188,7 @@ def _w_first(e: Evidence) -> Evidence:
 
 def _quaternions(e: Evidence) -> _Explanation:
     advice = "give the poses' quaternions as x y z w: as if w came first, the tool is upside down"
-    left = residual(_w_first(e))
-    return _Explanation(name="quaternions", residual=left, mended=_w_first, advice=advice)
+    return _Explanation.of(e, _w_first, name="quaternions", advice=advice)
 
 
 def _turned(e: Evidence, *, world: Rotation = _NONE, tool: Rotation = _NONE) -> Evidence:
@@ -194,23 +203,23 @@ def _turned(e: Evidence, *, world: Rotation = _NONE, tool: Rotation = _NONE) -> 
     return seen(e, states, cell)
 
 
-def _in_world(e: Evidence, turn: Rotation) -> _Explanation:
-    mended = partial(_turned, world=turn)
+def _turned_world(e: Evidence, turn: Rotation, **more: Any) -> _Explanation:
     x, y, z = turn.inv().apply((0.0, 0.0, 1.0)).tolist()
     up = f"up is about [{x:.2f}, {y:.2f}, {z:.2f}] in world_frame"
-    return _Explanation(
+    return _Explanation.of(
+        e,
+        partial(_turned, world=turn),
         name="world frame",
-        residual=residual(mended(e)),
-        mended=mended,
         advice=f"give the poses in a frame whose z points up: {up}",
         shown={"angle": float(np.degrees(np.arccos(np.clip(z, -1.0, 1.0))))},
+        **more,
     )
 
 
 def _of_world(e: Evidence) -> Iterator[_Explanation]:
     """A world frame of a ceiling or a wall."""
     for axis, degrees in (("x", 180.0), ("x", 90.0), ("x", -90.0), ("y", 90.0), ("y", -90.0)):
-        yield _in_world(e, Rotation.from_euler(axis, degrees, degrees=True))
+        yield _turned_world(e, Rotation.from_euler(axis, degrees, degrees=True))
 
 
 def _tilted_world(e: Evidence) -> Iterator[_Explanation]:
@@ -233,7 +242,7 @@ def _tilted_world(e: Evidence) -> Iterator[_Explanation]:
         misfit, start, xtol=0.01, ftol=1e-4, maxfun=40, disp=False, initial_simplex=simplex
     )
     if float(np.linalg.norm(tilt)) > _ANGLE:
-        yield replace(_in_world(e, turn(tilt)), rule=_OF_ANGLES)
+        yield _turned_world(e, turn(tilt), rule=_OF_ANGLES)
 
 
 def mesh_turns(e: Evidence) -> Iterator[_Explanation]:
@@ -241,7 +250,7 @@ def mesh_turns(e: Evidence) -> Iterator[_Explanation]:
 
     Of turns that fit alike, upside down comes first.
     """
-    for turn in _TURNS[::-1]:
+    for turn in _TURNS_OF_MESH:
         mended = partial(_turned, tool=turn)
         as_if = mended(e)
         if as_if.push_is_seen and is_dry(zeta_of(as_if)):
@@ -337,11 +346,12 @@ def _finding(e: Evidence, main: _Explanation, others: list[_Explanation], own: f
         advice.append(f"correct {e.place_parameter} to the quaternion {right}")
     if others:
         advice.append("drag it along x and y, and push at another attitude, to see which")
-    said = "measured and predicted force do not agree (residual {own:.2g}; with the remedy {left:.2g})"
+    residuals = f"residual {own:.2g}; with the remedy {main.residual:.2g}"
+    said = f"measured and predicted force do not agree ({residuals})"
     if "angle" in main.shown:
-        said += ", by {angle:.0f} degrees"
+        said += f", by {main.shown['angle']:.0f} degrees"
     if "zeta" in main.shown:
-        said += ", with a ζ of {zeta:.2g}"
+        said += f", with a ζ of {main.shown['zeta']:.2g}"
     return Finding(
         name=main.name,
         said=said,
@@ -359,7 +369,7 @@ def _unexplained(e: Evidence, own: float) -> Finding | None:
     alike = float(np.trace(directions(e)))
     degrees = float(np.degrees(np.arccos(np.clip(alike, -1.0, 1.0))))
     evidence = {"own": own, "left": own, "degrees": degrees}
-    said = "measured and predicted force point {degrees:.0f} degrees apart on average"
+    said = f"measured and predicted force point {degrees:.0f} degrees apart on average"
     if 1.0 - alike < _OPPOSED:
         return Finding(name="sign", ok=True, said=said, evidence=evidence)
     if not e.air.is_enough:  # an offset of the load cell may be the cause

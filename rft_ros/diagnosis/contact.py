@@ -4,10 +4,9 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Array, Evidence
+from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Array, Evidence, Indices
 from rft_ros.parameters import LoadCell
 from rft_ros.rft import (
     FORCE,
@@ -23,8 +22,6 @@ from rft_ros.rft import (
 )
 from rft_ros.rft.frames import TWIST
 from rft_ros.tool import Tool
-
-Indices = NDArray[np.int64]
 
 _BEGUN = 0.05  # of the greatest force of a descent: a larger one shows that the tool has touched the grains
 _ERROR = 0.005  # m, and this share of the depth: together the greatest error of surface_height

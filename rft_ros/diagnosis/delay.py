@@ -8,12 +8,9 @@ from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
-from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence
+from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence, Indices
 from rft_ros.diagnosis.finding import Finding
-
-Rows = NDArray[np.int64]
 
 _LONGEST = 0.25  # s
 _DELAYS = np.linspace(-_LONGEST, _LONGEST, 251)  # that are tried
@@ -59,23 +56,19 @@ def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
     agreeing = gains[agree].sum() >= _AGREE * gains.sum() and tell.sum() >= 2
     if abs(delay) < _LEAST or total[best] > _BETTER * total[none] or not agreeing:
         return
-    evidence = {
-        "stops": len(each),
-        "left": float(100.0 * np.sqrt(total[best] / total[none])),
-        "delay": 1e3 * abs(delay),
-    }
-    said = (
-        "the load cell's stamps are {delay:.0f} ms "
-        + ("later" if delay > 0.0 else "earlier")
-        + " than its events"
-    )
+    left = float(100.0 * np.sqrt(total[best] / total[none]))
+    milliseconds = 1e3 * abs(delay)
+    evidence = {"stops": len(each), "left": left, "delay": milliseconds}
+    side = "later" if delay > 0.0 else "earlier"
+    said = f"the load cell's stamps are {milliseconds:.0f} ms {side} than its events"
     advice = "fit it with rft calibrate"
     of_lags = np.sum([_misfits(e, event, _behind_filters(e, event)) for event, _ in known], axis=0)
     if of_lags.min() < _FILTERED * total[best]:
-        evidence |= {"lag": float(1e3 * _LAGS[of_lags.argmin()])}
-        said = "the force follows the motion like a filter of {lag:.0f} ms, more slowly than the poses"
+        lag = float(1e3 * _LAGS[of_lags.argmin()])
+        evidence["lag"] = lag
+        said = f"the force follows the motion like a filter of {lag:.0f} ms, more slowly than the poses"
         advice = "raise the cut-off frequency in the load cell's driver"
-    said += ", by {stops} stops (the misfit there falls to {left:.0f} % with it)"
+    said += f", by {len(each)} stops (the misfit there falls to {left:.0f} % with it)"
     set_to = round(e.load_cell.delay + delay, 3)
     yield Finding(
         name="delay", said=said, evidence=evidence, remedy={"sensor.delay": set_to}, advice=advice
@@ -89,8 +82,8 @@ class _Event(NamedTuple):
     time between two of `wide` [s].
     """
 
-    rows: Rows
-    wide: Rows
+    rows: Indices
+    wide: Indices
     gap: float
 
 

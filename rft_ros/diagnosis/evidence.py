@@ -17,6 +17,8 @@ from rft_ros.rft.frames import Placement
 from rft_ros.tool import Tool
 
 Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+"""Indices of moments, shape [n]."""
 
 ENOUGH = 20
 """Fewest moments on which something is judged."""

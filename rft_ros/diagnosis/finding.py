@@ -1,12 +1,9 @@
-"""A finding on a cell: the numbers that show it, and the parameters that mend it; its sentence is made from them."""
+"""A finding on a cell: a sentence, the numbers that show it, and the values of parameters that mend it."""
 
-import re
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, field
 
 from rft_ros.parameters import Value
-
-_FIELD = re.compile(r"\{(\w+):?([^{}]*)\}")
 
 
 def in_words(value: Value) -> str:
@@ -23,9 +20,9 @@ def in_words(value: Value) -> str:
 class Finding:
     """One parameter of a cell, or another property of its set-up, and whether it is right.
 
-    `said`: a sentence with fields in braces for the numbers of `evidence`. `remedy`: by name the values of parameters
-    that mend it; `alike`: other explanations that leave as small a residual, each as such a remedy. `advice`: what to
-    do beside or in place of them.
+    `said`: a sentence. `evidence`: by name the numbers that show it. `remedy`: by name the values of parameters that
+    mend it; `alike`: other explanations that leave as small a residual, each as such a remedy. `advice`: what to do
+    beside or in place of them.
     """
 
     name: str
@@ -46,10 +43,5 @@ class Finding:
         ]
         if self.advice:
             ways.append(self.advice)
-        said = f"{self.name}: {_FIELD.sub(self._number, self.said)}"
+        said = f"{self.name}: {self.said}"
         return "; ".join([said, ", or ".join(ways)]) if ways else said
-
-    def _number(self, found: re.Match[str]) -> str:
-        """The number of a field; braces in names of files and frames stay as they are."""
-        name, form = found.groups()
-        return format(self.evidence[name], form) if name in self.evidence else found[0]

@@ -44,13 +44,13 @@ def unit_of_poses(e: Evidence) -> Iterator[Finding]:
     far = [sentence for sentence in far if "poses" in sentence]
     advice = "the poses' driver must give metres, and not millimetres (factor 0.001)"
     if extent > _FAR and mean > _FAST:
-        said = "the tool moves over {extent:.3g} m at {mean:.3g} m/s on average"
+        said = f"the tool moves over {extent:.3g} m at {mean:.3g} m/s on average"
     elif speed > _FASTEST or (twist > 0.0 and speed > 100.0 * twist):
-        said = "the tool moves at {speed:.3g} m/s by the poses"
+        said = f"the tool moves at {speed:.3g} m/s by the poses"
     elif far:
         said = far[0]
     elif twist > 100.0 * speed > 0.0:
-        said = "twists say {twist:.3g} m/s where the poses move at {speed:.3g} m/s"
+        said = f"twists say {twist:.3g} m/s where the poses move at {speed:.3g} m/s"
         advice = "the twists' driver must give m/s, and not mm/s"
     else:
         return
@@ -87,11 +87,12 @@ def noise_of_poses(e: Evidence) -> Iterator[Finding]:
             found.append(follower.at_tip(reach))
     noise = float(np.median(found)) if found else 0.0
     if noise > NOISY:
-        said = "the poses have a noise of {millimetres:.2g} mm at the tool's farthest point"
+        millimetres = 1e3 * noise
+        said = f"the poses have a noise of {millimetres:.2g} mm at the tool's farthest point"
         yield Finding(
             name="noise",
             said=f"{said}, over {1e3 * NOISY:g} mm, so forces follow the motion late",
-            evidence={"millimetres": 1e3 * noise},
+            evidence={"millimetres": millimetres},
             advice="smooth them in their driver, or take them from the arm's encoders",
         )
 
@@ -110,11 +111,12 @@ def repeated_poses(e: Evidence) -> Iterator[Finding]:
     if moving.sum() < ENOUGH or often <= REPEATED:
         return
     rate = float(1.0 / np.diff(e.pose_time[changed])[moving].mean())
-    said = "each pose is sent {times:.1f} times while the tool moves: they are measured at {rate:.0f} Hz"
+    sent = often * rate
+    said = f"each pose is sent {often:.1f} times while the tool moves: they are measured at {rate:.0f} Hz"
     yield Finding(
         name="repeated poses",
-        said=f"{said} and sent at {{sent:.0f}} Hz, and repeats are left out of the velocity",
-        evidence={"times": often, "rate": rate, "sent": often * rate},
+        said=f"{said} and sent at {sent:.0f} Hz, and repeats are left out of the velocity",
+        evidence={"times": often, "rate": rate, "sent": sent},
         remedy={"max_rate": float(round(rate))},
         advice="let the driver send each once",
     )
@@ -136,10 +138,11 @@ def surface(e: Evidence, contact: Contact | None, height: float) -> Finding:
         within = f"the measured force begins within {1e3 * contact.allowed:.0f} mm of it"
         return Finding(name="surface_height", ok=True, said=f"{given:g} m; {within}")
     side = "above" if above > 0.0 else "below"
-    begins = f"the measured force begins {{millimetres:.0f}} mm {side} where it should"
+    millimetres = 1e3 * abs(above)
+    begins = f"the measured force begins {millimetres:.0f} mm {side} where it should"
     return Finding(
         name="surface_height",
         said=f"{begins} with {given:g} m",
-        evidence={"millimetres": 1e3 * abs(above)},
+        evidence={"millimetres": millimetres},
         remedy={"surface_height": round(height, 4)},
     )

@@ -62,11 +62,13 @@ def saturation(e: Evidence) -> Iterator[Finding]:
         least, low, high = np.quantile(beyond, (0.1, 0.2, 0.9))
         grows = low > 0.9 and high > 1.15 and high - least > max(0.1, 2.0 * band / top)
         if followed > 0.0 and grows:
-            said = f"the force along {'xyz'[axis]} stays at {{limit:.3g}} N"
+            limit = float(side * top + zero[axis])
+            greatest = float(beyond.max())
+            said = f"the force along {'xyz'[axis]} stays at {limit:.3g} N"
             yield Finding(
                 name="saturation",
-                said=f"{said}; the model's grows to {{beyond:.2g}} times it",
-                evidence={"limit": side * top + zero[axis], "beyond": float(beyond.max())},
+                said=f"{said}; the model's grows to {greatest:.2g} times it",
+                evidence={"limit": limit, "beyond": greatest},
                 advice="set a larger range in the load cell or its driver, or press less",
             )
 
@@ -92,7 +94,7 @@ def torque(e: Evidence) -> Iterator[Finding]:
     if not found and alike > 0.9 and not 0.03 < ratio < 30.0:
         yield Finding(
             name="units of torque",
-            said="the torque is {ratio:.3g} times that of the measured force at its lever",
+            said=f"the torque is {ratio:.3g} times that of the measured force at its lever",
             evidence={"ratio": ratio},
             advice="the driver must give N m, and not N mm or kN m",
         )
@@ -129,10 +131,12 @@ def _lever(e: Evidence, missing: Array) -> Iterator[Finding]:
         advice.append(f"correct {e.place_parameter} to the position {in_words(place)}")
     if np.linalg.cond(of_shift[part]) > 10.0:
         advice.append("mind that it is not known along the force")
+    millimetres = 1e3 * moved
+    percent = 100.0 * float(np.sqrt(left))
     yield Finding(
         name="lever",
-        said="a sensor {millimetres:.0f} mm away explains the torque; {left:.0f} % of the misfit remain",
-        evidence={"millimetres": 1e3 * moved, "left": 100.0 * float(np.sqrt(left))},
+        said=f"a sensor {millimetres:.0f} mm away explains the torque; {percent:.0f} % of the misfit remain",
+        evidence={"millimetres": millimetres, "left": percent},
         remedy=remedy,
         advice="; ".join(advice),
     )
@@ -142,7 +146,7 @@ def strength(e: Evidence) -> Iterator[Finding]:
     """Measured over predicted force; far from 1 it comes from a unit, a scale or the medium, or the mesh is turned."""
     zeta = zeta_of(e)
     ratio = zeta / e.law.zeta
-    said = "measured over predicted force {ratio:.3g}"
+    said = f"measured over predicted force {ratio:.3g}"
     evidence = {"ratio": ratio, "zeta": zeta}
     if _WEAKEST <= ratio <= _STRONGEST:
         yield Finding(name="strength", ok=True, said=said, evidence=evidence)
@@ -151,7 +155,7 @@ def strength(e: Evidence) -> Iterator[Finding]:
     like = f" (as if it were {unit})" if 0.4 < ratio * _UNITS[unit] < 2.5 else ""
     remedy: Mapping[str, Value] = {"medium.zeta": zeta}
     if not is_dry(zeta):
-        said += f", a ζ of {{zeta:.2g}}; dry grains have {LEAST_ZETA:g} to {MOST_ZETA:g}"
+        said += f", a ζ of {zeta:.2g}; dry grains have {LEAST_ZETA:g} to {MOST_ZETA:g}"
         few = fewer(e)
         most = _TURNED_AS_GOOD * residual(few) + _SLACK
         turns = [x for x in mesh_turns(few) if x.residual <= most]

@@ -90,13 +90,15 @@ def zero_that_moves(e: Evidence) -> Iterator[Finding]:
         return
     evidence = {"moved": best.moved, "left": best.rest / max(still, 1e-12)}
     if best.name == "friction":
-        said = "the reading in the air depends on the motion: it changes by {moved:.3g} N where the motion turns back"
+        changes = f"changes by {best.moved:.3g} N where the motion turns back"
+        said = f"the reading in the air depends on the motion: it {changes}"
         advice = "use a load cell at the tool, or free the seal; a tare cannot remove it, and calibrate would trust it"
     else:
-        changes = np.flatnonzero(np.diff(best.course)) + 1
-        evidence["from"] = air.time[max(int(changes[0]) - _NEAR, 0)]
-        evidence["to"] = air.time[min(int(changes[-1]) + _NEAR, len(air.time) - 1)]
-        said = "the reading in the air moved by {moved:.3g} N between {from:.3g} and {to:.3g} s"
+        rows = np.flatnonzero(np.diff(best.course)) + 1
+        begin = float(air.time[max(int(rows[0]) - _NEAR, 0)])
+        end = float(air.time[min(int(rows[-1]) + _NEAR, len(air.time) - 1)])
+        evidence |= {"from": begin, "to": end}
+        said = f"the reading in the air moved by {best.moved:.3g} N between {begin:.3g} and {end:.3g} s"
         advice = "zero the load cell once, before the recording, and let it warm up; calibrate would trust it"
     yield Finding(name="zero that moves", said=said, evidence=evidence, advice=advice)
 
@@ -111,7 +113,7 @@ def zero(e: Evidence) -> Iterator[Finding]:
     shown = float((e.air.force**2).sum(axis=1).mean())
     load = float(np.sqrt(max(shown - (noise(e.air.force) ** 2).sum(), 0.0)))
     greatest = float(np.linalg.norm(e.force, axis=1).max())
-    said = "it reads {load:.3g} N in the air"
+    said = f"it reads {load:.3g} N in the air"
     evidence = {"load": load}
     if e.tare:
         said += f", which a replay tares over its first {e.tare:g} s; for the node call ~/tare in the air"
@@ -134,7 +136,7 @@ def _weight(e: Evidence, evidence: dict[str, float], remedy: dict[str, Value]) -
     evidence["mass"] = mass
     if mass < -_LIGHT:
         evidence["too_much"] = -mass
-        said = "the driver subtracts {too_much:.2g} kg more than the tool weighs"
+        said = f"the driver subtracts {-mass:.2g} kg more than the tool weighs"
         advice = "correct the payload in the driver"
         return Finding(name="payload", said=said, evidence=evidence, advice=advice)
     moment = given.mass * np.array(given.center_of_mass) + e.zero[MOMENT]
@@ -142,10 +144,10 @@ def _weight(e: Evidence, evidence: dict[str, float], remedy: dict[str, Value]) -
     far = float(np.linalg.norm(center))
     if far > _LONGEST_CENTER:
         evidence["far"] = far
-        said = "the torque in the air is that of a centre of mass {far:.3g} m away"
+        said = f"the torque in the air is that of a centre of mass {far:.3g} m away"
         advice = "the driver must give N m, and not N mm"
         return Finding(name="units of torque", said=said, evidence=evidence, advice=advice)
     remedy["sensor.mass"] = max(mass, 0.0)
     remedy["sensor.center_of_mass"] = tuple(center.tolist())
-    said = "it reads {load:.3g} N in the air, as of {mass:.3g} kg below it"
+    said = f"it reads {evidence['load']:.3g} N in the air, as of {mass:.3g} kg below it"
     return Finding(name="load cell", said=said, evidence=evidence, remedy=remedy)

@@ -469,11 +469,6 @@ def test_a_clock_that_steps_in_a_recording_is_not_blamed_on_this_machine(step, s
     assert not {"machine", "surface_height"} & set(named(said))
 
 
-def test_a_findings_sentence_takes_its_numbers_and_leaves_braces_in_names_of_files():
-    finding = Finding(name="node", said="{count:.1f} of /tmp/{cell}.yaml", evidence={"count": 2.0})
-    assert finding.text == "node: 2.0 of /tmp/{cell}.yaml"
-
-
 def test_the_smallest_value_of_a_remedy_is_not_shown_as_0():
     assert (
         "mesh.scale: 1e-06"
