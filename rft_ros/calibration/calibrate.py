@@ -22,7 +22,15 @@ from rft_ros.calibration.suspicion import refuse_implausible, suspicions, withou
 from rft_ros.calibration.tool_weight import fit_tool_weight
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
-from rft_ros.parameters import LoadCell, Settings, Values, model_of, settings_of
+from rft_ros.parameters import (
+    LoadCell,
+    Settings,
+    Values,
+    law_of,
+    load_parts,
+    parts_of,
+    settings_of,
+)
 from rft_ros.rft import FORCE, Law, wrenches
 from rft_ros.rft.frames import Placement
 
@@ -58,7 +66,7 @@ def calibrate(
         refuse_implausible(track)
     cell = _placed_cell(settings, tracks_sent)
     tracks_placed = [without_repeats(replace(track, cell=cell)) for track in tracks_sent]
-    law = _law_of(values, tracks_placed[0])
+    law = _law_of(values)
     surface_placed = _surface(result, tracks_placed, law, settings, parts)
 
     length = float(values["medium.mobilization_length"])
@@ -122,11 +130,12 @@ def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
     return replace(settings.load_cell, position=place.position, quaternion=place.quaternion)
 
 
-def _law_of(values: Values, track: Track) -> Law:
+def _law_of(values: Values) -> Law:
     """The law at ζ = 1, without memory."""
-    # only the law of this model is used, so any tool will do; fits assume level ground
-    at_one = {**values, "ground.cell": 0.0, "ground.file": "", "medium.zeta": 1.0}
-    return replace(model_of(at_one, tool=track.tool).law, mobilization_length=0.0)
+    parts = parts_of({**values, "ground.cell": 0.0, "ground.file": ""})
+    del parts["tool"]
+    law = law_of({**values, "medium.zeta": 1.0}, load_parts(parts))
+    return replace(law, mobilization_length=0.0)
 
 
 def _recordings(tracks: Sequence[Track], law: Law, surface: _Surface) -> list[Recorded]:

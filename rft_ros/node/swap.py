@@ -4,7 +4,7 @@ The node keeps answering with the old model meanwhile.
 """
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
@@ -22,7 +22,6 @@ from rft_ros.parameters import (
     model_of,
     parts_of,
     settings_of,
-    unused,
 )
 from rft_ros.tool import checked_mesh, locate_mesh
 
@@ -30,24 +29,27 @@ _ANSWERS_WITHIN = 0.05
 """s; a tick waits so long for a drive that does not say whether a file exists."""
 
 
-class _InForce(NamedTuple):
-    """A part of the model that is used now: the values that it was loaded with, and what was loaded."""
-
-    values: Values
-    content: Any
-
-
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prepared:
     """Everything that is made from the checked `values` of all parameters. It is made once, when they are validated.
 
-    `settings` and `model` can be used at once: the model has the parts that are loaded, which are `in_force`.
+    `settings` and `model` can be used at once: the model is that of the values `in_force`, whose `parts` are loaded.
     """
 
     values: Values
     settings: Settings
     model: Model
-    in_force: dict[str, _InForce]
+    in_force: Values
+    parts: dict[str, Any]
+
+    @property
+    def missing(self) -> dict[str, Values]:
+        """The parts of `parts_of` that are not loaded yet."""
+        return {
+            part: wanted
+            for part, wanted in parts_of(self.values).items()
+            if wanted != _of(self.in_force, wanted)
+        }
 
 
 class Failed(NamedTuple):
@@ -82,21 +84,20 @@ class Swap:
         self._code = needed(values)
         prepare(self._code, on_cold_cache)
         self._code_thread = prepare_later(PARTS - self._code)
-        wanted = parts_of(values)
         # after the code is in the cache; otherwise the worker compiles it, too
-        loaded = worker.load(wanted)
-        in_force = {part: _InForce(wanted[part], content) for part, content in loaded.items()}
+        parts = worker.load(parts_of(values))
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
         self._loads: dict[str, _Load] = {}  # by part
-        self.prepared = _made(values, in_force, generation=0)
+        self.prepared = _made(values, values, parts, generation=0)
         """The values, settings and model that are used now."""
 
     def prepare(self, values: Values) -> Prepared:
         """Prepare a change to these values, without reading files. Raises InputError for unusable values."""
         self._check_code(needed(values))
         before = self.prepared
-        made = _made(values, before.in_force, generation=before.model.generation + 1)
+        generation = before.model.generation + 1
+        made = _made(values, before.in_force, before.parts, generation=generation)
         check = self._check_thread.submit(_check_files, made)
         # without an answer the drive stalls, and the worker finds what is wrong
         if wait([check], _ANSWERS_WITHIN).done:
@@ -124,11 +125,13 @@ class Swap:
     def want(self, prepared: Prepared) -> None:
         """Use what was prepared, and start to load what is missing for it. A load of the same files goes on."""
         self.prepared = prepared
-        for part, wanted in parts_of(prepared.values).items():
-            if part in self._loads and self._loads[part].wanted != wanted:
+        missing = prepared.missing
+        for part in [*self._loads]:
+            if self._loads[part].wanted != missing.get(part):
                 # one that has begun sees that it is no longer wanted
                 self._loads.pop(part).loaded.cancel()
-            if part not in self._loads and wanted != prepared.in_force[part].values:
+        for part, wanted in missing.items():
+            if part not in self._loads:
                 loaded = self._file_thread.submit(self._load, part, wanted)
                 self._loads[part] = _Load(wanted, loaded, since=time.monotonic())
 
@@ -136,9 +139,7 @@ class Swap:
         if part == "ground":
             # takes 0.3 s the first time; in this thread no tick waits for it
             decoder("surface", ros1=False)
-        return self._worker.load(
-            {part: wanted}, lambda: parts_of(self.prepared.values)[part] == wanted
-        )
+        return self._worker.load({part: wanted}, lambda: self.prepared.missing.get(part) == wanted)
 
     def poll(self) -> Prepared | Failed | None:
         """Takes a load that has ended: returns the new `prepared`, or why it failed; None while all still run."""
@@ -152,36 +153,44 @@ class Swap:
             loaded = load.loaded.result()
         except InputError as error:
             self.last_failure = str(error)
-            return Failed(undo=before.in_force[part].values, reason=self.last_failure)
+            return Failed(undo=_of(before.in_force, load.wanted), reason=self.last_failure)
         self.last_failure = ""
-        in_force = before.in_force | {part: _InForce(load.wanted, loaded[part])}
-        generation = before.model.generation + 1
-        self.prepared = _made(before.values, in_force, generation=generation)
+        self.prepared = _made(
+            before.values,
+            {**before.in_force, **load.wanted},
+            before.parts | loaded,
+            generation=before.model.generation + 1,
+        )
         return self.prepared
 
 
-def _made(values: Values, in_force: dict[str, _InForce], *, generation: int) -> Prepared:
-    """Settings of these values, and a model of the parts in force; a part that the values do not use is None."""
-    parts = dict(in_force)
-    for part, wanted in parts_of(values).items():
-        if unused(part, wanted):
-            parts[part] = _InForce(wanted, None)
-    current = dict(values)
-    contents = {}
-    for part, loaded in parts.items():
-        current |= loaded.values
-        contents[part] = loaded.content
-    model = model_of(current, **contents, generation=generation)
-    return Prepared(values=values, settings=settings_of(values), model=model, in_force=parts)
+def _made(
+    values: Values, in_force: Values, parts: Mapping[str, Any], *, generation: int
+) -> Prepared:
+    """Settings of these values, and a model of them; each part that has to be loaded stays as it is in force."""
+    now = dict(values)
+    for wanted in parts_of(values).values():
+        now |= _of(in_force, wanted)
+    parts_now = {part: parts[part] for part in parts_of(now)}
+    return Prepared(
+        values=values,
+        settings=settings_of(values),
+        model=model_of(now, parts_now, generation=generation),
+        in_force=now,
+        parts=parts_now,
+    )
+
+
+def _of(values: Values, names: Iterable[str]) -> Values:
+    """The values of these parameters."""
+    return {name: values[name] for name in names}
 
 
 def _check_files(made: Prepared) -> None:
     """Raise InputError for a newly wanted file that does not exist or cannot be read. Does not open it."""
-    for part, wanted in parts_of(made.values).items():
-        if wanted == made.in_force[part].values:
+    for part, wanted in made.missing.items():
+        if part == "tool":
+            checked_mesh(locate_mesh(wanted["mesh.file"]), "mesh.file")
             continue
         for name, file in files_in(wanted).items():
-            if name == "mesh.file":
-                checked_mesh(locate_mesh(file), "mesh.file")
-            else:
-                checked_file(Path(file), name)
+            checked_file(Path(file), name)

@@ -11,13 +11,12 @@ from rft_ros.parameters.file import (
     write_parameter_file,
 )
 from rft_ros.parameters.from_values import (
+    law_of,
     load_parts,
-    medium_of,
     model_of,
     parts_of,
     settings_of,
     tool_of,
-    unused,
 )
 from rft_ros.parameters.medium_file import (
     is_medium_file,
@@ -46,8 +45,8 @@ __all__ = [
     "checked",
     "defaults",
     "is_medium_file",
+    "law_of",
     "load_parts",
-    "medium_of",
     "model_of",
     "named_files",
     "node_parameters",
@@ -62,7 +61,6 @@ __all__ = [
     "sections_for",
     "settings_of",
     "tool_of",
-    "unused",
     "write_medium",
     "write_parameter_file",
 ]

@@ -12,8 +12,7 @@ from rft_ros.parameters.settings import LoadCell, Model, Settings
 from rft_ros.parameters.table import checked, defaults
 from rft_ros.rft import (
     LAW_NUMBERS,
-    Medium,
-    Table,
+    Law,
     alpha_y_model,
     law_named,
     medium_named,
@@ -41,16 +40,10 @@ def tool_of(values: Values) -> Tool:
     )
 
 
-def ground_of(values: Values) -> HeightMap | None:
-    """Load the ground at the start from checked values; None: a level plane."""
+def ground_of(values: Values) -> HeightMap:
+    """Load the ground at the start from checked values whose `ground.cell` is not 0."""
     cell = values["ground.cell"]
     file = values["ground.file"]
-    if file and not cell:
-        raise InputError(
-            f"ground.file '{file}' needs ground.cell, the side of a cell [m]; it is 0"
-        )
-    if not cell:
-        return None
     return read_height_map(Path(file), cell) if file else HeightMap.unknown(cell)
 
 
@@ -74,26 +67,31 @@ _PARTS: dict[str, tuple[tuple[str, ...], Callable[[Values], Any]]] = {
         lambda values: read_alpha_y_table(values["alpha_y.table"]),
     ),
 }
-"""The parts of a model that are loaded from files: the parameters of each, and the function of their values.
-
-If the first parameter is 0 or empty, there is nothing to load, and the part is None.
-"""
+"""The parts of a model that take time to load: the parameters of each, and the function of their values."""
 
 
 def parts_of(values: Values) -> dict[str, Values]:
-    """The parts of a model that are loaded from files, and the values of the parameters that each needs.
+    """The parts of the model that have to be loaded for checked values, each with the values of its parameters.
 
-    The keys are arguments of `model_of`.
+    Raises InputError if a parameter that belongs to another one is missing.
     """
-    return {name: {p: values[p] for p in parameters} for name, (parameters, _) in _PARTS.items()}
-
-
-def unused(part: str, values: Values) -> bool:
-    """Whether a part of `parts_of` is None with these values: no file has to be read for it."""
-    if part == "table" and values["alpha_y.model"] != "table":
-        return True
-    parameters, _ = _PARTS[part]
-    return not values[parameters[0]]
+    ground_file = values["ground.file"]
+    cell = values["ground.cell"]
+    if ground_file and not cell:
+        raise InputError(
+            f"ground.file '{ground_file}' needs ground.cell, the side of a cell [m]; it is 0"
+        )
+    has_table = values["alpha_y.model"] == "table"
+    if has_table and not values["alpha_y.table"]:
+        raise InputError(
+            "alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first"
+        )
+    used = {"tool": True, "ground": cell, "medium": values["medium.file"], "table": has_table}
+    return {
+        part: {name: values[name] for name in parameters}
+        for part, (parameters, _) in _PARTS.items()
+        if used[part]
+    }
 
 
 def load_parts(parts: Mapping[str, Values]) -> dict[str, Any]:
@@ -101,36 +99,31 @@ def load_parts(parts: Mapping[str, Values]) -> dict[str, Any]:
     loaded = {}
     for part, values in parts.items():
         _, load = _PARTS[part]
-        loaded[part] = None if unused(part, values) else load(values)
+        loaded[part] = load(values)
     return loaded
 
 
-def medium_of(values: Values) -> Medium:
-    """The medium from checked values: of medium.file if it is set, otherwise of medium.name. Raises InputError."""
-    file = values["medium.file"]
-    return read_medium(file) if file else medium_named(values["medium.name"])
+def law_of(values: Values, parts: Mapping[str, Any]) -> Law:
+    """The law from checked values. `parts`: of `load_parts`, those of the medium and of α_y."""
+    medium = parts.get("medium") or medium_named(values["medium.name"])
+    alpha_y = alpha_y_model(values["alpha_y.model"], medium, parts.get("table"))
+    of_law = {name: values[f"medium.{name}"] for name in LAW_NUMBERS}
+    return law_named(values["law"], medium, alpha_y, **of_law)
 
 
 def model_of(
-    values: Values,
-    *,
-    tool: Tool | None = None,
-    medium: Medium | None = None,
-    table: Table | None = None,
-    ground: HeightMap | None = None,
-    generation: int = 0,
+    values: Values, parts: Mapping[str, Any] | None = None, *, generation: int = 0
 ) -> Model:
-    """The model from checked values. Parts that are not given are loaded. Raises InputError for unusable files."""
-    alpha_y = values["alpha_y.model"]
-    if alpha_y == "table" and table is None:
-        table = read_alpha_y_table(values["alpha_y.table"])
-    if medium is None:
-        medium = medium_of(values)
-    of_law = {name: values[f"medium.{name}"] for name in LAW_NUMBERS}
+    """The model from checked values. `parts`: those of `load_parts`; None: they are loaded here.
+
+    Raises InputError for unusable files.
+    """
+    if parts is None:
+        parts = load_parts(parts_of(values))
     return Model(
-        tool=tool or tool_of(values),
-        law=law_named(values["law"], medium, alpha_y_model(alpha_y, medium, table), **of_law),
-        ground=ground or ground_of(values),
+        tool=parts["tool"],
+        law=law_of(values, parts),
+        ground=parts.get("ground"),
         generation=generation,
     )
 

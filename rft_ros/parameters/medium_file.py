@@ -74,10 +74,6 @@ def read_alpha_y_table(file: str) -> Table:
 
     Units are as in `read_stress_map`. Raises InputError.
     """
-    if not file:
-        raise InputError(
-            "alpha_y.model 'table' needs alpha_y.table to name a CSV file; set that first"
-        )
     named = f"alpha_y.table '{file}'"
     rows = _read(Path(file), "alpha_y.table", (_BETA, _ALPHA_Y), (_GAMMA,))
     stresses = rows.columns["alpha_y"]

@@ -24,14 +24,13 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.files import read_text, whole
-from rft_ros.parameters import medium_of, model_of, parts_of, tool_of
+from rft_ros.parameters import load_parts, model_of, parts_of
 from rft_ros.parameters.from_values import parameters_of
 from rft_ros.progress import bar
-from rft_ros.rft import AXES, FORCE, POSITION, TWIST, WRENCH, Medium
+from rft_ros.rft import AXES, FORCE, POSITION, TWIST, WRENCH
 from rft_ros.states_file import read_states, wrenches_along
 from rft_ros.sweeps.design import Content, Design, Variant, checksum_of, motion_of
 from rft_ros.sweeps.motions import sample
-from rft_ros.tool import Tool
 
 Array = NDArray[np.float64]
 
@@ -54,9 +53,8 @@ def evaluate(variant: Variant) -> dict[str, float]:
     from scipy.integrate import trapezoid  # takes 0.3 s, and only this command needs it
 
     values = parameters_of({**variant.tool, **variant.medium})
-    tool = _tool(tuple(parts_of(values)["tool"].items()))
-    medium = _medium(values["medium.name"], values["medium.file"])
-    model = model_of(values, tool=tool, medium=medium)
+    parts = {part: _loaded(part, tuple(of.items())) for part, of in parts_of(values).items()}
+    model = model_of(values, parts)
     times, states = _motion(tuple(variant.motion.items()))
     if (np.diff(times) < 0.0).any():
         raise InputError(
@@ -80,14 +78,10 @@ def evaluate(variant: Variant) -> dict[str, float]:
 
 # Few values are cached, since tools vary slowest and media fastest: 400 motions of 20,000 samples took 0.9 GB.
 # `_check_contents` clears them, since files may change between two studies of one worker in a cluster.
-@lru_cache(maxsize=4)
-def _tool(items: tuple[tuple[str, Any], ...]) -> Tool:
-    return tool_of(dict(items))
-
-
-@lru_cache(maxsize=16)
-def _medium(name: str, file: str) -> Medium:
-    return medium_of({"medium.name": name, "medium.file": file})
+@lru_cache(maxsize=8)
+def _loaded(part: str, items: tuple[tuple[str, Any], ...]) -> Any:
+    """A part of the model, from the items of its values."""
+    return load_parts({part: dict(items)})[part]
 
 
 @lru_cache(maxsize=16)
@@ -127,7 +121,7 @@ def _check_contents(contents: tuple[Content, ...]) -> None:
             raise InputError(
                 f"a worker ({there}) has another {kind} '{name}' than this process; {_ADVICE[kind]}"
             )
-    for cached in (_tool, _medium, _motion):
+    for cached in (_loaded, _motion):
         cached.cache_clear()
 
 

@@ -155,7 +155,7 @@ def test_a_model_is_the_tool_medium_and_alpha_y_of_the_values(values):
     assert model.tool.plates.area == pytest.approx(1e-4)
     assert model.tool.vertices.min(axis=0) == pytest.approx([-0.005, -0.005, 0.0])
     # it is not loaded again
-    again = model_of({**values, "mesh.file": "/nowhere.stl"}, tool=model.tool)
+    again = model_of({**values, "mesh.file": "/nowhere.stl"}, {"tool": model.tool})
     assert again.tool is model.tool
 
 
