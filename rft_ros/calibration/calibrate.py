@@ -126,8 +126,7 @@ def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
                 f"{tracks[0].name} and {track.name}: their transforms place the load cell differently; calibrate each "
                 "of the two mountings on its own"
             )
-    place = places[0]
-    return replace(settings.load_cell, position=place.position, quaternion=place.quaternion)
+    return settings.load_cell.at(places[0])
 
 
 def _law_of(values: Values) -> Law:
@@ -199,7 +198,7 @@ def _without_inertia(track: Track, law: Law, surface: float) -> Track:
         wrenches(track.tool.plates, each, track.states, surface_height=surface)
         for each in (law, replace(law, density=0.0))
     )
-    force = np.einsum("nji,nj->ni", track.sensor_rotations, (full - slow)[:, FORCE])
+    force = track.cell_along.to_world.inv().apply((full - slow)[:, FORCE])
     readings = track.readings.copy()
     readings[:, FORCE] -= track.cell.sign * force
     return replace(track, readings=readings)

@@ -30,7 +30,8 @@ from rft_ros.calibration.fitting import (
 from rft_ros.calibration.recorded import LATEST, BedValues, Recorded, course_of_force
 from rft_ros.calibration.smoothing import interpolated
 from rft_ros.calibration.track import FEWEST, Indices, Track, Turn, down_strokes
-from rft_ros.rft import FORCE, Law
+from rft_ros.diagnosis import press_states
+from rft_ros.rft import FORCE, Law, wrenches
 
 Array = NDArray[np.float64]
 
@@ -46,14 +47,17 @@ MOST_UNLIKE = 0.15
 """Greatest accepted RMS residual, relative to the greatest force or its range."""
 
 _VERTICAL = slice(2, 3)
-_AIR = 0.02  # height [m] up to which the force in the air is used: further up the load cell may have drifted
-# share of the stroke's depth to which first contact is fitted, and at least `_AT_LEAST`.
+# m above the surface, up to which the force in the air is used: further up the load cell may have drifted
+_AIR = 0.02
+# A first contact is fitted down to this share of the stroke's depth, and at least to `_AT_LEAST` [m]. Over the whole
+# depth, a pressure that grows faster than linearly would shift the surface down.
 _SHALLOW = 0.25
-_AT_LEAST = 0.004  # m. Over the whole depth, a pressure that grows faster than linearly would shift the surface down.
-# of a first contact that are tried, each with the surface found in the one before
-_MOST_WINDOWS = 6
-_HEIGHTS = 24  # heights that are tried before the best one is refined
-_DEPTHS = 256  # at which the force of a first contact is computed
+_AT_LEAST = 0.004
+_MOST_WINDOWS = (
+    6  # ranges of height that are fitted in turn, each about the surface that the one before gave
+)
+_HEIGHTS = 24  # surface heights that are tried before the best one is refined
+_DEPTHS = 256  # depths at which the force of a first contact is computed
 _LEAST_RISE = 6.0  # least rise of the force at a first contact, relative to the RMS residual
 _IN_AIR = 10  # least number of samples in the air before a first contact
 _MOST_UNSURE = 0.75  # greatest accepted standard error of λ, relative to λ
@@ -214,7 +218,8 @@ def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Cont
     low = float(height.min())
     high = float(height.max())
     depths = np.linspace(0.0, high - low, _DEPTHS)
-    force_of_law = track.forces_over_depth(law, int(stroke[-1]), depths)[:, 2]
+    pressed = press_states(track.tool, track.states[stroke[-1]], depths)
+    force_of_law = wrenches(track.tool.plates, law, pressed, threads=1)[:, 2]
 
     used = np.ones(len(stroke), dtype=np.bool_)
     least = low

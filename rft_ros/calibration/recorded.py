@@ -94,8 +94,9 @@ class Recorded:
         way[moving] = velocity[moving] / speed[moving, None]
         if not way[in_air].any():
             return np.zeros_like(way)
+        axes = track.cell_along.to_world.as_matrix()
         weight = np.broadcast_to([[0.0], [0.0], [1.0]], (len(way), 3, 1))
-        columns = np.concatenate([track.sensor_rotations, weight, way[:, :, None]], axis=2)
+        columns = np.concatenate([axes, weight, way[:, :, None]], axis=2)
         in_rows = columns[in_air].reshape(-1, 5)
         found = np.linalg.lstsq(in_rows, track.forces[in_air].ravel(), rcond=None)[0]
         return np.asarray(found[-1] * way)

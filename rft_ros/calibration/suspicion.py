@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.calibration.track import Track
-from rft_ros.diagnosis import REPEATED, Evidence, judge, predicted, repeats
+from rft_ros.diagnosis import REPEATED, Evidence, judge, repeats, wrenches_at_cell
 from rft_ros.errors import InputError
 from rft_ros.parameters import Settings
 from rft_ros.rft import POSE, POSITION, Law
@@ -90,7 +90,7 @@ def suspicions(
         state=track.states,
         depth=surface - track.heights,
         speed=np.add(*track.speeds(track.states)),
-        predicted=predicted(track.tool, law, track.cell, track.states, surface),
+        predicted=wrenches_at_cell(track.tool, law, track.cell_along, surface),
         measured=track.compensated,
         pose_time=sent.time,
         poses=sent.states[:, POSE],

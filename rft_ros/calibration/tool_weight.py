@@ -185,7 +185,7 @@ def _reasons(poses: _Poses, mass: _Mass, cell: LoadCell) -> dict[str, str]:
 
 def _turned_as_in_grains(poses: _Poses, tracks: Sequence[Track], air: float) -> _Poses:
     """Those of the poses in which gravity lies in the sensor frame as it does below z = `air` [m] on the whole."""
-    gravity = np.concatenate([track.gravity[track.heights < air] for track in tracks])
+    gravity = np.concatenate([track.cell_along.gravity[track.heights < air] for track in tracks])
     mean = gravity.mean(axis=0) if len(gravity) else np.zeros(3)
     alike = poses.gravity @ mean > np.cos(_ALIKE) * GRAVITY**2
     return _Poses(*(part[alike] for part in poses))
@@ -198,7 +198,7 @@ def _poses_at_rest(tracks: Sequence[Track], air: float) -> _Poses:
         resolutions = [_resolution(readings) for readings in track.readings.T]
         for rows in still_intervals(track):
             if track.heights[rows].min() > air:
-                gravity = track.gravity[rows].mean(axis=0)
+                gravity = track.cell_along.gravity[rows].mean(axis=0)
                 found.append((gravity, *_reading_at_rest(track, rows, resolutions)))
     if not found:
         raise NotIdentifiable(

@@ -16,10 +16,11 @@ from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.playback import played, reasons
 from rft_ros.bags.reading import bag_name, opened_recording
 from rft_ros.calibration.smoothing import interpolated, segments
+from rft_ros.diagnosis import CellAlong
 from rft_ros.errors import InputError
-from rft_ros.estimator import GRAVITY, Estimator
+from rft_ros.estimator import Estimator
 from rft_ros.parameters import LoadCell, Settings, Values, model_of, settings_of
-from rft_ros.rft import FORCE, STATE, Law, wrenches
+from rft_ros.rft import FORCE, STATE
 from rft_ros.rft.frames import (
     ANGULAR_VELOCITY,
     POSE,
@@ -108,39 +109,20 @@ class Track:
         return np.asarray(np.add(*self.speeds(self.smooth)) >= self.rest_speed)
 
     @cached_property
-    def sensor_rotations(self) -> Array:
-        """Rotation of the sensor frame into the world at each moment, shape [n, 3, 3], no unit."""
-        return np.asarray(self.rotations @ Rotation.from_quat(self.cell.quaternion).as_matrix())
-
-    @property
-    def gravity(self) -> Array:
-        """Acceleration of gravity in sensor axes [m/s²], shape [n, 3]."""
-        return -GRAVITY * self.sensor_rotations[:, 2, :]
+    def cell_along(self) -> CellAlong:
+        """The load cell at the moments."""
+        return CellAlong(self.cell, self.states)
 
     @property
     def compensated(self) -> Array:
         """Measured wrench on the tool, minus bias and weight, sensor axes [N], [N m], shape [n, 6]."""
-        weight = self.cell.mass * np.hstack(
-            [self.gravity, np.cross(self.cell.center_of_mass, self.gravity)]
-        )
-        return np.asarray(self.cell.sign * (self.readings - np.array(self.cell.bias)) - weight)
+        unbiased = self.cell.sign * (self.readings - np.array(self.cell.bias))
+        return np.asarray(unbiased - self.cell_along.weight)
 
     @cached_property
     def forces(self) -> Array:
         """Measured force of the grains on the tool, world axes [N], shape [n, 3]."""
-        return np.asarray(
-            np.einsum("nij,nj->ni", self.sensor_rotations, self.compensated[:, FORCE])
-        )
-
-    def forces_over_depth(self, law: Law, row: int, depths: Array) -> Array:
-        """The law's force [N] at depths of the lowest point [m] straight down, world axes, shape [len(depths), 3].
-
-        In the attitude at a row.
-        """
-        states = np.repeat(self.states[[row]], len(depths), axis=0)
-        states[:, TWIST] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
-        states[:, STATE.index("pz")] -= self.tool.lowest_points(states)[0] + depths
-        return np.asarray(wrenches(self.tool.plates, law, states, threads=1)[:, FORCE])
+        return np.asarray(self.cell_along.to_world.apply(self.compensated[:, FORCE]))
 
 
 def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) -> Track:

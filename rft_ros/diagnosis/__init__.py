@@ -10,7 +10,14 @@ from dataclasses import replace
 
 from rft_ros.diagnosis.air import BIAS, MASS, MOMENT, SPREAD, columns_in_air, fit_in_air, spread
 from rft_ros.diagnosis.attitude import OF_POSES, attitude, mount
-from rft_ros.diagnosis.contact import at_contact, contact_of, height_above, predicted
+from rft_ros.diagnosis.cell_along import CellAlong
+from rft_ros.diagnosis.contact import (
+    at_contact,
+    contact_of,
+    height_above,
+    press_states,
+    wrenches_at_cell,
+)
 from rft_ros.diagnosis.delay import delay_of_load_cell
 from rft_ros.diagnosis.evidence import Evidence, evidence_of
 from rft_ros.diagnosis.finding import Finding
@@ -32,15 +39,17 @@ __all__ = [
     "MOMENT",
     "REPEATED",
     "SPREAD",
+    "CellAlong",
     "Evidence",
     "Finding",
     "columns_in_air",
     "evidence_of",
     "fit_in_air",
     "judge",
-    "predicted",
+    "press_states",
     "repeats",
     "spread",
+    "wrenches_at_cell",
 ]
 
 

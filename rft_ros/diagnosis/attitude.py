@@ -113,7 +113,7 @@ def mount(e: Evidence) -> Iterator[Finding]:
     place = e.place_on_tf
     if place is None or s.sensor_source == "tf" or s.tool_frame == s.sensor_frame:
         return
-    given = Placement(e.load_cell.position, e.load_cell.quaternion)
+    given = e.load_cell.place
     if given.is_at(place):
         yield Finding(name="sensor", ok=True, said="the parameters and /tf_static agree")
         return
@@ -174,7 +174,8 @@ def _of_axes(e: Evidence) -> Iterator[_Explanation]:
 def _read_in_other_axes(e: Evidence) -> Evidence:
     """As if the reading were in world axes; or, if that is set, in the axes of the load cell."""
     in_world = e.settings.sensor_source == "world"
-    turn = e.to_cell.inv() if in_world else e.to_cell
+    to_world = e.cell_along.to_world
+    turn = to_world if in_world else to_world.inv()
     settings = replace(e.settings, sensor_source="parameters" if in_world else "world")
     return replace(e.read_in(turn.as_matrix()), settings=settings)
 
@@ -197,10 +198,8 @@ def _turned(e: Evidence, *, world: Rotation = _NONE, tool: Rotation = _NONE) -> 
     for part in (POSITION, VELOCITY, ANGULAR_VELOCITY):
         states[:, part] = world.apply(states[:, part])
     states[:, QUATERNION] = (world * Rotation.from_quat(states[:, QUATERNION]) * tool).as_quat()
-    back = Placement((0.0, 0.0, 0.0), _quaternion(tool.inv()))
-    place = back.of(Placement(e.load_cell.position, e.load_cell.quaternion))
-    cell = replace(e.load_cell, position=place.position, quaternion=place.quaternion)
-    return seen(e, states, cell)
+    back = Placement(quaternion=_quaternion(tool.inv()))
+    return seen(e, states, e.load_cell.at(back.of(e.load_cell.place)))
 
 
 def _turned_world(e: Evidence, turn: Rotation, **more: Any) -> _Explanation:

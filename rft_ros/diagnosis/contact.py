@@ -4,16 +4,14 @@ from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial.transform import Rotation
 
+from rft_ros.diagnosis.cell_along import CellAlong
 from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Array, Evidence, Indices
 from rft_ros.parameters import LoadCell
 from rft_ros.rft import (
     FORCE,
-    QUATERNION,
     SLACK,
     STATE,
-    TORQUE,
     Law,
     Memory,
     displacements_followed,
@@ -49,19 +47,26 @@ class Contact(NamedTuple):
         return _ERROR + _SHARE * self.rise
 
 
-def predicted(tool: Tool, law: Law, cell: LoadCell, states: Array, surface: float) -> Array:
+def wrenches_at_cell(tool: Tool, law: Law, along: CellAlong, surface: float) -> Array:
     """The model's wrench [N], [N m] in the axes of the load cell about its origin, shape [n, 6].
 
-    `states`: shape [n, 13]. `surface` [m]: a height, the same everywhere.
+    `surface` [m]: a height, the same everywhere.
     """
-    found = _in_world(tool, law, states, surface)
-    rotation = Rotation.from_quat(states[:, QUATERNION])
-    torque = found[:, TORQUE] - np.cross(rotation.apply(cell.position), found[:, FORCE])
-    to_cell = (rotation * Rotation.from_quat(cell.quaternion)).inv()
-    return np.hstack([to_cell.apply(found[:, FORCE]), to_cell.apply(torque)])
+    return along.from_world(_wrenches_in_world(tool, law, along.states, surface))
 
 
-def _in_world(tool: Tool, law: Law, states: Array, surface: float) -> Array:
+def press_states(tool: Tool, state: Array, depths: Array) -> Array:
+    """States of a press straight down in the attitude of a state, shape [13], into grains whose surface lies at z = 0.
+
+    `depths` of the tool's lowest point [m], shape [m]; the states: shape [m, 13].
+    """
+    states = np.repeat(state[None], len(depths), axis=0)
+    states[:, TWIST] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
+    states[:, STATE.index("pz")] -= tool.lowest_points(state[None])[0] + depths
+    return states
+
+
+def _wrenches_in_world(tool: Tool, law: Law, states: Array, surface: float) -> Array:
     plates = tool.plates
     if law.mobilization_length <= 0.0:
         return wrenches(plates, law, states, surface_height=surface)
@@ -125,10 +130,8 @@ def at_contact(e: Evidence, contact: Contact) -> Evidence:
     """As if the surface were where the measured force begins, on a way straight down in the deepest attitude."""
     depths = np.linspace(0.0, 2.0 * contact.rise, 2 * _DEPTHS + 1)
     deepest = int(contact.way[-1])
-    states = np.repeat(e.state[[deepest]], len(depths), axis=0)
-    states[:, TWIST] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
-    states[:, STATE.index("pz")] -= e.tool.lowest_points(e.state[[deepest]])[0] + depths
-    force = np.linalg.norm(_in_world(e.tool, e.law, states, 0.0)[:, FORCE], axis=1)
+    pressed = press_states(e.tool, e.state[deepest], depths)
+    force = np.linalg.norm(_wrenches_in_world(e.tool, e.law, pressed, 0.0)[:, FORCE], axis=1)
     begun = force[1 : _DEPTHS + 1] >= contact.share * force[_DEPTHS + 1 :]
     raised = contact.rise + float(depths[int(np.argmax(begun)) + 1]) - float(e.depth[deepest])
     height = e.settings.surface_height + raised
@@ -137,7 +140,7 @@ def at_contact(e: Evidence, contact: Contact) -> Evidence:
         settings=replace(e.settings, surface_height=height),
         depth=e.depth + raised,
         above=0.0,
-        predicted=predicted(e.tool, e.law, e.load_cell, e.state, height),
+        predicted=wrenches_at_cell(e.tool, e.law, e.cell_along, height),
     )
 
 

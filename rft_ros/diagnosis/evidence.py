@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from rft_ros.diagnosis.air import MASS, SPREAD, columns_in_air, fit_in_air, spread
-from rft_ros.estimator import GRAVITY, Estimator
+from rft_ros.diagnosis.cell_along import CellAlong
+from rft_ros.estimator import Estimator
 from rft_ros.parameters import LoadCell, Settings
-from rft_ros.rft import FORCE, POSE, QUATERNION, STATE, TORQUE, VELOCITY, Law
+from rft_ros.rft import FORCE, POSE, STATE, TORQUE, VELOCITY, Law
 from rft_ros.rft.frames import Placement
 from rft_ros.tool import Tool
 
@@ -63,21 +63,19 @@ class Evidence:
     above: float = 0.0
 
     @cached_property
-    def to_cell(self) -> Rotation:
-        """The n turns from world axes to the axes of the load cell."""
-        to_world = Rotation.from_quat(self.state[:, QUATERNION])
-        return (to_world * Rotation.from_quat(self.load_cell.quaternion)).inv()
+    def cell_along(self) -> CellAlong:
+        """The load cell at the moments."""
+        return CellAlong(self.load_cell, self.state)
 
-    @cached_property
+    @property
     def down(self) -> Array:
         """The direction of gravity in the axes of the load cell, shape [n, 3]."""
-        return np.asarray(self.to_cell.apply((0.0, 0.0, -1.0)))
+        return self.cell_along.down
 
     @cached_property
     def with_weight(self) -> Array:
         """The measured wrench before the tool's weight was subtracted, shape [n, 6]."""
-        weight = GRAVITY * self.load_cell.mass * self.down
-        return self.measured + np.hstack([weight, np.cross(self.load_cell.center_of_mass, weight)])
+        return self.measured + self.cell_along.weight
 
     @property
     def raw(self) -> Array:
@@ -131,7 +129,7 @@ class Evidence:
     @cached_property
     def columns_in_air(self) -> Array:
         """Columns of the ten numbers of `rft_ros.diagnosis.air`, shape [n, 6, 10]."""
-        return columns_in_air(GRAVITY * self.down)
+        return columns_in_air(self.cell_along.gravity)
 
     @cached_property
     def zero(self) -> Array:
@@ -180,11 +178,10 @@ class Evidence:
     def with_cell(self, cell: LoadCell) -> "Evidence":
         """As if the load cell had this sign and quaternion."""
         other = replace(self, load_cell=cell)
-        turn = other.to_cell * self.to_cell.inv()
+        turn = other.cell_along.to_world.inv() * self.cell_along.to_world
         model = np.hstack([turn.apply(self.predicted[:, part]) for part in (FORCE, TORQUE)])
         reading = self.with_weight * cell.sign / self.load_cell.sign
-        weight = other.with_weight - other.measured
-        return replace(other, predicted=model, measured=reading - weight)
+        return replace(other, predicted=model, measured=reading - other.cell_along.weight)
 
     def read_in(self, axes: Array) -> "Evidence":
         """As if the reading were in other axes, which these matrices turn into those of the load cell.
@@ -192,8 +189,7 @@ class Evidence:
         `axes`: one of shape [3, 3], or one a moment, [n, 3, 3]. The tool's weight is subtracted afterwards.
         """
         parts = self.with_weight.reshape(-1, 2, 3) @ np.swapaxes(axes, -1, -2)
-        weight = self.with_weight - self.measured
-        return replace(self, measured=parts.reshape(-1, 6) - weight)
+        return replace(self, measured=parts.reshape(-1, 6) - self.cell_along.weight)
 
 
 def evidence_of(

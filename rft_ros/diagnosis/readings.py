@@ -13,7 +13,6 @@ from rft_ros.diagnosis.finding import Finding, in_words
 from rft_ros.diagnosis.residual import LEAST_ZETA, MOST_ZETA, is_dry, residual, zeta_of
 from rft_ros.parameters import Value
 from rft_ros.rft import TORQUE
-from rft_ros.rft.frames import Placement
 
 _WEAKEST = 0.5  # measured over predicted: beds differ by less once they are calibrated
 _STRONGEST = 2.0
@@ -46,8 +45,8 @@ def saturation(e: Evidence) -> Iterator[Finding]:
         return
     zero = np.median(e.air.raw, axis=0)
     noise_of_raw = noise(e.raw)
-    weight = wet.with_weight - wet.measured  # it varies where the tool turns
-    weight = weight - np.median(e.air.with_weight - e.air.measured, axis=0)
+    # the weight varies where the tool turns
+    weight = wet.cell_along.weight - np.median(e.air.cell_along.weight, axis=0)
     for axis, side in product(range(3), (1.0, -1.0)):
         reading = side * (wet.raw - zero)[:, axis]
         expected = side * (wet.predicted + weight)[:, axis]
@@ -82,7 +81,7 @@ def torque(e: Evidence) -> Iterator[Finding]:
     if not (e.air.is_enough and has_torque and all(finding.ok for finding in mount(e))):
         return
     model = e.push.model
-    tool = np.array(Placement(e.load_cell.position, e.load_cell.quaternion).inverse().position)
+    tool = np.array(e.load_cell.place.inverse().position)
     about_tool = e.push.predicted[:, TORQUE] - np.cross(tool, model)
     square = np.maximum((model**2).sum(axis=1, keepdims=True), 1e-12)
     expected = np.cross(tool + np.cross(model, about_tool) / square, e.push.force)

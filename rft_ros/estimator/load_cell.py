@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 from rft_ros.estimator.samples import PoseSample, WrenchSample
 from rft_ros.estimator.sigma import parts_of_prediction
 from rft_ros.parameters import LoadCell
-from rft_ros.rft.frames import Placement, Vector, Wrench, attitude, into_frame
+from rft_ros.rft.frames import Vector, Wrench, attitude, into_frame
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 
 Array = NDArray[np.float64]
@@ -81,7 +81,7 @@ class LoadCellFrame:
 
     def __init__(self, cell: LoadCell) -> None:
         self.sign = cell.sign
-        self._place = Placement(cell.position, cell.quaternion)
+        self._place = cell.place
         bias = tuple(cell.sign * b for b in cell.bias)
         mount = cell.position, cell.quaternion, cell.mass * GRAVITY, cell.center_of_mass, bias
         self._mount = np.array([mount], _MOUNT)

@@ -142,8 +142,7 @@ class FeedForward:
         frame = self.values["feedforward.frame"]
         wrench = estimate.predicted
         if frame != "sensor_frame":
-            cell = self._estimator.load_cell
-            wrench = Placement(cell.position, cell.quaternion).wrench(wrench)
+            wrench = self._estimator.load_cell.place.wrench(wrench)
         if frame == "world_frame":
             quaternion = self._estimator.state[QUATERNION].tolist()
             wrench = Placement((0.0, 0.0, 0.0), quaternion).wrench(wrench)

@@ -1,13 +1,13 @@
 """The estimator's settings, the load cell, and the model of tool and grains: values that do not change."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 from rft_ros.errors import InputError
 from rft_ros.ground import HeightMap
 from rft_ros.parameters.parameter import setting
 from rft_ros.rft import Law, described
-from rft_ros.rft.frames import Quaternion, Vector, Wrench
+from rft_ros.rft.frames import Placement, Quaternion, Vector, Wrench
 from rft_ros.rft.motion_kinds import MOTIONS
 from rft_ros.tool import Tool
 
@@ -67,6 +67,15 @@ class LoadCell:
         "s",
         (-10.0, 10.0),
     )
+
+    @property
+    def place(self) -> Placement:
+        """The sensor frame in the tool frame."""
+        return Placement(self.position, self.quaternion)
+
+    def at(self, place: Placement) -> "LoadCell":
+        """The same load cell at another place in the tool frame."""
+        return replace(self, position=place.position, quaternion=place.quaternion)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
