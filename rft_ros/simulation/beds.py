@@ -128,9 +128,14 @@ def forces_on_plates(beds, b, forces):
 @inlined
 def stiffness_matrix(s, b):
     """Write the stiffness B, shape [6, 6] [N/m, N, N m]. A displacement d adds -B d. `s`: a record of `STIFFNESS`."""
-    b[0] = (s.k, 0.0, 0.0, 0.0, s.z, -s.y)
-    b[1] = (0.0, s.k, 0.0, -s.z, 0.0, s.x)
-    b[2] = (0.0, 0.0, s.k, s.y, -s.x, 0.0)
-    b[3] = (0.0, -s.z, s.y, s.yy + s.zz, -s.xy, -s.xz)
-    b[4] = (s.z, 0.0, -s.x, -s.xy, s.xx + s.zz, -s.yz)
-    b[5] = (-s.y, s.x, 0.0, -s.xz, -s.yz, s.xx + s.yy)
+    rows = (
+        (s.k, 0.0, 0.0, 0.0, s.z, -s.y),
+        (0.0, s.k, 0.0, -s.z, 0.0, s.x),
+        (0.0, 0.0, s.k, s.y, -s.x, 0.0),
+        (0.0, -s.z, s.y, s.yy + s.zz, -s.xy, -s.xz),
+        (s.z, 0.0, -s.x, -s.xy, s.xx + s.zz, -s.yz),
+        (-s.y, s.x, 0.0, -s.xz, -s.yz, s.xx + s.yy),
+    )
+    for i in range(6):
+        for j in range(6):
+            b[i, j] = rows[i][j]

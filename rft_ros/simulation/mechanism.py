@@ -183,19 +183,12 @@ def _measure(
         x, y, z = positions[body] - centers[roots[body]]
         wx, wy, wz, vx, vy, vz = twists[body]
         qw, qx, qy, qz = quaternions[body]
-        states[b, :3] = positions[body]
-        states[b, 3:] = (
-            qx,
-            qy,
-            qz,
-            qw,
-            vx + wy * z - wz * y,
-            vy + wz * x - wx * z,
-            vz + wx * y - wy * x,
-            wx,
-            wy,
-            wz,
-        )
-        if not np.abs(states[b]).max() < _FASTEST:
-            return False
+        px, py, pz = positions[body]
+        turned = qx, qy, qz, qw
+        moved = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+        state = (px, py, pz, *turned, *moved, wx, wy, wz)
+        for k in range(13):
+            states[b, k] = state[k]
+            if not abs(state[k]) < _FASTEST:
+                return False
     return True

@@ -334,8 +334,7 @@ def _write(ids, own, written, applied, wrenches, origins, centers):
         i = ids[b]
         x, y, z = centers[i] - origins[i]
         fx, fy, fz = wrenches[b, :3]
-        written[b] = own[b] + wrenches[b]
-        written[b, 3] -= y * fz - z * fy
-        written[b, 4] -= z * fx - x * fz
-        written[b, 5] -= x * fy - y * fx
-        applied[i] = written[b]
+        moments = 0.0, 0.0, 0.0, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
+        for k in range(6):
+            written[b, k] = own[b, k] + wrenches[b, k] - moments[k]
+            applied[i, k] = written[b, k]

@@ -163,6 +163,13 @@ def _dot(a, b):
 
 
 @inlined
+def _copy(values, out):
+    """Copy a vector. An assignment to a slice would compile numba's strings, for its error: 2 s each time."""
+    for k in range(len(out)):
+        out[k] = values[k]
+
+
+@inlined
 def _times(a, x):
     """The product of a matrix and a vector."""
     product = np.empty(len(a))
@@ -208,10 +215,8 @@ def advance(beds, first, given, h):
         body.energy -= 0.5 * body.duration * power
         memory = beds.memory[b : b + 1]
         stiffness = beds.stiffness[b : b + 1]
-        wrench = np.empty((1, 6))
-        evaluate(beds, b, memory, stiffness, given[k : k + 1], wrench)
-        body.explicit[:] = wrench[0]
-        body.state[:] = given[k]
+        evaluate(beds, b, memory, stiffness, given[k : k + 1], body.explicit.reshape(1, 6))
+        _copy(given[k], body.state)
         body.duration = h
         body.is_near = _may_reach(body)
 
@@ -234,15 +239,18 @@ def _size(six, reach):
 @inlined
 def _move(state, twist, h):
     """Move a state, shape [13], in place: it takes this twist for h [s], in which it turns little."""
-    state[:3] += h * twist[:3]
-    state[7:] = twist
+    for k in range(3):
+        state[k] += h * twist[k]
+    _copy(twist, state[7:])
     a, b, c = 0.5 * h * twist[3:]
     x, y, z, w = state[3:7].copy()
     state[3] += a * w + b * z - c * y
     state[4] += b * w + c * x - a * z
     state[5] += c * w + a * y - b * x
     state[6] -= a * x + b * y + c * z
-    state[3:7] /= sqrt(_dot(state[3:7], state[3:7]))
+    norm = sqrt(_dot(state[3:7], state[3:7]))
+    for k in range(3, 7):
+        state[k] /= norm
 
 
 @inlined
@@ -263,7 +271,7 @@ def _add_constraints(matrix, constraints):
     weighted = np.zeros_like(jacobian)
     for i in range(len(state)):
         if state[i] == _QUADRATIC:
-            weighted[i] = constraints.stiffness[i] * jacobian[i]
+            _copy(constraints.stiffness[i] * jacobian[i], weighted[i])
     for c in range(constraints.cones.shape[1]):
         first = constraints.cones[0, c]
         size = constraints.cones[1, c]
@@ -285,11 +293,11 @@ def _newton(joints, constraints, trial, residual, h):
         _product(joints.jacobian[k].T, stiff[k], matrix)
     if len(constraints.state):
         _add_constraints(matrix, constraints)
-    trial.change[:] = -residual
+    _copy(-residual, trial.change)
     _eliminate(matrix, trial.change)
     by_wrench = np.empty_like(trial.wrench)
     for k in range(len(stiff)):
-        by_wrench[k] = -_times(stiff[k], trial.change)
+        _copy(-_times(stiff[k], trial.change), by_wrench[k])
     return by_wrench
 
 
@@ -321,7 +329,7 @@ def search(beds, joints, constraints, h, trial):
     for k, b in enumerate(joints.bodies):
         body = beds.bodies[b]
         twist = joints.twists[k] + h * _times(joints.jacobian[k], trial.acceleration)
-        state[0] = body.state
+        _copy(body.state, state[0])
         _move(state[0], twist, h)
         memory = beds.memory[b : b + 1].copy()
         evaluate(beds, b, memory, stiffness, state, trial.wrench[k : k + 1])
@@ -346,23 +354,39 @@ def search(beds, joints, constraints, h, trial):
             at.share *= min(at.slope / max(at.slope - along, _ROUNDING * at.slope), _LONGER)
     else:
         late = at.turn >= _WHOLE
-        trial.stiffness[:] += (0.5 if late else 1.0) * (tangents - trial.stiffness)
-        trial.start[:] = trial.acceleration
+        share = 0.5 if late else 1.0
+        for k in range(len(tangents)):
+            for i, old in enumerate(trial.stiffness[k]):
+                _copy(old + share * (tangents[k, i] - old), old)
+        _copy(trial.acceleration, trial.start)
         change = _newton(joints, constraints, trial, residual, h)
         at.slope = -_dot(residual, trial.change)
         at.within = False
         at.found = _small(beds, joints, trial, change, _LATE if late else _CLOSE, h)
         if at.found or at.turn == 0 or at.slope < at.least:
             at.least = at.slope
-            trial.best[:] = trial.wrench + change
+            for k in range(len(change)):
+                _copy(trial.wrench[k] + change[k], trial.best[k])
         at.low = 0.0
         at.at_low = at.slope
         at.high = np.inf
         at.at_high = 0.0
         at.share = 1.0
-    trial.acceleration[:] = trial.start + at.share * trial.change
+    _copy(trial.start + at.share * trial.change, trial.acceleration)
     at.turn += 1
     return at.found or at.turn == _MOST
+
+
+@inlined
+def _held(inverse):
+    """The matrix A, with a small number on its diagonal."""
+    greatest = 0.0
+    for number in inverse.ravel():
+        greatest = max(greatest, abs(number))
+    held = inverse.copy()
+    for k in range(6):
+        held[k, k] += _ROUNDING * greatest
+    return held
 
 
 @compiled
@@ -385,14 +409,14 @@ def hold_each(beds, first, inverse, free, h):
                 bodies=np.array([b]),
                 twists=(body.state[7:] + h * free[k]).reshape(1, 6),
                 jacobian=inverse[k : k + 1],
-                inertia=inverse[k] + _ROUNDING * np.abs(inverse[k]).max() * np.eye(6),
+                inertia=_held(inverse[k]),
                 force=np.zeros(6),
             )
-            trial.acceleration[:] = body.wrench
+            _copy(body.wrench, trial.acceleration)
             while not search(beds, joints, constraints, h, trial):
                 pass
             if not trial.at[0].found:
                 failed += 1
             longest = max(longest, trial.at[0].path)
-        body.wrench[:] = trial.best[0]
+        _copy(trial.best[0], body.wrench)
     return failed, longest
