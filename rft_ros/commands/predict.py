@@ -112,7 +112,7 @@ def view(arguments: argparse.Namespace) -> int:
                 f"{option} is for {'a bag' if of_states else 'states'}, not for '{source}'"
             )
     figure = _figure_of_states(arguments) if of_states else _figure_of_bag(arguments)
-    write_page(output, [figure], title=figure.title)
+    write_page(output, [figure._replace(title="")], title=figure.title)
     print(f"{len(figure.drawn.frames)} moments of {figure.title} -> {output}")
     return 0
 

@@ -170,7 +170,7 @@ def tool_figure(
     `where`: further sentences on what is shown.
     """
     drawn = animate(title, model, motion, surface_height=surface_height)
-    sentence = f"{_what_is_shown(model.law, learned=learned)} {where}"
+    sentence = f"{_what_is_shown(model.law, learned=learned)} {where}".rstrip()
     return Figure("tool", title, sentence, animation_figure(drawn))
 
 
