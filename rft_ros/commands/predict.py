@@ -63,9 +63,8 @@ def predict(arguments: argparse.Namespace) -> int:
     with busy("computing"):  # the first call compiles
         result = wrenches_along(model, times, states, surface_height=height, where=where)
     warnings.warn_of_states(tool, times, states, result[:, FORCE], surface_height=height)
-    if (
-        "concave" in tool.issues
-    ):  # only here, where wrenches are written: other commands need not repeat it
+    # only here, where wrenches are written: other commands need not repeat it
+    if "concave" in tool.issues:
         print(f"note: {tool.name}: {tool.issues['concave']}", file=sys.stderr, flush=True)
     write_wrenches(arguments.output, times, result)
     wet = int((result[:, SUBMERGED_AREA] > 0.0).sum())

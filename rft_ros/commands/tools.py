@@ -47,7 +47,7 @@ def check_mesh(arguments: argparse.Namespace) -> int:
     if union is not None:
         print(f"union: {write_union(union, tool):,} facets -> {union}")
         print(_same_options(tool, values))
-    return 1 if tool.issues.keys() - {"concave"} else 0  # many good tools are concave
+    return 1 if tool.faults else 0
 
 
 def reduce_options(command: argparse.ArgumentParser) -> None:

@@ -20,10 +20,9 @@ def warn_of_law(law: Law) -> None:
 
 
 def warn_of(tool: Tool) -> None:
-    """Print the faults of a tool's mesh on stderr. Concavity is no fault, and only `rft check-mesh` reports it."""
-    for kind, issue in tool.issues.items():
-        if kind != "concave":
-            print(f"warning: {tool.name}: {issue}", file=sys.stderr, flush=True)
+    """Print the faults of a tool's mesh on stderr."""
+    for fault in tool.faults:
+        print(f"warning: {tool.name}: {fault}", file=sys.stderr, flush=True)
 
 
 def warn_of_states(

@@ -7,7 +7,6 @@ from rft_ros.parameters.file import (
     node_parameters,
     read_parameter_file,
     section_parameters,
-    sections_for,
     write_parameter_file,
 )
 from rft_ros.parameters.from_values import (
@@ -58,7 +57,6 @@ __all__ = [
     "read_stress_map",
     "read_value",
     "section_parameters",
-    "sections_for",
     "settings_of",
     "tool_of",
     "write_medium",

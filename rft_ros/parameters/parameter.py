@@ -41,8 +41,8 @@ class Parameter:
 
     `bounds`: least and greatest value of each number. `least`: of a length [m] that may be 0, the least other value.
     `kind`: "motions" for names of `MOTIONS` with commas, "quaternion" for the four numbers of a rotation, "sign" for 1
-    or -1. `choices`: the values that a text may have; empty: any. `applies`: "live", or "restart" if the running node
-    refuses a change.
+    or -1. `is_optional`: as a field of a dataclass it is None where it has its default. `choices`: the values that a
+    text may have; empty: any. `applies`: "live", or "restart" if the running node refuses a change.
     """
 
     name: str
@@ -53,6 +53,7 @@ class Parameter:
     _: KW_ONLY
     least: float = 0.0
     kind: Literal["", "motions", "quaternion", "sign"] = ""
+    is_optional: bool = False
     choices: tuple[str, ...] = ()
     applies: Literal["live", "restart"] = "live"
 
@@ -112,13 +113,13 @@ class Parameter:
         return tuple(v / norm for v in numbers)
 
 
-def setting(*given: Any, optional: bool = False, **options: Any) -> Any:
+def setting(*given: Any, **options: Any) -> Any:
     """A field of a dataclass with the value of the `Parameter` of these arguments.
 
-    If its type is a Literal, that gives the choices. `optional`: it is None where the parameter has its default.
+    If its type is a Literal, that gives the choices.
     """
     parameter = Parameter(*given, **options)
-    default = None if optional else parameter.default
+    default = None if parameter.is_optional else parameter.default
     return field(default=default, metadata={"parameter": parameter})
 
 
@@ -137,9 +138,8 @@ def parameter_fields(owner: type) -> dict[str, Parameter]:
 def field_values(owner: type, values: Values) -> dict[str, Any]:
     """The values of the fields of a dataclass that are parameters."""
     found: dict[str, Any] = {}
-    for f in fields(owner):
-        if "parameter" in f.metadata:
-            parameter = f.metadata["parameter"]
-            value = values[parameter.name]
-            found[f.name] = f.default if value == parameter.default else value
+    for name, parameter in parameter_fields(owner).items():
+        value = values[parameter.name]
+        is_unset = parameter.is_optional and value == parameter.default
+        found[name] = None if is_unset else value
     return found

@@ -93,7 +93,7 @@ class Settings:
         0.0,
         "Relative standard error of medium.zeta. 0.0: not known.",
         bounds=(0.0, 2.0),
-        optional=True,
+        is_optional=True,
     )
     calibrated_depth: float | None = setting(
         "medium.calibrated_depth",
@@ -101,7 +101,7 @@ class Settings:
         "Greatest depth reached in the calibration. Estimates at greater depth get the flag deep. 0.0: not known.",
         "m",
         (0.0, 1e3),
-        optional=True,
+        is_optional=True,
     )
     grain_diameter: float | None = setting(
         "medium.grain_diameter",
@@ -110,7 +110,7 @@ class Settings:
         "known.",
         "m",
         (0.0, 1.0),
-        optional=True,
+        is_optional=True,
     )
     calibrated_motions: str = setting(
         "medium.calibrated_motions",

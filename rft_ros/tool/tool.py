@@ -67,6 +67,11 @@ class Tool:
     reduction: str = ""
 
     @property
+    def faults(self) -> list[str]:
+        """The sentences on what is wrong with the mesh. Concavity is no fault: many good tools are concave."""
+        return [issue for kind, issue in self.issues.items() if kind != "concave"]
+
+    @property
     def bounds(self) -> NDArray[np.float64]:
         """The least and the greatest coordinates [m], shape [2, 3]."""
         return np.array([self.corners.min(axis=0), self.corners.max(axis=0)])
@@ -280,7 +285,7 @@ def describe_tool(tool: Tool) -> list[str]:
         heights = (tool.facets.centroids * tool.facets.normals).sum(axis=0)
         volume = float(heights @ tool.facets.areas) / 3.0
         lines.append(f"volume: {1e9 * volume:.1f} mm³")
-    lines += [f"warning: {issue}" for kind, issue in tool.issues.items() if kind != "concave"]
+    lines += [f"warning: {fault}" for fault in tool.faults]
     if "concave" in tool.issues:
         lines.append(f"note: {tool.issues['concave']}")
     return lines
