@@ -2,16 +2,18 @@
 
 import argparse
 import shlex
+from collections.abc import Sequence
 from pathlib import Path
 
 from rft_ros.bags.options import ReplayOptions, topics_of
 from rft_ros.bags.replay import replay
 from rft_ros.commands import options
+from rft_ros.diagnosis import Finding
 from rft_ros.doctor.checkup import Cell, compiled, examine_bag
 from rft_ros.errors import InputError
 from rft_ros.estimator.warm_up import prepare
 from rft_ros.installation import program, share_directory
-from rft_ros.parameters import model_of, named_files, node_parameters, read_parameter_file
+from rft_ros.parameters import Value, model_of, named_files, node_parameters, read_parameter_file
 from rft_ros.parameters.file import write_changed
 from rft_ros.progress import busy
 
@@ -26,7 +28,7 @@ def doctor_options(command: argparse.ArgumentParser) -> None:
     options.share(command, "--node", "--remap")
     seconds = "time to listen to ROS [s] (default 5)"
     command.add_argument("--seconds", type=options.number, default=5.0, metavar="S", help=seconds)
-    write = "write the parameter file with the values that mend the findings"
+    write = "write the parameter file with the values that mend the findings, but for those with several causes"
     command.add_argument("--write", dest="output", type=Path, metavar="NEW.yaml", help=write)
 
 
@@ -59,10 +61,28 @@ def doctor(arguments: argparse.Namespace) -> int:
     for finding in findings:
         print("OK " if finding.ok else "FIX", finding.text)
     if arguments.output:
-        changes = {name: value for finding in findings for name, value in finding.remedy.items()}
-        write_changed(arguments.output, arguments.params, changes, node=chosen.node)
-        print(f"-> {arguments.output} with {', '.join(changes) or 'no change'}")
+        _write_remedies(arguments, findings, node=chosen.node)
     return 0 if all(finding.ok for finding in findings) else 1
+
+
+def _write_remedies(
+    arguments: argparse.Namespace, findings: Sequence[Finding], *, node: str
+) -> None:
+    """Write the parameter file with the remedies, but for those beside which other explanations fit alike."""
+    changes: dict[str, Value] = {}
+    unsure = []
+    for finding in findings:
+        if finding.alike:
+            unsure.append(finding.name)
+        else:
+            changes |= finding.remedy
+    write_changed(arguments.output, arguments.params, changes, node=node)
+    said = f"-> {arguments.output} with {', '.join(changes) or 'no change'}"
+    if unsure:
+        said += (
+            f"; nothing was written for {', '.join(unsure)}, which several causes explain alike"
+        )
+    print(said)
 
 
 def demo_options(command: argparse.ArgumentParser) -> None:

@@ -125,7 +125,7 @@ def mount(e: Evidence) -> Iterator[Finding]:
         said=f"the parameters differ from /tf_static by {degrees:.0f} degrees and {millimetres:.0f} mm",
         evidence={"degrees": degrees, "millimetres": millimetres},
         remedy={"sensor.frame_source": "tf"},
-        alike=({"sensor.position": place.position, "sensor.quaternion": place.quaternion},),
+        advice=f"set sensor.position: {in_words(place.position)} and sensor.quaternion: {in_words(place.quaternion)}",
     )
 
 
@@ -136,10 +136,16 @@ def _quaternion(turn: Rotation) -> tuple[float, float, float, float]:
 
 def _turned_cell(e: Evidence, turn: Rotation, **more: Any) -> _Explanation:
     quaternion = _quaternion(Rotation.from_quat(e.load_cell.quaternion) * turn)
+    remedy: Mapping[str, Value] = {"sensor.quaternion": quaternion}
+    advice = ""
+    if e.place_parameter:
+        remedy = {}
+        advice = f"correct {e.place_parameter} to the quaternion {in_words(quaternion)}"
     return _Explanation.of(
         e,
         lambda e: e.with_cell(replace(e.load_cell, quaternion=quaternion)),
-        remedy={"sensor.quaternion": quaternion},
+        remedy=remedy,
+        advice=advice,
         shown={"angle": float(np.degrees(turn.magnitude()))},
         **more,
     )
@@ -283,7 +289,7 @@ def attitude(e: Evidence) -> Attitude:
     if not told:
         return Attitude(_unexplained(few, own), 1.0, e, is_known=True)
     main, *others = _alike(few, told, own)
-    finding = _finding(e, main, others, own)
+    finding = _finding(main, others, own)
     is_known = bool(finding.remedy) and not others
     cell = main.mended(e) if is_known else e
     return Attitude(finding, main.residual / own, cell, is_known)
@@ -337,12 +343,8 @@ def _by_torque(e: Evidence, near: list[_Explanation]) -> list[_Explanation]:
     return [x for x, r in zip(near, found, strict=True) if r > max(found) - _TORQUE_ALIKE]
 
 
-def _finding(e: Evidence, main: _Explanation, others: list[_Explanation], own: float) -> Finding:
-    remedies = [x.remedy for x in (main, *others) if x.remedy]
+def _finding(main: _Explanation, others: list[_Explanation], own: float) -> Finding:
     advice = [x.advice for x in (main, *others) if x.advice]
-    if e.place_parameter and remedies and "sensor.quaternion" in remedies[0]:
-        right = in_words(remedies.pop(0)["sensor.quaternion"])
-        advice.append(f"correct {e.place_parameter} to the quaternion {right}")
     if others:
         advice.append("drag it along x and y, and push at another attitude, to see which")
     residuals = f"residual {own:.2g}; with the remedy {main.residual:.2g}"
@@ -355,8 +357,8 @@ def _finding(e: Evidence, main: _Explanation, others: list[_Explanation], own: f
         name=main.name,
         said=said,
         evidence={"own": own, "left": main.residual, **main.shown},
-        remedy=remedies[0] if remedies else {},
-        alike=tuple(remedies[1:]),
+        remedy=main.remedy,
+        alike=tuple(x.remedy for x in others),
         advice=", or ".join(advice),
     )
 

@@ -21,8 +21,8 @@ class Finding:
     """One parameter of a cell, or another property of its set-up, and whether it is right.
 
     `said`: a sentence. `evidence`: by name the numbers that show it. `remedy`: by name the values of parameters that
-    mend it; `alike`: other explanations that leave as small a residual, each as such a remedy. `advice`: what to do
-    beside or in place of them.
+    mend it; `alike`: the remedies of other explanations that leave as small a residual, {} for one that no parameter
+    mends. `advice`: what to do beside or in place of them.
     """
 
     name: str

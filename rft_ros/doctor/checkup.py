@@ -1,7 +1,7 @@
 """Checks a cell's set-up on its samples: clocks, inputs and frames here, the rest by `rft_ros.diagnosis`."""
 
 from collections import Counter
-from collections.abc import Collection, Iterator
+from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import NamedTuple
@@ -117,38 +117,53 @@ def delayed(ages: NDArray[np.float64], limit: float) -> bool:
     return len(ages) > 0 and float(np.median(ages) - _age_of(ages)) > limit
 
 
-def _clock_findings(arrivals: _Arrivals, *, limit: float, live: bool) -> Iterator[Finding]:
-    """A step of a clock, or delays of single messages, by more than `limit` [s]. `live`: not from a recording."""
+class _Words(NamedTuple):
+    """What findings on times of arrival say: `name` of that on delays, the `clock`, and so on."""
+
+    name: str
+    clock: str
+    in_step: str
+    arrive: str
+    busy: str
+    again: str
+
+
+_IN_STEP = "keep the clocks in step (NTP, PTP) from before the start"
+_OF_LIVE = _Words(
+    name="machine",
+    clock="this machine's clock",
+    in_step=_IN_STEP,
+    arrive="arrive",
+    busy="this machine is too busy to judge",
+    again="end other work, and run again",
+)
+_OF_RECORDING = _Words(
+    name="recording",
+    clock="the recorder's clock",
+    in_step=f"{_IN_STEP}, or use the part before or after it with --start or --end",
+    arrive="were recorded",
+    busy="the recorder or the network was behind",
+    again="record again, on a machine with less work",
+)
+
+
+def _clock_findings(arrivals: _Arrivals, *, limit: float, words: _Words) -> Iterator[Finding]:
+    """A step of a clock, or delays of single messages, by more than `limit` [s]."""
     ages = arrivals.ages
     topic = arrivals.topic
     parts = [ages]
-    if (row := _clock_step(arrivals, limit)) is not None:
+    row = _clock_step(arrivals, limit)
+    if row is not None:
         parts = [ages[:row], ages[row:]]
         step = _age_of(parts[0]) - _age_of(parts[1])
         after = 1e-9 * (arrivals.arrival[row] - arrivals.arrival[0])
-        clock = "this machine's clock" if live else "the recorder's clock"
-        said = f"the stamps on {topic} step by {step:+.3g} s against {clock}, {after:.1f} s after the start"
-        advice = "keep the clocks in step (NTP, PTP) from before the start"
-        advice += "" if live else ", or use the part before or after it with --start or --end"
-        yield Finding(name="clock", said=said, advice=advice)
+        said = f"the stamps on {topic} step by {step:+.3g} s against {words.clock}, {after:.1f} s after the start"
+        yield Finding(name="clock", said=said, advice=words.in_step)
     if any(delayed(part, limit) for part in parts):
-        arrive = "arrive" if live else "were recorded"
         spread = f"{1e3 * ages.min():.0f} to {1e3 * ages.max():.0f} ms after their stamps"
-        busy = (
-            "this machine is too busy to judge"
-            if live
-            else "the recorder or the network was behind"
-        )
-        on_less = (
-            "end other work, and run again"
-            if live
-            else "record again, on a machine with less work"
-        )
-        yield Finding(
-            name="machine" if live else "recording",
-            said=f"messages on {topic} {arrive} {spread}: {busy}, or the driver sends in bursts",
-            advice=on_less,
-        )
+        late = f"messages on {topic} {words.arrive} {spread}"
+        said = f"{late}: {words.busy}, or the driver sends in bursts"
+        yield Finding(name=words.name, said=said, advice=words.again)
 
 
 def _clock_step(arrivals: _Arrivals, limit: float) -> int | None:
@@ -220,15 +235,16 @@ class Checkup:
         `complete`: whether every message arrived.
         """
         rows = self._table.rows()
-        late = list(self._of_clocks())
+        arrivals = {role: self._arrivals(role) for role in self._cell.topics}
+        late = list(self._of_clocks(arrivals))
         # otherwise the node may have received samples that are missing here
         whole = complete and not late
         poses = np.array(self._poses).reshape(-1, 8)
         evidence = evidence_of(rows, self._estimator, poses=poses)
         evidence = replace(evidence, named=self._cell.named, tare=self._tare, complete=whole)
         inputs = [
-            self._of_input(role, topic)
-            for role, topic in self._cell.topics.items()
+            self._of_input(role, of_role)
+            for role, of_role in arrivals.items()
             if role != "tf_static"
         ]
         found = [*late, *inputs, *self._of_frames()]
@@ -252,14 +268,17 @@ class Checkup:
             for child in sorted(times)
         }
 
-    def _of_clocks(self) -> Iterator[Finding]:
+    def _of_clocks(self, arrivals: Mapping[Role, Mapping[str, _Arrivals]]) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
-        for role in self._cell.topics:
+        words = _OF_LIVE if self._live else _OF_RECORDING
+        for role, of_role in arrivals.items():
             if role != "surface":
-                for arrivals in self._arrivals(role).values():
-                    yield from _clock_findings(arrivals, limit=limit, live=self._live)
+                for sent in of_role.values():
+                    yield from _clock_findings(sent, limit=limit, words=words)
 
-    def _of_input(self, role: Role, topic: str) -> Finding:
+    def _of_input(self, role: Role, of_role: Mapping[str, _Arrivals]) -> Finding:
+        """Whether the messages of a role arrive with stamps near their times. `of_role`: of `_arrivals`."""
+        topic = self._cell.topics[role]
         heard = self._heard[role]
         if not heard:
             return Finding(
@@ -274,9 +293,9 @@ class Checkup:
             said = f"{unstamped} messages on {topic} have no stamp"
             return Finding(name=role, said=said, advice="the driver must set it")
         limit = self._estimator.settings.max_input_age
-        ages = {child: _age_of(sent.ages) for child, sent in self._arrivals(role).items()}
         ahead = ""
-        for child, age in ages.items():
+        for child, sent in of_role.items():
+            age = _age_of(sent.ages)
             of = f" of '{child}'" if child else ""
             if abs(age) > limit and not self._is_harmless(role, age):
                 side = "old" if age > 0.0 else "ahead"
@@ -286,11 +305,11 @@ class Checkup:
             if child and abs(age) > limit:
                 ahead += f"; '{child}' is dated {-age:.2g} s ahead, as it may be"
         seconds = (heard[-1].arrival - heard[0].arrival) * 1e-9
-        arrivals = len({message.arrival for message in heard}) if role == "tf" else len(heard)
-        rate = f"{(arrivals - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
+        count = len({message.arrival for message in heard}) if role == "tf" else len(heard)
+        rate = f"{(count - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
         named = " and ".join(sorted({message.frame for message in heard}))
         frame = f", frame {named}" if named else ""
-        old = 1e-6 * np.median([message.arrival - message.stamp for message in heard])
+        old = 1e3 * np.median(np.concatenate([sent.ages for sent in of_role.values()]))
         said = f"{rate} on {topic}{frame}, stamps {old:.0f} ms old{ahead}"
         return Finding(name=role, ok=True, said=said)
 

@@ -123,6 +123,20 @@ def test_each_fault_is_found_and_says_what_to_do(examined, fault):
     assert fault != "no stamps" or not any(line.startswith("OK  wrench") for line in lines)
 
 
+def test_of_several_remedies_that_fit_alike_none_is_written(examined, tmp_path):
+    """A press alone tells a wrong sign from half a turn of the load cell no better."""
+    mended = tmp_path / "mended.yaml"
+    wrong = {"sensor.sign": -1.0, "surface_height": SURFACE + 0.05}
+    (_, of_sign) = faults(
+        examined(wrong, arguments=("--write", str(mended)), replayed={"end": 4.5})
+    )
+    assert "sensor.sign: 1, or set sensor.quaternion" in of_sign
+    written = yaml.safe_load(mended.read_text())["/**"]["ros__parameters"]
+    assert written["sensor.sign"] == -1.0
+    assert written["sensor.quaternion"] == PARAMETERS["sensor.quaternion"]
+    assert written["surface_height"] == pytest.approx(SURFACE, abs=0.004)
+
+
 def test_the_remedies_are_written_to_a_parameter_file_with_which_the_cell_is_right(
     examined, bag, tmp_path, capsys
 ):

@@ -34,7 +34,7 @@ ALLOWED = {
     "diagnosis": "estimator parameters tool rft",
     "doctor": "diagnosis node bags messages estimator parameters ground tool rft files errors",
     "demo": "node bags estimator parameters simulation sweeps tool rft files errors",
-    "commands": "doctor demo bags estimator parameters tool rft report errors states_file calibration sweeps progress"
+    "commands": "doctor diagnosis demo bags estimator parameters tool rft report errors states_file calibration sweeps progress"
     " installation files",
     "cli": "commands installation files errors",
 }
