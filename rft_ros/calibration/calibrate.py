@@ -70,10 +70,11 @@ def calibrate(
     surface_placed = _surface(result, tracks_placed, law, settings, parts)
 
     length = float(values["medium.mobilization_length"])
-    law_with_memory = replace(law, density=0.0, mobilization_length=length)
+    given_zeta = float(values["medium.zeta"])
+    given_law = replace(law, zeta=given_zeta, density=0.0, mobilization_length=length)
     for sent, placed in zip(tracks_sent, tracks_placed, strict=True):
         result.warnings += suspicions(
-            sent, placed, settings, law_with_memory, surface=surface_placed.height
+            sent, placed, settings, given_law, surface=surface_placed.height
         )
 
     tracks_aligned = tracks_placed

@@ -62,7 +62,10 @@ class _Poses(NamedTuple):
 
 
 class _Mass(NamedTuple):
-    """The mass that the poses show [kg], its standard error and R²; whether it is below 0, and `sure`."""
+    """The mass that the poses show: `value` [kg] and standard `error`; `share`: its R².
+
+    `is_negative`: by more than its errors, as of a driver that subtracts too much.
+    """
 
     value: float
     error: float

@@ -84,7 +84,8 @@ def zero_that_moves(e: Evidence) -> Iterator[Finding]:
     best = min(courses, key=lambda course: course.rest)
     still = _along(air, "none", np.zeros(len(air.time))).rest
     scatter = np.sqrt(best.rest / len(air.time))
-    greatest = float(np.linalg.norm(e.model, axis=1).max(initial=0.0))
+    # the measured force: the model's ζ may be far from that of the grains
+    greatest = float(np.linalg.norm(e.push.force, axis=1).max(initial=0.0))
     is_explained = best.rest <= _EXPLAINED * still and scatter <= 0.5 * best.moved
     if not is_explained or not is_offset(best.moved, greatest, share=_MOVES):
         return

@@ -219,6 +219,12 @@ def rubbing(friction):
     return change
 
 
+def rubbing_in_weak_grains(states, readings):
+    """In grains of a tenth of the given ζ."""
+    readings *= 0.1
+    rubbing(0.25)(states, readings)
+
+
 @pytest.mark.parametrize(
     ("change", "sentence"),
     [
@@ -238,6 +244,7 @@ def rubbing(friction):
         (beyond_any_load_cell, r"synthetic has a load-cell reading of 1e\+99"),
         (rubbing(2.0), "reading in the air depends on the motion"),
         (rubbing(16.0), "reading in the air depends on the motion"),
+        (rubbing_in_weak_grains, "reading in the air depends on the motion"),
     ],
 )
 def test_a_recording_that_no_arm_and_no_load_cell_gives_is_refused(change, sentence):
