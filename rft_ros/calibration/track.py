@@ -142,8 +142,8 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     stamps, chosen = np.unique(usable["stamp"], return_index=True)
     if len(stamps) < 2:
         topics = ", ".join(recording.topics.values())
-        found = f"{len(stamps)} poses with a velocity and a load-cell sample (topics {topics}"
-        raise InputError(f"bag '{bag}' has {found}; {reasons(recording, estimator)})")
+        found = f"{len(stamps)} poses with a velocity and a load-cell sample on {topics}"
+        raise InputError(f"bag '{bag}' has {found}; {reasons(recording, estimator)}")
     return Track(
         name=bag_name(bag),
         begin=int(stamps[0]),

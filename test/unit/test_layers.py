@@ -34,8 +34,8 @@ ALLOWED = {
     "diagnosis": "estimator parameters tool rft",
     "doctor": "diagnosis node bags messages estimator parameters ground tool rft files errors",
     "demo": "node bags estimator parameters simulation sweeps tool rft files errors",
-    "commands": "doctor diagnosis demo bags estimator parameters tool rft report errors states_file calibration sweeps progress"
-    " installation files",
+    "commands": "doctor diagnosis demo bags estimator parameters tool rft report errors states_file calibration sweeps"
+    " progress installation files",
     "cli": "commands installation files errors",
 }
 ROS = re.compile(
