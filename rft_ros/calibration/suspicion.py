@@ -78,9 +78,9 @@ def suspicions(
 ) -> list[str]:
     """What is probably wrong with a recording, as sentences. `sent`: with the repeats that `track` is without.
 
-    `law`: of the parameters, with their ζ and λ, without inertia. Raises InputError for poses in millimetres, for a zero
-    of the load cell that moves, and for a load cell of another sign, in other axes or turned by multiples of 90°, a
-    turned mesh or world, and quaternions with w first: every fit would believe it.
+    `law`: of the parameters, with their ζ and λ, without inertia. Raises InputError for poses in millimetres, for a
+    zero of the load cell that moves, and for a load cell of another sign, in other axes or turned by multiples of 90°,
+    a turned mesh or world, and quaternions with w first: every fit would believe it.
     """
     evidence = Evidence(
         settings=replace(settings, surface_height=surface),
