@@ -291,15 +291,15 @@ def advance(before, normal, moved, target, span, strength):
     ), tangent
 
 
-def _add_memory(chunk, count, blocks, motion, below, slope, law):
+def _add_memory(chunk, numbers, count, blocks, motion, below, slope, law):
     """Replace the law's tractions of the blocks in a chunk, `count`, by those with memory, and store their states.
 
-    `blocks`: of one body. `motion`: the displacement, world axes; `below`, `slope`: depth of the tool frame's origin
-    [m], and the surface's; `law`: its numbers.
+    `numbers`: where those of the blocks begin in the chunk. `blocks`: of one body. `motion`: the displacement, world
+    axes; `below`, `slope`: depth of the tool frame's origin [m], and the surface's; `law`: its numbers.
     """
     wide_vectors()
     for b in range(count):
-        block = blocks[np.uint64(chunk[at(row.NUMBER, b)])]
+        block = blocks[np.uint64(chunk[at(numbers, b)])]
         for j in range(BLOCK):
             i = at(np.uint64(b) * np.uint64(BLOCK), j)
             x, y, z = place = triple(chunk, row.PLACE, i)

@@ -223,11 +223,6 @@ def described(law: Law) -> str:
     return ", ".join(parts)
 
 
-NEVER_FLAT = 0
-SWITCHED = 1
-BLENDED = 2
-"""Near-horizontal plates: assume none, switch at `FLAT`, or blend over `FLAT_BLEND`."""
-
 LEAST_RESISTANCE = 0.08
 """Under the refined rule, at least this share of a traction is against the motion of its plate. With much less, the
 springs of the memory, Eq. (10), would store more energy than the motion gives."""
@@ -258,8 +253,8 @@ def orient(chunk, i, normal, velocity):
 
 
 @inlined
-def _turn_flat_plates(chunk, n, level):
-    """Give plates with abs(n·E3) >= `level` the velocity's horizontal direction as e2, where 2D RFT holds."""
+def _turn_flat_plates(chunk, n, flat_cosine):
+    """Give plates with abs(n·E3) >= `flat_cosine` the velocity's horizontal direction as e2, where 2D RFT holds."""
     wide_vectors()
     for i in range(n):
         nx, ny, nz = triple(chunk, row.NORMAL, i)
@@ -272,7 +267,7 @@ def _turn_flat_plates(chunk, n, level):
         # (n·e2, n·E3) is at least FLAT long, or counts little: the series of the reciprocal is accurate to 1e-14
         short = 1.0 - (n2 * n2 + nz * nz)
         per_n23 = 1.0 + short * (0.5 + short * (0.375 + short * (0.3125 + short * 0.2734375)))
-        flat = abs(nz) >= level
+        flat = abs(nz) >= flat_cosine
         chunk[at(row.E2_X, i)] = vx if flat else chunk[at(row.E2_X, i)]
         chunk[at(row.E2_Y, i)] = vy if flat else chunk[at(row.E2_Y, i)]
         chunk[at(row.SIN_B, i)] = n2 * per_n23 if flat else chunk[at(row.SIN_B, i)]
@@ -347,10 +342,12 @@ def _limited(chunk, n):
         put(chunk, row.TRACTION, i, (tx - push * vx, ty - push * vy, tz - push * vz))
 
 
-def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> None:
+def _tractions(law: Any, chunk: Any, n: Any, flat: bool, refined: bool) -> None:
     """Traction per depth of the n plates of a chunk that `orient` has stored. `law`: its `packed`.
 
-    `refined`: with the limits of the refined rule: grains neither pull a plate nor push it in its direction of motion.
+    `flat`: whether plates may be near to horizontal; their tractions switch at `FLAT`, or by the refined rule are
+    blended over `FLAT_BLEND`. `refined`: with the limits of that rule: grains neither pull a plate nor push it in its
+    direction of motion.
     """
     wide_vectors()
     numbers = law.numbers[0]
@@ -362,10 +359,9 @@ def _tractions(law: Any, chunk: Any, n: Any, flatness: int, refined: bool) -> No
         if refined:
             _limited(chunk, n)
         return
-    turns = flatness != NEVER_FLAT
-    blends = flatness == BLENDED
+    blends = flat and refined
     for turned in range(2 if blends else 1):
-        if turned == 1 or (turns and not blends):
+        if turned == 1 or (flat and not blends):
             _turn_flat_plates(chunk, n, -1.0 if blends else FLAT)
         _treers2021(law, chunk, n, refined)
         if blends and turned == 0:
@@ -398,19 +394,18 @@ def traction_per_depth(
     vx: float,
     vy: float,
     vz: float,
-    flatness: int = SWITCHED,
     *,
     refined: bool = False,
 ) -> tuple[float, float, float]:
     """Traction per depth on a leading plate [N/m³], Eq. (8) or (12), from its outward unit normal and velocity.
 
     World axes. Returns its x, y and z; times depth and area it is the force on the plate by the grains. Only the
-    direction of the velocity counts; its length should be of order one. `flatness`: `NEVER_FLAT`, `SWITCHED` (the
-    released code) or `BLENDED`. `refined`: with the refined rule's limits, by which grains neither pull the plate nor
-    push it on. Raises TypeError for anything but a law.
+    direction of the velocity counts; its length should be of order one. `refined`: by the refined rule, by which
+    tractions of plates near to horizontal are blended, and grains neither pull the plate nor push it on; else by the
+    released code's. Raises TypeError for anything but a law.
     """
     chunk = np.zeros(row.SIZE)
     orient(chunk, 0, (nx, ny, nz), (vx, vy, vz))
-    _tractions(packed_law(law), chunk, 1, flatness, refined)
+    _tractions(packed_law(law), chunk, 1, True, refined)
     x, y, z = triple(chunk, row.TRACTION, 0)
     return float(x), float(y), float(z)

@@ -237,7 +237,7 @@ def _loop() -> Callable[..., None]:
 
 def compile_tractions() -> None:
     """Compile the law's part of the loop, which the loop loads when it is compiled later."""
-    machine_code(tractions, (packed_law(agarwal2023()), np.zeros(1), np.uint64(0), 0, False))
+    machine_code(tractions, (packed_law(agarwal2023()), np.zeros(1), np.uint64(0), False, False))
 
 
 def compile_memory() -> None:
@@ -245,5 +245,6 @@ def compile_memory() -> None:
     motion = ((0.0,) * 3, (0.0,) * 9)  # only the types of these values count
     law = packed_law(agarwal2023()).numbers[0]
     machine_code(
-        add_memory, (np.zeros(1), np.uint64(0), NO_MEMORY.blocks[0], motion, 0.0, LEVEL, law)
+        add_memory,
+        (np.zeros(1), np.uint64(0), np.uint64(0), NO_MEMORY.blocks[0], motion, 0.0, LEVEL, law),
     )

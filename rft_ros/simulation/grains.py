@@ -19,7 +19,7 @@ from rft_ros.rft.memory import MOST_BODIES
 from rft_ros.rft.plates import BLOCK
 from rft_ros.rft.traction import packed_law
 from rft_ros.simulation.beds import forces_on_plates, laws_of, make_beds, stiffness_matrix
-from rft_ros.simulation.step import advance, hold_each
+from rft_ros.simulation.step import begin_step, hold_each
 from rft_ros.tool import Tool
 
 Array = NDArray[np.float64]
@@ -110,7 +110,7 @@ class GrainsBatch(Copied):
         size = n if workers == 1 else -(-n // (2 * workers))
         self._parts = [slice(k, k + size) for k in range(0, n, size)]
         self._pool = ThreadPoolExecutor(workers)
-        self._advance: Any = machine_code(advance, (self.beds, 0, np.zeros((n, 13)), 0.1))
+        self._begin_step: Any = machine_code(begin_step, (self.beds, 0, np.zeros((n, 13)), 0.1))
         self.reset(strength=strength, surface_height=surface_height)
 
     def step(
@@ -137,7 +137,7 @@ class GrainsBatch(Copied):
             raise ValueError(f"states has {len(given)} rows; there are {n} bodies")
         duration = number("dt", dt, positive=True)
         if inverse_inertia is None and free_acceleration is None:
-            self.advance(given, duration)
+            self.begin_step(given, duration)
             self.last[:] = self.beds.bodies["explicit"]
             return self.wrench
         if inverse_inertia is None or free_acceleration is None:
@@ -147,7 +147,7 @@ class GrainsBatch(Copied):
         inverse = _each("inverse_inertia", inverse_inertia, (n, 6, 6))
         free = _each("free_acceleration", free_acceleration, (n, 6))
         _refuse_without_bound(duration, given[:, 7:], free, inverse)
-        self.advance(given, duration)
+        self.begin_step(given, duration)
         hold = self._hold
         held = self._in_parts(
             lambda part: hold(self.beds, part.start, inverse[part], free[part], duration)
@@ -161,11 +161,11 @@ class GrainsBatch(Copied):
         """Compiled for the first implicit step."""
         return machine_code(hold_each, (self.beds, 0, np.zeros((1, 6, 6)), np.zeros((1, 6)), 0.1))
 
-    def advance(self, states: Array, dt: float) -> None:
+    def begin_step(self, states: Array, dt: float) -> None:
         """Bring the bodies and their memory to checked states, at which a step of `dt` begins."""
         if self._ground is not None:
             self._find_surfaces(states, self._ground)
-        self._in_parts(lambda part: self._advance(self.beds, part.start, states[part], dt))
+        self._in_parts(lambda part: self._begin_step(self.beds, part.start, states[part], dt))
 
     def _in_parts(self, work: Callable[[slice], Any]) -> list[Any]:
         """What `work` returns of each part of the bodies."""

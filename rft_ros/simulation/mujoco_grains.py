@@ -165,7 +165,7 @@ class MujocoGrains(Copied):
         self._take_away(*self._forces())
         if not mechanism.move():
             raise self._without_bound(data, h)
-        grains.advance(mechanism.states, h)
+        grains.begin_step(mechanism.states, h)
         bodies = np.flatnonzero(grains.beds.bodies["is_near"])
         grains.last[:] = 0.0
         if len(bodies):

@@ -35,20 +35,20 @@ Array = NDArray[np.float64]
 _MOST = 64
 """Most evaluations of Newton's method."""
 
-_WHOLE = 8
+_AVERAGE_AFTER = 8
 """Evaluations after which it takes the mean of a stiffness and those before, since with each alone it may go round in a
 circle where plates lose and find contact."""
 
 _CLOSE = 0.001
-"""Relative change of the wrench at which it ends, after that change; after `_WHOLE` evaluations `_LATE`."""
+"""Relative change of the wrench at which it ends, after that change; after `_AVERAGE_AFTER` evaluations `_LATE`."""
 
 _LATE = 0.01
 
-_OFF = 0.5
-"""Residual along a step of Newton's method at its end, over that at its beginning: over it the length is wrong."""
+_DIVIDE_FROM = 0.5
+"""Residual along a step of Newton's method at its end, over that at its beginning, from which on the step is divided."""
 
-_LEVEL = 0.1
-"""The residual below which a length that was wrong is right again."""
+_DIVIDE_TO = 0.1
+"""The residual down to which it is divided."""
 
 _LONGER = 10.0
 """The greatest factor of the length at once."""
@@ -203,7 +203,7 @@ def _eliminate(a, x):
 
 
 @compiled
-def advance(beds, first, given, h):
+def begin_step(beds, first, given, h):
     """Bring bodies from `first` on to `given` states, shape [n, 13], at which a step of h [s] begins.
 
     In the last step the wrenches took energy with the mean of the twists at its ends.
@@ -346,14 +346,14 @@ def search(beds, joints, constraints, h, trial):
         at.high = at.share
         at.at_high = along
         at.at_low *= 0.5
-    if abs(along) > (_LEVEL if at.within else _OFF) * at.slope and at.turn > 0:
+    if abs(along) > (_DIVIDE_TO if at.within else _DIVIDE_FROM) * at.slope and at.turn > 0:
         at.within = True
         if at.high < np.inf:
             at.share = (at.low * at.at_high - at.high * at.at_low) / (at.at_high - at.at_low)
         else:
             at.share *= min(at.slope / max(at.slope - along, _ROUNDING * at.slope), _LONGER)
     else:
-        late = at.turn >= _WHOLE
+        late = at.turn >= _AVERAGE_AFTER
         share = 0.5 if late else 1.0
         for k in range(len(tangents)):
             for i, old in enumerate(trial.stiffness[k]):

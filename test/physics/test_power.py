@@ -15,7 +15,7 @@ from rft_ros.rft import (
     treers2021,
     wrenches,
 )
-from rft_ros.rft.traction import BLENDED, LEAST_RESISTANCE
+from rft_ros.rft.traction import LEAST_RESISTANCE
 
 ZERO_OF_LINEAR = 0.2035 / 0.0015
 """β at which the paper's linear α_y passes through zero [deg]; at 180° it is -0.0665 N/cm³."""
@@ -92,7 +92,7 @@ ANY_LAW += [treers2021(MEDIA["generic"], TABLE), agarwal2023()]
 def test_under_the_refined_rule_grains_neither_pull_a_leading_plate_nor_push_it_on(law, n, v):
     """Whatever the medium and the model of α_y, tables with negative values among them."""
     v = np.asarray(v) * np.sign(np.dot(n, v) or 1.0)  # it leads
-    traction = np.array(traction_per_depth(law, *n, *v, BLENDED, refined=True))
+    traction = np.array(traction_per_depth(law, *n, *v, refined=True))
     assert traction @ n <= 1e-9 * law.stiffness
     assert (
         traction @ v <= -0.99 * LEAST_RESISTANCE * np.linalg.norm(traction) + 1e-9 * law.stiffness

@@ -24,18 +24,20 @@ PLACE, NORMAL, VELOCITY, TRACTION, UNBLENDED = (3 * LENGTH * k for k in range(5)
 """Where the three rows of each vector begin, world axes: centre of load [m], from the tool frame's origin; outward
 normal; direction of the velocity; traction per depth [N/m³]; the same with each plate's own e2."""
 
-SPEED, E2_X, E2_Y, SIN_B, COS_B, SIN_G, COS_G, LOAD, AREA, SHARE, ALONG, TANGENT, KIND, NUMBER = (
-    LENGTH * k for k in range(15, 29)
+SPEED, E2_X, E2_Y, SIN_B, COS_B, SIN_G, COS_G, LOAD, AREA, SHARE, ALONG, TANGENT = (
+    LENGTH * k for k in range(15, 27)
 )
 """Where the row of each number begins: scaled speed; e2; sine and cosine of β and γ; load [m³] and area [m²] that the
-traction acts on; leading share; the traction's part along e1 per α_y; its tangent with memory times the load [N/m];
-kinds of the next `KINDS` blocks; numbers and kinds of the chunk's blocks, with
-the totals of the state, `TOTAL`, behind them."""
+traction acts on; leading share; the traction's part along e1 per α_y; its tangent with memory times the load [N/m]."""
 
-KINDS = 128
-TOTAL = NUMBER + 2 * BLOCKS
+KIND, STEEP, FLAT, TOTAL = (LENGTH * k for k in range(27, 31))
+"""Where other rows begin: kinds of the blocks in a window; numbers of those to evaluate, without and with plates that
+may be horizontal; totals of the state, in the order of a result."""
 
-SIZE = LENGTH * 29
+WINDOW = 128
+"""Blocks that are classified together."""
+
+SIZE = LENGTH * 31
 
 
 @intrinsic
@@ -82,18 +84,24 @@ def new_chunk():
 
 
 @inlined
-def at(row, i):
-    """The index of plate i in a row; unsigned, since numba's code for negative indices would prevent vectorisation."""
-    return np.uint64(row) + np.uint64(i)
+def at(begin, i):
+    """The index of number i in the row that begins there.
+
+    It is unsigned, since numba's code for negative indices would prevent vectorisation.
+    """
+    return np.uint64(begin) + np.uint64(i)
 
 
 @inlined
-def triple(rows, row, i, length=LENGTH):
-    """A vector of plate i, from three rows of this length: of the chunk, or of a block."""
-    return rows[at(row, i)], rows[at(row + length, i)], rows[at(row + 2 * length, i)]
+def triple(rows, begin, i, length=LENGTH):
+    """A vector of plate i, from the three rows of this length that begin there: of the chunk, or of a block."""
+    return rows[at(begin, i)], rows[at(begin + length, i)], rows[at(begin + 2 * length, i)]
 
 
 @inlined
-def put(rows, row, i, vector, length=LENGTH):
-    """Store a vector of plate i in three rows."""
-    rows[at(row, i)], rows[at(row + length, i)], rows[at(row + 2 * length, i)] = vector
+def put(chunk, begin, i, vector):
+    """Store a vector of plate i in the three rows of a chunk that begin there."""
+    x, y, z = vector
+    chunk[at(begin, i)] = x
+    chunk[at(begin + LENGTH, i)] = y
+    chunk[at(begin + 2 * LENGTH, i)] = z

@@ -44,7 +44,7 @@ from rft_ros.rft.plates import (
     ROWS_OF_REFINED,
     SECOND_CORNER,
 )
-from rft_ros.rft.traction import BLENDED, FLAT, FLAT_BLEND, NEVER_FLAT, SWITCHED, orient, tractions
+from rft_ros.rft.traction import FLAT, FLAT_BLEND, orient, tractions
 
 _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT = range(5)
 """Kinds of blocks: dry (skipped); submerged and trailing (only its area counts); submerged without horizontal plates;
@@ -66,7 +66,7 @@ _HALF_ANGLE = BLOCK * HALF_ANGLE
 """Where the rows of a block begin in `Plates.blocks`, counted from the block's first number."""
 
 _FORCES = 3  # columns of the forces of plates
-_LEVEL = cos(radians(FLAT_BLEND))
+_BLEND_COSINE = cos(radians(FLAT_BLEND))
 
 
 @inlined
@@ -114,10 +114,10 @@ def _range(bounds, b, box, v):
 
 
 @inlined
-def _classify(chunk, bounds, first, last, scene, reach, level):
+def _classify(chunk, bounds, first, last, scene, reach, flat_cosine):
     """Store the kinds of blocks; where the bounds allow two, the one that computes more.
 
-    `bounds`: of `Plates`. `level`: abs(n·E3) from which on a plate may be horizontal.
+    `bounds`: of `Plates`. `flat_cosine`: abs(n·E3) from which on a plate may be horizontal.
     """
     wide_vectors()
     axes, twist, below, rise = scene
@@ -143,7 +143,7 @@ def _classify(chunk, bounds, first, last, scene, reach, level):
         )
         upwards, more_upwards = _range(bounds, b, BOUND_NORMAL, axes[6:])
         tilt = abs(upwards) + more_upwards + ROUNDING
-        kind = _FLAT_OR_CUT if tilt >= level else (_PLAIN if wet else _CUT)
+        kind = _FLAT_OR_CUT if tilt >= flat_cosine else (_PLAIN if wet else _CUT)
         kind = _SKIP_WET if wet & trails else kind
         chunk[at(row.KIND, b - first)] = _SKIP_DRY if depth + spread <= 0.0 else kind
 
@@ -362,7 +362,7 @@ def _sums(form, law, height, slope, states, past, out):
     bodies = len(past.stiffness)
     chunk = new_chunk()
     inertia = law.numbers[0].inertia
-    level = _LEVEL if refined else FLAT
+    flat_cosine = _BLEND_COSINE if refined else FLAT
     of_plates = out.shape[1] == _FORCES
     # unsigned: numba adds code for negative indices otherwise
     blocks = np.uint64(bounds.shape[1])
@@ -390,64 +390,76 @@ def _sums(form, law, height, slope, states, past, out):
         scene = axes, twist, below, rise
         for c in range(WIDTH):
             chunk[at(row.TOTAL, c)] = 0.0
-        b = np.uint64(0)
-        count = np.uint64(0)
-        flat = False
-        while b <= blocks:
-            place = b & np.uint64(row.KINDS - 1)
-            if place == np.uint64(0):
-                _classify(
-                    chunk, bounds, b, min(b + np.uint64(row.KINDS), blocks), scene, reach, level
-                )
-            kind = chunk[at(row.KIND, place)] if b < blocks else _SKIP_DRY
-            if has_memory and kind == _SKIP_WET and is_elastic(body_blocks[b]):
-                kind = _PLAIN
-            changes = kind >= _PLAIN and flat != (kind == _FLAT_OR_CUT)
-            if count == np.uint64(row.BLOCKS) or (
-                count > np.uint64(0) and (b == blocks or changes)
-            ):
-                n = count * np.uint64(BLOCK)
-                for j in range(count):
-                    w = np.uint64(chunk[at(row.NUMBER, j)])
-                    i0 = j * np.uint64(BLOCK)
-                    submerged = 0.0
-                    if not refined:
-                        submerged = _geometry(chunk, i0, rows, w, scene, has_memory, False, True)
-                    elif chunk[at(row.NUMBER + row.BLOCKS, j)] == _PLAIN:
-                        submerged = _geometry(chunk, i0, rows, w, scene, has_memory, True, False)
-                    else:
-                        submerged = _geometry(chunk, i0, rows, w, scene, has_memory, True, True)
-                    chunk[_SUBMERGED] += submerged
-                flatness = (BLENDED if refined else SWITCHED) if flat else NEVER_FLAT
-                tractions(law, chunk, n, flatness, refined)
-                if has_memory:
-                    add_memory(chunk, count, body_blocks, motion, below, slope, law.numbers[0])
-                    _add_stiffness(chunk, n, stiffness)
-                for inertial in range(2 if inertia > 0.0 else 1):
-                    if inertial == 1:
-                        _inertia(chunk, n, inertia, per_scale2, has_memory)
-                    _add_sums(chunk, n)
-                    if of_plates:
-                        for j in range(count):
-                            _add_forces(
-                                chunk,
-                                j * np.uint64(BLOCK),
-                                np.uint64(chunk[at(row.NUMBER, j)]),
-                                out,
+        for first in range(np.uint64(0), blocks, np.uint64(row.WINDOW)):
+            # Classify the blocks of a window.
+            last = min(first + np.uint64(row.WINDOW), blocks)
+            _classify(chunk, bounds, first, last, scene, reach, flat_cosine)
+            # List those to evaluate; the others are done here.
+            steep_blocks = np.uint64(0)
+            flat_blocks = np.uint64(0)
+            for b in range(first, last):
+                kind = chunk[at(row.KIND, b - first)]
+                if has_memory and kind == _SKIP_WET and is_elastic(body_blocks[b]):
+                    kind = _PLAIN
+                    chunk[at(row.KIND, b - first)] = kind
+                if kind == _FLAT_OR_CUT:
+                    chunk[at(row.FLAT, flat_blocks)] = b
+                    flat_blocks += one
+                elif kind >= _PLAIN:
+                    chunk[at(row.STEEP, steep_blocks)] = b
+                    steep_blocks += one
+                elif kind == _SKIP_WET:
+                    chunk[_SUBMERGED] += bounds[BOUND_AREA, b]
+                    if has_memory:
+                        _follow_gaps(body_blocks[b], form, b, below, rise, motion_in_tool)
+                elif has_memory:
+                    clear(body_blocks[b])
+            # Evaluate each list, a chunk at a time.
+            for flat in (False, True):
+                listed = row.FLAT if flat else row.STEEP
+                length = flat_blocks if flat else steep_blocks
+                for begin in range(np.uint64(0), length, np.uint64(row.BLOCKS)):
+                    count = min(np.uint64(row.BLOCKS), length - begin)
+                    n = count * np.uint64(BLOCK)
+                    numbers = at(listed, begin)
+                    for j in range(count):
+                        b = np.uint64(chunk[at(numbers, j)])
+                        i0 = j * np.uint64(BLOCK)
+                        submerged = 0.0
+                        if not refined:
+                            submerged = _geometry(
+                                chunk, i0, rows, b, scene, has_memory, False, True
                             )
-                count = np.uint64(0)
-            if kind >= _PLAIN:
-                flat = kind == _FLAT_OR_CUT
-                chunk[at(row.NUMBER, count)] = b
-                chunk[at(row.NUMBER + row.BLOCKS, count)] = kind
-                count += one
-            elif kind == _SKIP_WET:
-                chunk[_SUBMERGED] += bounds[BOUND_AREA, b]
-                if has_memory:
-                    _follow_gaps(body_blocks[b], form, b, below, rise, motion_in_tool)
-            elif has_memory and b < blocks:
-                clear(body_blocks[b])
-            b += one
+                        elif chunk[at(row.KIND, b - first)] == _PLAIN:
+                            submerged = _geometry(
+                                chunk, i0, rows, b, scene, has_memory, True, False
+                            )
+                        else:
+                            submerged = _geometry(
+                                chunk, i0, rows, b, scene, has_memory, True, True
+                            )
+                        chunk[_SUBMERGED] += submerged
+                    tractions(law, chunk, n, flat, refined)
+                    if has_memory:
+                        add_memory(
+                            chunk,
+                            numbers,
+                            count,
+                            body_blocks,
+                            motion,
+                            below,
+                            slope,
+                            law.numbers[0],
+                        )
+                        _add_stiffness(chunk, n, stiffness)
+                    for inertial in range(2 if inertia > 0.0 else 1):
+                        if inertial == 1:
+                            _inertia(chunk, n, inertia, per_scale2, has_memory)
+                        _add_sums(chunk, n)
+                        if of_plates:
+                            for j in range(count):
+                                b = np.uint64(chunk[at(numbers, j)])
+                                _add_forces(chunk, j * np.uint64(BLOCK), b, out)
         if not of_plates:
             for c in range(out.shape[1]):
                 out[k, c] = chunk[at(row.TOTAL, c)]
