@@ -45,7 +45,7 @@ _CLOSE = 0.001
 _LATE = 0.01
 
 _DIVIDE_FROM = 0.5
-"""Residual along a step of Newton's method at its end, over that at its beginning, from which on the step is divided."""
+"""Residual along a step of Newton's method, at its end over at its beginning, from which on the step is divided."""
 
 _DIVIDE_TO = 0.1
 """The residual down to which it is divided."""
