@@ -423,20 +423,20 @@ def _sums(form, law, height, slope, states, past, out):
                     n = count * np.uint64(BLOCK)
                     numbers = at(listed, begin)
                     for j in range(count):
-                        b = np.uint64(chunk[at(numbers, j)])
+                        block = np.uint64(chunk[at(numbers, j)])
                         i0 = j * np.uint64(BLOCK)
                         submerged = 0.0
                         if not refined:
                             submerged = _geometry(
-                                chunk, i0, rows, b, scene, has_memory, False, True
+                                chunk, i0, rows, block, scene, has_memory, False, True
                             )
-                        elif chunk[at(row.KIND, b - first)] == _PLAIN:
+                        elif chunk[at(row.KIND, block - first)] == _PLAIN:
                             submerged = _geometry(
-                                chunk, i0, rows, b, scene, has_memory, True, False
+                                chunk, i0, rows, block, scene, has_memory, True, False
                             )
                         else:
                             submerged = _geometry(
-                                chunk, i0, rows, b, scene, has_memory, True, True
+                                chunk, i0, rows, block, scene, has_memory, True, True
                             )
                         chunk[_SUBMERGED] += submerged
                     tractions(law, chunk, n, flat, refined)
@@ -458,8 +458,8 @@ def _sums(form, law, height, slope, states, past, out):
                         _add_sums(chunk, n)
                         if of_plates:
                             for j in range(count):
-                                b = np.uint64(chunk[at(numbers, j)])
-                                _add_forces(chunk, j * np.uint64(BLOCK), b, out)
+                                block = np.uint64(chunk[at(numbers, j)])
+                                _add_forces(chunk, j * np.uint64(BLOCK), block, out)
         if not of_plates:
             for c in range(out.shape[1]):
                 out[k, c] = chunk[at(row.TOTAL, c)]
