@@ -13,7 +13,7 @@ from math import radians, sin, sqrt
 from typing import ClassVar
 
 from rft_ros.rft.arguments import number
-from rft_ros.rft.grains import AGARWAL2023, GranularLaw, PackedLaw, packed
+from rft_ros.rft.grains import AGARWAL2023, GranularLaw, PackedLaw, pack
 from rft_ros.rft.kernel.compilation import inlined
 
 # fmt: off
@@ -65,22 +65,12 @@ class Agarwal2023(GranularLaw):
                 "medium.surface_friction", self.surface_friction, least=0.0
             ),
         }
-        object.__setattr__(self, "packed", packed(AGARWAL2023, numbers))
+        object.__setattr__(self, "packed", pack(AGARWAL2023, numbers))
 
     @property
     def stiffness(self) -> float:
         """ξ [N/m³]."""
         return self.zeta * (1e6 / FLAT_PRESS)
-
-    @property
-    def stresses(self) -> dict[str, str]:
-        """None: its stresses are not made of parts that have names."""
-        return {}
-
-    @property
-    def doubts(self) -> tuple[str, ...]:
-        """Sentences on why its numbers may be wrong."""
-        return ()
 
 
 def agarwal2023(**numbers: float) -> Agarwal2023:

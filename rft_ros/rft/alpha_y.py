@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.arguments import numbers
-from rft_ros.rft.grains import NO_TABLE, TREERS2021, PackedLaw, packed
+from rft_ros.rft.grains import NO_TABLE, TREERS2021, PackedLaw, pack
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import inlined
@@ -211,12 +211,12 @@ def alpha_y_name(model: AlphaY) -> str:
     return ALPHA_Y_MODELS[_TYPES.index(type(model))]
 
 
-def packed_alpha_y(model: AlphaY, numbers: Mapping[str, float]) -> PackedLaw:
+def pack_treers2021(model: AlphaY, numbers: Mapping[str, float]) -> PackedLaw:
     """The law `treers2021` with a model. `numbers`: all others by their names in `rft_ros.rft.grains.LAW`."""
     place = ALPHA_Y_MODELS.index(alpha_y_name(model))
     fields = model._asdict()
     table = fields.pop("values", NO_TABLE)
-    return packed(TREERS2021, {**numbers, "alpha_y_model": place}, alpha_y=fields, table=table)
+    return pack(TREERS2021, {**numbers, "alpha_y_model": place}, alpha_y=fields, table=table)
 
 
 @inlined
@@ -241,15 +241,20 @@ def _unit(sine, cosine):
 
 
 @inlined
-def _no_model(law, chunk, n, refined):
-    pass
+def _directed_unit(sin_beta, cos_beta, ex, ey, vx, vy, vz):
+    """`_directed` of unit length."""
+    sine, cosine = _directed(sin_beta, cos_beta, ex, ey, vx, vy, vz)
+    per_length = 1.0 / math.sqrt(max(sine * sine + cosine * cosine, 1e-290))
+    return sine * per_length, cosine * per_length
 
 
-def _model_or(place: int, model: Any, function: Any, otherwise: Any) -> Any:
-    """The step `add_alpha_y` with one more model, at this place in `ALPHA_Y_MODELS`."""
+def _step_of(model: Any, function: Any) -> Any:
+    """The step `add_alpha_y` for laws with one model."""
     alpha_y_of = inlined(function)
     has_values = "values" in model._fields
     count = len(model._fields) - has_values
+    # a table takes the angle by `_atan2`, which does without the unit length
+    gamma_of = _directed if has_values else _directed_unit
 
     @inlined
     def add_to(chunk, n, fields, refined):
@@ -260,11 +265,7 @@ def _model_or(place: int, model: Any, function: Any, otherwise: Any) -> Any:
             ex, ey = chunk[at(row.E2_X, i)], chunk[at(row.E2_Y, i)]
             if refined:  # a model that does not use γ leaves no code of this
                 vx, vy, vz = triple(chunk, row.VELOCITY, i)
-                sin_g, cos_g = _directed(sin_b, cos_b, ex, ey, vx, vy, vz)
-                if (
-                    not has_values
-                ):  # a table takes the angle by `_atan2`, which does without the unit length
-                    sin_g, cos_g = _unit(sin_g, cos_g)
+                sin_g, cos_g = gamma_of(sin_b, cos_b, ex, ey, vx, vy, vz)
             alpha_y = alpha_y_of(fields, sin_b, cos_b, sin_g, cos_g)
             along = chunk[at(row.ALONG, i)] * (max(alpha_y, 0.0) if refined else alpha_y)
             # e1 = e2 x E3
@@ -273,24 +274,39 @@ def _model_or(place: int, model: Any, function: Any, otherwise: Any) -> Any:
 
     @inlined
     def add(law, chunk, n, refined):
-        if law.numbers[0].alpha_y_model == place:
-            given = law.numbers[0].alpha_y
-            numbers = (given[0], given[1], given[2], given[3])[:count]
-            fields = model(*numbers, law.table) if has_values else model(*numbers)
-            if refined:  # two loops: LLVM would else test the rule in each turn of one
-                add_to(chunk, n, fields, True)
-            else:
-                add_to(chunk, n, fields, False)
+        given = law.numbers[0].alpha_y
+        numbers = (given[0], given[1], given[2], given[3])[:count]
+        fields = model(*numbers, law.table) if has_values else model(*numbers)
+        if refined:  # two loops: LLVM would else test the rule in each turn of one
+            add_to(chunk, n, fields, True)
         else:
-            otherwise(law, chunk, n, refined)
+            add_to(chunk, n, fields, False)
 
     return add
 
 
-add_alpha_y = _no_model
-"""Add the traction along e1 to the n plates of a chunk; `law`: of `packed_alpha_y`.
+def _choice(place: int, step: Any, otherwise: Any) -> Any:
+    """The step `add_alpha_y` with one more model, at this place in `ALPHA_Y_MODELS`."""
+
+    @inlined
+    def choose(law, chunk, n, refined):
+        if law.numbers[0].alpha_y_model == place:
+            step(law, chunk, n, refined)
+        else:
+            otherwise(law, chunk, n, refined)
+
+    return choose
+
+
+# Compiled code has no table of functions, so this nests choices. Of the three models here it makes
+#     if alpha_y_model == 2: step of Table
+#     elif alpha_y_model == 1: step of Linear
+#     else: step of Constant
+_steps = [_step_of(model, function) for model, function, _ in _MODELS.values()]
+add_alpha_y = _steps[0]
+"""Add the traction along e1 to the n plates of a chunk; `law`: of `pack_treers2021`.
 
 `refined`: by the refined rule α_y is never negative, since grains do not push a plate in its direction of motion, and γ
 is `_directed`."""
-for _place, (_model, _function, _) in enumerate(_MODELS.values()):
-    add_alpha_y = _model_or(_place, _model, _function, add_alpha_y)
+for _place in range(1, len(_steps)):
+    add_alpha_y = _choice(_place, _steps[_place], otherwise=add_alpha_y)

@@ -73,7 +73,7 @@ class PackedLaw(NamedTuple):
     table: NDArray[np.float64]
 
 
-def packed(
+def pack(
     law: int,
     fields: Mapping[str, float],
     *,
@@ -143,6 +143,16 @@ class GranularLaw:
             "stiffness": stiffness,
             "mobilization_length": self.mobilization_length,
         }
+
+    @property
+    def stresses(self) -> dict[str, str]:
+        """The names of the parts that its stresses are made of, if they have names."""
+        return {}
+
+    @property
+    def doubts(self) -> tuple[str, ...]:
+        """Sentences on why its numbers may be wrong."""
+        return ()
 
     @property
     def inertial_density(self) -> float:

@@ -216,10 +216,11 @@ def _in_blocks(rows: Array, far: Array) -> tuple[Array, NDArray[np.int64], Array
     # a tool's length weighs as much as a quarter turn of the normal
     order = _neighbours(np.vstack([rows[NORMAL], center / size if size > 0.0 else center]))
     padded = np.append(order, np.repeat(order[-1:], -n % BLOCK))
-    packed = np.ascontiguousarray(rows[:, padded])
+    in_order = np.ascontiguousarray(rows[:, padded])
     far = far[padded]
-    packed[AREA, n:] = 0.0
-    return packed.reshape(len(rows), -1, BLOCK).swapaxes(0, 1).ravel(), order, _bounds(packed, far)
+    in_order[AREA, n:] = 0.0
+    blocks = in_order.reshape(len(rows), -1, BLOCK).swapaxes(0, 1).ravel()
+    return blocks, order, _bounds(in_order, far)
 
 
 def _neighbours(features: Array) -> NDArray[np.int64]:

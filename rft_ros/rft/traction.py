@@ -20,7 +20,7 @@ from rft_ros.rft.alpha_y import (
     Constant,
     add_alpha_y,
     alpha_y_name,
-    packed_alpha_y,
+    pack_treers2021,
 )
 from rft_ros.rft.grains import AGARWAL2023, GranularLaw, PackedLaw
 from rft_ros.rft.kernel import chunk as row
@@ -131,7 +131,7 @@ class Treers2021(GranularLaw):
             "Cm11_minus_C11": m.Cm11 - m.C11,
             "D10": m.D10,
         }
-        object.__setattr__(self, "packed", packed_alpha_y(self.alpha_y, numbers))
+        object.__setattr__(self, "packed", pack_treers2021(self.alpha_y, numbers))
 
     @property
     def stiffness(self) -> float:
