@@ -222,7 +222,9 @@ def _compute(
                 pool.submit(rows_of, chunk, columns, contents): file
                 for file, chunk in chunks.items()
             }
-        except OSError as error:
+        except BrokenProcessPool:  # `_workers` says what it means
+            raise
+        except (OSError, RuntimeError) as error:  # RuntimeError: no thread can be started
             fewer = "give fewer --workers, or end other processes"
             raise InputError(f"a worker cannot be started: {reason_of(error)}; {fewer}") from None
         for future in as_completed(futures):

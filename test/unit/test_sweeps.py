@@ -265,13 +265,18 @@ def test_chunks_that_were_cut_anywhere_are_computed_again(small):
     assert (small / "results.csv").read_bytes() == table
 
 
-def test_a_worker_that_cannot_be_started_is_named_and_not_the_folder(tmp_path, monkeypatch):
+@pytest.mark.parametrize(
+    "error",
+    [BlockingIOError(11, "no process"), RuntimeError("no thread")],
+    ids=["process", "thread"],
+)
+def test_a_worker_that_cannot_be_started_is_named_and_not_the_folder(tmp_path, monkeypatch, error):
     def submit(*_):
-        raise BlockingIOError(11, "Resource temporarily unavailable")
+        raise error
 
     monkeypatch.setattr(runs.ProcessPoolExecutor, "submit", submit)
     said = refusal(run, read_design(study(tmp_path, SMALL)), tmp_path / "out")
-    assert said.startswith("a worker cannot be started: Resource temporarily unavailable")
+    assert said.startswith("a worker cannot be started: no ")
     assert "--workers" in said
 
 
