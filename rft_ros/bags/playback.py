@@ -10,15 +10,7 @@ from rft_ros.bags.estimates import ESTIMATE, ReplayTable, Rows
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import Recording, bag_name, opened_recording
 from rft_ros.errors import InputError
-from rft_ros.estimator import (
-    Answer,
-    Estimate,
-    Estimator,
-    PoseSample,
-    Reason,
-    Sample,
-    WrenchSample,
-)
+from rft_ros.estimator import Answer, Estimator, PoseSample, Reason, Sample
 from rft_ros.parameters import Model, Values, settings_of
 from rft_ros.progress import bar
 from rft_ros.report import DrawnMotion
@@ -100,20 +92,18 @@ def tared(bag: Path, values: Values, model: Model, options: ReplayOptions) -> Va
     if not seconds:
         return values
     start = options.start or 0.0
-    begin = newest = 0
     with opened_recording(
         bag, values, replace(options, start=start, end=start + seconds)
     ) as recording:
         estimator = Estimator(settings_of(recording.values), model)
-        for sample, answer in play(recording, estimator):
-            if isinstance(sample, WrenchSample):
-                newest = sample.stamp
-            elif isinstance(answer, Estimate) or (
-                answer is not None and answer.reason is Reason.AT_REST
-            ):
-                begin = begin or answer.stamp
+        rows = played(recording, estimator)
+        with_velocity = rows["stamp"][~np.isnan(rows["depth"])]
+        last_reading = estimator.run.readings.last
+        window = seconds
+        if len(with_velocity) and last_reading and with_velocity[0] < last_reading.stamp:
+            window = 1e-9 * (last_reading.stamp - with_velocity[0])
         try:
-            bias = estimator.tare((newest - begin) * 1e-9 if 0 < begin < newest else seconds)
+            bias = estimator.tare(window)
         except InputError as error:
             height = estimator.settings.surface_height
             where = f"of the first {seconds:g} s, surface_height {height:g} m"

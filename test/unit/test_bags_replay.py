@@ -111,6 +111,12 @@ def test_a_tare_over_the_first_seconds_takes_the_bias_off(bag, tmp_path):
     assert estimator.load_cell.bias == summary.bias  # as rft view draws it
 
 
+def test_a_tare_ignores_poses_before_the_first_velocity_also_with_a_delay(bag, tmp_path):
+    given = values(twist_source="pose_difference", sensor__delay=0.05)
+    summary = replay(bag, tmp_path, given, ReplayOptions(tare=0.19))
+    assert summary.bias == pytest.approx((1.0, 2.0, 3.0, 0.1, 0.2, 0.3))
+
+
 def test_a_tare_ignores_poses_before_the_first_twist(tmp_path):
     """Poses and twists come at 500 Hz, the load cell at 100 Hz; its last sample is 8 ms older than the last twist."""
     values_of = {role: v for role, _, _, v in moments(1)}
