@@ -4,6 +4,8 @@ What no parameter mends is named by its cause. The faults are tried over random 
 a press, drags along x and y, up.
 """
 
+from functools import cache
+
 import numpy as np
 import pytest
 from cells import MOUNT, PARAMETERS, SURFACE, cell_of, loads, motion, wrong
@@ -33,7 +35,7 @@ NOISE = np.random.default_rng(3).standard_normal(LOADS.shape) * (
     2e-4,
 )
 SOURCES = st.sampled_from(["topic", "pose_difference"])
-few = settings(max_examples=3, deadline=None)
+few = settings(max_examples=2, deadline=None)
 
 
 def faults(*, states=STATES, readings=LOADS, **more):
@@ -120,7 +122,7 @@ WITHIN = {
 
 @pytest.mark.parametrize("parameter", WRONG)
 @given(data=st.data())
-@few
+@settings(max_examples=3, deadline=None)
 def test_a_parameter_that_is_wrong_beyond_its_tolerance_is_named_with_the_value_that_mends_it(
     parameter, data
 ):
@@ -177,8 +179,9 @@ def hung(states, readings, mass):
     return readings + np.sign(mass) * np.array(offsets)
 
 
+@cache
 def turned_high_up():
-    """States and wrenches: the tool tilts about x and y 150 mm up, comes down, then moves as in `STATES`."""
+    """States and readings of a cell with 1.2 kg: it tilts about x and y 150 mm up, comes down, moves as in `STATES`."""
     swing = np.interp(np.arange(0.0, 8.0, 0.01), [0, 2, 3, 5, 6, 8], [0, 0.9, 0.9, -0.9, -0.9, 0])
     tilt = np.vstack([np.outer(swing, (1, 0, 0)), np.outer(swing, (0, 1, 0))])
     turning = np.repeat(STATES[:1], len(tilt), axis=0)
@@ -188,8 +191,17 @@ def turned_high_up():
     down = np.repeat(STATES[:1], 500, axis=0)
     down[:, 2] += np.linspace(0.15, 0.0, 500, endpoint=False)
     down[:, VELOCITY] = (0.0, 0.0, -0.03)
-    in_air = np.vstack([turning, down])
-    return np.vstack([in_air, STATES]), np.vstack([np.zeros((len(in_air), 6)), LOADS])
+    states = np.vstack([turning, down, STATES])
+    of_grains = np.vstack([np.zeros((len(turning) + len(down), 6)), LOADS])
+    return states, hung(states, of_grains, 1.2) + np.resize(NOISE, of_grains.shape)
+
+
+OF_HEAVY_TOOL = {"sensor.mass": 1.2, "sensor.center_of_mass": [0.0, 0.0, 0.06]}
+
+
+def test_a_heavy_tool_that_turns_in_the_air_needs_nothing():
+    states, readings = turned_high_up()
+    assert faults(states=states, readings=readings, **OF_HEAVY_TOOL) == []
 
 
 @pytest.mark.parametrize(
@@ -205,11 +217,8 @@ def test_what_spoils_the_weight_of_a_heavy_tool_that_turns_in_the_air_is_no_othe
     parameter, value
 ):
     states, readings = turned_high_up()
-    right = {"sensor.mass": 1.2, "sensor.center_of_mass": [0.0, 0.0, 0.06]}
-    readings = hung(states, readings, 1.2) + np.resize(NOISE, readings.shape)
-    assert faults(states=states, readings=readings, **right) == []
-    given_value = np.asarray(value).tolist()
-    found = faults(states=states, readings=readings, **{**right, parameter: given_value})
+    wrong_value = np.asarray(value).tolist()
+    found = faults(states=states, readings=readings, **{**OF_HEAVY_TOOL, parameter: wrong_value})
     assert "surface_height" not in named(found)
     assert any(parameter in finding.remedy for finding in found)
 
