@@ -45,14 +45,14 @@ def _write_change(position, rotation, is_known, state, change):
     axes = attitude(state[QUATERNION])
     for c in range(3):
         change[c] = is_known * min(max(state[c] - position[c], -FAR), FAR)
-    for row in range(0, 9, 3):
-        x = axes[row] - rotation[row]
-        y = axes[row + 1] - rotation[row + 1]
-        z = axes[row + 2] - rotation[row + 2]
+    for first in range(0, 9, 3):
+        x = axes[first] - rotation[first]
+        y = axes[first + 1] - rotation[first + 1]
+        z = axes[first + 2] - rotation[first + 2]
         x, y, z = from_frame(axes, x, y, z)
-        change[3 + row] = is_known * x
-        change[4 + row] = is_known * y
-        change[5 + row] = is_known * z
+        change[3 + first] = is_known * x
+        change[4 + first] = is_known * y
+        change[5 + first] = is_known * z
 
 
 @inlined
@@ -161,14 +161,14 @@ def follow(followed, state, reach, dead_band, moved):
     axes = attitude(state[QUATERNION])
     for c in range(3):
         followed.position[c] = state[c] - (change[c] - moved[c])
-    for row in range(0, 9, 3):
-        x = change[3 + row] - moved[3 + row]
-        y = change[4 + row] - moved[4 + row]
-        z = change[5 + row] - moved[5 + row]
+    for first in range(0, 9, 3):
+        x = change[3 + first] - moved[3 + first]
+        y = change[4 + first] - moved[4 + first]
+        z = change[5 + first] - moved[5 + first]
         x, y, z = into_frame(axes, x, y, z)
-        followed.rotation[row] = axes[row] - x
-        followed.rotation[row + 1] = axes[row + 1] - y
-        followed.rotation[row + 2] = axes[row + 2] - z
+        followed.rotation[first] = axes[first] - x
+        followed.rotation[first + 1] = axes[first + 1] - y
+        followed.rotation[first + 2] = axes[first + 2] - z
     followed.is_known = 1.0
 
 

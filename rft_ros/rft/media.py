@@ -61,12 +61,8 @@ class Medium:
         cls, name: str, coefficients: Mapping[str, float], *, doubts: tuple[str, ...] = ()
     ) -> "Medium":
         """The medium with these coefficients [N/cm³], by their names. Raises KeyError for one that is missing."""
-        c = coefficients
-        return cls(
-            name=name, doubts=doubts,
-            A00=c["A00"], A10=c["A10"], B11=c["B11"], B01=c["B01"], Bm11=c["Bm11"],
-            C11=c["C11"], C01=c["C01"], Cm11=c["Cm11"], D10=c["D10"],
-        )  # fmt: skip
+        used = {part: coefficients[part] for part in (*OF_ALPHA_Z, *OF_ALPHA_X)}
+        return cls(name=name, doubts=doubts, **used)
 
     @property
     def coefficients(self) -> dict[str, float]:

@@ -222,14 +222,11 @@ def _result(states: Array, sensitivities: bool) -> Array:
     return np.empty((len(states), WIDTH if sensitivities else len(COLUMNS)))
 
 
-def _plate() -> Plates:
-    return Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
-
-
 @cache
 def _loop() -> Callable[..., None]:
     """The compiled loop, from the cache on disk if it is there."""
-    arguments = _model_arguments(_plate(), agarwal2023(), 0.0, LEVEL)
+    plate = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
+    arguments = _model_arguments(plate, agarwal2023(), 0.0, LEVEL)
     return machine_code(
         loops.sums, (*arguments, np.zeros((1, len(STATE))), NO_MEMORY, np.zeros((1, len(COLUMNS))))
     )
