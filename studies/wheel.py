@@ -14,9 +14,7 @@ import trimesh
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rft_ros.rft import Integration, Law, Memory, Plates, displacements_between, wrenches
-from rft_ros.rft.traction import packed_law
-from rft_ros.rft.wrench import prepared
+from rft_ros.rft import Integration, Law, Memory, Plates, wrenches, wrenches_in_time
 from rft_ros.simulation import Grains
 from rft_ros.tool import Tool, tool_of_mesh
 from studies.choice import REMEMBERED
@@ -116,21 +114,16 @@ def steady_forces(law: Law, states: SteadyStates, plates: Plates | None = None) 
     plates = wheel().plates if plates is None else plates
     if not law.has_memory:
         return wrenches(plates, law, states.states)[:, :3]
-    n = len(states.states)
-    row = np.empty((n, 7))
-    step = prepared(plates, Memory(plates, bodies=n))
-    packed = packed_law(law)
     durations = _STEP / np.maximum(np.abs(states.rim_speeds), _SPEED)
-    turns = states.states[:, 10] * durations
-    now = states.states.copy()
-    before = np.zeros_like(now)
-    for k in range(STEPS):
-        now[:, :2] = states.states[:, :2] + k * durations[:, None] * states.states[:, 7:9]
-        now[:, 3] = np.sin(0.5 * k * turns)
-        now[:, 6] = np.cos(0.5 * k * turns)
-        step(packed, now, 0.0, (0.0, 0.0), displacements_between(before, now), row)
-        before[:] = now
-    return row[:, :3]
+    steps = np.arange(STEPS)
+    forces = np.empty((len(states.states), 3))
+    for k, (state, duration) in enumerate(zip(states.states, durations, strict=True)):
+        path = np.tile(state, (STEPS, 1))
+        path[:, :2] += steps[:, None] * duration * state[7:9]
+        path[:, 3] = np.sin(0.5 * steps * state[10] * duration)
+        path[:, 6] = np.cos(0.5 * steps * state[10] * duration)
+        forces[k] = wrenches_in_time(plates, law, path, Memory(plates))[-1, :3]
+    return forces
 
 
 def fitted_zeta(law: Law, states: SteadyStates, model: Array) -> float:

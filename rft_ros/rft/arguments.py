@@ -6,6 +6,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+MOST = 1_000_000
+"""The greatest number of bodies, or of threads."""
+
 _FLOAT = np.dtype(np.float64)  # of all numbers in the compiled loops, in native byte order
 
 

@@ -46,24 +46,19 @@ back what it took, yielding takes since the law resists (`rft.traction.LEAST_RES
 With a change of depth the force follows the load at constant τ.
 """
 
-from dataclasses import KW_ONLY, dataclass, field
+from dataclasses import dataclass, field
 from math import sqrt
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft.arguments import whole_number
 from rft_ros.rft.displacement import DISPLACEMENT, FAR, moved_by
 from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.plates import BLOCK, Plates
-
-MOST_BODIES = 1_000_000
-"""The greatest number of bodies in one memory."""
-
 
 BLOCK_STATE = np.dtype(
     (
@@ -101,25 +96,19 @@ Array = NDArray[np.float64]
 class Memory:
     """The memory of the plates of one tool; ``Memory(plates)`` is empty.
 
-    Of many `bodies` of these plates, state i is of body i. `blocks`: records of `BLOCK_STATE`, shape [bodies, blocks].
-    `stiffness` at the last state: records of `STIFFNESS`, shape [bodies]. `last`: the last state of each body, shape
-    [bodies, 13]; zeros before the first. Raises ValueError for a number of bodies that cannot be used.
+    `blocks`: records of `BLOCK_STATE`, shape [blocks]. `stiffness` at the last state: a record of `STIFFNESS`, shape
+    [1]. `last`: the last state, shape [13]; zeros before the first.
     """
 
     plates: Plates
-    _: KW_ONLY
-    bodies: int = 1
     blocks: NDArray[np.void] = field(init=False)
     stiffness: NDArray[np.void] = field(init=False)
     last: Array = field(init=False)
 
     def __post_init__(self) -> None:
-        bodies = whole_number("bodies", self.bodies, most=MOST_BODIES)
-        object.__setattr__(
-            self, "blocks", np.zeros((bodies, self.plates.bounds.shape[1]), BLOCK_STATE)
-        )
-        object.__setattr__(self, "stiffness", np.zeros(bodies, STIFFNESS))
-        object.__setattr__(self, "last", np.zeros((bodies, len(STATE))))
+        object.__setattr__(self, "blocks", np.zeros(self.plates.bounds.shape[1], BLOCK_STATE))
+        object.__setattr__(self, "stiffness", np.zeros(1, STIFFNESS))
+        object.__setattr__(self, "last", np.zeros(len(STATE)))
 
 
 class Past(NamedTuple):
@@ -133,7 +122,7 @@ class Past(NamedTuple):
 
 NO_MEMORY = Past(
     has_memory=False,
-    blocks=np.zeros((1, 1), BLOCK_STATE),
+    blocks=np.zeros(1, BLOCK_STATE),
     stiffness=np.zeros(1, STIFFNESS),
     displacements=np.zeros((1, DISPLACEMENT)),
 )
@@ -294,7 +283,7 @@ def advance(before, normal, moved, target, span, strength):
 def _add_memory(chunk, numbers, count, blocks, motion, below, slope, law):
     """Replace the law's tractions of the blocks in a chunk, `count`, by those with memory, and store their states.
 
-    `numbers`: where those of the blocks begin in the chunk. `blocks`: of one body. `motion`: the displacement, world
+    `numbers`: where those of the blocks begin in the chunk. `blocks`: of the memory. `motion`: the displacement, world
     axes; `below`, `slope`: depth of the tool frame's origin [m], and the surface's; `law`: its numbers.
     """
     wide_vectors()

@@ -15,13 +15,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.agarwal2023 import agarwal2023
-from rft_ros.rft.arguments import number, numbers, whole_number
+from rft_ros.rft.arguments import MOST, number, numbers, whole_number
 from rft_ros.rft.displacement import DISPLACEMENT, displacements_between
 from rft_ros.rft.frames import COLUMNS, STATE, WIDTH
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel import loops
 from rft_ros.rft.kernel.compilation import machine_code
-from rft_ros.rft.memory import MOST_BODIES, NO_MEMORY, Memory, Past, add_memory
+from rft_ros.rft.memory import NO_MEMORY, Memory, Past, add_memory
 from rft_ros.rft.plates import BLOCK, Plates
 from rft_ros.rft.traction import Law, packed_law, tractions
 
@@ -90,7 +90,7 @@ def wrenches_in_time(
     """`wrenches` of plates with memory, Eq. (10), at successive states, shape [n, 13].
 
     `law`: with its `mobilization_length`, λ at the depth `rft_ros.rft.memory.DEPTH` [m], positive. `memory`: of these
-    plates, updated in place; of many bodies, row i is of body i. `displacements`: of the tool to each state, shape
+    plates, updated in place. `displacements`: of the tool to each state, shape
     [n, 12] (`rft_ros.rft.displacement`), whatever time they took; by default those between the poses of the states.
     `after_durations`: the memory, in calls written for the preview, which give durations in its place; they change
     nothing.
@@ -104,12 +104,8 @@ def wrenches_in_time(
     kept = _checked_memory(memory, plates)
     _require_memory(law)
     states = numbers("states", states, _ROW)
-    bodies = kept.bodies
-    if bodies not in (1, len(states)):
-        raise ValueError(f"memory is of {bodies} bodies; states has {len(states)} rows")
     if displacements is None:
-        before = kept.last if bodies == len(states) else np.vstack([kept.last, states[:-1]])
-        moved = displacements_between(before, states)
+        moved = displacements_between(np.vstack([kept.last, states[:-1]]), states)
     else:
         moved = numbers("displacements", displacements, (DISPLACEMENT,), rows=len(states))
     result = _result(states, sensitivities)
@@ -120,7 +116,7 @@ def wrenches_in_time(
         result,
     )
     if len(states):
-        kept.last[:] = states[-bodies:]
+        kept.last[:] = states[-1]
     return result
 
 
@@ -214,7 +210,7 @@ def _checked_memory(memory: object, plates: Plates) -> Memory:
 
 
 def _workers(threads: int | None, states: int, plates: int) -> int:
-    most = _CORES if threads is None else whole_number("threads", threads, most=MOST_BODIES)
+    most = _CORES if threads is None else whole_number("threads", threads, most=MOST)
     return min(most, states, 1 + states * plates // _WORTH_A_THREAD)
 
 
@@ -243,5 +239,5 @@ def compile_memory() -> None:
     law = packed_law(agarwal2023()).numbers[0]
     machine_code(
         add_memory,
-        (np.zeros(1), np.uint64(0), np.uint64(0), NO_MEMORY.blocks[0], motion, 0.0, LEVEL, law),
+        (np.zeros(1), np.uint64(0), np.uint64(0), NO_MEMORY.blocks, motion, 0.0, LEVEL, law),
     )

@@ -99,7 +99,7 @@ def laws_of(beds: Beds) -> NDArray[np.void]:
 def evaluate(beds, b, memory, stiffness, states, out):
     """Write the wrench of body b, shape [1, 6], at its next state, shape [1, 13].
 
-    `memory`: its row of `Beds.memory` or a copy, shape [1, blocks]; it takes the step. `stiffness`: takes the sums,
+    `memory`: its row of `Beds.memory` or a copy, shape [blocks]; it takes the step. `stiffness`: takes the sums,
     shape [1]. `out` of shape [plates, 3] takes the forces of the plates, in the kernel's order.
     """
     body = beds.bodies[b]
@@ -120,7 +120,7 @@ def evaluate(beds, b, memory, stiffness, states, out):
 @compiled
 def forces_on_plates(beds, b, forces):
     """Add to the force on each plate of a body at its last state, shape [plates, 3], kernel's order."""
-    memory = beds.memory[b : b + 1].copy()
+    memory = beds.memory[b].copy()
     state = beds.bodies[b].state.copy().reshape(1, 13)
     evaluate(beds, b, memory, np.empty(1, STIFFNESS), state, forces)
 

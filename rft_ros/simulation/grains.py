@@ -12,10 +12,9 @@ from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.ground import LAST_SURFACE, HeightMap, Support
 from rft_ros.rft import Law, checked_states
-from rft_ros.rft.arguments import number, numbers, whole_number
+from rft_ros.rft.arguments import MOST, number, numbers, whole_number
 from rft_ros.rft.frames import rotation_matrix
 from rft_ros.rft.kernel.compilation import machine_code
-from rft_ros.rft.memory import MOST_BODIES
 from rft_ros.rft.plates import BLOCK
 from rft_ros.rft.traction import packed_law
 from rft_ros.simulation.beds import forces_on_plates, laws_of, make_beds, stiffness_matrix
@@ -75,8 +74,8 @@ class GrainsBatch(Copied):
         ground: HeightMap | None = None,
         threads: int = 1,
     ) -> None:
-        n = whole_number("bodies", bodies, most=MOST_BODIES)
-        workers = whole_number("threads", threads, most=MOST_BODIES)
+        n = whole_number("bodies", bodies, most=MOST)
+        workers = whole_number("threads", threads, most=MOST)
         self.tools = [tool] * n if isinstance(tool, Tool) else list(tool)
         for one in self.tools:
             if not isinstance(one, Tool):

@@ -213,7 +213,7 @@ def begin_step(beds, first, given, h):
         body = beds.bodies[b]
         power = _dot(body.wrench, body.state[7:]) + _dot(body.wrench, given[k, 7:])
         body.energy -= 0.5 * body.duration * power
-        memory = beds.memory[b : b + 1]
+        memory = beds.memory[b]
         stiffness = beds.stiffness[b : b + 1]
         evaluate(beds, b, memory, stiffness, given[k : k + 1], body.explicit.reshape(1, 6))
         _copy(given[k], body.state)
@@ -331,7 +331,7 @@ def search(beds, joints, constraints, h, trial):
         twist = joints.twists[k] + h * _times(joints.jacobian[k], trial.acceleration)
         _copy(body.state, state[0])
         _move(state[0], twist, h)
-        memory = beds.memory[b : b + 1].copy()
+        memory = beds.memory[b].copy()
         evaluate(beds, b, memory, stiffness, state, trial.wrench[k : k + 1])
         stiffness_matrix(stiffness[0], tangents[k])
         if _size(trial.wrench[k], 1.0) > 0.0:

@@ -187,7 +187,6 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
             plates, replace(law, mobilization_length=0.003), [WHOLE], memory, **moved
         )
     )
-    refused(lambda: Memory(plates, bodies=junk))
     refused(lambda: rft.treers2021(GENERIC, junk))
     refused(lambda: rft.treers2021(GENERIC, Constant(junk)))
     refused(lambda: rft.treers2021(GENERIC, Constant(0.1), density=junk, inertia=junk))
@@ -235,14 +234,6 @@ def test_states_that_were_not_checked_stay_within_the_arrays(values, model):
         assert wrenches(plates, law, [values]).shape == (1, 7)
         wrenches_in_time(plates, law, [values] * 2, memory, sensitivities=True)
         assert plate_forces(plates, law, values).shape == (len(plates), 3)
-
-
-@pytest.mark.parametrize(
-    "given", [{"bodies": b} for b in (1e9, 10**9, 0, -1, 1.5, "a", None, math.nan)], ids=str
-)
-def test_a_memory_of_no_number_of_bodies_is_refused_by_name(given):
-    with pytest.raises(ValueError, match=r"bodies is .*; it must be "):
-        Memory(POINT, **given)
 
 
 @pytest.mark.parametrize("slack", [-1.0, math.nan, math.inf, "a", None])

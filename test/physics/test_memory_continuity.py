@@ -48,17 +48,13 @@ STEPS = 25
 
 def forces_along(plates, law, paths, slack=0.0):
     """Forces with memory [N], shape [paths, steps, 3], of states of shape [paths, steps, 13]."""
-    memory, forces = Memory(plates, bodies=len(paths)), np.empty((*paths.shape[:2], 3))
-    states = np.array([checked_states(path) for path in paths])
-    moved = np.array(
-        [displacements_followed(path, reach=plates.reach, dead_band=slack) for path in states]
-    )
     law = replace(law, mobilization_length=LENGTH)
-    for j in range(paths.shape[1]):
-        forces[:, j] = wrenches_in_time(
-            plates, law, states[:, j], memory, displacements=moved[:, j]
-        )[:, :3]
-    return forces
+    forces = []
+    for path in paths:
+        states = checked_states(path)
+        moved = displacements_followed(states, reach=plates.reach, dead_band=slack)
+        forces.append(wrenches_in_time(plates, law, states, Memory(plates), displacements=moved))
+    return np.array(forces)[:, :, :3]
 
 
 def between(first, second, parts):

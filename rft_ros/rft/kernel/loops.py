@@ -359,7 +359,8 @@ def _sums(form, law, height, slope, states, past, out):
     wide_vectors()
     rows, bounds, refined, reach = form
     has_memory = past.has_memory
-    bodies = len(past.stiffness)
+    states_of_blocks = past.blocks
+    stiffness = past.stiffness[0]
     chunk = new_chunk()
     inertia = law.numbers[0].inertia
     flat_cosine = _BLEND_COSINE if refined else FLAT
@@ -377,9 +378,6 @@ def _sums(form, law, height, slope, states, past, out):
         # restores the speed for inertia; bounded, since 0 times infinity is NaN
         per_scale2 = min(speed * speed, 1e30)
         below, rise = _surface(height, slope, state, axes)
-        body = k if bodies > 1 else 0
-        body_blocks = past.blocks[body]
-        stiffness = past.stiffness[body]
         motion = motion_in_tool = (0.0, 0.0, 0.0), axes  # not used, but of the type of a motion
         if has_memory:
             clear_stiffness(stiffness)
@@ -399,7 +397,7 @@ def _sums(form, law, height, slope, states, past, out):
             flat_blocks = np.uint64(0)
             for b in range(first, last):
                 kind = chunk[at(row.KIND, b - first)]
-                if has_memory and kind == _SKIP_WET and is_elastic(body_blocks[b]):
+                if has_memory and kind == _SKIP_WET and is_elastic(states_of_blocks[b]):
                     kind = _PLAIN
                     chunk[at(row.KIND, b - first)] = kind
                 if kind == _FLAT_OR_CUT:
@@ -411,9 +409,9 @@ def _sums(form, law, height, slope, states, past, out):
                 elif kind == _SKIP_WET:
                     chunk[_SUBMERGED] += bounds[BOUND_AREA, b]
                     if has_memory:
-                        _follow_gaps(body_blocks[b], form, b, below, rise, motion_in_tool)
+                        _follow_gaps(states_of_blocks[b], form, b, below, rise, motion_in_tool)
                 elif has_memory:
-                    clear(body_blocks[b])
+                    clear(states_of_blocks[b])
             # Evaluate each list, a chunk at a time.
             for flat in (False, True):
                 listed = row.FLAT if flat else row.STEEP
@@ -445,7 +443,7 @@ def _sums(form, law, height, slope, states, past, out):
                             chunk,
                             numbers,
                             count,
-                            body_blocks,
+                            states_of_blocks,
                             motion,
                             below,
                             slope,
