@@ -58,14 +58,14 @@ def delay_of_load_cell(e: Evidence) -> Iterator[Finding]:
         return
     left = float(100.0 * np.sqrt(total[best] / total[none]))
     milliseconds = 1e3 * abs(delay)
-    evidence = {"stops": len(each), "left": left, "delay": milliseconds}
+    evidence = {"delay": milliseconds}
     side = "later" if delay > 0.0 else "earlier"
     said = f"the load cell's stamps are {milliseconds:.0f} ms {side} than its events"
     advice = "fit it with rft calibrate"
     of_lags = np.sum([_misfits(e, event, _behind_filters(e, event)) for event, _ in known], axis=0)
     if of_lags.min() < _FILTERED * total[best]:
         lag = float(1e3 * _LAGS[of_lags.argmin()])
-        evidence["lag"] = lag
+        evidence = {"lag": lag}
         said = f"the force follows the motion like a filter of {lag:.0f} ms, more slowly than the poses"
         advice = "raise the cut-off frequency in the load cell's driver"
     said += f", by {len(each)} stops (the misfit there falls to {left:.0f} % with it)"

@@ -111,12 +111,11 @@ def repeated_poses(e: Evidence) -> Iterator[Finding]:
     if moving.sum() < ENOUGH or often <= REPEATED:
         return
     rate = float(1.0 / np.diff(e.pose_time[changed])[moving].mean())
-    sent = often * rate
     said = f"each pose is sent {often:.1f} times while the tool moves: they are measured at {rate:.0f} Hz"
     yield Finding(
         name="repeated poses",
-        said=f"{said} and sent at {sent:.0f} Hz, and repeats are left out of the velocity",
-        evidence={"times": often, "rate": rate, "sent": sent},
+        said=f"{said} and sent at {often * rate:.0f} Hz, and repeats are left out of the velocity",
+        evidence={"rate": rate},
         remedy={"max_rate": float(round(rate))},
         advice="let the driver send each once",
     )

@@ -67,7 +67,7 @@ def saturation(e: Evidence) -> Iterator[Finding]:
             yield Finding(
                 name="saturation",
                 said=f"{said}; the model's grows to {greatest:.2g} times it",
-                evidence={"limit": limit, "beyond": greatest},
+                evidence={"limit": limit},
                 advice="set a larger range in the load cell or its driver, or press less",
             )
 
@@ -135,7 +135,7 @@ def _lever(e: Evidence, missing: Array) -> Iterator[Finding]:
     yield Finding(
         name="lever",
         said=f"a sensor {millimetres:.0f} mm away explains the torque; {percent:.0f} % of the misfit remain",
-        evidence={"millimetres": millimetres, "left": percent},
+        evidence={"millimetres": millimetres},
         remedy=remedy,
         advice="; ".join(advice),
     )

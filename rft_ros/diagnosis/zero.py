@@ -98,7 +98,6 @@ def zero_that_moves(e: Evidence) -> Iterator[Finding]:
         rows = np.flatnonzero(np.diff(best.course)) + 1
         begin = float(air.time[max(int(rows[0]) - _NEAR, 0)])
         end = float(air.time[min(int(rows[-1]) + _NEAR, len(air.time) - 1)])
-        evidence |= {"from": begin, "to": end}
         said = f"the reading in the air moved by {best.moved:.3g} N between {begin:.3g} and {end:.3g} s"
         advice = "zero the load cell once, before the recording, and let it warm up; calibrate would trust it"
     yield Finding(name="zero that moves", said=said, evidence=evidence, advice=advice)
@@ -124,31 +123,37 @@ def zero(e: Evidence) -> Iterator[Finding]:
     offset = e.load_cell.sign * e.zero[BIAS]
     remedy: dict[str, Value] = {"sensor.bias": tuple((e.load_cell.bias + offset).tolist())}
     if e.zero[MASS:].any():
-        yield _weight(e, evidence, remedy)
+        yield _weight(e, load, remedy)
         return
     advice = "tare it there (~/tare, --tare)"
     yield Finding(name="load cell", said=said, evidence=evidence, remedy=remedy, advice=advice)
 
 
-def _weight(e: Evidence, evidence: dict[str, float], remedy: dict[str, Value]) -> Finding:
-    """Bias, mass and centre of mass, which the attitudes in the air separate. `remedy`: of the bias."""
+def _weight(e: Evidence, load: float, remedy: dict[str, Value]) -> Finding:
+    """Bias, mass and centre of mass, which the attitudes in the air separate.
+
+    `load`: the force in the air [N]. `remedy`: of the bias.
+    """
     given = e.load_cell
     mass = float(given.mass + e.zero[MASS])
-    evidence["mass"] = mass
     if mass < -_LIGHT:
-        evidence["too_much"] = -mass
-        said = f"the driver subtracts {-mass:.2g} kg more than the tool weighs"
-        advice = "correct the payload in the driver"
-        return Finding(name="payload", said=said, evidence=evidence, advice=advice)
+        return Finding(
+            name="payload",
+            said=f"the driver subtracts {-mass:.2g} kg more than the tool weighs",
+            evidence={"too_much": -mass},
+            advice="correct the payload in the driver",
+        )
     moment = given.mass * np.array(given.center_of_mass) + e.zero[MOMENT]
     center = moment / mass if mass > _LIGHT else np.zeros(3)
     far = float(np.linalg.norm(center))
     if far > _LONGEST_CENTER:
-        evidence["far"] = far
-        said = f"the torque in the air is that of a centre of mass {far:.3g} m away"
-        advice = "the driver must give N m, and not N mm"
-        return Finding(name="units of torque", said=said, evidence=evidence, advice=advice)
+        return Finding(
+            name="units of torque",
+            said=f"the torque in the air is that of a centre of mass {far:.3g} m away",
+            evidence={"far": far},
+            advice="the driver must give N m, and not N mm",
+        )
     remedy["sensor.mass"] = max(mass, 0.0)
     remedy["sensor.center_of_mass"] = tuple(center.tolist())
-    said = f"it reads {evidence['load']:.3g} N in the air, as of {mass:.3g} kg below it"
-    return Finding(name="load cell", said=said, evidence=evidence, remedy=remedy)
+    said = f"it reads {load:.3g} N in the air, as of {mass:.3g} kg below it"
+    return Finding(name="load cell", said=said, evidence={"mass": mass}, remedy=remedy)
