@@ -245,7 +245,7 @@ class Checkup:
         inputs = [
             self._of_input(role, of_role)
             for role, of_role in arrivals.items()
-            if role != "tf_static"
+            if role != "tf_static"  # which `_of_frames` judges
         ]
         found = [*late, *inputs, *self._of_frames()]
         if not any(finding.name == "clock" for finding in late):
