@@ -92,6 +92,13 @@ class Tool:
         x, y, z = self.bounds.mean(axis=0).tolist()
         return x, y, z
 
+    def reduced(self, tolerance: float) -> "Tool":
+        """The same with as few plates as a `tolerance` over 0 allows, as for `load_tool`; itself if it was reduced."""
+        if self.reduction:
+            return self
+        plates, reduction = reduced_once(self.facets, self.corners, tolerance)
+        return replace(self, plates=plates, reduction=reduction)
+
     def lowest_point(
         self, rotation: NDArray[np.float64], slope: tuple[float, float] = LEVEL
     ) -> float:
@@ -234,22 +241,18 @@ def tool_of_mesh(
     corners = np.unique(vertices[np.unique(faces)], axis=0)
     with suppress(QhullError):  # they span no volume
         corners = corners[ConvexHull(corners).vertices]
-    plates = facets
-    reduction = ""
-    if tolerance > 0.0:
-        plates, reduction = reduced_once(facets, corners, tolerance)
-    return Tool(
+    whole_tool = Tool(
         name=name,
         file=file,
-        plates=plates,
+        plates=facets,
         facets=facets,
         vertices=vertices,
         faces=faces,
         issues=check_mesh(mesh, scale=frame.scale),
         corners=corners,
         frame=frame,
-        reduction=reduction,
     )
+    return whole_tool.reduced(tolerance) if tolerance > 0.0 else whole_tool
 
 
 def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Plates:
