@@ -235,12 +235,6 @@ def _directed(sin_beta, cos_beta, ex, ey, vx, vy, vz):
 
 
 @inlined
-def _unit(sine, cosine):
-    per_length = 1.0 / math.sqrt(max(sine * sine + cosine * cosine, 1e-290))
-    return sine * per_length, cosine * per_length
-
-
-@inlined
 def _directed_unit(sin_beta, cos_beta, ex, ey, vx, vy, vz):
     """`_directed` of unit length."""
     sine, cosine = _directed(sin_beta, cos_beta, ex, ey, vx, vy, vz)

@@ -90,8 +90,8 @@ def wrenches_in_time(
     """`wrenches` of plates with memory, Eq. (10), at successive states, shape [n, 13].
 
     `law`: with its `mobilization_length`, λ at the depth `rft_ros.rft.memory.DEPTH` [m], positive. `memory`: of these
-    plates, updated in place. `displacements`: of the tool to each state, shape
-    [n, 12] (`rft_ros.rft.displacement`), whatever time they took; by default those between the poses of the states.
+    plates, updated in place. `displacements`: of the tool to each state, shape [n, 12] (`rft_ros.rft.displacement`),
+    whatever time they took; by default those between the poses of the states.
     `after_durations`: the memory, in calls written for the preview, which give durations in its place; they change
     nothing.
     """

@@ -34,8 +34,8 @@ KIND, STEEP, FLAT, TOTAL = (LENGTH * k for k in range(27, 31))
 """Where other rows begin: kinds of the blocks in a window; numbers of those to evaluate, without and with plates that
 may be horizontal; totals of the state, in the order of a result."""
 
-WINDOW = 128
-"""Blocks that are classified together."""
+WINDOW = BLOCKS * BLOCK
+"""Blocks that are classified together; a row has room for a number of each."""
 
 SIZE = LENGTH * 31
 

@@ -242,14 +242,63 @@ def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
 
 
 @inlined
-def _follow_gaps(block, form, b, below, rise, motion):
+def _follow_gaps(block, form, b, scene, motion):
     """Follow the gaps behind the plates of a submerged block that trails and is not elastic. `motion`: in tool axes."""
     rows, _, refined, _ = form
+    _, _, below, rise = scene
     first = b * np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK)
     for i in range(BLOCK):
         place, _, _ = _centre_and_load(rows, first, i, below, rise, refined, False)
         normal = triple(rows, first + _NORMAL, i, BLOCK)
         follow_gap(block, i, normal, place, motion)
+
+
+@inlined
+def _list(chunk, form, first, last, scene, has_memory, states_of_blocks, motion):
+    """List the blocks of a window that are to be evaluated; returns how many are without, and with flat plates.
+
+    The others are done here: of a block that is submerged and trails only the area counts, and its gaps are followed;
+    a dry one loses its memory. `motion`: in tool axes.
+    """
+    _, bounds, _, _ = form
+    one = np.uint64(1)
+    steep_blocks = np.uint64(0)
+    flat_blocks = np.uint64(0)
+    for b in range(first, last):
+        kind = chunk[at(row.KIND, b - first)]
+        if has_memory and kind == _SKIP_WET and is_elastic(states_of_blocks[b]):
+            kind = _PLAIN
+            chunk[at(row.KIND, b - first)] = kind
+        if kind == _FLAT_OR_CUT:
+            chunk[at(row.FLAT, flat_blocks)] = b
+            flat_blocks += one
+        elif kind >= _PLAIN:
+            chunk[at(row.STEEP, steep_blocks)] = b
+            steep_blocks += one
+        elif kind == _SKIP_WET:
+            chunk[_SUBMERGED] += bounds[BOUND_AREA, b]
+            if has_memory:
+                _follow_gaps(states_of_blocks[b], form, b, scene, motion)
+        elif has_memory:
+            clear(states_of_blocks[b])
+    return steep_blocks, flat_blocks
+
+
+@inlined
+def _geometry_of_blocks(chunk, numbers, count, form, first, scene, has_memory):
+    """`_geometry` of the blocks of a chunk. `numbers`: where theirs begin. `first`: block of the window."""
+    rows, _, refined, _ = form
+    for j in range(count):
+        block = np.uint64(chunk[at(numbers, j)])
+        i0 = j * np.uint64(BLOCK)
+        submerged = 0.0
+        if not refined:
+            submerged = _geometry(chunk, i0, rows, block, scene, has_memory, False, True)
+        elif chunk[at(row.KIND, block - first)] == _PLAIN:
+            submerged = _geometry(chunk, i0, rows, block, scene, has_memory, True, False)
+        else:
+            submerged = _geometry(chunk, i0, rows, block, scene, has_memory, True, True)
+        chunk[_SUBMERGED] += submerged
 
 
 @inlined
@@ -353,11 +402,11 @@ def _sums(form, law, height, slope, states, past, out):
     """The sums for each state, `out` of shape [n, 7] or [n, 19], or the forces of plates at one state, shape [m, 3].
 
     `form`: of `Plates`. `law`: its `packed`. `past`: a `rft_ros.rft.memory.Past`.
-    Forces are added to those in `out`, in the kernel's order. One function: LLVM keeps what is the same for all blocks
-    in registers, and a state takes 8 % longer if it is divided.
+    Forces are added to those in `out`, in the kernel's order. All steps are inlined, so that LLVM keeps what is the
+    same for all blocks in registers.
     """
     wide_vectors()
-    rows, bounds, refined, reach = form
+    _, bounds, refined, reach = form
     has_memory = past.has_memory
     states_of_blocks = past.blocks
     stiffness = past.stiffness[0]
@@ -367,7 +416,6 @@ def _sums(form, law, height, slope, states, past, out):
     of_plates = out.shape[1] == _FORCES
     # unsigned: numba adds code for negative indices otherwise
     blocks = np.uint64(bounds.shape[1])
-    one = np.uint64(1)
     for k in range(states.shape[0]):
         state = states[k]
         axes = attitude(state[QUATERNION])
@@ -389,30 +437,11 @@ def _sums(form, law, height, slope, states, past, out):
         for c in range(WIDTH):
             chunk[at(row.TOTAL, c)] = 0.0
         for first in range(np.uint64(0), blocks, np.uint64(row.WINDOW)):
-            # Classify the blocks of a window.
             last = min(first + np.uint64(row.WINDOW), blocks)
             _classify(chunk, bounds, first, last, scene, reach, flat_cosine)
-            # List those to evaluate; the others are done here.
-            steep_blocks = np.uint64(0)
-            flat_blocks = np.uint64(0)
-            for b in range(first, last):
-                kind = chunk[at(row.KIND, b - first)]
-                if has_memory and kind == _SKIP_WET and is_elastic(states_of_blocks[b]):
-                    kind = _PLAIN
-                    chunk[at(row.KIND, b - first)] = kind
-                if kind == _FLAT_OR_CUT:
-                    chunk[at(row.FLAT, flat_blocks)] = b
-                    flat_blocks += one
-                elif kind >= _PLAIN:
-                    chunk[at(row.STEEP, steep_blocks)] = b
-                    steep_blocks += one
-                elif kind == _SKIP_WET:
-                    chunk[_SUBMERGED] += bounds[BOUND_AREA, b]
-                    if has_memory:
-                        _follow_gaps(states_of_blocks[b], form, b, below, rise, motion_in_tool)
-                elif has_memory:
-                    clear(states_of_blocks[b])
-            # Evaluate each list, a chunk at a time.
+            steep_blocks, flat_blocks = _list(
+                chunk, form, first, last, scene, has_memory, states_of_blocks, motion_in_tool
+            )
             for flat in (False, True):
                 listed = row.FLAT if flat else row.STEEP
                 length = flat_blocks if flat else steep_blocks
@@ -420,23 +449,7 @@ def _sums(form, law, height, slope, states, past, out):
                     count = min(np.uint64(row.BLOCKS), length - begin)
                     n = count * np.uint64(BLOCK)
                     numbers = at(listed, begin)
-                    for j in range(count):
-                        block = np.uint64(chunk[at(numbers, j)])
-                        i0 = j * np.uint64(BLOCK)
-                        submerged = 0.0
-                        if not refined:
-                            submerged = _geometry(
-                                chunk, i0, rows, block, scene, has_memory, False, True
-                            )
-                        elif chunk[at(row.KIND, block - first)] == _PLAIN:
-                            submerged = _geometry(
-                                chunk, i0, rows, block, scene, has_memory, True, False
-                            )
-                        else:
-                            submerged = _geometry(
-                                chunk, i0, rows, block, scene, has_memory, True, True
-                            )
-                        chunk[_SUBMERGED] += submerged
+                    _geometry_of_blocks(chunk, numbers, count, form, first, scene, has_memory)
                     tractions(law, chunk, n, flat, refined)
                     if has_memory:
                         add_memory(
