@@ -12,6 +12,7 @@ import zipfile
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from tempfile import mkdtemp
 from typing import Any
 
 import numpy as np
@@ -157,9 +158,8 @@ def whole_folder(folder: Path, names: Sequence[str]) -> Iterator[Path]:
     After an exception what was in `folder` stays as it was.
     """
     with file_errors(f"output folder '{folder}'", "written"):
-        part = folder / f".{os.getpid()}.part"
-        _remove(part)  # of a process that was killed
-        part.mkdir(parents=True)
+        folder.mkdir(parents=True, exist_ok=True)
+        part = Path(mkdtemp(prefix=".", suffix=".part", dir=folder))
         try:
             yield part
             for name in names:

@@ -78,8 +78,8 @@ def suspicions(
 ) -> list[str]:
     """What is probably wrong with a recording, as sentences. `sent`: with the repeats that `track` is without.
 
-    `law`: of the parameters, with their ζ and λ, without inertia. Raises InputError for poses in millimetres, for a
-    zero of the load cell that moves, and for a load cell of another sign, in other axes or turned by multiples of 90°,
+    `law`: of the parameters with their λ, at ζ = 1 and without inertia. Raises InputError for poses in millimetres, for
+    a zero of the load cell that moves, for a load cell of another sign, in other axes or turned by multiples of 90°,
     a turned mesh or world, and quaternions with w first: every fit would believe it.
     """
     evidence = Evidence(
@@ -98,7 +98,9 @@ def suspicions(
     )
     wrong = [finding for finding in judge(evidence) if not finding.ok]
     for finding in wrong:
-        if finding.name in _REFUSED or finding.remedy.keys() & _OTHER_CELL:
+        # no parameter mends an angle of a load cell that transforms place
+        remedy = next(filter(None, (finding.remedy, *finding.alike)), {})
+        if finding.name in _REFUSED or remedy.keys() & _OTHER_CELL:
             raise InputError(f"{track.name}: {finding.text}")
     return [
         f"{track.name}: {finding.text}"

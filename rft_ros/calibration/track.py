@@ -130,7 +130,7 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
 
     Raises InputError for a bag with fewer than two poses that have both.
     """
-    # the error of a reduced tool would bias every fit; the fits know level ground only
+    # the error of a reduced tool would bias the fits of the grains; they know level ground only
     values_of_fits = {**values, "tolerance": 0.0, "ground.cell": 0.0, "ground.file": ""}
     model = model_of(values_of_fits)
     with opened_recording(bag, values_of_fits, options) as recording:

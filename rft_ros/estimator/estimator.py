@@ -73,7 +73,10 @@ class Estimator:
 
     @property
     def state(self) -> Array:
-        """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`."""
+        """State of the last pose answered with an estimate or `at_rest`, shape [13], units and columns: `STATE`.
+
+        Zeros in a new run, and with other frames, before there is one.
+        """
         return self.run.state
 
     @property

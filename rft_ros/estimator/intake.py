@@ -2,7 +2,6 @@
 
 import math
 from collections import Counter, deque
-from dataclasses import replace
 
 from rft_ros.estimator import samples
 from rft_ros.estimator.comparison import Comparison
@@ -90,7 +89,7 @@ class Intake:
             on_tool = self.transforms.fixed(s.tool_frame, s.sensor_frame)
             if on_tool is None:
                 return
-            self.load_cell = replace(s.load_cell, **on_tool._asdict())
+            self.load_cell = s.load_cell.at(on_tool)
         self.load_cell_frame = LoadCellFrame(self.load_cell)
 
     # --- samples

@@ -113,7 +113,7 @@ class Listener:
         """All messages within `seconds` [s], in the order of arrival, and the topics with their publishers."""
         wanted = dict(topics)
         if not has_tf2_msgs() and "tf" not in topics:
-            del wanted["tf_static"]
+            wanted.pop("tf_static", None)
         kinds = {role: TYPES[role][0] for role in wanted}
         subscriptions = {
             role: self._subscribe(role, kinds[role], topic) for role, topic in wanted.items()

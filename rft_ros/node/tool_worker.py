@@ -1,5 +1,6 @@
 """A worker process that reads the files that parameters name, while the node keeps answering poses."""
 
+import time
 from collections.abc import Callable, Mapping
 from contextlib import suppress
 from multiprocessing.connection import Connection, Pipe
@@ -9,7 +10,10 @@ from rft_ros.child_process import lower_priority, start_child
 from rft_ros.errors import InputError
 from rft_ros.parameters import FILES, Values, load_parts
 
-_LOOK = 1.0  # s between two looks at whether a load is still wanted
+_LOOK = 1.0  # s between two looks at a process that loads
+_BLOCKED_AFTER = 60.0
+_BLOCKED_CPU = 0.01
+"""A process that uses less than `_BLOCKED_CPU` [s] of CPU time in `_BLOCKED_AFTER` [s] waits for a stalled drive."""
 
 
 class ToolWorker:
@@ -33,10 +37,7 @@ class ToolWorker:
     def load(
         self, files: Mapping[str, Values], is_wanted: Callable[[], bool] = lambda: True
     ) -> dict[str, Any]:
-        """Load parts of `parts_of`. Raises InputError if they cannot be used or are no longer wanted.
-
-        A drive that does not answer is waited for until then.
-        """
+        """Load parts of `parts_of`. Raises InputError if they cannot be used, do not end, or are no longer wanted."""
         try:
             answer = self._answer(files, is_wanted)
         except InputError:
@@ -69,11 +70,28 @@ class ToolWorker:
         self, files: Mapping[str, Values], is_wanted: Callable[[], bool]
     ) -> dict[str, Any] | str:
         """Wait for the answer to a request that was sent."""
+        moved = time.monotonic()
+        used_then = self._cpu_time()
         while not self._connection.poll(_LOOK):
             if not is_wanted():
                 raise InputError(f"{named(files)} is no longer wanted")
+            now = time.monotonic()
+            used = self._cpu_time()
+            if used - used_then > _BLOCKED_CPU:
+                moved = now
+                used_then = used
+            elif now - moved > _BLOCKED_AFTER:
+                raise InputError(
+                    f"{named(files)} gave nothing to read for {_BLOCKED_AFTER:g} s; look at its drive, and set it again"
+                )
         answer: dict[str, Any] | str = self._connection.recv()
         return answer
+
+    def _cpu_time(self) -> float:
+        """CPU time that the process has used [s]; 0 where the system does not tell."""
+        with suppress(OSError):
+            return time.clock_gettime(~self.process.pid << 3 | 2)  # its clock of CPU time on Linux
+        return 0.0
 
     def end(self) -> None:
         """End the process, and with it the load in progress, for good."""

@@ -53,7 +53,7 @@ def evaluate(variant: Variant) -> dict[str, float]:
     from scipy.integrate import trapezoid  # takes 0.3 s, and only this command needs it
 
     values = parameters_of({**variant.tool, **variant.medium})
-    parts = {part: _loaded(part, tuple(of.items())) for part, of in parts_of(values).items()}
+    parts = {part: _LOADED[part](part, tuple(of.items())) for part, of in parts_of(values).items()}
     model = model_of(values, parts)
     times, states = _motion(tuple(variant.motion.items()))
     if (np.diff(times) < 0.0).any():
@@ -78,10 +78,15 @@ def evaluate(variant: Variant) -> dict[str, float]:
 
 # Few values are cached, since tools vary slowest and media fastest: 400 motions of 20,000 samples took 0.9 GB.
 # `_check_contents` clears them, since files may change between two studies of one worker in a cluster.
-@lru_cache(maxsize=8)
-def _loaded(part: str, items: tuple[tuple[str, Any], ...]) -> Any:
+def _load(part: str, items: tuple[tuple[str, Any], ...]) -> Any:
     """A part of the model, from the items of its values."""
     return load_parts({part: dict(items)})[part]
+
+
+_LOADED = {
+    part: lru_cache(maxsize=size)(_load)
+    for part, size in {"tool": 4, "ground": 4, "medium": 16, "table": 16}.items()
+}
 
 
 @lru_cache(maxsize=16)
@@ -121,7 +126,7 @@ def _check_contents(contents: tuple[Content, ...]) -> None:
             raise InputError(
                 f"a worker ({there}) has another {kind} '{name}' than this process; {_ADVICE[kind]}"
             )
-    for cached in (_loaded, _motion):
+    for cached in (*_LOADED.values(), _motion):
         cached.cache_clear()
 
 

@@ -1,7 +1,6 @@
 """Files that parameters and users name: hostile ones are refused unread, outputs are whole, inputs stay."""
 
 import io
-import os
 import pickle
 import re
 import zipfile
@@ -119,13 +118,13 @@ def test_an_output_that_is_not_finished_leaves_the_old_one_and_no_other_file(tmp
     assert file.stat().st_mode & 0o777 == 0o640
 
 
-def test_a_folder_of_a_killed_process_of_the_same_pid_is_replaced(tmp_path):
-    """As in a container, in which pids repeat."""
-    (tmp_path / f".{os.getpid()}.part").mkdir()
-    (tmp_path / f".{os.getpid()}.part" / "half.csv").write_text("half")
-    with whole_folder(tmp_path, []) as folder:
-        (folder / "out.csv").write_text("good")
-    assert [file.name for file in tmp_path.iterdir()] == ["out.csv"]
+def test_two_processes_that_fill_one_folder_do_not_take_each_others_files(tmp_path):
+    """Also in two containers, where both may have the same pid."""
+    with whole_folder(tmp_path, []) as slow:
+        (slow / "half.csv").write_text("half")
+        with whole_folder(tmp_path, []) as folder:
+            (folder / "out.csv").write_text("good")
+        assert sorted(tmp_path.iterdir()) == [slow, tmp_path / "out.csv"]
 
 
 def test_a_loop_of_links_is_no_output_and_no_folder_of_one(tmp_path):

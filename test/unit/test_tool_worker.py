@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from rft_ros.errors import InputError
-from rft_ros.node import swap
+from rft_ros.node import swap, tool_worker
 from rft_ros.node.swap import Failed, Swap
 from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.parameters import defaults, parts_of
@@ -129,6 +129,18 @@ def test_a_worker_that_is_ended_while_it_loads_is_not_started_again(big):
             loading.result()
     assert worker.process.pid == first
     assert worker.process.poll() is not None
+
+
+def test_a_drive_that_gives_nothing_to_read_is_given_up_and_says_so(worker, big, monkeypatch):
+    with monkeypatch.context() as patched:
+        patched.setattr(tool_worker, "_LOOK", 0.01)
+        patched.setattr(tool_worker, "_BLOCKED_AFTER", 0.0)
+        patched.setattr(tool_worker, "_BLOCKED_CPU", 1e9)
+        with pytest.raises(
+            InputError, match=r"mesh\.file '.*big\.stl' gave nothing to read for 0 s; look at"
+        ):
+            loaded(worker, big)
+    assert loaded(worker, "plate").name == "plate"
 
 
 def swapped(pending):

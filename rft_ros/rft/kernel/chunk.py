@@ -30,7 +30,7 @@ SPEED, E2_X, E2_Y, SIN_B, COS_B, SIN_G, COS_G, LOAD, AREA, SHARE, ALONG, TANGENT
 """Where the row of each number begins: scaled speed; e2; sine and cosine of β and γ; load [m³] and area [m²] that the
 traction acts on; leading share; the traction's part along e1 per α_y; its tangent with memory times the load [N/m]."""
 
-KIND, STEEP, FLAT, TOTAL = (LENGTH * k for k in range(27, 31))
+KIND, STEEP_BLOCKS, FLAT_BLOCKS, TOTAL = (LENGTH * k for k in range(27, 31))
 """Where other rows begin: kinds of the blocks in a window; numbers of those to evaluate, without and with plates that
 may be horizontal; totals of the state, in the order of a result."""
 

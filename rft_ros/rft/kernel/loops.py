@@ -270,10 +270,10 @@ def _list(chunk, form, first, last, scene, has_memory, states_of_blocks, motion)
             kind = _PLAIN
             chunk[at(row.KIND, b - first)] = kind
         if kind == _FLAT_OR_CUT:
-            chunk[at(row.FLAT, flat_blocks)] = b
+            chunk[at(row.FLAT_BLOCKS, flat_blocks)] = b
             flat_blocks += one
         elif kind >= _PLAIN:
-            chunk[at(row.STEEP, steep_blocks)] = b
+            chunk[at(row.STEEP_BLOCKS, steep_blocks)] = b
             steep_blocks += one
         elif kind == _SKIP_WET:
             chunk[_SUBMERGED] += bounds[BOUND_AREA, b]
@@ -443,7 +443,7 @@ def _sums(form, law, height, slope, states, past, out):
                 chunk, form, first, last, scene, has_memory, states_of_blocks, motion_in_tool
             )
             for flat in (False, True):
-                listed = row.FLAT if flat else row.STEEP
+                listed = row.FLAT_BLOCKS if flat else row.STEEP_BLOCKS
                 length = flat_blocks if flat else steep_blocks
                 for begin in range(np.uint64(0), length, np.uint64(row.BLOCKS)):
                     count = min(np.uint64(row.BLOCKS), length - begin)
