@@ -31,9 +31,9 @@ _ALIGNED = (
 )
 _NO_TURN = 0.01  # weight of no turn, where pushes do not tell the angle about their own direction
 _OPPOSED = 0.3  # residual of the directions that is never that of the grains
-_MOST_ROWS = 350  # moments at which explanations are compared
-_NEARER = 0.8  # greatest residual, of that of the set-up as given, at a tilt from which a better one is sought
-_FEWER_ROWS = 200  # moments at which tilts of the world are compared
+_TOLERANCE = 0.025  # of the tool with which explanations are compared
+_MOST_PLATES = 100_000  # at all moments together; between moments that are far apart the memory would be wrong
+_LEAST_ROWS = 350
 _NONE = Rotation.identity()
 
 
@@ -229,19 +229,16 @@ def _of_world(e: Evidence) -> Iterator[_Explanation]:
 
 def _tilted_world(e: Evidence) -> Iterator[_Explanation]:
     """A world frame that is tilted by any angle."""
-    few = fewer(e, _FEWER_ROWS)
 
     def turn(tilt: Array) -> Rotation:
         return Rotation.from_rotvec((*tilt, 0.0))
 
     def misfit(tilt: Array) -> float:
-        return residual(_turned(few, world=turn(tilt)))
+        return residual(_turned(e, world=turn(tilt)))
 
     ways = np.linspace(0.0, 2.0 * np.pi, 6, endpoint=False)
     tilts = np.column_stack([np.cos(ways), np.sin(ways)])
     start = min([*(0.12 * tilts), *(0.35 * tilts)], key=misfit)
-    if misfit(start) > _NEARER * residual(few):
-        return
     simplex = start + np.array([(0.0, 0.0), (0.1, 0.0), (0.0, 0.1)])
     tilt = fmin(
         misfit, start, xtol=0.01, ftol=1e-4, maxfun=40, disp=False, initial_simplex=simplex
@@ -270,13 +267,15 @@ def mesh_turns(e: Evidence) -> Iterator[_Explanation]:
             )
 
 
-def fewer(e: Evidence, count: int = _MOST_ROWS) -> Evidence:
-    """At most `count` of the moments: evenly of those in motion in the grains, at most half, then of those in air."""
+def fewer(e: Evidence) -> Evidence:
+    """With fewer plates, at some moments: evenly of those in motion in the grains, at most half, then in the air."""
+    tool = e.tool.reduced(_TOLERANCE)
+    count = max(_LEAST_ROWS, _MOST_PLATES // len(tool.plates))
     moving = np.flatnonzero((e.speed > e.settings.rest_speed) & ~e.in_air)
     moving = moving[:: max(1, -(-2 * len(moving) // count))]
     air = np.flatnonzero(e.in_air)
     air = air[:: max(1, -(-len(air) // (count - len(moving))))]
-    return e.at(np.sort(np.concatenate([moving, air])))
+    return replace(e.at(np.sort(np.concatenate([moving, air]))), tool=tool)
 
 
 def attitude(e: Evidence) -> Attitude:

@@ -148,6 +148,7 @@ def seen(e: Evidence, states: Array, cell: LoadCell) -> Evidence:
     """As if the states and the load cell's place were these, and the surface where the measured force begins."""
     depth = e.settings.surface_height - e.tool.lowest_points(states)[0]
     as_if = replace(e, state=states, load_cell=cell, depth=depth)
+    as_if = replace(as_if, measured=e.with_weight - as_if.cell_along.weight)
     contact = contact_of(as_if)
     if contact is None:
         return replace(as_if, predicted=np.zeros_like(e.predicted))
