@@ -16,11 +16,19 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from rft_ros.demo import virtual_arm
-from rft_ros.diagnosis import Finding
+from rft_ros.diagnosis import CellAlong, Finding
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import LoadCellFrame, TransformSample, WrenchSample
-from rft_ros.parameters import LoadCell, defaults
-from rft_ros.rft import FORCE, POSITION, QUATERNION, TORQUE, VELOCITY
+from rft_ros.parameters import LoadCell, defaults, model_of
+from rft_ros.rft import (
+    FORCE,
+    POSITION,
+    QUATERNION,
+    TORQUE,
+    VELOCITY,
+    Memory,
+    wrenches_in_time,
+)
 from rft_ros.rft.frames import ANGULAR_VELOCITY
 
 STATES = motion(100.0)
@@ -279,6 +287,23 @@ def test_a_world_frame_that_does_not_point_up_is_the_only_thing_named(degrees, w
     (said,) = faults(states=in_world(STATES, turn), readings=LOADS + NOISE)
     assert said.name == "world frame"
     assert said.evidence["angle"] == pytest.approx(degrees, abs=3.0)
+
+
+def test_a_tilted_world_is_named_by_drags_of_a_tool_with_many_plates_in_grains_with_memory():
+    """Compared at a few moments, that lie far apart, the model would not remember its path."""
+    cell = {"mesh.file": "plate", "medium.mobilization_length": 0.003, "tolerance": 0.0}
+    model = model_of({**defaults(), **PARAMETERS, **cell})
+    states = motion(200.0)
+    states[:, VELOCITY] *= 0.5  # the moments are 10 ms apart
+    plates = model.tool.plates
+    force = wrenches_in_time(plates, model.law, states, Memory(plates), surface_height=SURFACE)
+    depth = np.maximum(SURFACE - model.tool.lowest_points(states)[0], 1e-6)
+    grown = force[:, :6] * (depth[:, None] / 0.03) ** 0.3
+    readings = CellAlong(LoadCell(**MOUNT._asdict()), states).from_world(grown)
+    tilted = in_world(states, Rotation.from_rotvec([np.radians(15.0), 0.0, 0.0]))
+    of_cell = {name.replace(".", "__"): value for name, value in cell.items()}
+    found = faults(states=tilted, readings=readings, **of_cell)
+    assert named(found) == ["world frame"]
 
 
 def test_quaternions_with_w_first_are_named_and_no_chain_of_remedies_follows():
