@@ -136,10 +136,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
             os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         if isinstance(error, BrokenPipeError):  # the reader, such as head, has closed the pipe
             return 128 + signal.SIGPIPE
-        what = (
-            error.filename
-            or "the output, the folder of temporary files (TMPDIR) or the working directory"
-        )
+        what = error.filename or "the output or the working directory"
         print(f"rft: {what} cannot be used: {reason_of(error)}", file=sys.stderr)
         return 2
 
