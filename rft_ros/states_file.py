@@ -39,9 +39,8 @@ _TWIST = columns_named(STATE[TWIST])
 _LAST = 2**31  # s: stamps of ROS have 32 bits
 _USUAL = 0.003  # m/s: speed of a tool in grains; under 0.1 mm/s another unit of time is likelier than a slow tool
 _QUICKEST = 0.9  # quantile of the speeds that is compared, since a tool may rest most of the time
-_ALIKE = (
-    0.15  # power of 1000 within which the speed by the poses and a velocity are of different units
-)
+# power of 1000 within which the speed by the poses and a velocity are of different units
+_ALIKE = 0.15
 _SHORTEST = 1e-4  # s between rows: no driver sends more often
 _FAST = 1.0  # m/s: no arm exceeds both this and the next extent [m] in grains
 _FAR = 10.0

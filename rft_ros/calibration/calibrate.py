@@ -38,7 +38,7 @@ PARTS = ("sensor", "surface", "zeta", "mobilization")
 """What can be fitted: delay, bias, mass and centre of mass; surface height; ζ; λ."""
 
 _ROUNDS = 5  # of contacts and force of inertia, each with the result of the other
-# tolerance of the tools for the delay: in eleven recordings it moved it by less than a fifth of its standard error
+# tolerance of the tools for the delay: in nine recordings the fitted delay moved by less than a fifth of its error
 _COARSE = 0.025
 _CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m] above the surface
 

@@ -53,9 +53,8 @@ _AIR = 0.02
 # depth, a pressure that grows faster than linearly would shift the surface down.
 _SHALLOW = 0.25
 _AT_LEAST = 0.004
-_MOST_WINDOWS = (
-    6  # ranges of height that are fitted in turn, each about the surface that the one before gave
-)
+# ranges of height that are fitted in turn, each about the surface that the one before gave
+_MOST_WINDOWS = 6
 _HEIGHTS = 24  # surface heights that are tried before the best one is refined
 _DEPTHS = 256  # depths at which the force of a first contact is computed
 _LEAST_RISE = 6.0  # least rise of the force at a first contact, relative to the RMS residual

@@ -26,14 +26,14 @@ _ANGLE = np.radians(4.0)  # real grains push plates up to 3 degrees out of the m
 _TRIED = np.radians(1.5)
 _AS_GOOD = 1.5  # residuals up to this factor of the smallest one, and a slack, are alike
 _TORQUE_ALIKE = 0.3  # explanations whose torques' correlations differ by up to this are alike
-_ALIGNED = (
-    3  # rounds of alignment: a turn changes the weight that is subtracted, and so the directions
-)
+# rounds of alignment: a turn changes the weight that is subtracted, and so the directions
+_ALIGNED = 3
 _NO_TURN = 0.01  # weight of no turn, where pushes do not tell the angle about their own direction
 _OPPOSED = 0.3  # residual of the directions that is never that of the grains
 _TOLERANCE = 0.025  # of the tool with which explanations are compared
-_MOST_PLATES = 100_000  # at all moments together; between moments that are far apart the memory would be wrong
-_LEAST_ROWS = 350
+# plates at all of the moments together; between moments that lie far apart the model would not follow the path
+_MOST_PLATES = 100_000
+_LEAST_ROWS = 350  # moments, also of a tool of many plates
 _NONE = Rotation.identity()
 
 
@@ -268,7 +268,10 @@ def mesh_turns(e: Evidence) -> Iterator[_Explanation]:
 
 
 def fewer(e: Evidence) -> Evidence:
-    """With fewer plates, at some moments: evenly of those in motion in the grains, at most half, then in the air."""
+    """The evidence with fewer plates and at fewer moments, which are spread evenly.
+
+    At most half of the moments are in motion in the grains; the rest are in the air.
+    """
     tool = e.tool.reduced(_TOLERANCE)
     count = max(_LEAST_ROWS, _MOST_PLATES // len(tool.plates))
     moving = np.flatnonzero((e.speed > e.settings.rest_speed) & ~e.in_air)

@@ -18,9 +18,8 @@ MOST_ZETA = 5.0
 
 _POWERS = np.linspace(-0.3, 0.6, 10)  # of depth by which the force may differ from the model's
 _FAINT = 0.05  # of the greatest predicted force: the direction of a smaller one is not compared
-_OF_PEAK = (
-    0.02  # of the greatest predicted force: a smaller change of that in the air counts little
-)
+# of the greatest predicted force: a smaller change of the force in the air counts little
+_OF_PEAK = 0.02
 
 
 def directions(e: Evidence) -> Array:

@@ -40,8 +40,6 @@ __all__ = [
     "Answer",
     "Estimate",
     "Estimator",
-]
-__all__ += [
     "LoadCellFrame",
     "Measurement",
     "NoEstimate",
@@ -49,8 +47,6 @@ __all__ += [
     "PoseNoise",
     "PoseSample",
     "QualityFlag",
-]
-__all__ += [
     "Reason",
     "Sample",
     "Stamped",
@@ -58,13 +54,12 @@ __all__ += [
     "Trust",
     "TwistSample",
     "WrenchSample",
-]
-__all__ += [
     "begins_in_grains",
     "flag_names",
     "is_offset",
     "is_withdrawn",
     "predict_without_learning",
     "sentence_on",
+    "sentences",
+    "trust",
 ]
-__all__ += ["sentences", "trust"]

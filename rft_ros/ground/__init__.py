@@ -16,5 +16,8 @@ __all__ = [
     "GroundMapper",
     "HeightMap",
     "LocalSurface",
+    "Support",
+    "ToolPlace",
+    "read_height_map",
+    "write_height_map",
 ]
-__all__ += ["Support", "ToolPlace", "read_height_map", "write_height_map"]

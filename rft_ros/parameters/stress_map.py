@@ -15,17 +15,15 @@ from rft_ros.rft.media import MEDIA, OF_ALPHA_X, OF_ALPHA_Z, Medium, stress_term
 Array = NDArray[np.float64]
 
 _OPEN = 0.04  # a combination of terms whose RMS over the cells is below this is not determined by the map
-_PART = (
-    0.15  # least share in an open combination with which a coefficient counts as not identifiable
-)
+# least share in an open combination with which a coefficient counts as not identifiable
+_PART = 0.15
 _NO_MEDIUM = 0.4  # share of the stress (RMS) that a fit may leave without a doubt
 _OUTLIER = 5.0  # times the median residual; Gaussian noise reaches 3.5 in 5,000 cells
 _WORST = 3  # cells that a doubt lists
 _WEAKEST = 0.05  # ζ of the generic medium; below, the stresses are probably in another unit
 _STRONGEST = 5.0  # and above
-_LEAST_STRENGTH = (
-    5e-4  # of the generic medium's: weaker stresses are in another unit, or along the motion
-)
+# least strength, of the generic medium's: weaker stresses are in another unit, or along the motion
+_LEAST_STRENGTH = 5e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)

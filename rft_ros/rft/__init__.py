@@ -76,8 +76,6 @@ __all__ = [
     "FORCE",
     "INERTIA",
     "INTEGRATIONS",
-]
-__all__ += [
     "LAWS",
     "LAW_NUMBERS",
     "LEVEL",
@@ -87,8 +85,6 @@ __all__ += [
     "POSITION",
     "QUATERNION",
     "SENSITIVITIES",
-]
-__all__ += [
     "SLACK",
     "STATE",
     "SUBMERGED_AREA",
@@ -97,8 +93,6 @@ __all__ += [
     "TWIST",
     "VELOCITY",
     "WRENCH",
-]
-__all__ += [
     "Agarwal2023",
     "AlphaY",
     "Constant",
@@ -108,8 +102,6 @@ __all__ += [
     "Medium",
     "Memory",
     "Plates",
-]
-__all__ += [
     "SpeedLimits",
     "Table",
     "Treers2021",
@@ -117,7 +109,15 @@ __all__ += [
     "alpha_y_model",
     "checked_states",
     "described",
+    "displacements_between",
+    "displacements_followed",
+    "law_named",
+    "medium_named",
+    "plate_forces",
+    "rotation_matrix",
+    "traction_per_depth",
+    "treers2021",
+    "unit_quaternion",
+    "wrenches",
+    "wrenches_in_time",
 ]
-__all__ += ["displacements_between", "displacements_followed"]
-__all__ += ["law_named", "medium_named", "plate_forces", "rotation_matrix", "traction_per_depth"]
-__all__ += ["treers2021", "unit_quaternion", "wrenches", "wrenches_in_time"]
