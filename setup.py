@@ -17,7 +17,6 @@ STUDIES = ["matplotlib>=3.6.3"]
 MUJOCO = [
     "mujoco>=3.12"
 ]  # with 3.9 a block by contact on a plate rests 7 % too high under elliptic cones
-UNION = ["manifold3d>=2.5"]  # of bodies in a mesh, by rft check-mesh --union
 DOCS = [
     "mkdocs-material>=9.5",
     "latex2mathml>=3.77",
@@ -63,7 +62,6 @@ setup(
         "ros": ["ros-jazzy-common-interfaces", "ros-rclpy[fastrtps]==7.1.6"],
         "sweep": SWEEP,
         "mujoco": MUJOCO,
-        "union": UNION,
         "docs": DOCS,
         "studies": STUDIES,
         "test": [
@@ -75,7 +73,6 @@ setup(
             "catkin_pkg>=1.0",
             *SWEEP,
             *MUJOCO,
-            *UNION,
             *DOCS,
             *STUDIES,
         ],

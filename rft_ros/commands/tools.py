@@ -5,7 +5,6 @@ from pathlib import Path
 
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
-from rft_ros.files import refuse_overwriting
 from rft_ros.parameters import MESH, Values, defaults, named_files, tool_of
 from rft_ros.progress import busy
 from rft_ros.sweeps.design import read_design
@@ -17,36 +16,20 @@ from rft_ros.tool import (
     describe_tool,
     locate_mesh,
     save_reduced,
-    write_union,
 )
 
 
 def check_mesh_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("mesh", metavar="FILE", help=MESH)
     options.share(command, *options.PLACED)
-    command.add_argument(
-        "--union",
-        type=Path,
-        metavar="OUT.stl",
-        help="write the union of its bodies as STL (needs manifold3d)",
-    )
 
 
 def check_mesh(arguments: argparse.Namespace) -> int:
     """rft check-mesh my_tool.stl --scale 0.001"""
-    values = options.values_of(arguments)
-    union = arguments.union
-    if union is not None:
-        refuse_overwriting([union], named_files(values))
-        if union.suffix.lower() != ".stl":
-            raise InputError(f"output '{union}' must end in .stl")
-    tool = tool_of(values)
+    tool = tool_of(options.values_of(arguments))
     print("\n".join(describe_tool(tool)))
     if "concave" in tool.issues:
         print("\n".join(describe_hollow(tool)))
-    if union is not None:
-        print(f"union: {write_union(union, tool):,} facets -> {union}")
-        print(_same_options(tool, values))
     return 1 if tool.faults else 0
 
 

@@ -15,7 +15,6 @@ from rft_ros.tool.tool import (
     save_reduced,
     tool_of_mesh,
 )
-from rft_ros.tool.union import write_union
 from rft_ros.tool.urdf import files_of_mesh
 
 __all__ = [
@@ -38,5 +37,4 @@ __all__ = [
     "save_reduced",
     "solids",
     "tool_of_mesh",
-    "write_union",
 ]

@@ -101,8 +101,7 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
     if covered > _COVERED_SHARE:
         issues["overlap"] = (
             f"{100 * covered:.0f} % of the surface lies in or on other bodies of the mesh, "
-            "whose force counts although no grains touch it; rft check-mesh --union OUT.stl writes the union"
-            " of the bodies"
+            "whose force counts although no grains touch it; join the bodies, in CAD or as docs/where-it-fails.md does"
         )
     share = 0.0 if is_inside_out else _hollow_share(mesh, has_area)
     if share > _CONCAVE_SHARE:

@@ -20,7 +20,7 @@ _WORDS = ("FILE", "TABLE", "MESH", "BAG")
 _OF_STATES = {"mesh": "ball.stl", "medium": "medium.yaml", "alpha_y": "table.csv"}
 GOOD: dict[str, list[dict[str, str]]] = {
     "predict": [{"states": "states.csv", **_OF_STATES, "output": "out.csv"}],
-    "check-mesh": [{"mesh": "ball.stl", "union": "union.stl"}],
+    "check-mesh": [{"mesh": "ball.stl"}],
     "reduce": [{"mesh": "ball.stl", "output": "out.npz"}],
     "replay": [{"bag": "bag", "params": "cell.yaml", "check": "limits.yaml", "output": "out"}],
     "calibrate": [

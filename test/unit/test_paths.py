@@ -15,7 +15,7 @@ from path_arguments import (
 
 from rft_ros.cli import main
 
-OUTPUTS = {"output", "figure", "union"}
+OUTPUTS = {"output", "figure"}
 LONGEST = 60
 """Seconds that a command may take, also on a busy machine."""
 
