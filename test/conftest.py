@@ -106,6 +106,7 @@ def pytest_runtest_logreport(report: pytest.TestReport) -> None:
     _CPU[report.location[0].rpartition("/")[0]] += report.cpu
 
 
-def pytest_terminal_summary(terminalreporter: pytest.TerminalReporter) -> None:
+# in quotes: pytest 7, which Ubuntu 24.04 has, gives that class no public name
+def pytest_terminal_summary(terminalreporter: "pytest.TerminalReporter") -> None:
     groups = ", ".join(f"{folder} {seconds:.0f}" for folder, seconds in _CPU.most_common())
     terminalreporter.write_line(f"CPU time [s]: {groups}; together {_CPU.total():.0f}")

@@ -14,7 +14,7 @@ from rft_ros.estimator import Answer, Estimator, PoseSample, Reason, Sample
 from rft_ros.parameters import Model, Values, settings_of
 from rft_ros.progress import bar
 from rft_ros.report import DrawnMotion
-from rft_ros.rft import FORCE, QUATERNION
+from rft_ros.rft import FORCE, QUATERNION, rotate_vectors, rotation_matrices, rotation_matrix
 
 _BAR_PERIOD = 512  # samples between updates of the progress bar
 
@@ -69,16 +69,14 @@ def played_estimates(
 
 def played_motion(rows: Rows, estimator: Estimator, *, begin: int) -> DrawnMotion:
     """The motion in rows of estimates, shape [n], which the estimator gave. `begin`: the stamp of its time 0 [ns]."""
-    from scipy.spatial.transform import Rotation
-
     states = np.array(rows["state"])
-    sensor = Rotation.from_quat(states[:, QUATERNION]) * Rotation.from_quat(
+    to_world = rotation_matrices(states[:, QUATERNION]) @ rotation_matrix(
         estimator.load_cell.quaternion
     )
     return DrawnMotion(
         times=1e-9 * (rows["stamp"] - begin),
         states=states,
-        forces=np.asarray(sensor.apply(rows["predicted"][:, FORCE])),
+        forces=rotate_vectors(to_world, rows["predicted"][:, FORCE]),
         ground=estimator.ground,
     )
 

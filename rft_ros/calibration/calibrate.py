@@ -31,7 +31,7 @@ from rft_ros.parameters import (
     parts_of,
     settings_of,
 )
-from rft_ros.rft import FORCE, Law, wrenches
+from rft_ros.rft import FORCE, Law, rotate_vectors, wrenches
 from rft_ros.rft.frames import Placement
 
 PARTS = ("sensor", "surface", "zeta", "mobilization")
@@ -200,7 +200,7 @@ def _without_inertia(track: Track, law: Law, surface: float) -> Track:
         wrenches(track.tool.plates, each, track.states, surface_height=surface)
         for each in (law, replace(law, density=0.0))
     )
-    force = track.cell_along.to_world.inv().apply((full - slow)[:, FORCE])
+    force = rotate_vectors(track.cell_along.from_world_axes, (full - slow)[:, FORCE])
     readings = track.readings.copy()
     readings[:, FORCE] -= track.cell.sign * force
     return replace(track, readings=readings)

@@ -94,7 +94,7 @@ class Recorded:
         way[moving] = velocity[moving] / speed[moving, None]
         if not way[in_air].any():
             return np.zeros_like(way)
-        axes = track.cell_along.to_world.as_matrix()
+        axes = track.cell_along.to_world
         weight = np.broadcast_to([[0.0], [0.0], [1.0]], (len(way), 3, 1))
         columns = np.concatenate([axes, weight, way[:, :, None]], axis=2)
         in_rows = columns[in_air].reshape(-1, 5)

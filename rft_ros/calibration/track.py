@@ -9,7 +9,6 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.ndimage import correlate1d
 from scipy.signal import find_peaks
-from scipy.spatial.transform import Rotation
 
 from rft_ros.bags.estimates import ESTIMATE
 from rft_ros.bags.options import ReplayOptions
@@ -20,7 +19,7 @@ from rft_ros.diagnosis import CellAlong
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimator
 from rft_ros.parameters import LoadCell, Settings, Values, model_of, settings_of
-from rft_ros.rft import FORCE, STATE
+from rft_ros.rft import FORCE, STATE, rotate_vectors, rotation_matrices
 from rft_ros.rft.frames import (
     ANGULAR_VELOCITY,
     POSE,
@@ -78,7 +77,7 @@ class Track:
     @cached_property
     def rotations(self) -> Array:
         """Rotation of the tool frame into the world at each moment, shape [n, 3, 3], no unit."""
-        return np.asarray(Rotation.from_quat(self.states[:, QUATERNION]).as_matrix())
+        return rotation_matrices(self.states[:, QUATERNION])
 
     @cached_property
     def heights(self) -> Array:
@@ -122,7 +121,7 @@ class Track:
     @cached_property
     def forces(self) -> Array:
         """Measured force of the grains on the tool, world axes [N], shape [n, 3]."""
-        return np.asarray(self.cell_along.to_world.apply(self.compensated[:, FORCE]))
+        return rotate_vectors(self.cell_along.to_world, self.compensated[:, FORCE])
 
 
 def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) -> Track:

@@ -15,7 +15,7 @@ from rft_ros.diagnosis.evidence import Array, Evidence
 from rft_ros.diagnosis.finding import Finding, in_words
 from rft_ros.diagnosis.residual import directions, is_dry, residual, zeta_of
 from rft_ros.parameters import Value
-from rft_ros.rft import POSITION, QUATERNION, TORQUE, VELOCITY
+from rft_ros.rft import POSITION, QUATERNION, TORQUE, VELOCITY, quaternion_products
 from rft_ros.rft.frames import ANGULAR_VELOCITY, Placement
 
 OF_POSES = ("world frame", "quaternions")
@@ -180,10 +180,10 @@ def _of_axes(e: Evidence) -> Iterator[_Explanation]:
 def _read_in_other_axes(e: Evidence) -> Evidence:
     """As if the reading were in world axes; or, if that is set, in the axes of the load cell."""
     in_world = e.settings.sensor_source == "world"
-    to_world = e.cell_along.to_world
-    turn = to_world if in_world else to_world.inv()
+    along = e.cell_along
+    axes = along.to_world if in_world else along.from_world_axes
     settings = replace(e.settings, sensor_source="parameters" if in_world else "world")
-    return replace(e.read_in(turn.as_matrix()), settings=settings)
+    return replace(e.read_in(axes), settings=settings)
 
 
 def _w_first(e: Evidence) -> Evidence:
@@ -202,8 +202,9 @@ def _turned(e: Evidence, *, world: Rotation = _NONE, tool: Rotation = _NONE) -> 
     """As if the world frame and the tool in its frame were turned."""
     states = e.state.copy()
     for part in (POSITION, VELOCITY, ANGULAR_VELOCITY):
-        states[:, part] = world.apply(states[:, part])
-    states[:, QUATERNION] = (world * Rotation.from_quat(states[:, QUATERNION]) * tool).as_quat()
+        states[:, part] = states[:, part] @ world.as_matrix().T
+    of_world = quaternion_products(world.as_quat(), states[:, QUATERNION])
+    states[:, QUATERNION] = quaternion_products(of_world, tool.as_quat())
     back = Placement(quaternion=_quaternion(tool.inv()))
     return seen(e, states, e.load_cell.at(back.of(e.load_cell.place)))
 

@@ -5,11 +5,17 @@ from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import GRAVITY
 from rft_ros.parameters import LoadCell
-from rft_ros.rft import FORCE, QUATERNION, TORQUE
+from rft_ros.rft import (
+    FORCE,
+    QUATERNION,
+    TORQUE,
+    rotate_vectors,
+    rotation_matrices,
+    rotation_matrix,
+)
 
 Array = NDArray[np.float64]
 
@@ -22,15 +28,20 @@ class CellAlong:
     states: Array
 
     @cached_property
-    def to_world(self) -> Rotation:
-        """The n turns from the axes of the load cell to those of the world."""
-        of_tool = Rotation.from_quat(self.states[:, QUATERNION])
-        return of_tool * Rotation.from_quat(self.cell.quaternion)
+    def to_world(self) -> Array:
+        """Rotations from the axes of the load cell to those of the world, shape [n, 3, 3]."""
+        of_tool = rotation_matrices(self.states[:, QUATERNION])
+        return of_tool @ rotation_matrix(self.cell.quaternion)
+
+    @property
+    def from_world_axes(self) -> Array:
+        """Rotations from the axes of the world to those of the load cell, shape [n, 3, 3]."""
+        return np.swapaxes(self.to_world, 1, 2)
 
     @cached_property
     def down(self) -> Array:
         """The direction of gravity in the axes of the load cell, shape [n, 3]."""
-        return np.asarray(self.to_world.inv().apply((0.0, 0.0, -1.0)))
+        return -self.to_world[:, 2]
 
     @property
     def gravity(self) -> Array:
@@ -45,8 +56,8 @@ class CellAlong:
 
     def from_world(self, wrenches: Array) -> Array:
         """Wrenches in world axes about the tool frame's origin, in the cell's axes about its own; shape [n, 6]."""
-        into_cell = self.to_world.inv()
-        force = into_cell.apply(wrenches[:, FORCE])
+        into_cell = self.from_world_axes
+        force = rotate_vectors(into_cell, wrenches[:, FORCE])
         tool = self.cell.place.inverse().position
-        torque = into_cell.apply(wrenches[:, TORQUE]) + np.cross(tool, force)
+        torque = rotate_vectors(into_cell, wrenches[:, TORQUE]) + np.cross(tool, force)
         return np.hstack([force, torque])

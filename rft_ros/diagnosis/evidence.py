@@ -12,7 +12,7 @@ from rft_ros.diagnosis.air import MASS, SPREAD, columns_in_air, fit_in_air, spre
 from rft_ros.diagnosis.cell_along import CellAlong
 from rft_ros.estimator import Estimator
 from rft_ros.parameters import LoadCell, Settings
-from rft_ros.rft import FORCE, POSE, STATE, TORQUE, VELOCITY, Law
+from rft_ros.rft import FORCE, POSE, STATE, TORQUE, VELOCITY, Law, rotate_vectors
 from rft_ros.rft.frames import Placement
 from rft_ros.tool import Tool
 
@@ -178,8 +178,10 @@ class Evidence:
     def with_cell(self, cell: LoadCell) -> "Evidence":
         """As if the load cell had this sign and quaternion."""
         other = replace(self, load_cell=cell)
-        turn = other.cell_along.to_world.inv() * self.cell_along.to_world
-        model = np.hstack([turn.apply(self.predicted[:, part]) for part in (FORCE, TORQUE)])
+        turn = other.cell_along.from_world_axes @ self.cell_along.to_world
+        model = np.hstack(
+            [rotate_vectors(turn, self.predicted[:, part]) for part in (FORCE, TORQUE)]
+        )
         reading = self.with_weight * cell.sign / self.load_cell.sign
         return replace(other, predicted=model, measured=reading - other.cell_along.weight)
 

@@ -1,7 +1,7 @@
 """Frames, states and wrenches: rotations by unit quaternions (xyzw), columns of arrays, and the check of states."""
 
 import math
-from typing import NamedTuple
+from typing import NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,6 +22,9 @@ TWIST = slice(7, 13)
 
 UNIT_TOLERANCE = 0.01
 """Largest deviation of a quaternion's norm from 1 that is corrected as rounding."""
+
+
+_Number = TypeVar("_Number", float, NDArray[np.float64])
 
 
 @inlined
@@ -73,6 +76,41 @@ def rotation_matrix(quaternion: ArrayLike) -> NDArray[np.float64]:
     """Rotation matrix, shape [3, 3], of a unit quaternion xyzw, shape [4]; columns: the frame's axes in outer axes."""
     qx, qy, qz, qw = numbers("quaternion", quaternion, rows=4).tolist()
     return np.array(rotation(qx, qy, qz, qw)).reshape(3, 3)
+
+
+def rotation_matrices(quaternions: ArrayLike) -> NDArray[np.float64]:
+    """`rotation_matrix` of each unit quaternion xyzw in a stack, shape [n, 4]; returns shape [n, 3, 3]; n may be 0.
+
+    A recording may have no pose of some kind, and SciPy 1.11 cannot multiply or apply an empty stack of rotations.
+    """
+    qx, qy, qz, qw = numbers("quaternions", quaternions, (4,)).T
+    return np.stack(rotation(qx, qy, qz, qw), axis=-1).reshape(-1, 3, 3)
+
+
+def rotate_vectors(
+    rotations: NDArray[np.float64], vectors: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Each vector turned by its own rotation: shapes [n, 3, 3] and [n, 3]; returns shape [n, 3]; n may be 0."""
+    return np.einsum("nij,nj->ni", rotations, vectors)
+
+
+def quaternion_products(outer: ArrayLike, inner: ArrayLike) -> NDArray[np.float64]:
+    """Unit quaternions xyzw of `inner` followed by `outer`: each one, shape [4], or a stack, [n, 4]; n may be 0."""
+    x, y, z, w = np.moveaxis(np.asarray(outer, dtype=np.float64), -1, 0)
+    p, q, r, s = np.moveaxis(np.asarray(inner, dtype=np.float64), -1, 0)
+    return np.stack(_product(x, y, z, w, p, q, r, s), axis=-1)
+
+
+def _product(
+    x: _Number, y: _Number, z: _Number, w: _Number, p: _Number, q: _Number, r: _Number, s: _Number
+) -> tuple[_Number, _Number, _Number, _Number]:
+    """The quaternion of p, q, r, s (xyzw) followed by x, y, z, w: of numbers, or of arrays of one shape."""
+    return (
+        w * p + x * s + y * r - z * q,
+        w * q - x * r + y * s + z * p,
+        w * r + x * q - y * p + z * s,
+        w * s - x * p - y * q - z * r,
+    )
 
 
 def unit_quaternion(
@@ -142,14 +180,7 @@ class Placement(NamedTuple):
         """Composes two placements: `inner` is given in this frame; returns it in the outer frame."""
         a, b, c = self.rotate(inner.position)
         px, py, pz = self.position
-        x, y, z, w = self.quaternion
-        p, q, r, s = inner.quaternion
-        turned = (
-            w * p + x * s + y * r - z * q,
-            w * q - x * r + y * s + z * p,
-            w * r + x * q - y * p + z * s,
-            w * s - x * p - y * q - z * r,
-        )
+        turned = _product(*self.quaternion, *inner.quaternion)
         return Placement((px + a, py + b, pz + c), turned)
 
     def inverse(self) -> "Placement":

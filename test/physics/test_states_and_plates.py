@@ -8,7 +8,17 @@ import pytest
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
-from rft_ros.rft import QUATERNION, STATE, Plates, checked_states, rotation_matrix, unit_quaternion
+from rft_ros.rft import (
+    QUATERNION,
+    STATE,
+    Plates,
+    checked_states,
+    quaternion_products,
+    rotate_vectors,
+    rotation_matrices,
+    rotation_matrix,
+    unit_quaternion,
+)
 
 numbers = st.floats(-1.0, 1.0)
 STILL = [0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0]
@@ -89,6 +99,35 @@ def test_the_rotation_matrix_turns_vectors_as_the_quaternion_does(q, r):
     assume(math.hypot(*q) > 0.1)
     unit = [c / math.hypot(*q) for c in q]
     assert rotation_matrix(unit) @ r == pytest.approx(rule.turned(unit, r), abs=1e-14)
+
+
+@pytest.mark.parametrize("count", [0, 1, 2, 5])
+def test_any_number_of_rotations_turns_vectors_as_each_alone_does(count):
+    random = np.random.default_rng(1)
+    quaternions = random.normal(size=(count, 4))
+    quaternions /= np.linalg.norm(quaternions, axis=1)[:, None]
+    vectors = random.normal(size=(count, 3))
+    rotations = rotation_matrices(quaternions)
+    turned = rotate_vectors(rotations, vectors)
+    assert rotations.shape == (count, 3, 3)
+    assert turned.shape == (count, 3)
+    for q, r, vector in zip(quaternions, vectors, turned, strict=True):
+        assert vector == pytest.approx(rotation_matrix(q) @ r, abs=1e-14)
+
+
+@pytest.mark.parametrize("count", [0, 1, 5])
+def test_a_product_of_quaternions_turns_first_by_the_inner_one(count):
+    random = np.random.default_rng(2)
+    one, *stack = random.normal(size=(count + 1, 4))
+    one /= np.linalg.norm(one)
+    stack = np.reshape(stack, (count, 4))
+    stack /= np.linalg.norm(stack, axis=1)[:, None]
+    outer_is_one = quaternion_products(one, stack)
+    inner_is_one = quaternion_products(stack, one)
+    first, each = rotation_matrix(one), rotation_matrices(stack)
+    assert outer_is_one.shape == inner_is_one.shape == (count, 4)
+    assert rotation_matrices(outer_is_one) == pytest.approx(first @ each, abs=1e-14)
+    assert rotation_matrices(inner_is_one) == pytest.approx(each @ first, abs=1e-14)
 
 
 def test_plates_know_their_number_area_and_reach():
