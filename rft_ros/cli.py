@@ -22,10 +22,6 @@ from rft_ros.installation import program, release
 _COMMANDS = {
     "predict": ("predict", "Predict the wrench at each state of a CSV file."),
     "check-mesh": ("tools", "Report the extent of a mesh and its defects."),
-    "reduce": (
-        "tools",
-        "Write a reduced tool: the fewest plates that reproduce its wrench within a tolerance.",
-    ),
     "replay": ("replay", "Run recorded bags through the estimator."),
     "calibrate": ("calibrate", "Fit load cell, surface, ζ and memory to recorded bags."),
     "fit-medium": ("medium", "Fit a medium of your own to a measured map of stresses."),

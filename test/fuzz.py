@@ -205,8 +205,6 @@ def cases(folder: Path) -> list[Callable[[Random], Case]]:
     params.write_text(
         f"rft:\n  ros__parameters:\n    mesh: {{file: {mesh}}}\n    tolerance: 0.0\n"
     )
-    main(["reduce", str(mesh), "--tolerance", "0.3", "-o", str(folder / "ball.npz")])
-    meshes["npz"] = (folder / "ball.npz").read_bytes()
     for plugin in (StoragePlugin.MCAP, StoragePlugin.SQLITE3):
         write_ros2(folder / plugin.name, moments(40), plugin=plugin)
     write_ros1(folder / "ROS1.bag", moments(40))

@@ -1,22 +1,14 @@
-"""Commands about a tool: check its mesh, reduce its plates, try variants of its design."""
+"""Commands about a tool: check its mesh, try variants of its design."""
 
 import argparse
 from pathlib import Path
 
-from rft_ros.commands import options, warnings
+from rft_ros.commands import options
 from rft_ros.errors import InputError
-from rft_ros.parameters import MESH, Values, defaults, named_files, tool_of
-from rft_ros.progress import busy
+from rft_ros.parameters import MESH, tool_of
 from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import run
-from rft_ros.tool import (
-    REDUCED_SUFFIX,
-    Tool,
-    describe_hollow,
-    describe_tool,
-    locate_mesh,
-    save_reduced,
-)
+from rft_ros.tool import describe_hollow, describe_tool
 
 
 def check_mesh_options(command: argparse.ArgumentParser) -> None:
@@ -31,64 +23,6 @@ def check_mesh(arguments: argparse.Namespace) -> int:
     if "concave" in tool.issues:
         print("\n".join(describe_hollow(tool)))
     return 1 if tool.faults else 0
-
-
-def reduce_options(command: argparse.ArgumentParser) -> None:
-    command.add_argument("mesh", metavar="MESH", help=MESH)
-    options.share(command, *options.PLACED, "--integration")
-    usual = defaults()["tolerance"]
-    command.add_argument(
-        "--tolerance",
-        dest="share",
-        type=options.number,
-        default=usual,
-        metavar="SHARE",
-        help=f"greatest error of force and torque, as a share, in 95 of 100 motions (default {usual:g})",
-    )
-    command.add_argument(
-        "-o",
-        "--output",
-        type=Path,
-        required=True,
-        metavar="OUT.npz",
-        help="file to write; accepted wherever a mesh is",
-    )
-
-
-def reduce(arguments: argparse.Namespace) -> int:
-    """rft reduce my_tool.stl --tolerance 0.01 -o my_tool.npz"""
-    tolerance = arguments.share
-    output = arguments.output
-    if not 0.0 < tolerance <= 1.0:
-        raise InputError(f"--tolerance is {tolerance:g}; it must be over 0, and at most 1")
-    if output.suffix.lower() != REDUCED_SUFFIX:
-        raise InputError(
-            f"output '{output}' must end in {REDUCED_SUFFIX}, the suffix of reduced tools"
-        )
-    values = options.values_of(arguments)
-    options.refuse_inputs(arguments, output, also=named_files(values))
-    mesh = locate_mesh(values["mesh.file"])
-    if mesh.suffix.lower() == REDUCED_SUFFIX:
-        raise InputError(
-            f"mesh file '{mesh}' is already a reduced tool; reduce the mesh that it was made from"
-        )
-    with busy("choosing plates"):
-        tool = tool_of({**values, "tolerance": tolerance})
-    warnings.warn_of(tool)
-    save_reduced(output, tool)
-    print(f"{tool.name}, {tool.plates.integration}: {tool.reduction} -> {output}")
-    print(_same_options(tool, values))
-    return 0
-
-
-def _same_options(tool: Tool, values: Values) -> str:
-    """The options for a file that is written in the coordinates and units of the tool's mesh."""
-    origin = " ".join(f"{v:g}" for v in values["mesh.origin"])
-    rotation = " ".join(f"{v:g}" for v in values["mesh.quaternion"])
-    return (
-        "use it with the options of the mesh: "
-        f"--scale {tool.frame.scale:g} --origin {origin} --rotate {rotation}"
-    )
 
 
 def sweep_options(command: argparse.ArgumentParser) -> None:

@@ -144,11 +144,11 @@ SHORT_NAMES = OF_TOOL | OF_MEDIUM
 def parameters_of(entry: Mapping[str, Any]) -> Values:
     """The node's parameters from an entry's short names; the others have their defaults. Raises InputError.
 
-    Tools are not reduced. Without an integration, a tool has the rule of its file.
+    Tools are not reduced.
     """
     given = {SHORT_NAMES[key]: value for key, value in entry.items()}
     medium = given.get("medium.name")
     if isinstance(medium, str) and is_medium_file(medium):
         given |= {"medium.name": defaults()["medium.name"], "medium.file": medium}
     checks = {name: checked(name, value) for name, value in given.items()}
-    return {**defaults(), "tolerance": 0.0, "integration": None, **checks}
+    return {**defaults(), "tolerance": 0.0, **checks}

@@ -4,7 +4,6 @@ from rft_ros.tool import solids
 from rft_ros.tool.check import LARGEST, SMALLEST
 from rft_ros.tool.hollow import describe_hollow
 from rft_ros.tool.locate import checked_mesh, is_mesh_path, locate_mesh
-from rft_ros.tool.mesh_file import REDUCED_SUFFIX
 from rft_ros.tool.reduce import random_motions, reduced_for_any_motion
 from rft_ros.tool.refine import FLAT_HALF_ANGLE, refined_plates
 from rft_ros.tool.tool import (
@@ -12,7 +11,6 @@ from rft_ros.tool.tool import (
     centroid_plates,
     describe_tool,
     load_tool,
-    save_reduced,
     tool_of_mesh,
 )
 from rft_ros.tool.urdf import files_of_mesh
@@ -20,7 +18,6 @@ from rft_ros.tool.urdf import files_of_mesh
 __all__ = [
     "FLAT_HALF_ANGLE",
     "LARGEST",
-    "REDUCED_SUFFIX",
     "SMALLEST",
     "Tool",
     "centroid_plates",
@@ -34,7 +31,6 @@ __all__ = [
     "random_motions",
     "reduced_for_any_motion",
     "refined_plates",
-    "save_reduced",
     "solids",
     "tool_of_mesh",
 ]

@@ -1,10 +1,4 @@
-"""Files of tools: read a mesh and place it in the tool frame; write and read reduced tools.
-
-A reduced tool's file (.npz without pickle) is accepted wherever a mesh file is. Its arrays: `vertices` [n, 3] and
-`faces` [m, 3], the full mesh; `plates` [7 or 14, k], as `rft_ros.rft.Plates.rows`; `about`: format, reduction and
-unit [m]. Lengths are in the mesh file's units and coordinates, so `mesh.scale`, `mesh.origin` and `mesh.quaternion`
-mean the same as for the mesh.
-"""
+"""Reads a mesh file, or a link of a robot, and places it in the tool frame."""
 
 import io
 import json
@@ -19,17 +13,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.errors import InputError, reason_of
-from rft_ros.files import read_arrays, read_file
-from rft_ros.rft import Plates, rotation_matrix, unit_quaternion
+from rft_ros.errors import InputError
+from rft_ros.files import read_file
+from rft_ros.rft import rotation_matrix, unit_quaternion
 from rft_ros.rft.arguments import number, numbers
-from rft_ros.rft.plates import (
-    AREA,
-    CENTROID,
-    FIRST_CORNER,
-    NORMAL,
-    SECOND_CORNER,
-)
 from rft_ros.tool.check import with_area
 from rft_ros.tool.locate import checked_mesh
 from rft_ros.tool.urdf import ROBOT_SUFFIXES, shapes_of_link
@@ -38,12 +25,6 @@ if TYPE_CHECKING:
     import trimesh
 
 Array = NDArray[np.float64]
-
-REDUCED_SUFFIX = ".npz"
-"""Suffix of a reduced tool's file."""
-
-REDUCED_FORMAT = "rft_ros reduced tool 2"
-"""What a reduced tool's file says of itself."""
 
 _MILLIMETRE = 0.001  # the unit [m] of a mesh file that declares none
 _SUFFIXES = ".stl", ".obj", ".ply", ".glb", ".dae"
@@ -91,26 +72,9 @@ class MeshFrame:
         """The frame with the unit [m] that a file declares, or None, in place of a scale of 0."""
         return self if self.scale > 0.0 else replace(self, scale=declared or _MILLIMETRE)
 
-    @property
-    def inverse(self) -> "MeshFrame":
-        """The way back: from the tool frame [m] to the file's coordinates and units."""
-        origin = -self.scale * self.rotation @ self.origin
-        return MeshFrame(1.0 / self.scale, origin, self.rotation.T)
-
     def placed(self, points: Array) -> Array:
         """Points of the file, shape [n, 3], in the tool frame [m]."""
         return (points - self.origin) * self.scale @ self.rotation.T
-
-    def placed_plates(self, plates: Plates) -> Plates:
-        """Plates in the file's coordinates and units, in the tool frame [m]."""
-        rows = plates.rows.copy()
-        rows[CENTROID] = self.placed(plates.centroids.T).T
-        rows[NORMAL] = self.rotation @ rows[NORMAL]
-        rows[AREA] *= self.scale**2
-        if plates.integration == "refined":
-            for corner in (FIRST_CORNER, SECOND_CORNER):
-                rows[corner] = self.scale * self.rotation @ rows[corner]
-        return Plates(rows)
 
 
 IN_TOOL_FRAME = MeshFrame(1.0, np.zeros(3), np.eye(3))
@@ -176,7 +140,7 @@ def _load(path: Path) -> "trimesh.Trimesh":
     suffix = path.suffix.lower()
     data = read_file(checked_mesh(path), "mesh file")
     if suffix not in _SUFFIXES:
-        supported = ", ".join([*_SUFFIXES, ".urdf#LINK", REDUCED_SUFFIX])
+        supported = ", ".join([*_SUFFIXES, ".urdf#LINK"])
         raise InputError(f"{name} has no supported suffix; these are {supported}")
     parts = _parts_of_glb(data) if suffix == ".glb" else 0
     if parts > _MOST_PARTS:
@@ -262,35 +226,3 @@ def _in_tool_frame(
     mesh = trimesh.Trimesh(frame.placed(corners), faces, process=False)
     with_area(mesh, f"mesh file '{path}' at mesh.scale {frame.scale}")
     return mesh
-
-
-@np.errstate(over="ignore", invalid="ignore")
-def read_reduced(file: Path, frame: MeshFrame) -> tuple["trimesh.Trimesh", MeshFrame, Plates, str]:
-    """The full mesh, its frame, the plates and the reduction that `tool.save_reduced` wrote, in the tool frame.
-
-    The file declares the unit that it was written with. Raises InputError as `read_mesh`.
-    """
-    vertices, faces, rows, about = read_arrays(
-        file, "mesh file", ("vertices", "faces", "plates", "about")
-    )
-    try:
-        points = vertices.astype(np.float64)
-        if (
-            about.ravel()[0] != REDUCED_FORMAT
-            or faces.min() < 0
-            or points[faces].shape[1:] != (3, 3)
-        ):
-            raise ValueError(
-                "it is of another version, or its facets are not of three of its vertices"
-            )
-        _, reduction, unit = about.tolist()
-        frame_of_file = frame.for_file(float(unit))
-        mesh = _in_tool_frame(points, faces, file, frame_of_file)
-        return mesh, frame_of_file, frame_of_file.placed_plates(Plates(rows)), reduction
-    except InputError:
-        raise
-    except (ValueError, LookupError, TypeError) as error:
-        raise InputError(
-            f"mesh file '{file}' "
-            f"is not a reduced tool of this rft reduce: {reason_of(error)}; reduce the mesh again"
-        ) from None

@@ -11,7 +11,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.files import whole
 from rft_ros.rft import (
     INTEGRATIONS,
     LEVEL,
@@ -24,14 +23,7 @@ from rft_ros.rft import (
 from rft_ros.rft.arguments import number
 from rft_ros.tool.check import MeshIssue, check_mesh, with_area
 from rft_ros.tool.locate import link_in, locate_mesh
-from rft_ros.tool.mesh_file import (
-    IN_TOOL_FRAME,
-    REDUCED_FORMAT,
-    REDUCED_SUFFIX,
-    MeshFrame,
-    read_mesh,
-    read_reduced,
-)
+from rft_ros.tool.mesh_file import IN_TOOL_FRAME, MeshFrame, read_mesh
 from rft_ros.tool.reduction_cache import reduced_once
 from rft_ros.tool.refine import doubled_areas, refined_plates
 from rft_ros.tool.solids import convex_hull
@@ -139,34 +131,27 @@ def load_tool(
     origin: Sequence[float] = (0.0, 0.0, 0.0),
     quaternion: Sequence[float] = (0.0, 0.0, 0.0, 1.0),
     hull: bool = False,
-    integration: Integration | None = None,
+    integration: Integration = "refined",
     tolerance: float = 0.0,
 ) -> Tool:
-    """Load a tool from a mesh file, a link of a robot (``robot.urdf#link``) or a reduced tool (.npz).
+    """Load a tool from a mesh file or a link of a robot (``robot.urdf#link``).
 
     `file`: a path, package:// URI or name of a shipped mesh. `scale`: metres per mesh unit; 0 takes the unit that the
-    file declares (COLLADA, glTF, a reduced tool), and a millimetre for other files. `origin`: where the tool frame's
-    origin lies, in mesh-file coordinates and units. `quaternion`: orientation of the mesh file's axes in the tool
-    frame, xyzw. `hull`: take the convex hull of the mesh. `integration`: the integration rule; None takes the rule of a
-    reduced tool, and ``refined`` for a mesh. `tolerance`: 0 keeps all plates. Over 0, a mesh is reduced to the fewest
-    plates whose wrench deviates from that of the full tool by at most this share, in 95 % of random motions. A tool
-    from an .npz file is not reduced again. Normals come from the winding of the facets. Facets without area are
-    dropped. Raises InputError or ValueError, with one sentence, for a file or a value that cannot be used.
+    file declares (COLLADA, glTF), and a millimetre for other files. `origin`: where the tool frame's origin lies, in
+    mesh-file coordinates and units. `quaternion`: orientation of the mesh file's axes in the tool frame, xyzw. `hull`:
+    take the convex hull of the mesh. `integration`: the integration rule. `tolerance`: 0 keeps all plates. Over 0, a
+    mesh is reduced to the fewest plates whose wrench deviates from that of the full tool by at most this share, in
+    95 % of random motions. Normals come from the winding of the facets. Facets without area are dropped. Raises
+    InputError or ValueError, with one sentence, for a file or a value that cannot be used.
     """
     from scipy.spatial import QhullError
 
-    if integration not in (None, *INTEGRATIONS):
+    if integration not in INTEGRATIONS:
         raise InputError(
             f"integration is '{integration}'; it must be one of {', '.join(INTEGRATIONS)}"
         )
     path = locate_mesh(file)
     frame = MeshFrame.checked(scale, origin, quaternion)
-    if path.suffix.lower() == REDUCED_SUFFIX:
-        if hull:
-            raise InputError(
-                f"mesh file '{path}' is a reduced tool; for its hull, reduce the mesh with --hull"
-            )
-        return _load_reduced(path, frame, integration)
     link = link_in(file)
     name = Path(link or path.stem).name
     source = f"{path}#{link}" if link else str(path)
@@ -179,40 +164,14 @@ def load_tool(
             raise InputError(
                 f"mesh file '{path}' lies in a plane and has no convex hull; unset mesh.hull"
             ) from None
-    rule = integration or "refined"
     return tool_of_mesh(
-        mesh, name=name, file=source, frame=frame_of_file, integration=rule, tolerance=tolerance
+        mesh,
+        name=name,
+        file=source,
+        frame=frame_of_file,
+        integration=integration,
+        tolerance=tolerance,
     )
-
-
-def _load_reduced(path: Path, frame: MeshFrame, integration: Integration | None) -> Tool:
-    mesh, frame_of_file, plates, reduction = read_reduced(path, frame)
-    rule = plates.integration
-    if integration not in (None, rule):
-        raise InputError(
-            f"mesh file '{path}' "
-            f"has plates for integration '{rule}' only; set that, or reduce the mesh again"
-        )
-    tool = tool_of_mesh(
-        mesh, name=path.stem, file=str(path), frame=frame_of_file, integration=rule
-    )
-    return replace(tool, plates=plates, reduction=reduction)
-
-
-def save_reduced(file: Path, tool: Tool) -> None:
-    """Write a reduced tool for `load_tool`.
-
-    The same content gives the same bytes. Raises InputError where the file cannot be written.
-    """
-    to_file = tool.frame.inverse
-    with whole(file) as part, part.open("wb") as stream:
-        np.savez(
-            stream,
-            vertices=to_file.placed(tool.vertices),
-            faces=tool.faces,
-            plates=to_file.placed_plates(tool.plates).rows,
-            about=np.array([REDUCED_FORMAT, tool.reduction, repr(tool.frame.scale)]),
-        )
 
 
 def tool_of_mesh(

@@ -21,7 +21,6 @@ _OF_STATES = {"mesh": "ball.stl", "medium": "medium.yaml", "alpha_y": "table.csv
 GOOD: dict[str, list[dict[str, str]]] = {
     "predict": [{"states": "states.csv", **_OF_STATES, "output": "out.csv"}],
     "check-mesh": [{"mesh": "ball.stl"}],
-    "reduce": [{"mesh": "ball.stl", "output": "out.npz"}],
     "replay": [{"bag": "bag", "params": "cell.yaml", "check": "limits.yaml", "output": "out"}],
     "calibrate": [
         {"bags": "bag", "params": "cell.yaml", "mesh": "bag=ball.stl", "output": "calibrated.yaml"}

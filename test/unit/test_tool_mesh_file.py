@@ -162,7 +162,7 @@ NOT_VALID = r"is not a valid [A-Z]+ file: it may be empty, cut short or without 
         ("absent/mesh.stl", None, "does not exist; give a path, or one of abb_plate, .*, sphere$"),
         ("nothing.obj", b"", "is empty"),
         *(
-            (name, b"ISO", "has no supported suffix; these are .stl, .obj, .*, .npz$")
+            (name, b"ISO", "has no supported suffix; these are .stl, .obj, .*, .urdf#LINK$")
             for name in ("mesh.step", "mesh")
         ),
         ("missing.ply", (PLY + "7").encode(), NOT_VALID),

@@ -1,17 +1,14 @@
-"""A tool no finer than its motions need: the same wrench within the tolerance, and ``rft reduce`` with its file."""
+"""A tool no finer than its motions need: the same wrench within the tolerance."""
 
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 import trimesh
-from refusals import refusal
 from scipy.spatial.transform import Rotation
-from test_cli import HEADER, refused, rft
+from test_cli import HEADER
 
 from rft_ros.cli import main
-from rft_ros.errors import InputError
 from rft_ros.rft import (
     MEDIA,
     Memory,
@@ -28,7 +25,6 @@ from rft_ros.tool.reduce import merged_plates
 
 LAW = treers2021(MEDIA["generic"], alpha_y_model("constant", MEDIA["generic"]))
 RULES = ["centroid", "refined"]
-ORIGIN = ("--origin", "0", "0", "1.25")
 INSERTION = checked_states(sample(oscillating_insertion(), 240)[1])
 
 
@@ -143,59 +139,6 @@ def test_a_single_facet_and_a_thin_plate_can_be_asked_to_be_reduced(tmp_path, ru
     assert np.isfinite(load_tool("plate", integration=rule, tolerance=1.0).plates.rows).all()
 
 
-def reduce(tmp_path, *options, mesh="root_tip", name="few.npz"):
-    assert main(["reduce", mesh, "-o", str(tmp_path / name), *options]) == 0
-    return str(tmp_path / name)
-
-
-@pytest.fixture(scope="module")
-def of_refined(tmp_path_factory):
-    """The plate's file, reduced under the refined rule."""
-    return reduce(tmp_path_factory.mktemp("reduced"), "--tolerance", "0.2", mesh="plate")
-
-
-@pytest.mark.parametrize("rule", RULES)
-def test_the_file_holds_the_tool_that_the_tolerance_gives(tmp_path, rule):
-    file = reduce(tmp_path, "--integration", rule, "--tolerance", "0.05", *ORIGIN)
-    back = load_tool(file, origin=(0.0, 0.0, 1.25))
-    direct = load_tool("root_tip", origin=(0.0, 0.0, 1.25), integration=rule, tolerance=0.05)
-    assert back.reduction == direct.reduction
-    assert back.plates.integration == rule
-    np.testing.assert_allclose(back.plates.rows, direct.plates.rows, rtol=1e-9, atol=1e-15)
-    np.testing.assert_allclose(back.facets.rows, direct.facets.rows, rtol=1e-6, atol=1e-15)
-    np.testing.assert_allclose(back.vertices, direct.vertices, atol=1e-15)
-    np.testing.assert_array_equal(back.faces, direct.faces)
-    assert back.lowest_point(np.eye(3)) == pytest.approx(direct.vertices[:, 2].min())
-
-
-def test_scale_and_origin_mean_what_they_mean_for_the_mesh(of_refined):
-    moved, plain = (
-        load_tool(of_refined, scale=0.002, origin=(1.0, 2.0, 3.0)),
-        load_tool(of_refined),
-    )
-    for there, here in (
-        (moved.vertices, plain.vertices),
-        (moved.plates.centroids.T, plain.plates.centroids.T),
-    ):
-        np.testing.assert_allclose(there, 2.0 * (here - [0.001, 0.002, 0.003]), atol=1e-15)
-    assert moved.plates.area == pytest.approx(4.0 * plain.plates.area)
-
-
-def test_the_line_says_what_was_done_and_the_same_command_gives_the_same_bytes(tmp_path, capsys):
-    one, two = (
-        reduce(tmp_path, "--tolerance", "0.1", mesh="plate", name=name)
-        for name in ("one.npz", "two.npz")
-    )
-    said = capsys.readouterr().out
-    for text in ("plate, refined: 672 facets -> ", " % at the 95th percentile of any motion"):
-        assert text in said
-    assert Path(one).read_bytes() == Path(two).read_bytes()
-    tool = load_tool(one)
-    assert len(tool.plates) < 60
-    assert main(["check-mesh", one]) == 0
-    assert f"reduced: 672 facets -> {len(tool.plates)} plates" in capsys.readouterr().out
-
-
 def write_states(file, height=0.0):
     times = 0.25 * np.arange(85)
     states = circumnutation().at(times)
@@ -215,54 +158,3 @@ def test_predict_reduces_when_it_is_asked_to(tmp_path, capsys):
     ]
     assert main([*given, "--tolerance", "0.1"]) == 0
     assert "plate: 672 facets -> " in capsys.readouterr().out
-
-
-def test_a_reduced_tool_belongs_to_its_rule(of_refined, tmp_path):
-    with pytest.raises(InputError, match="has plates for integration 'refined' only"):
-        load_tool(of_refined, integration="centroid")
-    kept = load_tool(of_refined, integration="refined", tolerance=0.025)
-    assert kept.reduction == load_tool(of_refined).reduction
-    in_capitals = tmp_path / "few.NPZ"
-    in_capitals.write_bytes(Path(of_refined).read_bytes())
-    for file in (of_refined, str(in_capitals)):
-        refused(rft("reduce", file, "-o", "again.npz", cwd=tmp_path), "is already a reduced tool")
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--tolerance", "0"), "--tolerance is 0; it must be over 0"),
-        (("-o", "few.stl"), "output 'few.stl' must end in .npz"),
-        (("-o", "/proc/none/few.npz"), "cannot be written"),
-    ],
-)
-def test_an_option_that_cannot_be_used_is_refused_with_a_sentence(tmp_path, options, message):
-    refused(rft("reduce", "plate", "-o", "few.npz", *options, cwd=tmp_path), message)
-
-
-@pytest.mark.parametrize(
-    ("change", "message"),
-    [
-        (lambda c: c.pop("plates"), "plates"),
-        (lambda c: c.update(about=np.array("{}")), "is of another version"),
-        (lambda c: c.update(about=c["about"][::-1]), "is of another version"),
-        (lambda c: c["plates"].__setitem__((0, 0), 1e308), "must be finite"),
-        (lambda c: c.update(plates=c["plates"][:5]), "plates have 7 rows, or 14"),
-        (
-            lambda c: c.update(vertices=c["vertices"][:, :2]),
-            "its facets are not of three of its vertices",
-        ),
-        (lambda c: c.update(faces=c["faces"] + 10_000), "out of bounds"),
-        (lambda c: c.update(faces=c["faces"].astype(float)), "integer"),
-        (lambda c: c.update(vertices=c["vertices"].astype(str)[:, :1] + "x"), "could not convert"),
-    ],
-)
-def test_a_damaged_reduced_tool_is_refused_with_a_sentence(of_refined, tmp_path, change, message):
-    file = str(tmp_path / "few.npz")
-    with np.load(of_refined, allow_pickle=False) as arrays:
-        content = dict(arrays)
-    change(content)
-    np.savez(file, **content)
-    said = refusal(load_tool, file, scale=10.0)
-    assert "few.npz" in said
-    assert message in said

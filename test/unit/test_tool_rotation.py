@@ -71,9 +71,7 @@ def test_every_command_that_places_a_mesh_turns_it(states, tmp_path, capsys):
     turn = ["--rotate", "1", "0", "0", "0"]
     assert main(["check-mesh", "root_tip", *turn]) == 0
     assert "z: 0.000 to 34.500 mm" in capsys.readouterr().out
-    few, page = tmp_path / "few.npz", tmp_path / "page.html"
-    assert main(["reduce", "root_tip", *turn, "--tolerance", "0.05", "-o", str(few)]) == 0
-    assert "--rotate 1 0 0 0" in capsys.readouterr().out
+    page = tmp_path / "page.html"
 
     def predicted(mesh, *options):
         assert (
@@ -86,9 +84,6 @@ def test_every_command_that_places_a_mesh_turns_it(states, tmp_path, capsys):
 
     full = predicted("root_tip", *turn)  # its flat base enters first
     assert np.abs(full - predicted("root_tip")).max() > 1.0
-    assert (
-        np.linalg.norm(predicted(str(few), *turn) - full, axis=1).max() < 0.1 * np.abs(full).max()
-    )
     assert main(["view", str(states), "--mesh", "root_tip", *turn, "-o", str(page)]) == 0
     assert "z [mm]" in page.read_text()
 
