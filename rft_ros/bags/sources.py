@@ -1,22 +1,20 @@
 """The files of a bag as sources of messages: each is opened on its own, so that damage to one leaves the others intact.
 
-A file compressed by zstd is unpacked, what SQLite left beside a .db3 file is merged into it, and an .mcap file that
-rosbags cannot open is read record by record, up to its damage.
+A file compressed by zstd is unpacked. A file without a readable index is left out, and any other is read up to its
+damage. Tools that repair a bag are named, not imitated.
 """
 
 import io
 import shutil
-import sqlite3
 from collections.abc import Callable, Collection, Iterator
-from contextlib import ExitStack, closing, suppress
+from contextlib import ExitStack
 from dataclasses import dataclass
 from pathlib import Path, PosixPath
 from tempfile import TemporaryDirectory
 from typing import Any
 
 import zstandard
-from mcap.records import Channel, DataEnd, Message, Schema
-from mcap.stream_reader import StreamReader
+from mcap.reader import make_reader
 from rosbags.rosbag1 import Reader as Reader1
 from rosbags.rosbag2 import Reader as Reader2
 
@@ -30,8 +28,6 @@ _ZSTD = b"\x28\xb5\x2f\xfd"
 """The first bytes of what zstd compressed; CDR begins otherwise."""
 
 _LONGEST_LINE = 20  # bytes: a bag of ROS 1 has one line, its first
-
-_NEVER = 2**63 - 1  # ns
 
 Messages = Iterator[tuple[int, str, bytes]]
 """Receive time [ns], topic, and a serialised message."""
@@ -109,14 +105,50 @@ def _kind(file: Path) -> str:
 def _opened(file: Path, opened: ExitStack) -> Source:
     """Open a file. Raises any exception at damage, and InputError for what is no file."""
     intact = _unpacked(checked_file(file, "bag file", limit=None), opened)
-    if intact.suffix == ".db3":
-        intact = _merged(intact, opened)
+    unmerged = [
+        log
+        for log in (f"{file.name}-wal", f"{file.name}-journal")
+        if (file.parent / log).is_file()
+    ]
+    if unmerged:
+        raise InputError(
+            f"{file.name} was not closed by its recorder: {unmerged[0]} has a part of it; "
+            f"'sqlite3 {file.name} .schema' merges it"
+        )
     try:
         return _by_rosbags(file.name, intact, opened)
     except Exception:
         if intact.suffix != ".mcap":
             raise
-    return _by_record(file.name, intact)
+    return _by_index(file.name, intact, opened)
+
+
+def _by_index(name: str, file: Path, opened: ExitStack) -> Source:
+    """An .mcap file of another recorder than that of ROS 2: rosbags refuses other profiles and schemas."""
+    stream = opened.enter_context(_Bounded(file).open())
+    reader = make_reader(stream, validate_crcs=True)
+    summary = reader.get_summary()
+    if summary is None or summary.statistics is None:
+        raise ValueError("it has no index")
+    types = set()
+    for channel in summary.channels.values():
+        schema = summary.schemas.get(channel.schema_id)
+        kind = schema.name if schema else "unknown type"
+        types.add((channel.topic, _type(kind, channel.message_encoding)))
+
+    def read(topics: Collection[str], begin: int, end: int) -> Messages:
+        for _, channel, message in reader.iter_messages(topics):
+            if begin <= message.log_time <= end:
+                yield message.log_time, channel.topic, message.data
+
+    return Source(
+        name=name,
+        types=types,
+        count=summary.statistics.message_count,
+        first=summary.statistics.message_start_time,
+        last=summary.statistics.message_end_time,
+        read=read,
+    )
 
 
 def _by_rosbags(name: str, file: Path, opened: ExitStack) -> Source:
@@ -162,90 +194,29 @@ class _Bounded(PosixPath):
 
 
 class _Stream(io.BufferedReader):
-    """A file that gives no more than it has, whatever length it announces, and ends where it is filled with zeros."""
+    """A file that gives no more than it has: rosbags would allocate any length that a damaged record announces."""
 
     def __init__(self, file: Path) -> None:
         super().__init__(io.FileIO(file))
         self._size = file.stat().st_size
 
     def read(self, size: int | None = -1, /) -> bytes:
-        data = super().read(-1 if size is None else min(size, self._size))
-        is_type = size == 1  # of a record
-        if is_type and data == b"\0":
-            raise ValueError("it is filled with zeros")
-        return data
+        return super().read(-1 if size is None else min(size, self._size))
 
     def readline(self, _: int | None = -1, /) -> bytes:
         return super().readline(_LONGEST_LINE)
 
 
 def _unpacked(file: Path, opened: ExitStack) -> Path:
-    """The file, or a copy that is unpacked up to its damage."""
+    """The file, or an unpacked copy."""
     if file.suffix not in _PACKED:
         return file
     copy = Path(opened.enter_context(TemporaryDirectory())) / file.stem
-    with file.open("rb") as packed, copy.open("wb") as out, suppress(zstandard.ZstdError):
+    with file.open("rb") as packed, copy.open("wb") as out:
         stream = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
         shutil.copyfileobj(stream, out)
     return copy
 
 
-def _merged(file: Path, opened: ExitStack) -> Path:
-    """The file, or a copy with what a recorder that was killed left in the log or the journal beside it."""
-    logs = [log for log in (Path(f"{file}-wal"), Path(f"{file}-journal")) if log.is_file()]
-    if not logs:
-        return file
-    folder = Path(opened.enter_context(TemporaryDirectory()))
-    for part in (file, *logs):
-        shutil.copyfile(part, folder / part.name)
-    with suppress(sqlite3.Error), closing(sqlite3.connect(folder / file.name)) as database:
-        database.execute("PRAGMA journal_mode = DELETE")  # rosbags opens files without their logs
-    return folder / file.name
-
-
 def _type(name: str, encoding: str) -> str:
     return name if encoding in ("cdr", "") else f"{name} as {encoding}"
-
-
-def _by_record(name: str, file: Path) -> Source:
-    """An .mcap file that rosbags cannot open: damaged, without an index, or of another recorder than that of ROS 2."""
-    types: dict[str, str] = {}
-    count = 0
-    first = _NEVER
-    last = 0
-    try:
-        for topic, kind, message in _messages(file):
-            types[topic] = kind
-            count += 1
-            first = min(first, message.log_time)
-            last = max(last, message.log_time)
-    except Exception:  # `read` raises it again, after what comes before it
-        if not count:
-            raise
-
-    def read(topics: Collection[str], begin: int, end: int) -> Messages:
-        for topic, _, message in _messages(file):
-            if topic in topics and begin <= message.log_time <= end:
-                yield message.log_time, topic, message.data
-
-    return Source(
-        name=name, types=[*types.items()], count=count, first=first, last=last, read=read
-    )
-
-
-def _messages(file: Path) -> Iterator[tuple[str, str, Message]]:
-    """Topic, type and message of each message of an .mcap file. Raises an exception at damage."""
-    names = {0: "unknown type"}
-    channels: dict[int, tuple[str, str]] = {}
-    with _Bounded(file).open() as stream:
-        for record in StreamReader(stream, validate_crcs=True).records:
-            if isinstance(record, Schema):
-                names[record.id] = record.name
-            elif isinstance(record, Channel):
-                kind = _type(names[record.schema_id], record.message_encoding)
-                channels[record.id] = (record.topic, kind)
-            elif isinstance(record, Message):
-                topic, kind = channels[record.channel_id]
-                yield topic, kind, record
-            elif isinstance(record, DataEnd):
-                return

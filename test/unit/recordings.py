@@ -171,11 +171,11 @@ def write_run(path: Path, time, states, readings, **named) -> Path:
     )
 
 
-def write_mcap(file, rows, *, encoding="cdr", **options):
-    """A file as of another recorder than that of ROS 2."""
+def write_mcap(file, rows, *, encoding="cdr", profile="", **options):
+    """A file as of another recorder than that of ROS 2, whose `profile` is "ros2"."""
     with file.open("wb") as stream:
         writer = mcap.writer.Writer(stream, **options)
-        writer.start()
+        writer.start(profile)
         foreign = writer.register_schema("Log", "jsonschema", b"{}")
         channels = {"log": writer.register_channel("/log", "json", foreign)}
         for role, (topic, kind) in TOPICS.items():
