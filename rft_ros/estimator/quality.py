@@ -1,18 +1,16 @@
-"""Quality flags of estimates, the bounds and the wake by which they are set, and the trust that they leave."""
+"""Quality flags of estimates, the bounds by which they are set, and the trust that they leave."""
 
 import math
-from collections import deque
 from collections.abc import Callable
 from enum import Enum, IntFlag, unique
 
 from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.pose_noise import NOISY
-from rft_ros.estimator.samples import PoseSample
 from rft_ros.ground import LocalSurface
 from rft_ros.parameters import Settings
 from rft_ros.rft import SpeedLimits
-from rft_ros.rft.frames import Placement, Vector
+from rft_ros.rft.frames import Vector
 from rft_ros.rft.grains import WITH_INERTIA, WITHOUT_INERTIA
 from rft_ros.tool import LARGEST, SMALLEST, Tool
 
@@ -80,7 +78,6 @@ _DEEPER = 1.02  # times the calibrated depth, so that the bag of the calibration
 _STEEP = 15.0  # degrees
 _STEEP_SLOPE = math.tan(math.radians(_STEEP))
 _UNEVEN_SHARE = 0.25  # of the depth
-_EVERY = 8  # estimates between two evaluations of the slow flags
 
 
 @unique
@@ -114,7 +111,6 @@ class QualityFlag(IntFlag):
         " inertia was not checked",
     )
     NEAR_REST = 4, "so slow that noise decides the direction of the motion"
-    WAKE = 8, "in the wake of its own motion, where the grains are looser"
     CONCAVE = (
         16,
         "a hollow tool: the model computes each facet as if no other were near; rft check-mesh says whether to set"
@@ -185,19 +181,16 @@ def sentences(quality_flags: int) -> str:
 
 
 class QualityMonitor:
-    """Sets the quality flags of one tool's successive estimates."""
+    """Sets the quality flags of one tool's estimates."""
 
     def __init__(self, tool: Tool) -> None:
         issues = tool.issues.keys()
         self._reach = tool.plates.reach
-        self._wake = _Wake(tool)
         self._deepest = _deepest(tool)
         self._width = tool.width
         self._fastest = _FROUDE * math.sqrt(GRAVITY * self._width)
         self._is_plausible = _is_plausible(tool)
         self._of_mesh = _joined(concave="concave" in issues, mesh=bool(issues - _HARMLESS))
-        self._slow = 0
-        self._countdown = 0
 
     def flags(
         self,
@@ -224,29 +217,24 @@ class QualityMonitor:
         height = surface.height + surface.slope[0] * x + surface.slope[1] * y
         origin_depth = height - z  # of the tool frame's origin
         if not in_grains:
-            self._wake.clear()
-            self._countdown = 0
             return _joined(
                 surprise=surprises, disagreement=disagrees, impossible=origin_depth < -_HIGHEST
             )
-        if self._countdown == 0:  # these take long to find, and change slowly
-            self._countdown = _EVERY
-            self._wake.extend(motion.pose)
-            calibrated = settings.calibrated_depth
-            grain = settings.grain_diameter
-            self._slow = self._of_mesh | _joined(
-                wake=self._wake.is_crossed,
-                deep=calibrated is not None and depth() > _DEEPER * calibrated,
-                few_grains=grain is not None and self._width < _FEWEST_GRAINS * grain,
-            )
-        self._countdown -= 1
-        # the lowest point is at most `reach` below the origin; its exact depth takes longer to compute
-        may_be_deep = origin_depth + self._reach > self._deepest
-        is_deep = may_be_deep and depth() > self._deepest
-        return self._slow | _joined(
+        greatest_depth = origin_depth + self._reach  # the exact depth takes longer to compute
+
+        def is_below(limit: float) -> bool:
+            return greatest_depth > limit and depth() > limit
+
+        calibrated = settings.calibrated_depth
+        grain = settings.grain_diameter
+        return self._of_mesh | _joined(
             surprise=surprises,
             disagreement=disagrees,
-            impossible=is_deep or not self._is_plausible or math.hypot(*force) > _LARGEST_FORCE,
+            deep=calibrated is not None and is_below(_DEEPER * calibrated),
+            few_grains=grain is not None and self._width < _FEWEST_GRAINS * grain,
+            impossible=is_below(self._deepest)
+            or not self._is_plausible
+            or math.hypot(*force) > _LARGEST_FORCE,
             noisy=motion.is_noisy,
             withdrawal=withdrawn,
             inertial=speed > limits.inertial
@@ -264,49 +252,3 @@ _VALUES = {flag.label: flag.value for flag in QualityFlag}
 def _joined(**conditions: bool) -> int:
     """The flags with these labels whose condition holds, as an integer: `QualityFlag`s take a microsecond to join."""
     return sum([_VALUES[label] for label, holds in conditions.items() if holds])
-
-
-_MOST_PLACES = 512  # places of the path
-_BENT = 0.85  # distance over path length; a straighter path does not return to itself
-_STEP = 0.125  # widths of the tool between two places
-
-
-class _Wake:
-    """The path of the tool's centre since it entered the grains, and whether the tool returns to it.
-
-    On a straight path the distance from an earlier place equals the path length since. The tool passes the same grains
-    again where, two or more widths of path later, the distance is below `_BENT` times that length and below two widths
-    of the tool. This finds a root tip's helix of 20 mm pitch, where the measured forces deviate, but not one of 40 mm
-    (Treers et al. 2021, V-B).
-    """
-
-    def __init__(self, tool: Tool) -> None:
-        self._middle = Placement(tool.middle)
-        self._width = tool.width
-        # the last places, each with the length of the path up to it [m]
-        self._places: deque[tuple[Vector, float]] = deque(maxlen=_MOST_PLACES)
-        self.is_crossed = False
-        """Whether the tool crosses its earlier path."""
-
-    def clear(self) -> None:
-        """Clear the path. The tool has left the grains, which fill its traces."""
-        self._places.clear()
-        self.is_crossed = False
-
-    def extend(self, pose: PoseSample) -> None:
-        """Add the next pose."""
-        place = pose.place.of(self._middle).position
-        length = 0.0
-        if self._places:
-            last, length_before = self._places[-1]
-            step = math.dist(place, last)
-            if step < _STEP * self._width:
-                return
-            length = length_before + step
-        far = 2.0 * self._width
-        self.is_crossed = any(
-            length - before >= far
-            and math.dist(place, earlier) < min(far, _BENT * (length - before))
-            for earlier, before in self._places
-        )
-        self._places.append((place, length))

@@ -217,9 +217,9 @@ def test_the_measured_line_has_a_name_and_colour_for_each_phase():
 
 def test_each_quality_flag_is_a_bar_while_it_lasts():
     assert "quality_flags" not in [c.name for c in replay_charts(poses())]
-    figure = chart("quality_flags", QualityFlag.WAKE, [3, 4, 6])
+    figure = chart("quality_flags", QualityFlag.WITHDRAWAL, [3, 4, 6])
     (bar,) = figure.data
-    assert figure.layout.yaxis.ticktext == ("wake",)
+    assert figure.layout.yaxis.ticktext == ("withdrawal",)
     assert bar.x[bar.y == 0.0].tolist() == [3.0, 4.0, 5.0, 6.0, 7.0]  # up to the next pose
     assert np.isnan(bar.y[[0, 1, 2, 8, 9]]).all()
 
@@ -241,7 +241,7 @@ def test_what_is_learned_is_drawn_over_time_and_over_depth():
 
 
 def test_no_title_of_an_axis_is_longer_than_its_panel():
-    for figure in replay_charts(poses(QualityFlag.WAKE, [3, 4], learned=(0.5,) * 9)):
+    for figure in replay_charts(poses(QualityFlag.WITHDRAWAL, [3, 4], learned=(0.5,) * 9)):
         layout = figure.drawn.layout
         room = layout.height - layout.margin.t - layout.margin.b
         for axis in figure.drawn.select_yaxes():

@@ -102,16 +102,6 @@ def at_froude(number):
     return moving(rod(), number * np.sqrt(9.81 * 0.02) * ASLANT)
 
 
-def helix(root, *, pitch, radius):
-    depth = np.linspace(0.0, 0.05, 600)
-    turn = 2.0 * np.pi * depth / pitch
-    return last_flags(
-        root,
-        np.column_stack([radius * np.cos(turn), radius * np.sin(turn), -0.04 - depth]),
-        step=0.1,
-    )
-
-
 def at_depth(root, depth, **settings):
     """The flags of a tool that goes down with its lowest point at this depth [m]."""
     height = -depth - root.lowest_point(np.eye(3))
@@ -140,16 +130,8 @@ SCENES = {
         lambda root: moving(root, 1.1 * ASLANT, density=1500.0),
     ),
     "4 um/s": (QualityFlag.NEAR_REST, lambda root: moving(root, 4e-6 * ASLANT)),
-    "a helix of small pitch": (
-        QualityFlag.WAKE,
-        lambda root: helix(root, pitch=0.012, radius=0.006),
-    ),
-    "a helix of 40 mm pitch": (
-        QualityFlag.NONE,
-        lambda root: helix(root, pitch=0.04, radius=0.003),
-    ),
     "turned back": (
-        QualityFlag.WAKE | QualityFlag.WITHDRAWAL,
+        QualityFlag.WITHDRAWAL,
         lambda root: last_flags(root, np.concatenate([DOWN, DOWN[::-1]])[:-20]),
     ),
     "out, and down aside": (QualityFlag.NONE, lambda root: last_flags(root, UP_AND_OUT)),
@@ -217,17 +199,6 @@ def test_a_flag_lowers_the_trust_and_one_of_a_force_that_cannot_be_ends_it():
         trust(flags)
         for flags in (QualityFlag.NONE, QualityFlag.FAST, QualityFlag.FAST | QualityFlag.INERTIAL)
     ] == [Trust.OK, Trust.CAUTION, Trust.NO]
-
-
-def test_a_recording_played_again_does_not_cross_the_wake_of_its_first_run(root):
-    e = estimator(model=plate_model(tool=root), rest_speed=1e-6)
-    for run in (2, 1):
-        for k, place in enumerate(straight(0.08, direction=(0, 0, -1)).tolist()):
-            stamp = run * 100 * SECOND + 10_000_000 * k
-            assert (
-                not push(e, twist(stamp), pose(stamp, tuple(place))).quality_flags
-                & QualityFlag.WAKE
-            )
 
 
 @pytest.mark.parametrize("pauses", [(), (400,), (400, 401, 405)])
