@@ -26,6 +26,7 @@ from rich.console import Console
 from rich.table import Table
 
 from bench.node import busy_processes, running_node
+from bench.random_doctor import report
 
 sys.path.insert(0, str(Path(__file__).resolve().parents[1] / "test" / "unit"))
 import cells  # type: ignore[import-not-found]
@@ -228,7 +229,24 @@ def main() -> None:
     parser.add_argument(
         "--only", nargs="+", default=list(FAULTS), metavar="FAULT", help=cells_help
     )
+    parser.add_argument(
+        "--random",
+        type=int,
+        metavar="N",
+        help="in place of these, N random cells (`bench.random_doctor`)",
+    )
+    seed_help = "of the first random cell; each next one is 2 more. Choose limits on odd seeds, report even ones"
+    parser.add_argument("--seed", type=int, default=0, help=seed_help)
+    faults_help = "how many kinds of fault each random cell is given (default 4)"
+    parser.add_argument("--faults", type=int, default=4, metavar="K", help=faults_help)
+    kinds_help = "only these kinds of fault of random cells, or 'right'"
+    parser.add_argument("--kinds", nargs="+", default=[], metavar="KIND", help=kinds_help)
     arguments = parser.parse_args()
+    if arguments.random:
+        report(
+            arguments.random, seed=arguments.seed, faults=arguments.faults, kinds=arguments.kinds
+        )
+        return
     os.environ["ROS_DOMAIN_ID"] = str(10 + os.getpid() % 90)
     os.environ["ROS_AUTOMATIC_DISCOVERY_RANGE"] = "LOCALHOST"
     rclpy.init()
