@@ -75,3 +75,17 @@ def numbers(
         wanted = ", ".join(str(size) for size in ("n" if rows is None else rows, *row))
         raise ValueError(f"{name} has shape {list(given.shape)}; it must be [{wanted}]")
     return array
+
+
+def finite_numbers(
+    name: str, values: ArrayLike, row: tuple[int, ...] = (), *, rows: int | None = None
+) -> NDArray[np.float64]:
+    """`numbers` that are finite. Raises ValueError that names the argument, and the first row of another."""
+    array = numbers(name, values, row, rows=rows)
+    is_finite = np.isfinite(array)
+    if not is_finite.all():
+        place = np.argwhere(~is_finite)[0].tolist()
+        raise ValueError(
+            f"{name} has the value {array[tuple(place)]:g} at {place}; it must be finite"
+        )
+    return array

@@ -15,7 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.agarwal2023 import agarwal2023
-from rft_ros.rft.arguments import MOST, number, numbers, whole_number
+from rft_ros.rft.arguments import MOST, finite_numbers, number, numbers, whole_number
 from rft_ros.rft.displacement import DISPLACEMENT, displacements_between
 from rft_ros.rft.frames import COLUMNS, STATE, WIDTH
 from rft_ros.rft.grains import PackedLaw
@@ -92,6 +92,7 @@ def wrenches_in_time(
     `law`: with its `mobilization_length`, λ at the depth `rft_ros.rft.memory.DEPTH` [m], positive. `memory`: of these
     plates, updated in place. `displacements`: of the tool to each state, shape [n, 12] (`rft_ros.rft.displacement`),
     whatever time they took; by default those between the poses of the states.
+    Raises ValueError also for values that are not finite; the memory is then as it was.
     `after_durations`: the memory, in calls written for the preview, which give durations in its place; they change
     nothing.
     """
@@ -103,11 +104,11 @@ def wrenches_in_time(
     arguments = _model_arguments(plates, law, surface_height, slope)
     kept = _checked_memory(memory, plates)
     _require_memory(law)
-    states = numbers("states", states, _ROW)
+    states = finite_numbers("states", states, _ROW)
     if displacements is None:
         moved = displacements_between(np.vstack([kept.last, states[:-1]]), states)
     else:
-        moved = numbers("displacements", displacements, (DISPLACEMENT,), rows=len(states))
+        moved = finite_numbers("displacements", displacements, (DISPLACEMENT,), rows=len(states))
     result = _result(states, sensitivities)
     _loop()(
         *arguments,

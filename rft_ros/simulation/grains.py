@@ -12,13 +12,13 @@ from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.ground import LAST_SURFACE, HeightMap, Support
 from rft_ros.rft import Law, checked_states
-from rft_ros.rft.arguments import MOST, number, numbers, whole_number
-from rft_ros.rft.frames import rotation_matrix
+from rft_ros.rft.arguments import MOST, finite_numbers, number, numbers, whole_number
+from rft_ros.rft.frames import rotation_matrix, unit_quaternion
 from rft_ros.rft.kernel.compilation import machine_code
 from rft_ros.rft.plates import BLOCK
 from rft_ros.rft.traction import packed_law
 from rft_ros.simulation.beds import forces_on_plates, laws_of, make_beds, stiffness_matrix
-from rft_ros.simulation.step import begin_step, hold_each
+from rft_ros.simulation.step import begin_step, find_indefinite, hold_each
 from rft_ros.tool import Tool
 
 Array = NDArray[np.float64]
@@ -145,6 +145,12 @@ class GrainsBatch(Copied):
             )
         inverse = _each("inverse_inertia", inverse_inertia, (n, 6, 6))
         free = _each("free_acceleration", free_acceleration, (n, 6))
+        wrong = find_indefinite(inverse)
+        if wrong >= 0:
+            raise ValueError(
+                f"inverse_inertia of body {wrong} is not positive semidefinite, as with a negative mass or inertia; "
+                "make it with free_body, or as J M^-1 J^T"
+            )
         _refuse_without_bound(duration, given[:, 7:], free, inverse)
         self.begin_step(given, duration)
         hold = self._hold
@@ -182,6 +188,12 @@ class GrainsBatch(Copied):
             body = self.beds.bodies[k]
             body["height"] = found.height
             body["slope_x"], body["slope_y"] = found.slope
+
+    def surface_heights(self, states: Array) -> Array:
+        """The height of the beds' undisturbed surface below each body's origin [m], shape [n]."""
+        if self._ground is None:
+            return np.array(self.beds.bodies["height"])
+        return np.array([self._ground.nearest(state[0], state[1]) for state in states])
 
     def failed(self, times: int, *, dt: float, path: float) -> None:
         """Count the steps that did not converge, or in which a body moved too far [m]. Logs the first of them."""
@@ -392,9 +404,20 @@ def free_body(
     `mass` [kg]; `inertia` about the centre of mass in the body's axes [kg m²], shape [3, 3]; `quaternion` xyzw of the
     body; `center`: the centre of mass in the body frame [m]. Raises ValueError for what cannot be used.
     """
-    axes = rotation_matrix(quaternion)
-    turns = np.linalg.inv(axes @ numbers("inertia", inertia, (3,), rows=3) @ axes.T)
-    x, y, z = axes @ numbers("center", center, rows=3)
+    body_quaternion = unit_quaternion(*finite_numbers("quaternion", quaternion, rows=4).tolist())
+    if body_quaternion is None:
+        raise ValueError(f"quaternion is {quaternion!r}; its norm must be 1")
+    axes = rotation_matrix(body_quaternion)
+    body_inertia = finite_numbers("inertia", inertia, (3,), rows=3)
+    moments = np.linalg.eigvalsh(body_inertia)
+    if not (
+        moments[0] > 0.0 and np.allclose(body_inertia, body_inertia.T, atol=1e-6 * moments[2])
+    ):
+        raise ValueError(
+            f"inertia is {body_inertia.tolist()}; it must be symmetric with positive principal moments"
+        )
+    turns = np.linalg.inv(axes @ body_inertia @ axes.T)
+    x, y, z = axes @ finite_numbers("center", center, rows=3)
     cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
     moves = np.eye(3) / number("mass", mass, positive=True) - cross @ turns @ cross
     return np.block([[moves, cross @ turns], [-turns @ cross, turns]])

@@ -17,6 +17,7 @@ from rft_ros.rft.arguments import number
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 from rft_ros.simulation.grains import Copied, GrainsBatch, GrainsState
 from rft_ros.simulation.mechanism import Mechanism, import_mujoco
+from rft_ros.simulation.rigid_ground import Placed, find_rigid_ground, sentence_of
 from rft_ros.simulation.shapes import check_size, geometry_of, ground_of_field, tool_of_body
 from rft_ros.simulation.step import Joints, Trial, new_trial, search
 from rft_ros.tool import Tool, load_tool
@@ -116,8 +117,12 @@ class MujocoGrains(Copied):
             self.tools.append(tool)
         self.tool = self.tools[0]
         """The shape of the first body."""
+        self._ground_geom: int | None = None
         if isinstance(ground, str):
-            ground = ground_of_field(model, ground, self.tools)
+            name = ground
+            ground = ground_of_field(model, name, self.tools)
+            self._ground_geom = int(model.geom(name).id)
+        self._is_level = ground is None
         self._grains = GrainsBatch(
             self.tools, law, bodies=len(names), surface_height=surface_height, ground=ground
         )
@@ -133,6 +138,7 @@ class MujocoGrains(Copied):
         """Those with the grains'."""
         self._grains.remembered |= {"own": self._own, "written": self._written}
         self._told = False  # that the steps are long for RK4
+        self._is_ground_checked = False
         joints = self._mechanism.joints(np.zeros(1, np.int64), 0.1)
         constraints = self._mechanism.unconstrained
         trial = new_trial(1, len(joints.force))
@@ -165,6 +171,8 @@ class MujocoGrains(Copied):
         self._take_away(*self._forces())
         if not mechanism.move():
             raise self._without_bound(data, h)
+        if not self._is_ground_checked:
+            self._check_ground(data)
         grains.begin_step(mechanism.states, h)
         bodies = np.flatnonzero(grains.beds.bodies["is_near"])
         grains.last[:] = 0.0
@@ -223,6 +231,23 @@ class MujocoGrains(Copied):
             raise InputError(
                 "the geoms of a body in grains changed since MujocoGrains read its shape; make a new MujocoGrains"
             )
+
+    def _check_ground(self, data: Any) -> None:
+        """Raise InputError if rigid ground holds a body everywhere; log what holds one where it starts."""
+        heights = self._grains.surface_heights(self._mechanism.states)
+        placed = [Placed(*one) for one in zip(self._ids, self.tools, heights, strict=True)]
+        for found in find_rigid_ground(
+            self._model,
+            data,
+            placed,
+            ground_geom=self._ground_geom,
+            is_level=self._is_level,
+        ):
+            sentence = sentence_of(self._model, found)
+            if found.is_everywhere:
+                raise InputError(sentence)
+            _log.warning("%s", sentence)
+        self._is_ground_checked = True
 
     def _search_for(self, joints: Joints, h: float) -> Trial:
         """Solve the step; the trial with which it ended."""

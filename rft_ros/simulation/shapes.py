@@ -46,15 +46,27 @@ def geometry_of(model: Any, bodies: list[int]) -> Array:
     return np.concatenate([part.ravel() for part in parts])
 
 
+def bodies_fixed_to(model: Any, body: int, apart: frozenset[int]) -> list[int]:
+    """The body and its jointless children that are not `apart`, each after its parent."""
+    fixed = [body]
+    for child in range(body + 1, model.nbody):
+        if (
+            model.body_parentid[child] in fixed
+            and not model.body_jntnum[child]
+            and child not in apart
+        ):
+            fixed.append(child)
+    return fixed
+
+
 def _shapes(model: Any, body: int, apart: frozenset[int]) -> dict[int, Array]:
     """The triangles of each geom of the body and of its jointless children that are not `apart`, in its frame."""
     from trimesh.transformations import transform_points
 
     places = {body: np.eye(4)}
-    for child in range(body + 1, model.nbody):  # each after its parent
+    for child in bodies_fixed_to(model, body, apart)[1:]:  # each after its parent
         parent = int(model.body_parentid[child])
-        if parent in places and not model.body_jntnum[child] and child not in apart:
-            places[child] = places[parent] @ _pose(model.body_pos[child], model.body_quat[child])
+        places[child] = places[parent] @ _pose(model.body_pos[child], model.body_quat[child])
     shapes = {}
     for geom, owner in enumerate(model.geom_bodyid.tolist()):
         triangles = _triangles(model, geom) if owner in places else None

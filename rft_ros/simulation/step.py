@@ -60,6 +60,7 @@ _NEAR = 1e-3
 """Distance from the surface [m], beside twice its path in the step, at which a body may reach it."""
 
 _ROUNDING = 1e-12  # relative, of the inverse inertia that a user gives
+_INDEFINITE = 1e-6  # a pivot of a scaled inverse inertia below minus this is no rounding
 _QUADRATIC = 1  # of mjtConstraintState
 _CONE = 4
 
@@ -387,6 +388,37 @@ def _held(inverse):
     for k in range(6):
         held[k, k] += _ROUNDING * greatest
     return held
+
+
+@compiled
+def find_indefinite(matrices):
+    """The first of inverse inertias A, shape [n, 6, 6], that a negative mass or inertia would have; -1: none is.
+
+    A semidefinite one is a body that cannot move in some directions. Its symmetric part counts.
+    """
+    for n in range(len(matrices)):
+        greatest = 0.0
+        for number in matrices[n].ravel():
+            greatest = max(greatest, abs(number))
+        least = _ROUNDING * greatest
+        scaled = np.zeros((6, 6))
+        for i in range(6):
+            if matrices[n, i, i] < -least:
+                return n
+        for i in range(6):
+            for j in range(6):
+                entry = 0.5 * (matrices[n, i, j] + matrices[n, j, i])
+                size = sqrt(max(matrices[n, i, i], least) * max(matrices[n, j, j], least))
+                scaled[i, j] = entry / size if size > 0.0 else 0.0
+        for k in range(6):
+            pivot = scaled[k, k]
+            if pivot < -_INDEFINITE:
+                return n
+            for i in range(k + 1, 6):
+                share = scaled[i, k] / max(pivot, _INDEFINITE)
+                for j in range(k + 1, 6):
+                    scaled[i, j] -= share * scaled[k, j]
+    return -1
 
 
 @compiled

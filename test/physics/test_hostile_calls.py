@@ -7,6 +7,7 @@ argument. Reading past an array ends the test process by a signal.
 import math
 from dataclasses import replace
 from fractions import Fraction
+from functools import partial
 from itertools import product
 
 import numpy as np
@@ -232,7 +233,8 @@ def test_states_that_were_not_checked_stay_within_the_arrays(values, model):
     for law, plates in product(laws, (*PLATES.values(), OTHERS)):
         memory = Memory(plates)
         assert wrenches(plates, law, [values]).shape == (1, 7)
-        wrenches_in_time(plates, law, [values] * 2, memory, sensitivities=True)
+        in_time = partial(wrenches_in_time, plates, law, [values] * 2, memory, sensitivities=True)
+        assert refused(in_time) != all(map(math.isfinite, values))
         assert plate_forces(plates, law, values).shape == (len(plates), 3)
 
 
@@ -252,3 +254,23 @@ def test_threads_and_tables_that_cannot_be_used_are_refused_by_name():
 def test_a_quaternion_beyond_all_numbers_is_refused_without_a_warning():
     with pytest.raises(ValueError, match="norm inf"):
         rft.checked_states(np.full((1, 13), 1e300))
+
+
+@pytest.mark.parametrize("column", [0, 2, 4, 6, 8, 12])
+@pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+def test_a_pose_that_is_not_finite_is_refused_and_leaves_the_memory_as_it_was(column, value):
+    plates = PLATES["refined"]
+    memory = Memory(plates)
+    path = rft.checked_states([[0, 0, -0.01 * k, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0] for k in range(4)])
+    law = rft.treers2021(GENERIC, Constant(1), mobilization_length=0.003)
+    wrenches_in_time(plates, law, path, memory)
+    before = [array.tobytes() for array in (memory.blocks, memory.stiffness, memory.last)]
+    path[2, column] = value
+    with pytest.raises(ValueError, match=rf"states has the value -?(nan|inf) at \[2, {column}\]"):
+        wrenches_in_time(plates, law, path, memory)
+    moved = np.zeros((4, 12))
+    moved[1, column % 12] = value
+    path[2, column] = 0.0
+    with pytest.raises(ValueError, match="displacements has the value"):
+        wrenches_in_time(plates, law, path, memory, displacements=moved)
+    assert before == [array.tobytes() for array in (memory.blocks, memory.stiffness, memory.last)]

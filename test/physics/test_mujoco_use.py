@@ -1,6 +1,7 @@
 """How MujocoGrains is used: which geoms are a body's shape, what else is ground, controllers, saved states, misuse."""
 
 import copy
+import logging
 
 import numpy as np
 import pytest
@@ -290,3 +291,69 @@ def test_a_height_field_is_the_ground_where_mujoco_has_it(cells):
     assert forces == pytest.approx([forces[0]] * 3, rel=0.01)
     with pytest.raises(InputError, match="ground 'b' is not a geom of type hfield"):
         MujocoGrains(model, body="b", law=law(), ground="b")
+
+
+def first_step(scene, *, more="", foot='name="foot"', **options):
+    """One step of a foot of 50 mm that is 60 mm above the origin, over this scene."""
+    cube = f'<geom {foot} type="box" size="0.025 0.025 0.025" mass="2"/>'
+    field = '<asset><hfield name="bed" nrow="5" ncol="5" size="1 1 0.2 0.1"/></asset>'
+    body = f'<body name="foot" pos="0 0 0.06"><freejoint/>{cube}</body>'
+    model = model_of(scene + body, more=field + more)
+    MujocoGrains(model, body="foot", law=law(), **options).apply(mujoco.MjData(model))
+
+
+PLANE = '<geom name="floor" type="plane" size="0 0 1" pos="0 0 {}" {}/>'
+FIELD = '<geom name="bed" type="hfield" hfield="bed" {}/>'
+EXCLUDED = '<contact><exclude body1="world" body2="foot"/></contact>'
+PAIR = '<contact><pair geom1="floor" geom2="foot"/></contact>'
+NO_CONTACT = 'contype="0" conaffinity="0"'
+
+
+@pytest.mark.parametrize(
+    ("scene", "options"),
+    [
+        (PLANE.format(0.0, ""), {}),
+        (PLANE.format(0.3, ""), {"surface_height": 0.2}),
+        (PLANE.format(0.0, NO_CONTACT), {"more": PAIR}),
+        (FIELD.format(""), {"ground": "bed"}),
+    ],
+)
+def test_a_floor_that_carries_the_body_in_place_of_the_grains_is_refused(scene, options):
+    with pytest.raises(InputError, match=r"geom '(floor|bed)'.*body 'foot'.*contype"):
+        first_step(scene, **options)
+
+
+@pytest.mark.parametrize(
+    "scene",
+    [
+        '<geom name="table" type="box" size="1 1 0.1" pos="0 0 -0.1"/>',
+        '<geom name="table" type="box" size="1 1 0.01" pos="0 0 0.02"/>',
+        FIELD.format(""),
+        '<geom name="ramp" type="plane" size="0 0 1" pos="0 0 0.01" euler="0 20 0"/>',
+    ],
+)
+def test_a_rigid_geom_above_the_surface_below_the_body_is_logged(scene, caplog):
+    with caplog.at_level(logging.WARNING, "rft_ros.simulation"):
+        first_step(scene)
+    (record,) = caplog.records
+    assert "can collide with body 'foot'" in record.getMessage()
+
+
+@pytest.mark.parametrize(
+    ("scene", "options"),
+    [
+        (PLANE.format(-0.05, ""), {}),
+        (PLANE.format(0.0, NO_CONTACT), {}),
+        (PLANE.format(0.0, 'contype="2" conaffinity="4"'), {}),
+        (PLANE.format(0.0, ""), {"more": EXCLUDED}),
+        (FIELD.format(NO_CONTACT), {"ground": "bed"}),
+        (FIELD.format('pos="0 0 -0.02"'), {}),
+        ('<geom type="box" size="0.01 1 0.2" pos="0.1 0 0"/>', {}),
+        ('<geom type="plane" size="0 0 1" pos="0.1 0 0" euler="0 -90 0"/>', {}),
+        ('<body name="stone"><freejoint/><geom size="0.02" mass="1"/></body>', {}),
+    ],
+)
+def test_a_bottom_a_wall_and_what_cannot_collide_are_no_fault(scene, options, caplog):
+    with caplog.at_level(logging.WARNING, "rft_ros.simulation"):
+        first_step(scene, **options)
+    assert not caplog.records

@@ -301,6 +301,63 @@ def test_the_inverse_inertia_of_a_free_body_is_about_the_origin_of_its_frame():
     assert found == pytest.approx(np.concatenate([wrench[:3] / mass - np.cross(turn, arm), turn]))
 
 
+@pytest.mark.parametrize(
+    ("change", "name"),
+    [
+        ({"mass": np.nan}, "mass"),
+        ({"mass": -1.0}, "mass"),
+        ({"inertia": np.diag([0.01, np.nan, 0.01])}, "inertia"),
+        ({"inertia": np.zeros((3, 3))}, "inertia"),
+        ({"inertia": np.diag([0.01, -0.01, 0.01])}, "inertia"),
+        ({"inertia": [[0.01, 0.005, 0.0], [0.0, 0.01, 0.0], [0.0, 0.0, 0.01]]}, "inertia"),
+        ({"quaternion": [0.0, 0.0, 0.0, 0.0]}, "quaternion"),
+        ({"quaternion": [0.0, 0.0, np.nan, 1.0]}, "quaternion"),
+        ({"center": [0.0, np.inf, 0.0]}, "center"),
+    ],
+)
+def test_a_free_body_that_cannot_be_is_refused_by_the_name_of_its_number(change, name):
+    good = {"mass": 1.0, "inertia": 0.01 * np.eye(3), "quaternion": [0, 0, 0, 1]}
+    with pytest.raises(ValueError, match=f"^{name} "):
+        free_body(**{**good, **change})
+
+
+def indefinite(kind):
+    """Inverse inertias of bodies with a negative mass, a negative moment, or moved without a cause."""
+    inverse = free_body(1.0, 1e-4 * np.eye(3), [0, 0, 0, 1], [0.02, 0.0, 0.01])
+    if kind == "mass":
+        inverse[:3, :3] *= -1.0
+    if kind == "moment":
+        inverse[4, 4] *= -1.0
+    if kind == "coupling":
+        inverse[:3, 3:] *= 3.0
+        inverse[3:, :3] *= 3.0
+    return inverse
+
+
+@pytest.mark.parametrize("kind", ["mass", "moment", "coupling"])
+def test_a_step_refuses_an_inverse_inertia_that_is_not_positive_and_forgets_nothing(plate, kind):
+    batch = GrainsBatch(plate, LAW, bodies=2)
+    batch.step(pressed()[:2], 0.01)
+    before = pickle.dumps(batch.state())
+    good = free_body(1.0, 1e-4 * np.eye(3), [0, 0, 0, 1], [0.02, 0.0, 0.01])
+    with pytest.raises(ValueError, match="inverse_inertia of body 1"):
+        batch.step(
+            pressed()[2:4],
+            0.01,
+            inverse_inertia=[good, indefinite(kind)],
+            free_acceleration=np.zeros(6),
+        )
+    assert pickle.dumps(batch.state()) == before
+
+
+def test_a_body_that_cannot_move_in_some_directions_is_stepped(plate):
+    batch = GrainsBatch(plate, LAW, bodies=2)
+    slide = np.array([1.0, 1.0, 0.0, 0.0, 0.0, 0.0])  # a joint that couples x and y
+    for inverse in (np.zeros((6, 6)), np.outer(slide, slide)):
+        batch.step(pressed()[50:52], 0.01, inverse_inertia=inverse, free_acceleration=np.zeros(6))
+    assert batch.failures == 0
+
+
 def test_bodies_of_a_batch_have_their_own_strength_height_and_inertia(plate):
     batch = GrainsBatch(
         plate, LAW, bodies=3, strength=[1.0, 0.5, 2.0], surface_height=[0.0, 0.001, 0.0]
