@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 from pathlib import Path
+from typing import Literal
 
 from rft_ros.bags.estimates import ReplayTable, write_estimates
 from rft_ros.bags.options import ReplayOptions
@@ -17,7 +18,6 @@ from rft_ros.files import refuse_overwriting, whole_folder
 from rft_ros.ground import write_height_map
 from rft_ros.parameters import Model, Settings, Values, model_of, named_files, settings_of
 
-_SECOND_LAG = 0.005
 _JUDGED = 100_000  # rows on which hypotheses about the set-up are judged, so that a long recording needs no more memory
 _FILES = ("estimates", "estimates.csv", "summary.json", "report.html", "ground.csv")
 
@@ -65,7 +65,7 @@ def replay(
         table = ReplayTable(estimator, part)
         others = {
             name: ReplayTable(Estimator(own, model), part)
-            for name, own in _learning_settings(settings).items()
+            for name, own in _compared_settings(settings).items()
         }
         for sample, answer in play(recording, estimator):
             if answer is not None:
@@ -118,14 +118,9 @@ def _what_gives_poses(recording: Recording, estimator: Estimator) -> str:
     return f"{pose} from its frames {frames}"
 
 
-def _learning_settings(settings: Settings) -> dict[str, Settings]:
-    """Settings of the runs that a replay with learning is compared to, by name.
-
-    One without learning, one with `learning_lag`, and one with a lag of 5 mm.
-    """
+def _compared_settings(settings: Settings) -> dict[str, Settings]:
+    """Settings of the run that a replay with learning is compared to, by its mode: off beside apply, or the reverse."""
     if settings.learning_mode == "off":
         return {}
-    found = {"off": replace(settings, learning_mode="off")}
-    for lag in (settings.learning_lag, _SECOND_LAG):
-        found[f"{1e3 * lag:g} mm"] = replace(settings, learning_mode="apply", learning_lag=lag)
-    return found
+    mode: Literal["off", "apply"] = "apply" if settings.learning_mode == "observe" else "off"
+    return {mode: replace(settings, learning_mode=mode)}
