@@ -44,6 +44,16 @@ TOPICS: dict[Role, str] = {
 UNREADABLE = (ValueError, struct.error)
 """What a decoder raises for bytes that are not a message of its type."""
 
+
+def unreadable_because(error: Exception) -> str:
+    """Why the bytes are not a message, from an exception of `UNREADABLE`."""
+    if isinstance(error, struct.error):
+        return "it is shorter than its type"
+    if isinstance(error, UnicodeDecodeError):
+        return "the name of a frame is not UTF-8 text"
+    return str(error)
+
+
 _ORDERS = {b"\x00\x01": "<", b"\x00\x00": ">"}  # by the first bytes of plain CDR
 _Content = tuple[int, str, Any]  # stamp [ns], frame_id, tuple of doubles
 

@@ -12,11 +12,17 @@ from typing import Any
 
 from rft_ros.bags.options import ReplayOptions, topics_of
 from rft_ros.bags.sources import Messages, Source, fault_of, sources_of
-from rft_ros.bags.table import is_table, read_recorded_table, source_of_table, values_for_table
+from rft_ros.bags.table import (
+    MESSAGE_COLUMNS,
+    is_table,
+    read_recorded_table,
+    source_of_table,
+    values_for_table,
+)
 from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import Sample, TransformSample
 from rft_ros.files import resolved
-from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder
+from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder, unreadable_because
 from rft_ros.parameters import Values
 
 _OPTIONAL: tuple[Role, ...] = ("wrench", "surface")
@@ -24,6 +30,9 @@ _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
 _INSTEAD: dict[Role, str] = {
     "pose": "pose_source: tf, or ",
     "twist": "twist_source: pose_difference, or ",
+}
+_PUBLISHED = {
+    f"wrench_{name}" for name in ("predicted", "sigma", "compensated", "residual", "feedforward")
 }
 _LATEST = 100_000_000  # ns; messages that lie up to this late in their file are put in order, as in split bags
 _TOGETHER = 256  # messages sorted at a time
@@ -36,16 +45,22 @@ def bag_name(bag: Path) -> str:
 
 @contextmanager
 def opened_recording(
-    bag: Path, values: Values, options: ReplayOptions | None = None, *, strict: bool = True
+    bag: Path,
+    values: Values,
+    options: ReplayOptions | None = None,
+    *,
+    strict: bool = True,
+    needs_wrench: bool = False,
 ) -> Iterator["Recording"]:
     """Open a recording for a `with` block and one `for` loop over its samples.
 
     `values`: the parameters; the recording's own have its kinds of poses and velocities. `options`: the topic of each
     role, and the part that is read, by receive time since the first message on any topic.
 
-    Raises InputError for a path that is no recording, and for a topic that is missing or of another type; those of
-    wrenches and clouds may be missing. If not `strict`, all may be missing, and topics of another type are left out,
-    with a sentence on each in `mistyped`.
+    Raises InputError for a path that is no recording, and for a topic that is missing or of another type. That of
+    clouds may be missing; that of the load cell, too, where the bag has no other topic of its type, unless
+    `needs_wrench`. If not `strict`, all may be missing, with the remedy of each in `missing`, and topics of another
+    type are left out, with a sentence on each in `mistyped`.
     """
     given = options or ReplayOptions()
     with ExitStack() as opened:
@@ -61,7 +76,14 @@ def opened_recording(
             else:
                 sources, faults = sources_of(bag, opened)
             recording = Recording(
-                bag, own_values, topics, sources, options=given, faults=faults, strict=strict
+                bag,
+                own_values,
+                topics,
+                sources,
+                options=given,
+                faults=faults,
+                strict=strict,
+                needs_wrench=needs_wrench,
             )
         yield recording
 
@@ -87,6 +109,7 @@ class Recording:
         options: ReplayOptions,
         faults: list[str],
         strict: bool,
+        needs_wrench: bool,
     ) -> None:
         self._sources = sorted(
             (source for source in sources if source.count), key=lambda source: source.first
@@ -100,8 +123,10 @@ class Recording:
         self.topics = dict(topics)
         fixed_topic = self.topics.pop("tf_static")
         self.mistyped: dict[Role, str] = {}
+        self.missing: dict[Role, str] = {}
+        """For each role whose topic the bag does not have: which option helps, and what the bag has."""
         self._decoders: dict[Role, Callable[[bytes], Sample]] = {}
-        self._check_topics(strict=strict)
+        self._check_topics(strict=strict, needs_wrench=needs_wrench)
         self.shift = self._sources[0].shift
         self.unreadable = 0
         self.fixed = tuple(dict.fromkeys(self._read_fixed(fixed_topic)))
@@ -146,7 +171,8 @@ class Recording:
             return decode(data)
         except UNREADABLE as error:
             if not self.unreadable:
-                self._faults.append(f"a message on {topic} cannot be decoded ({error})")
+                why = unreadable_because(error)
+                self._faults.append(f"a message on {topic} cannot be decoded ({why})")
             self.unreadable += 1
             return None
 
@@ -196,13 +222,17 @@ class Recording:
         except Exception as error:  # parsers raise anything on damage
             self._faults.append(fault_of(source.name, error))
 
-    def _check_topics(self, *, strict: bool) -> None:
+    def _check_topics(self, *, strict: bool, needs_wrench: bool) -> None:
         """Find the decoder of each role. Raises InputError, as `opened_recording` says."""
         found: dict[str, list[str]] = {}
         for topic, msgtype in sorted({pair for source in self._sources for pair in source.types}):
             found.setdefault(topic, []).append(msgtype)
         for role, topic in list(self.topics.items()):
             types = found.get(topic, [])
+            candidates = _candidates(role, found)
+            remap = f"--remap {TOPICS[role]}:={next(iter(candidates), 'TOPIC')}"
+            there = f"it has {_listed(found)}"
+            remedy = f"use {_INSTEAD.get(role, '')}{remap}; {there}"
             if len(types) == 1 and types[0] in TYPES[role]:
                 ros1 = self._sources[0].ros1
                 self._decoders[role] = decoder(role, ros1=ros1, kind=types[0])
@@ -211,12 +241,19 @@ class Recording:
                 del self.topics[role]
             elif types:
                 raise InputError(
-                    f"bag '{self.bag}': {role} topic '{topic}' {_is_not(role, types)} {_advice(role, found)}"
+                    f"bag '{self.bag}': {role} topic '{topic}' {_is_not(role, types)} ({remedy})"
                 )
-            elif strict and role not in _OPTIONAL:
-                raise InputError(
-                    f"bag '{self.bag}' has no {role} topic '{topic}' {_advice(role, found)}"
-                )
+            else:
+                self.missing[role] = f"use {remap}; {there}"
+                is_meant = role == "wrench" and (needs_wrench or bool(candidates))
+                if strict and (is_meant or role not in _OPTIONAL):
+                    raise InputError(self._without(role, topic, remedy))
+
+    def _without(self, role: Role, topic: str, remedy: str) -> str:
+        """A sentence on a role that the recording has no messages of."""
+        if is_table(self.bag):
+            return f"table '{self.bag}' has no {role}: add the columns {', '.join(MESSAGE_COLUMNS[role])}"
+        return f"bag '{self.bag}' has no {role} topic '{topic}' ({remedy})"
 
 
 def _is_not(role: Role, types: Collection[str]) -> str:
@@ -227,11 +264,17 @@ def _is_not(role: Role, types: Collection[str]) -> str:
     return sentence
 
 
-def _advice(role: Role, found: Mapping[str, Sequence[str]]) -> str:
-    """The options that help where a role has no topic, and the topics that the bag has, `found`, with their types."""
-    there = [f"{topic} ({' and '.join(types)})" for topic, types in found.items()]
-    fitting = [
-        topic for topic, types in found.items() if len(types) == 1 and types[0] in TYPES[role]
+def _candidates(role: Role, found: Mapping[str, Sequence[str]]) -> list[str]:
+    """The topics of a bag that may be that of a role by their types; what a node of this package publishes is none."""
+    return [
+        topic
+        for topic, types in found.items()
+        if len(types) == 1
+        and types[0] in TYPES[role]
+        and topic.rpartition("/")[2] not in _PUBLISHED
     ]
-    remap = f"--remap {TOPICS[role]}:={next(iter(fitting), 'TOPIC')}"
-    return f"(use {_INSTEAD.get(role, '')}{remap}); it has {', '.join(there)}"
+
+
+def _listed(found: Mapping[str, Sequence[str]]) -> str:
+    """The topics of a bag with their types."""
+    return ", ".join(f"{topic} ({' and '.join(types)})" for topic, types in found.items())

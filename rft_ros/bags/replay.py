@@ -9,6 +9,7 @@ from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.playback import play, reasons, tared
 from rft_ros.bags.reading import Recording, bag_name, opened_recording
 from rft_ros.bags.summary import Summary, statistics, summary_of
+from rft_ros.bags.table import is_table
 from rft_ros.bags.writing import check_replaceable
 from rft_ros.diagnosis import evidence_of, judge
 from rft_ros.errors import InputError
@@ -83,9 +84,13 @@ def replay(
         if estimator.ground is not None:
             write_height_map(part / "ground.csv", estimator.ground)
         evidence = evidence_of(rows[:_JUDGED], estimator)
+        faults = [finding.text for finding in judge(evidence) if not finding.ok]
+        if "wrench" in recording.missing and not is_table(bag):
+            there = recording.missing["wrench"]
+            faults.append(f"no load cell: nothing on {recording.topics['wrench']}; {there}")
         summary = summary_of(
             rows,
-            faults=[finding.text for finding in judge(evidence) if not finding.ok],
+            faults=faults,
             issues=table.issues,
             bag=bag_name(bag),
             topics=recording.topics,

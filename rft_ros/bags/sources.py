@@ -6,6 +6,7 @@ damage. Tools that repair a bag are named, not imitated.
 
 import io
 import shutil
+import sqlite3
 from collections.abc import Callable, Collection, Iterator
 from contextlib import ExitStack
 from dataclasses import dataclass
@@ -14,9 +15,12 @@ from tempfile import TemporaryDirectory
 from typing import Any
 
 import zstandard
+from mcap.exceptions import McapError
 from mcap.reader import make_reader
 from rosbags.rosbag1 import Reader as Reader1
+from rosbags.rosbag1 import ReaderError as ReaderError1
 from rosbags.rosbag2 import Reader as Reader2
+from rosbags.rosbag2 import ReaderError as ReaderError2
 
 from rft_ros.bags.writing import read_metadata
 from rft_ros.errors import InputError, reason_of
@@ -53,9 +57,28 @@ class Source:
     shift: int = 0
 
 
+class DamagedError(Exception):
+    """A file that cannot be intact; says why."""
+
+
+# others, such as that of struct for a length of 2**63, speak of Python
+_IN_WORDS = (
+    DamagedError,
+    McapError,
+    OSError,
+    ReaderError1,
+    ReaderError2,
+    sqlite3.Error,
+    zstandard.ZstdError,
+)
+_MALFORMED = "a length or number in it is impossible, or it ends early"
+
+
 def fault_of(name: str, error: Exception) -> str:
     """A sentence on a damaged file: what stopped its parser, and the tool that repairs it."""
-    return f"{name} is damaged: {reason_of(error)}; try '{_REPAIRS[_kind(Path(name))]}'"
+    is_sentence = isinstance(error, _IN_WORDS) and str(error)
+    reason = reason_of(error) if is_sentence else _MALFORMED
+    return f"{name} is damaged: {reason}; try '{_REPAIRS[_kind(Path(name))]}'"
 
 
 def sources_of(bag: Path, opened: ExitStack) -> tuple[list[Source], list[str]]:
@@ -129,7 +152,7 @@ def _by_index(name: str, file: Path, opened: ExitStack) -> Source:
     reader = make_reader(stream, validate_crcs=True)
     summary = reader.get_summary()
     if summary is None or summary.statistics is None:
-        raise ValueError("it has no index")
+        raise DamagedError("it has no index")
     types = set()
     for channel in summary.channels.values():
         schema = summary.schemas.get(channel.schema_id)
@@ -159,7 +182,7 @@ def _by_rosbags(name: str, file: Path, opened: ExitStack) -> Source:
     first = int(reader.start_time)
     last = int(reader.end_time) - 1
     if reader.message_count and last < first:
-        raise ValueError("its last message is older than its first")
+        raise DamagedError("its last message is older than its first")
     types = set()
     for connection in reader.connections:
         encoding = getattr(connection.ext, "serialization_format", "cdr")

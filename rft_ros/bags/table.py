@@ -14,7 +14,7 @@ from rft_ros.rft import AXES, POSE, STATE, TWIST
 from rft_ros.states_file import columns_of, read_motion
 from rft_ros.table_file import TableColumns, columns_named
 
-_COLUMNS: dict[Role, tuple[str, ...]] = {
+MESSAGE_COLUMNS: dict[Role, tuple[str, ...]] = {
     "pose": tuple(STATE[POSE]),
     "twist": tuple(STATE[TWIST]),
     "wrench": AXES,
@@ -59,7 +59,7 @@ def source_of_table(
     shift = 0 if times[0] > 0.0 else 1 + math.ceil(-times[0])
     stamps = np.round((times + shift) * 1e9).astype(np.int64).tolist()
     columns: dict[Role, list[list[float]]] = {}
-    for role, names in _COLUMNS.items():
+    for role, names in MESSAGE_COLUMNS.items():
         if role in topics and names[0] in rows.columns:
             columns[role] = columns_of(rows, names).tolist()
 

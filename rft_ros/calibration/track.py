@@ -132,7 +132,7 @@ def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) 
     # the error of a reduced tool would bias the fits of the grains; they know level ground only
     values_of_fits = {**values, "tolerance": 0.0, "ground.cell": 0.0, "ground.file": ""}
     model = model_of(values_of_fits)
-    with opened_recording(bag, values_of_fits, options) as recording:
+    with opened_recording(bag, values_of_fits, options, needs_wrench=True) as recording:
         settings = settings_of(recording.values)
         estimator = Estimator(_settings_of_readings(settings), model)
         rows = played(recording, estimator)

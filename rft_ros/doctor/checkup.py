@@ -88,6 +88,9 @@ _ADVICE: dict[Role, str] = {
     " ~/wrench, and ~/wrench_filtered only with filters",
     "surface": "the ground remains the map at the start",
 }
+_NOT_IN_PART = (
+    "the bag has the topic, and no message on it: record it again, or change --start and --end"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -191,11 +194,20 @@ class _Heard(NamedTuple):
 class Checkup:
     """Finds what is wrong with a cell's set-up from its samples, which are pushed in the order of their arrival.
 
-    `tare`: length of a replay's tare [s]. `live`: the samples arrive now, and not from a recording.
+    `tare`: length of a replay's tare [s]. `live`: the samples arrive now, and not from a recording. `advice`: what
+    to do where a role has no messages.
     """
 
-    def __init__(self, cell: Cell, *, tare: float | None = None, live: bool = True) -> None:
+    def __init__(
+        self,
+        cell: Cell,
+        *,
+        tare: float | None = None,
+        live: bool = True,
+        advice: Mapping[Role, str] | None = None,
+    ) -> None:
         self._cell = cell
+        self._advice = advice or _ADVICE
         self._tare = tare
         self._live = live
         # learning is off, since it would compensate a wrong sign or unit
@@ -286,7 +298,7 @@ class Checkup:
                 ok=role == "surface",
                 said=f"nothing on {topic}",
                 remedy={"twist_source": "pose_difference"} if role == "twist" else {},
-                advice=_ADVICE[role],
+                advice=self._advice[role],
             )
         unstamped = sum(1 for message in heard if message.stamp <= 0)
         if unstamped:
@@ -371,7 +383,13 @@ def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
     """The findings on a recording of the cell. Raises InputError for a bag that cannot be used."""
     with opened_recording(bag, cell.values, options, strict=False) as recording:
         as_recorded = replace(cell, values=recording.values, topics=recording.topics)
-        checkup = Checkup(as_recorded, tare=options.tare, live=False)
+        advice: dict[Role, str] = dict.fromkeys(_ADVICE, _NOT_IN_PART)
+        checkup = Checkup(
+            as_recorded,
+            tare=options.tare,
+            live=False,
+            advice={**advice, **recording.missing},
+        )
         for sample in recording:
             checkup.push(sample, recording.time)
     found = [Finding(name=role, said=sentence) for role, sentence in recording.mistyped.items()]

@@ -181,6 +181,54 @@ def test_a_bag_without_a_needed_topic_or_with_another_type_is_refused_with_a_rem
     refused(bag, readings_of_pose, remap=swapped, twist_source="pose_difference")
 
 
+FILTERED = "/force_torque_sensor_broadcaster/wrench_filtered"
+
+
+def recorded_with(tmp_path, wrench_topic):
+    topics = {**TOPICS, "wrench": (wrench_topic, WRENCH)}
+    return write_ros2(tmp_path / "bag", plunge(), topics=topics)
+
+
+@pytest.mark.parametrize("command", ["replay", "calibrate"])
+def test_a_load_cell_under_another_name_than_given_is_named_at_once_with_the_remap(
+    tmp_path, capsys, command
+):
+    bag = recorded_with(tmp_path, FILTERED)
+    file = tmp_path / "cell.yaml"
+    file.write_text("/**: {ros__parameters: {mesh.file: plate}}")
+    given = "/force_torque_sensor_broadcaster/wrench"
+    remap = f"--remap=~/wrench_measured:={given}"
+    out = str(tmp_path / "out.yaml")
+    assert main([command, str(bag), "--params", str(file), remap, "-o", out]) == 2
+    said = capsys.readouterr().err.splitlines()[-1]
+    assert f"no wrench topic '{given}' (use --remap ~/wrench_measured:={FILTERED}; it has" in said
+    assert f"{FILTERED} ({WRENCH})" in said
+
+
+def test_a_replay_without_a_load_cell_warns_and_a_calibration_is_refused(tmp_path, capsys):
+    """What the node itself published is not the load cell."""
+    bag = recorded_with(tmp_path, "/left/rft/wrench_predicted")
+    file = tmp_path / "cell.yaml"
+    file.write_text("/**: {ros__parameters: {mesh.file: plate}}")
+    arguments = [str(bag), "--params", str(file), "-o"]
+    assert main(["replay", *arguments, str(tmp_path / "out"), "--no-report"]) == 0
+    assert "warning: no load cell: nothing on /rft/wrench_measured" in capsys.readouterr().out
+    assert main(["calibrate", *arguments, str(tmp_path / "calibrated.yaml")]) == 2
+    assert "has no wrench topic '/rft/wrench_measured'" in capsys.readouterr().err
+
+
+def test_a_table_without_readings_cannot_be_calibrated_and_names_the_columns(tmp_path, capsys):
+    table = tmp_path / "trial.csv"
+    table.write_text(
+        "t,px,py,pz,qx,qy,qz,qw\n" + "\n".join(f"{k},0,0,{k},0,0,0,1" for k in range(9))
+    )
+    file = tmp_path / "cell.yaml"
+    file.write_text("/**: {ros__parameters: {mesh.file: plate}}")
+    out = str(tmp_path / "calibrated.yaml")
+    assert main(["calibrate", str(table), "--params", str(file), "-o", out]) == 2
+    assert "has no wrench: add the columns fx, fy, fz, tx, ty, tz" in capsys.readouterr().err
+
+
 @pytest.mark.parametrize("beside", [True, False])
 def test_an_unknown_message_type_is_ignored_beside_the_topics_and_named_on_one(tmp_path, beside):
     """Of a type that only its own definition in the bag tells."""
@@ -236,6 +284,32 @@ def test_a_message_that_cannot_be_decoded_is_left_out_and_named(tmp_path):
     assert json.loads((tmp_path / "out" / "summary.json").read_text())["reasons"] == {
         "message_unreadable": 1
     }
+
+
+WORDS_OF_PYTHON = r"ssize_t|Python|buffer|unpack|object|NoneType|subscript|codec|0x|argument|Error"
+
+
+@pytest.mark.parametrize("plugin", ["mcap", "db3", "bag"])
+@pytest.mark.parametrize("written", [b"\xff", b"\x7f", b"\x00"])
+def test_whatever_number_is_damaged_the_message_does_not_speak_of_python(
+    tmp_path, plugin, written
+):
+    rows = list(moments(4))
+    if plugin == "bag":
+        file = write_ros1(tmp_path / "run.bag", rows)
+    else:
+        storage = StoragePlugin.MCAP if plugin == "mcap" else StoragePlugin.SQLITE3
+        (file,) = write_ros2(tmp_path / "run", rows, plugin=storage).glob(f"*.{plugin}")
+    whole = file.read_bytes()
+    said = set()
+    for at in range(8, len(whole) - 8, max(1, len(whole) // 400)):
+        file.write_bytes(whole[:at] + 8 * written + whole[at + 8 :])
+        try:
+            said.add(read(file)[1] or "")
+        except InputError as error:
+            said.add(str(error))
+    assert any("is damaged" in sentence for sentence in said)
+    assert [sentence for sentence in said if re.search(WORDS_OF_PYTHON, sentence)] == []
 
 
 def part_of(folder, name, rows, plugin, packed):

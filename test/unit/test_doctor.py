@@ -40,7 +40,12 @@ FAULTS = {
         {},
         "~/wrench_measured:=/unstamped",
     ),
-    "no publisher": ("wrench", "start the load cell's driver", {}, "~/wrench_measured:=/none"),
+    "no load cell": (
+        "wrench",
+        "nothing on /none; use --remap ~/wrench_measured:=/rft/wrench_measured; it has ",
+        {},
+        "~/wrench_measured:=/none",
+    ),
     "surface not set": ("surface_height", "set surface_height: 0.1", {"surface_height": None}),
     "not tared": ("load cell", "tare it there", {"sensor.bias": [0.0, 0.0, 2.0, 0.0, 0.0, 0.0]}),
     "untouched": (  # as if the cell hung in the air: no force but noise, and no grains in reach
