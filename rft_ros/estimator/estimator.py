@@ -220,7 +220,7 @@ class Estimator:
         return self._comparison.measurements()
 
     def finish(self) -> None:
-        """Call this after the last sample: it makes the measurements final that still wait for load-cell samples."""
+        """Make the measurements final that still wait for load-cell samples: after the last sample, or in a pause."""
         self._comparison.settle(math.inf, self.run)
         self.run.air.settle(math.inf)
 
@@ -228,13 +228,15 @@ class Estimator:
         """The bias that makes the mean compensated wrench of the last `window` [s] zero, in the driver's sign.
 
         Units [N], [N m]. Pass it to `use` as the load cell's `bias`. Raises InputError if the tool moved, was in the
-        grains or had an unknown velocity, or if there are too few load-cell samples.
+        grains or had an unknown velocity, if there are too few load-cell samples, and if poses or samples have ended.
         """
         frame = LoadCellFrame(self.load_cell)
         mean = mean_in_air(
             self.run.readings,
             self.run.poses,
             frame,
+            newest_pose=self.run.pose_stamp,
+            longest_gap=patience(self.settings.max_age),
             window=window,
             rest_speed=self.settings.rest_speed,
             reach=self.model.tool.plates.reach,

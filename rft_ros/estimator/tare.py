@@ -106,22 +106,37 @@ def drift(time: Array, places: Array, reach: float) -> float:
     return float(((moved + reach * turned) / steps(time)).max())
 
 
+def silent(what: str, age: float) -> str:
+    """The refusal of a tare while an input is silent. `age`: of its last message [s], infinite if none has come."""
+    last = f"the last one is {age:.1f} s old" if math.isfinite(age) else "none has come yet"
+    return f"tare refused: no {what} come, {last}; start their driver, and tare again"
+
+
 def mean_in_air(
     readings: Timeline[WrenchSample],
     poses: deque[TarePose],
     cell: LoadCellFrame,
     *,
+    newest_pose: int,
+    longest_gap: int,
     window: float,
     rest_speed: float,
     reach: float,
 ) -> Array:
     """Mean of the readings of `cell` over the last `window` [s], shape [6]. Raises InputError if a tare would be wrong.
 
-    `poses`: the last ones, at most `HISTORY`. The tool must not drift faster than `rest_speed` [m/s]. `reach` of its
-    plates [m].
+    `poses`: the last ones, at most `HISTORY`. `newest_pose`: stamp of the last one that was accepted; it and that of
+    the last reading must not differ by more than `longest_gap`, both [ns]. The tool must not drift faster than
+    `rest_speed` [m/s]. `reach` of its plates [m].
     """
     if not poses:
         raise InputError("tare refused: no pose with a known velocity has come yet")
+    if readings.last is not None:
+        newest_reading = readings.last.stamp
+        if newest_pose - newest_reading > longest_gap:
+            raise InputError(silent("load-cell samples", 1e-9 * (newest_pose - newest_reading)))
+        if newest_reading - newest_pose > longest_gap:
+            raise InputError(silent("poses", 1e-9 * (newest_reading - newest_pose)))
     end = readings.last.stamp if readings.last else poses[-1].pose.stamp
     start = end - round(window * 1e9)
     refused = f"tare refused: within the last {window:g} s"

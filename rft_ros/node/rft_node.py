@@ -17,7 +17,9 @@ from sensor_msgs.msg import JointState
 
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimate, Estimator, Reason, Sample, Stamped
+from rft_ros.estimator.timeline import patience
 from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder, stamped_cdr
+from rft_ros.node.arrivals import POLL_PERIOD, Arrivals
 from rft_ros.node.diagnostics import DIAGNOSTICS_PERIOD, Diagnostics
 from rft_ros.node.feedforward import FeedForward
 from rft_ros.node.markers import Markers
@@ -46,6 +48,7 @@ class RftNode(Node):
         self._swap = Swap(worker, values, on_cold_cache=lambda: logger.info(compiling))
         self.estimator = Estimator(self._swap.prepared.settings, self._swap.prepared.model)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
+        self._arrivals = Arrivals()
         self._decode: dict[Role, Callable[[bytes], Sample]] = {}
 
         publisher = partial(self.create_publisher, qos_profile=OUTPUTS)
@@ -72,11 +75,18 @@ class RftNode(Node):
             timer(DIAGNOSTICS_PERIOD, self._follow_pose_type)
         self._clouds: Subscription | None = None
         self._subscribe_to_clouds()
-        Services(self, self.estimator, self.table, status=self._diagnostics.summary)
+        Services(
+            self,
+            self.estimator,
+            self.table,
+            status=self._diagnostics.summary,
+            silence=self._arrivals.silence,
+        )
 
         timer(DIAGNOSTICS_PERIOD, self._diagnostics.publish)
         timer(_MARKER_PERIOD, self._markers.publish)
         timer(_SWAP_POLL_PERIOD, self._on_swap_poll)
+        timer(POLL_PERIOD, self._on_pause_poll)
 
     def _subscribe(self, role: Role, kind: str = "") -> Subscription:
         """Subscribe to the messages of a role. `kind`: which of `TYPES` they have; by default the first."""
@@ -141,6 +151,7 @@ class RftNode(Node):
             return
         if isinstance(sample, Stamped) and role != "pose":
             self._diagnostics.received(role, sample.stamp)
+            self._arrivals.add(role)
         if role == "twist":
             self.estimator.push(sample)
             return
@@ -148,6 +159,7 @@ class RftNode(Node):
             self._take_twists()
         for pose, answer in self.estimator.answers(sample):
             self._diagnostics.received("pose", pose.stamp)
+            self._arrivals.add("pose")
             if isinstance(answer, Estimate):
                 self._publish(answer, start)
             start = perf_counter()
@@ -193,6 +205,14 @@ class RftNode(Node):
                 self._residual.publish(serialised(measurement.stamp, measurement.residual))
             self._markers.measured = measurement.compensated
         self._measured_frame = self.estimator.wrench_frame
+
+    def _on_pause_poll(self) -> None:
+        """Publish the last measurements of a run once poses and readings have ended: no stamp will end their wait."""
+        self._arrivals.count_quiet_time()
+        longest_wait = 1e-9 * patience(self.estimator.settings.max_age)
+        if self.estimator.run.pending and self._arrivals.quiet_time >= longest_wait:
+            self.estimator.finish()
+            self._publish_measurements()
 
     # --- parameters and swaps
 

@@ -13,6 +13,7 @@ from std_srvs.srv import Trigger
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimator
 from rft_ros.estimator.learning import Learning
+from rft_ros.estimator.tare import silent
 from rft_ros.ground import write_height_map
 from rft_ros.node.node_parameters import NodeParameters
 from rft_ros.parameters import write_parameter_file
@@ -31,8 +32,11 @@ class Services:
         parameters: NodeParameters,
         *,
         status: Callable[[], str],
+        silence: Callable[[str], float],
     ) -> None:
+        """`silence`: the time since the last message of a role [s]."""
         self._estimator = estimator
+        self._silence = silence
         self._parameters = parameters
         answers = {
             "tare": self._tare,
@@ -46,6 +50,9 @@ class Services:
             node.create_service(Trigger, f"~/{name}", partial(_respond, answer))
 
     def _tare(self) -> str:
+        for role, what in {"pose": "poses", "wrench": "load-cell samples"}.items():
+            if self._silence(role) > _TARE_WINDOW:
+                raise InputError(silent(what, self._silence(role)))
         bias = self._estimator.tare(_TARE_WINDOW)
         self._parameters.set_all({"sensor.bias": bias}, why="tare")
         return "sensor.bias set to [" + ", ".join(f"{b:.6g}" for b in bias) + "] N, N m"

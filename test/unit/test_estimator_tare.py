@@ -151,7 +151,17 @@ def test_tare_is_refused_before_any_pose_and_when_poses_stop_and_the_load_cell_c
         run(e, 1.0, start=START + 50 * SECOND)
     after = run(e, 1.0, position=GRAINS)
     push(e, *(wrench(after + k * 10 * MS, READING) for k in range(200)))
-    assert refused(e) == "no pose has shown the tool at rest"
+    assert (
+        refused(e)
+        == "no poses come, the last one is 2.0 s old; start their driver, and tare again"
+    )
+
+
+def test_readings_that_ended_before_the_last_poses_are_no_tare():
+    e = estimator()
+    after = run(e, 1.0)
+    run(e, 20.0, start=after, reading=())
+    assert refused(e).startswith("no load-cell samples come, the last one is 20.0 s old")
 
 
 def test_after_a_jump_back_in_time_a_still_tool_can_be_tared_again():
