@@ -1,4 +1,4 @@
-"""``python docs/_site/reference_pages.py`` writes config/default.yaml and the lists of docs/node.md."""
+"""``python docs/_site/reference_pages.py`` writes config/default.yaml and the lists of docs/reasons.md."""
 
 import argparse
 import math
@@ -9,7 +9,7 @@ from rft_ros.commands.options import BAG
 from rft_ros.estimator import QualityFlag, Reason, Trust, sentences, trust
 from rft_ros.parameters import PARAMETERS, Parameter, Value
 
-__all__ = ["commands_page", "default_yaml", "main", "node_page"]
+__all__ = ["commands_page", "default_yaml", "main", "parameters_table", "reasons_page"]
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -86,9 +86,7 @@ def _command(name: str, command: argparse.ArgumentParser, described: dict[str, s
         else:
             rows.append(f"- {typed}: {meaning}")
     if as_parameters:
-        rows.append(
-            f"- {', '.join(as_parameters)}: as the node's [parameters](node.md#parameters)"
-        )
+        rows.append(f"- {', '.join(as_parameters)}: as the node's [parameters](parameters.md)")
     if as_above:
         rows.append(f"- {', '.join(as_above)}: as above")
     return (
@@ -146,12 +144,23 @@ def default_yaml() -> str:
     for p in PARAMETERS:
         unit = f" [{p.unit}]" if p.unit else ""
         allowed = f" Allowed: {_allowed(p)}." if _allowed(p) else ""
-        restart = "" if p.applies == "live" else " Needs a restart."
+        restart = " Needs a restart." if p.applies == "restart" else ""
         lines += [
             f"    # {p.description}{unit}{allowed}{restart}",
             f"    {p.name}: {_yaml(p.default)}",
         ]
     return _table(*lines)
+
+
+def parameters_table() -> str:
+    """The site's table of all parameters, for docs/parameters.md."""
+    rows = ["| parameter | default | allowed | meaning |", "|---|---|---|---|"]
+    for p in PARAMETERS:
+        default = f"`{_yaml(p.default)}`" + (f" {p.unit}" if p.unit else "")
+        restart = " Needs a restart." if p.applies == "restart" else ""
+        cells = (f"`{p.name}`", default, _allowed(p), f"{p.description}{restart}")
+        rows.append("| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |")
+    return _table(*rows)
 
 
 def _with_tables(file: Path, tables: dict[str, str]) -> str:
@@ -167,8 +176,8 @@ def _with_tables(file: Path, tables: dict[str, str]) -> str:
 _TRUST = {Trust.CAUTION: "", Trust.NO: "; trust NO"}
 
 
-def node_page() -> str:
-    """docs/node.md with its lists of reasons and quality flags."""
+def reasons_page() -> str:
+    """docs/reasons.md with its lists of reasons and quality flags."""
     tables = {
         "reasons": _table(
             *(
@@ -180,13 +189,13 @@ def node_page() -> str:
             *(f"- `{f.label}`: {sentences(f)}{_TRUST[trust(f)]}" for f in QualityFlag if f)
         ),
     }
-    return _with_tables(ROOT / "docs" / "node.md", tables)
+    return _with_tables(ROOT / "docs" / "reasons.md", tables)
 
 
 def main() -> None:
     """Rewrite all of them in the checkout."""
     pages = {
-        "docs/node.md": node_page(),
+        "docs/reasons.md": reasons_page(),
         "config/default.yaml": default_yaml(),
     }
     for name, page in pages.items():

@@ -1,4 +1,4 @@
-"""mkdocs hook: make the README the home page, write the page of commands, and add files that pages link to.
+"""mkdocs hook: the README as home page, the generated page of commands and table of parameters, and linked files.
 
 GitHub resolves a page's links from the page's folder. On the site, the pages of ``docs/`` are at the top. This hook
 copies files outside ``docs/`` that they link to into ``repository/`` and changes the links accordingly. Such a copy has
@@ -12,11 +12,12 @@ from pathlib import Path
 from mkdocs.config.defaults import MkDocsConfig
 from mkdocs.structure.files import File, Files, InclusionLevel
 from mkdocs.structure.pages import Page
-from reference_pages import commands_page
+from reference_pages import commands_page, parameters_table
 
 __all__ = ["on_files", "on_page_markdown", "with_links_from_the_site"]
 
 ROOT = Path(__file__).resolve().parents[2]
+_PARAMETERS = "<!-- parameters -->"  # of docs/parameters.md: where the table goes
 _FENCED_OR_LINK = re.compile(
     r"^```.*?^```|(?<=\]\()(?![a-z]+:|#)[^)#\s]+", re.DOTALL | re.MULTILINE
 )
@@ -58,5 +59,6 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
 
 
 def on_page_markdown(markdown: str, page: Page, **_: object) -> str:
-    """Change the links of every page except the home page, which already has them changed."""
-    return markdown if page.is_homepage else with_links_from_the_site(markdown, "docs")
+    """Put the table of parameters in, and change the links, which the home page already has changed."""
+    with_table = markdown.replace(_PARAMETERS, parameters_table())
+    return with_table if page.is_homepage else with_links_from_the_site(with_table, "docs")

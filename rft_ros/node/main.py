@@ -1,6 +1,6 @@
 """usage: rft_node --ros-args [--params-file FILE.yaml] [-p NAME:=VALUE] [-r ~/pose:=/tool_pose] ...
 
-Predict the wrench of dry granular material on a moving tool, at each pose, on ROS 2. docs/node.md lists topics
+Predict the wrench of dry granular material on a moving tool, at each pose, on ROS 2. docs/topics.md lists topics
 and services, config/default.yaml the parameters. Exit status 0 after SIGINT or SIGTERM, 2 for arguments or parameters
 that cannot be used.
 """

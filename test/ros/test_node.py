@@ -36,7 +36,7 @@ def test_a_pose_is_answered_by_three_wrenches_with_its_stamp_in_the_sensor_frame
 
 
 def test_the_page_of_the_node_names_each_of_its_topics_and_services(rft):
-    page = (Path(__file__).parents[2] / "docs" / "node.md").read_text(encoding="utf-8")
+    page = (Path(__file__).parents[2] / "docs" / "topics.md").read_text(encoding="utf-8")
     namespace, _, name = rft.name.rpartition("/")
     node, of = rft.node, (name, namespace or "/")
     found = node.get_publisher_names_and_types_by_node(

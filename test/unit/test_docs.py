@@ -20,7 +20,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 MAKER = ROOT / "docs" / "_site" / "reference_pages.py"
 GENERATED = {
-    "docs/node.md": "node_page",
+    "docs/reasons.md": "reasons_page",
     "config/default.yaml": "default_yaml",
 }
 COMMANDS = next(a for a in parser()._actions if a.dest == "command").choices
@@ -123,3 +123,21 @@ def test_the_coefficients_of_the_weights_are_those_in_use():
     assert {name: printed[name] for name in names} == {
         name: getattr(weights, name) for name in names
     }
+
+
+MOST_WORDS = {"README.md": 1_200, "docs": 19_000}
+_CODE = re.compile(r"^ *```.*?^ *```$", flags=re.DOTALL | re.MULTILINE)
+_GENERATED = re.compile(r"<!-- [\w ]+: begin.*?<!-- [\w ]+: end -->", flags=re.DOTALL)
+
+
+def words(page):
+    """Number of words of a page's prose and tables, without code and what is generated."""
+    text = _GENERATED.sub("", _CODE.sub("", page.read_text(encoding="utf-8")))
+    return len(text.split())
+
+
+def test_the_pages_stay_as_short_as_a_reader_has_time_for():
+    readme, *pages = PAGES
+    assert readme.name == "README.md"
+    assert len(readme.read_text(encoding="utf-8").split()) <= MOST_WORDS["README.md"]
+    assert sum(map(words, pages)) <= MOST_WORDS["docs"]

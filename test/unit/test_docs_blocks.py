@@ -128,14 +128,12 @@ def _yaml(block: Block, folder: Path) -> None:
         assert read_limits(file), block.where
 
 
-def prepared(
-    folder: Path, *, more_cell: str = "", scripts: str = sysconfig.get_path("scripts")
-) -> Path:
+def prepared(folder: Path, *, scripts: str = sysconfig.get_path("scripts")) -> Path:
     """A copy of the project below `folder`, with what the pages assume: the reader's files, named as on the pages.
 
     The package itself is not copied, so that what runs is the installed one, which numba has compiled before.
     `make` finds its environment ready: that of `scripts`. `my_cell.yaml` is the README's block, its ``/path/to`` this
-    folder, and `more_cell` what a page adds to it.
+    folder.
     """
     project = folder / "project"
     for name in ("bench", "config", "docs", "meshes"):
@@ -157,9 +155,7 @@ def prepared(
     )
     shutil.copy(TOOL_FILE, project / "my_tool.stl")
     cell = next(b.text for b in blocks(README) if b.language == "yaml" and "my_tool.stl" in b.text)
-    (project / "my_cell.yaml").write_text(
-        cell.replace("/path/to", str(project)) + more_cell, encoding="utf-8"
-    )
+    (project / "my_cell.yaml").write_text(cell.replace("/path/to", str(project)), encoding="utf-8")
     (project / "limits.yaml").write_text("estimates: {min: 100}\n", encoding="utf-8")
     # still in the air for 2.5 s, 45 mm into the grains and out again, the tool level
     way = Way((0.1, 0.2, _SURFACE + 0.02)).wait(2.5).move((0.0, 0.0, -0.065), 0.02).wait(1.5)
@@ -196,10 +192,7 @@ ALL = [README, *PAGES]
 @pytest.fixture(scope="module")
 def project(tmp_path_factory):
     """One folder for all pages."""
-    replay_section = [
-        b.text for b in blocks(ROOT / "docs" / "replay.md") if b.text.startswith("rft_replay:")
-    ]
-    return prepared(tmp_path_factory.mktemp("docs"), more_cell=replay_section[0])
+    return prepared(tmp_path_factory.mktemp("docs"))
 
 
 @pytest.mark.parametrize("page", WITH_CODE, ids=lambda page: page.name)
