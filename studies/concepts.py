@@ -244,7 +244,8 @@ def _draw_run(axes: Any, strip: Any) -> None:
 def draw_concepts() -> Figure:
     """The figure with its four panels."""
     figure = Figure(figsize=(12.0, 7.6), layout="constrained")
-    above, below = figure.subfigures(2, 1)
+    halves: Any = figure.subfigures(2, 1)
+    above, below = halves
     motions, alpha_y, zeta = above.subplots(1, 3, width_ratios=(1.15, 1.0, 0.9))
     run, strip = below.subplots(2, 1, height_ratios=(0.8, 0.2))
     _draw_motions(motions)
