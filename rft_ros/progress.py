@@ -11,9 +11,10 @@ def bar(label: str, total: float) -> Iterator[Callable[[float, str], None]]:
     from rich.progress import Progress
 
     console = Console(stderr=True)
-    with Progress(
-        console=console, transient=True, redirect_stdout=False, disable=not console.is_terminal
-    ) as progress:
+    if not console.is_interactive:  # rich 13 ends even a disabled bar with an empty line
+        yield lambda completed, label: None
+        return
+    with Progress(console=console, transient=True, redirect_stdout=False) as progress:
         task = progress.add_task(label, total=total)
         yield lambda completed, label: progress.update(
             task, completed=completed, description=label

@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.rft import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY
+from rft_ros.rft import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY, quaternion_products
 
 Array = NDArray[np.float64]
 
@@ -36,8 +36,6 @@ class Trajectory:
 
     def at(self, times: ArrayLike) -> Array:
         """States at times [s], shape [n, 13], columns `rft_ros.rft.STATE`."""
-        from scipy.spatial.transform import Rotation
-
         t = np.atleast_1d(np.asarray(times, dtype=np.float64))
         yaw = self.yaw + self.turning * t
         tilt = self.tilt + self.amplitude * np.sin(self.omega * t)
@@ -45,7 +43,13 @@ class Trajectory:
         states = np.zeros((len(t), len(STATE)))
         states[:, POSITION] = np.outer(t, self.velocity)
         states[:, 2] += self.start_height
-        states[:, QUATERNION] = Rotation.from_euler("ZY", np.column_stack([yaw, tilt])).as_quat()
+        about_z = np.zeros((len(t), 4))
+        about_z[:, 2] = np.sin(yaw / 2.0)
+        about_z[:, 3] = np.cos(yaw / 2.0)
+        about_y = np.zeros((len(t), 4))
+        about_y[:, 1] = np.sin(tilt / 2.0)
+        about_y[:, 3] = np.cos(tilt / 2.0)
+        states[:, QUATERNION] = quaternion_products(about_z, about_y)
         states[:, VELOCITY] = self.velocity
         spin = states[:, ANGULAR_VELOCITY]  # a view
         spin[:, 0] -= pitching * np.sin(yaw)
