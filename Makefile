@@ -1,20 +1,42 @@
-# On a fresh Debian or Ubuntu with Python 3.10-3.13 and python3-venv: make demo, make test. Each first makes .venv.
+# On a fresh Debian or Ubuntu with Python 3.10-3.13 and python3-venv: make demo, make test. Each first makes .venv; test-target and
+# test-minimum make environments of their own by the same rules.
 PYTHON ?= python3
 VENV := .venv
+CONSTRAINTS :=
+EXTRAS := ros,test,dev
+TESTS := test
 BIN := $(VENV)/bin
 DEMO := $(VENV)/.demo
 STAMP := $(VENV)/.installed
 PYTHON_VERSION = $(shell $(PYTHON) -c 'import sys; print("%d.%d" % sys.version_info[:2])')
 VENV_VERSION = $(shell $(BIN)/python -c 'import pip, sys; print("%d.%d" % sys.version_info[:2])' 2> /dev/null)
 PIP := $(BIN)/python -m pip -qq --disable-pip-version-check
+INSTALL := $(PIP) install --no-compile $(CONSTRAINTS:%=--constraint %)
+# The first Python of this version that is there and can make an environment, such as $(call find-python,3.12).
+find-python = $(shell for python in python$(1) "$${PYENV_ROOT:-$$HOME/.pyenv}"/versions/$(1).*/bin/python /usr/bin/python$(1); do \
+	"$$python" -c 'import ensurepip' 2> /dev/null && echo "$$python" && break; done)
+PYTHON312 = $(call find-python,3.12)
+PYTHON_MINIMUM = $(or $(call find-python,3.10),$(call find-python,3.11))
+LEG = --no-print-directory pytest EXTRAS=ros,test
 
-.PHONY: demo test lint studies chart docs lines dist bench bench-node bench-swaps bench-replay bench-doctor soak fuzz venv clean
+.PHONY: demo test test-target test-minimum pytest lint studies chart docs lines dist bench bench-node bench-swaps bench-replay bench-doctor soak fuzz venv clean
 
 demo: $(DEMO)
 	$(BIN)/rft demo -o out/demo
 
-test: venv lint
-	$(BIN)/python -m pytest test -n $$((2 * $$(nproc))) --dist worksteal -q
+test: lint pytest
+
+pytest: venv
+	$(BIN)/python -m pytest $(TESTS) -n $$((2 * $$(nproc))) --dist worksteal -q
+
+# Ubuntu 24.04's own versions, and the least ones that setup.py allows: each in an environment of its own.
+test-target:
+	@[ '$(PYTHON312)' ] || { echo 'make test-target needs Python 3.12 with its module venv: install it, or name it in PYTHON312=' >&2; exit 2; }
+	@$(MAKE) $(LEG) PYTHON='$(PYTHON312)' VENV=.venv-target CONSTRAINTS=constraints/ubuntu-24.04.txt
+
+test-minimum:
+	@[ '$(PYTHON_MINIMUM)' ] || { echo 'make test-minimum needs Python 3.10 or 3.11 with its module venv: install it, or name it in PYTHON_MINIMUM=' >&2; exit 2; }
+	@$(MAKE) $(LEG) PYTHON='$(PYTHON_MINIMUM)' VENV=.venv-minimum CONSTRAINTS=constraints/minimum.txt TESTS='test/unit test/golden'
 
 lint: venv
 	$(BIN)/ruff check .
@@ -63,23 +85,23 @@ venv: $(STAMP)
 
 # What the demo needs. Python compiles what it imports; of the rest pip would compile 15,000 files. Each step says one
 # line; pip and venv say more only if they fail. A .venv that another Python began, or that has no pip, is begun again.
-$(DEMO): setup.py package.xml
+$(DEMO): setup.py package.xml $(CONSTRAINTS)
 	@case '$(PYTHON_VERSION)' in 3.10|3.11|3.12|3.13) ;; *) \
 	echo 'rft_ros needs Python 3.10 to 3.13, and $(PYTHON) is $(or $(PYTHON_VERSION),no Python): install one of these and name it,' \
 	'as in make PYTHON=python3.12 $(MAKECMDGOALS)' >&2; exit 2;; esac
 	@[ '$(VENV_VERSION)' = '$(PYTHON_VERSION)' ] \
 	|| { echo 'Making $(VENV), an environment of Python $(PYTHON_VERSION)'; $(PYTHON) -m venv --clear $(VENV); }
 	@echo 'Installing packages from PyPI, ROS among them: downloads about 200 MB, takes half a minute or more'
-	@$(PIP) install --no-compile --editable '.[ros]'
+	@$(INSTALL) --editable '.[ros]'
 	@touch $@
 
 # pip 23.0, which comes with Python 3.10, looks for versions that fit together without end.
 $(STAMP): $(DEMO)
 	@echo 'Installing what tests and documentation need'
 	@$(PIP) install --upgrade pip
-	@$(PIP) install --no-compile --editable '.[ros,test,dev]'
+	@$(INSTALL) --editable '.[$(EXTRAS)]'
 	@$(BIN)/rft warm-up
 	@touch $@
 
 clean:
-	rm -rf $(VENV) out build dist *.egg-info
+	rm -rf .venv .venv-target .venv-minimum out build dist *.egg-info
