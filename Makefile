@@ -1,5 +1,5 @@
-# On a fresh Debian or Ubuntu with Python 3.10-3.13 and python3-venv: make demo, make test. Each first makes .venv; test-target and
-# test-minimum make environments of their own by the same rules.
+# On a fresh Debian or Ubuntu with Python 3.10-3.13 and python3-venv: make demo, make test. Each first makes .venv.
+# make test-target and make test-minimum make environments of their own, by the same rules.
 PYTHON ?= python3
 VENV := .venv
 CONSTRAINTS :=
@@ -17,6 +17,7 @@ find-python = $(shell for python in python$(1) "$${PYENV_ROOT:-$$HOME/.pyenv}"/v
 	"$$python" -c 'import ensurepip' 2> /dev/null && echo "$$python" && break; done)
 PYTHON312 = $(call find-python,3.12)
 PYTHON_MINIMUM = $(or $(call find-python,3.10),$(call find-python,3.11))
+missing = echo 'make $@ needs $(1) with its module venv, and finds none: install it, or name it in $(2)=' >&2; exit 2
 LEG = --no-print-directory pytest EXTRAS=ros,test
 
 .PHONY: demo test test-target test-minimum pytest lint studies chart docs lines dist bench bench-node bench-swaps bench-replay bench-doctor soak fuzz venv clean
@@ -29,13 +30,13 @@ test: lint pytest
 pytest: venv
 	$(BIN)/python -m pytest $(TESTS) -n $$((2 * $$(nproc))) --dist worksteal -q
 
-# Ubuntu 24.04's own versions, and the least ones that setup.py allows: each in an environment of its own.
+# Ubuntu 24.04's own versions, and the least ones that setup.py allows.
 test-target:
-	@[ '$(PYTHON312)' ] || { echo 'make test-target needs Python 3.12 with its module venv: install it, or name it in PYTHON312=' >&2; exit 2; }
+	@[ '$(PYTHON312)' ] || { $(call missing,Python 3.12,PYTHON312); }
 	@$(MAKE) $(LEG) PYTHON='$(PYTHON312)' VENV=.venv-target CONSTRAINTS=constraints/ubuntu-24.04.txt
 
 test-minimum:
-	@[ '$(PYTHON_MINIMUM)' ] || { echo 'make test-minimum needs Python 3.10 or 3.11 with its module venv: install it, or name it in PYTHON_MINIMUM=' >&2; exit 2; }
+	@[ '$(PYTHON_MINIMUM)' ] || { $(call missing,Python 3.10 or 3.11,PYTHON_MINIMUM); }
 	@$(MAKE) $(LEG) PYTHON='$(PYTHON_MINIMUM)' VENV=.venv-minimum CONSTRAINTS=constraints/minimum.txt TESTS='test/unit test/golden'
 
 lint: venv

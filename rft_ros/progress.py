@@ -12,7 +12,7 @@ def bar(label: str, total: float) -> Iterator[Callable[[float, str], None]]:
 
     console = Console(stderr=True)
     if not console.is_interactive:  # rich 13 ends even a disabled bar with an empty line
-        yield lambda completed, label: None
+        yield lambda *_: None
         return
     with Progress(console=console, transient=True, redirect_stdout=False) as progress:
         task = progress.add_task(label, total=total)

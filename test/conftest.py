@@ -89,6 +89,11 @@ def calibration_of(
         yield calibrated
 
 
+def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
+    """Tests of the repository itself are slow and seldom fail: they run last."""
+    items.sort(key=lambda item: item.get_closest_marker("repository") is not None)
+
+
 _CPU = Counter[str]()
 _spent = 0.0
 

@@ -4,6 +4,8 @@ import pytest
 from fuzz import fuzz
 from fuzz_estimators import run
 
+pytestmark = pytest.mark.repository
+
 
 def test_damaged_inputs_are_used_or_refused_with_a_sentence():
     outcomes, findings = fuzz(count=50, seed=20)

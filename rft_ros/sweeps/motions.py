@@ -12,7 +12,14 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.rft import ANGULAR_VELOCITY, POSITION, QUATERNION, STATE, VELOCITY, quaternion_products
+from rft_ros.rft import (
+    ANGULAR_VELOCITY,
+    POSITION,
+    QUATERNION,
+    STATE,
+    VELOCITY,
+    quaternion_products,
+)
 
 Array = NDArray[np.float64]
 

@@ -1,6 +1,9 @@
 """A short soak; ``make soak`` runs the long one."""
 
+import pytest
 from soak import soak
+
+pytestmark = pytest.mark.repository
 
 
 def test_every_pose_is_an_estimate_or_a_counted_reason_and_nothing_breaks(start_process):

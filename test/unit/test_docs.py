@@ -16,6 +16,8 @@ from rft_ros.rft import MEDIA
 from rft_ros.rft import traction as weights
 from rft_ros.sweeps.motions import FAMILIES
 
+pytestmark = pytest.mark.repository
+
 ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 MAKER = ROOT / "docs" / "_site" / "reference_pages.py"

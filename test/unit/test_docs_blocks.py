@@ -24,6 +24,8 @@ from rft_ros.bags.summary import read_limits
 from rft_ros.parameters import LoadCell, read_parameter_file
 from rft_ros.sweeps.design import read_design
 
+pytestmark = pytest.mark.repository
+
 README = ROOT / "README.md"
 PAGES = sorted((ROOT / "docs").glob("*.md"))
 

@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 from browser import show
 
+pytestmark = pytest.mark.repository
+
 pytest.importorskip("mkdocs", reason="no mkdocs; `pip install -e '.[docs]'` installs it")
 pytest.importorskip(
     "mkdocstrings", reason="no mkdocstrings; `pip install -e '.[docs]'` installs it"

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from distribution import ROOT
 
+pytestmark = pytest.mark.repository
+
 STAND_IN = """#!/bin/sh
 case "$*" in
   *version_info*) echo {version};;

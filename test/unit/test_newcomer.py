@@ -13,6 +13,8 @@ from cells import PARAMETERS, SURFACE, ZETA, record_of_a_newcomer
 from rft_ros.cli import main
 from rft_ros.parameters import read_parameter_file
 
+pytestmark = pytest.mark.repository
+
 OFFSET = (1.5, -0.8, 2.2, 0.01, 0.02, -0.03)
 CELL = PARAMETERS | {"tolerance": 0.0, "world_frame": "base", "twist_source": "pose_difference"}
 REMAP = {"remap": ["~/pose:=/tcp", "~/wrench_measured:=/ft"]}

@@ -10,9 +10,12 @@ import tarfile
 import zipfile
 from importlib.metadata import packages_distributions
 
+import pytest
 from distribution import ROOT, manifest, metadata, third_party_imports, without_ros
 from packaging.requirements import Requirement
 from packaging.utils import canonicalize_name
+
+pytestmark = pytest.mark.repository
 
 # The module that each rosdep key brings.
 MODULES = {

@@ -11,6 +11,8 @@ from pathlib import Path
 import pytest
 from distribution import clean_copy, own_domain, share_machine_code
 
+pytestmark = pytest.mark.repository
+
 pytest.importorskip("colcon_core", reason="needs colcon: pip install 'rft_ros[test]'")
 
 SHARED = (

@@ -33,6 +33,7 @@ from types import FunctionType
 from typing import Any, ParamSpec, TypeVar
 
 import numba
+import numpy as np
 from numba.core.caching import NullCache
 from numba.core.compiler import CompileResult
 from numba.core.runtime import rtsys
@@ -98,9 +99,11 @@ class _Cache(NullCache):
 
     def __init__(self, function: FunctionType) -> None:
         self._source = Path(inspect.getfile(function)).resolve()
-        self._name = (
-            f"{function.__module__}.{function.__qualname__}.{sys.implementation.cache_tag}"
+        # environments that share a checkout must not remove, nor load, each other's files
+        environment = (
+            f"{sys.implementation.cache_tag}.numba-{numba.__version__}.numpy-{np.__version__}"
         )
+        self._name = f"{function.__module__}.{function.__qualname__}.{environment}"
 
     @property
     def cache_path(self) -> str:
