@@ -5,7 +5,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property, partial
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -20,6 +20,9 @@ from rft_ros.rft.traction import packed_law
 from rft_ros.simulation.beds import forces_on_plates, laws_of, make_beds, stiffness_matrix
 from rft_ros.simulation.step import begin_step, find_indefinite, hold_each
 from rft_ros.tool import Tool
+
+if TYPE_CHECKING:
+    from typing import Self  # of Python 3.11
 
 Array = NDArray[np.float64]
 
@@ -38,7 +41,7 @@ class Copied:
     _arguments: tuple[Any, ...]
     _options: dict[str, Any]
 
-    def __new__(cls, *arguments: Any, **options: Any) -> Self:
+    def __new__(cls, *arguments: Any, **options: Any) -> "Self":
         """The arguments are those of `__init__`."""
         made = super().__new__(cls)
         made._arguments = arguments
