@@ -81,7 +81,7 @@ def _learn(prediction: Prediction, compensated: Wrench, run: Run, *, repeated: b
     run.air.add(prediction, compensated)
     if run.learning is not None:
         force = prediction.force_in_world(compensated)
-        run.learning.learn(prediction.pose.stamp, force, repeated=repeated, air=run.air)
+        run.learning.learn(prediction.pose.stamp, force, repeated=repeated, air_load=run.air.load)
 
 
 def _difference(factor: float, a: Wrench, b: Wrench) -> Wrench:

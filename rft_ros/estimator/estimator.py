@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rft_ros.estimator import samples
 from rft_ros.estimator.comparison import Comparison
 from rft_ros.estimator.intake import Intake
-from rft_ros.estimator.learning import Learning
+from rft_ros.estimator.learning import UNEXPLAINED, Learning
 from rft_ros.estimator.load_cell import LoadCellFrame, Prediction
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Motion
 from rft_ros.estimator.pose_noise import NOISY, NOISY_SENTENCE
@@ -102,7 +102,7 @@ class Estimator:
     def issues(self) -> list[str]:
         """The current issues: a sparse map, noisy poses, a kind of motion that was not calibrated, a force in the air.
 
-        With learning also those of `ISSUES`.
+        With learning also readings that no strength of the grains explains.
         """
         found = []
         if self.ground is not None and self.ground.issue:
@@ -110,8 +110,8 @@ class Estimator:
         if self.pose_noise > NOISY:
             found.append(NOISY_SENTENCE)
         found += self.run.unseen.sentences(self.settings.calibrated_motions)
-        if self.learning is not None:
-            found += self.learning.issues()
+        if self.learning is not None and self.learning.excludes_readings:
+            found.append(UNEXPLAINED)
         return found + self.run.air.issues()
 
     @property
@@ -306,7 +306,7 @@ class Estimator:
             depth=self.depth,
             withdrawn=run.withdrawal.active,
             surprises=learning is not None and learning.change != "",
-            disagrees=run.air.is_offset or (learning is not None and learning.disagrees),
+            disagrees=run.air.is_offset or (learning is not None and learning.excludes_readings),
         )
         return Estimate(
             stamp=pose.stamp,

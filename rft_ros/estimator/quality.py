@@ -129,7 +129,8 @@ class QualityFlag(IntFlag):
     )
     DISAGREEMENT = (
         2048,
-        "the load cell's readings are not plausible, or the model is wrong; /diagnostics or the report names the fault",
+        "the load cell reads a force in the air, or one that no strength of the grains explains: rft doctor names the"
+        " fault",
     )
     MESH = (
         4096,

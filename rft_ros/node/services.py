@@ -77,7 +77,7 @@ class Services:
         values = dict(self._parameters.values)
         values["medium.zeta"] *= strength
         values["medium.zeta_error"] = min(error / strength, 2.0)
-        doubts = [f"doubtful, since it was learned while {doubt}" for doubt in learning.doubts()]
+        doubts = [f"doubtful, since {issue}" for issue in self._estimator.issues()]
         comment = "; ".join(["rft_node: medium.zeta learned from the load cell", *doubts])
         file = _new_file("rft_medium_{}.yaml")
         write_parameter_file(file, values, comment=comment)

@@ -19,9 +19,8 @@ from rft_ros.estimator.learning.filter import (
     start,
     update,
 )
-from rft_ros.estimator.learning.surprise import ISSUES, JUDGE_FIELDS, OFFSET, judge
+from rft_ros.estimator.learning.surprise import JUDGE_FIELDS, judge
 from rft_ros.estimator.samples import ABSURD
-from rft_ros.estimator.tare import AirReading
 from rft_ros.parameters.settings import CALIBRATED_ERROR
 from rft_ros.rft import SUBMERGED_AREA
 from rft_ros.rft.frames import WIDTH, Vector
@@ -62,7 +61,6 @@ _STATE = np.dtype(
     [
         *FILTER_FIELDS,
         *JUDGE_FIELDS,
-        ("doubts", int),  # issues under which the filter was updated
         # number of the first record that waits; record n is at index n modulo `_CAPACITY`
         ("first", int),
         ("open", int),  # number of the first record whose measurement may still come
@@ -114,14 +112,14 @@ class Learning:
         self._state: Any = self._states[0]
         self._records = np.zeros(_CAPACITY, _RECORD)
         self._change = self._states["change"]
-        self._issues = self._states["issues"]
+        self._unexplained = self._states["unexplained"]
         self._row = np.zeros(WIDTH)
         self._y = np.zeros(3)
         arrays = self._states, self._records
         self._predict = machine_code(
             _predict, (*arrays, self._row, np.zeros(12), 0, 0.0, False, True, 0.0, 0.0)
         )
-        self._learn: Any = machine_code(_add_reading, (*arrays, self._y, 0, False, 0.0, False))
+        self._learn: Any = machine_code(_add_reading, (*arrays, self._y, 0, False, 0.0))
         start(self._state, strength_error)
 
     def forget_place(self) -> None:
@@ -163,19 +161,17 @@ class Learning:
         force: Array | Vector,
         *,
         repeated: bool = False,
-        air: AirReading | None = None,
+        air_load: float = 0.0,
     ) -> None:
         """Add the compensated force [N] at a pose, world axes, shape [3]. A force that is not finite is ignored.
 
-        `repeated`: the load cell's raw reading equals the one before, bit by bit. `air`: what it reads in the air;
-        None: nothing.
+        `repeated`: the load cell's raw reading equals the one before, bit by bit. `air_load`: mean force that it reads
+        in the air [N].
         """
         if math.hypot(*force) < ABSURD:
             self._y[:] = force
-            load = 0.0 if air is None else air.load
-            has_offset = air is not None and air.is_offset
             self._learn(
-                self._states, self._records, self._y, int(stamp), bool(repeated), load, has_offset
+                self._states, self._records, self._y, int(stamp), bool(repeated), float(air_load)
             )
 
     @property
@@ -240,22 +236,9 @@ class Learning:
         return f"grains {self.change} than learned{by}"
 
     @property
-    def disagrees(self) -> bool:
-        """Whether there are `issues`."""
-        return bool(self._issues[0] != 0)
-
-    def issues(self) -> list[str]:
-        """Sentences on an implausible load cell or model, from `ISSUES`."""
-        return _sentences(self._state["issues"])
-
-    def doubts(self) -> list[str]:
-        """The issues that were present when readings in the grains were judged, since the calibration."""
-        return _sentences(self._state["doubts"])
-
-
-def _sentences(issues: int) -> list[str]:
-    """Those of issues, a bitwise or of keys of `ISSUES`."""
-    return [sentence for issue, sentence in ISSUES.items() if issues & issue]
+    def excludes_readings(self) -> bool:
+        """Whether no strength of the grains explains the last readings, which therefore update nothing."""
+        return bool(self._unexplained[0])
 
 
 @inlined
@@ -325,10 +308,10 @@ def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach)
 
 
 @compiled
-def _add_reading(states, records, y, stamp, repeated, air_load, has_offset):
+def _add_reading(states, records, y, stamp, repeated, air_load):
     """Add the measurement at a stamp to the record of that stamp, and judge it.
 
-    `air_load`: mean force that the load cell reads in the air [N]. `has_offset`: whether it is an offset, an issue.
+    `air_load`: mean force that the load cell reads in the air [N].
     """
     state = states[0]
     while state.open < state.end and records[state.open % _CAPACITY].stamp < stamp:
@@ -338,7 +321,5 @@ def _add_reading(states, records, y, stamp, repeated, air_load, has_offset):
         state.open += 1
         record.r += air_load**2
         judge(state, record, y, min(record.path - state.path_judged, _STEP_MOST), repeated)
-        if has_offset:
-            state.doubts |= OFFSET
         for i in range(3):
             record.y[i] = y[i]

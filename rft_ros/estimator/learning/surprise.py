@@ -1,9 +1,10 @@
-"""Tests of each reading: whether the force is as expected, and whether load cell and model are plausible."""
+"""Tests of each reading: whether any strength of the grains explains the force, and whether it is as expected."""
 
 import math
 
+import numpy as np
+
 from rft_ros.estimator.learning.filter import dot
-from rft_ros.estimator.tare import OFFSET_SENTENCE
 from rft_ros.rft.kernel.compilation import inlined
 
 _ENTRY = 0.008  # path [m] after the tool enters in which nothing is judged: the estimate of δ has not settled
@@ -14,21 +15,18 @@ _NORMALISED_MOST = 4.0  # a larger normalised error counts as this
 _SHARE_MOST = 0.34  # greatest weight of one sample in that mean: two successive outliers do not count as a surprise
 _SUM_LENGTH = 0.005  # path [m] of the means that compare measurement and model
 _OPPOSING = 0.05  # [N]; the direction of a smaller force is random
-_WEAK = 0.2  # a measured force below this many times the model's is an issue
-_STRONG = 5.0  # so is one above this many times
 _UNEXPLAINED = 0.1  # a measured force below this many times the model's is explained by no θ
-_TURN_MOST = 45.0  # degrees; a measured horizontal force that is turned by more is an issue
+_TURN_MOST = (
+    45.0  # degrees; a measured horizontal force that is turned by more is explained by no θ
+)
 _TANGENT_MOST = math.tan(math.radians(_TURN_MOST))
 _SIDEWAYS = 0.05  # least share of the horizontal part in the square of the force; the direction of a smaller is random
 _RATIO_MOST = 10.0  # a larger ratio of measured to model force counts as this
-_STUCK_LENGTH = 0.005  # path [m]; a cell that repeats one reading over more is stuck
-_STUCK_STEP = 0.002  # path [m]; most that one sample adds to that
 
 JUDGE_FIELDS = [
     ("path_entered", float),  # path at which the tool last entered
     ("path_feeble", float),  # path of the last record with too small a force to compare
     ("path_judged", float),  # path of the last record that was judged
-    ("stuck_path", float),  # path over which the reading repeats
     ("surprise", float),  # mean over _SURPRISE_LENGTH: error along F' in standard deviations
     ("mean_error", float),  # the same means of this error and of F' [N]
     ("mean_force", float),
@@ -39,36 +37,27 @@ JUDGE_FIELDS = [
     ("flat_along", float),
     ("flat_cross", float),
     ("flat_square", float),
-    ("issues", int),  # a bitwise or of keys of `ISSUES`
+    ("unexplained", np.bool_),  # no θ explains the measured force
 ]
 """Fields of a state that the functions below use."""
 
-STUCK, OPPOSED, WEAK, STRONG, TURNED, OFFSET = (1 << bit for bit in range(6))
-ISSUES = {
-    STUCK: "the load cell repeats the same reading while the tool moves: check its driver",
-    OPPOSED: "the measured force points against the model's: check sensor.sign, sensor.quaternion and the mesh",
-    WEAK: f"the measured force is below {_WEAK:g} times the model's: check medium.zeta, surface_height and the mesh",
-    STRONG: (
-        f"the measured force is over {_STRONG:g} times the model's: check medium.zeta, mesh.scale and surface_height"
-    ),
-    TURNED: (
-        f"the measured force is turned by over {_TURN_MOST:g} degrees from the model's: check sensor.quaternion and the"
-        " frames"
-    ),
-    OFFSET: OFFSET_SENTENCE,
-}
-"""Issues that no grains can explain: the load cell or the model is wrong. A sentence for each."""
+UNEXPLAINED = (
+    "no strength of the grains explains the measured force, so it updates nothing: rft doctor names the fault of the"
+    " load cell or the model"
+)
+"""What readings that are excluded from the update say to a user."""
 
 
 @inlined
 def judge(state, record, y, step, repeated):
-    """Judge a reading in the grains: find issues, measure the surprise, decide whether it will update the filter."""
+    """Judge a reading in the grains: decide whether it will update the filter, and measure the surprise."""
     state.path_judged = record.path
-    state.stuck_path = state.stuck_path + min(step, _STUCK_STEP) if repeated else 0.0
     if not record.passing:
         _compare(state, record, y, step)
-    _find_issues(state)
-    record.fault = _is_unexplained(state)
+    state.unexplained = _is_unexplained(state)
+    # a force that clearly opposes the model's is excluded at once: while the tool enters, an offset of the load cell
+    # can outweigh the force of the grains
+    record.fault = state.unexplained or state.along < -(_OPPOSING**2)
     record.measured = not (repeated or record.fault)  # a repeated reading is no new measurement
     if record.measured:
         _measure_surprise(state, record, y, step)
@@ -102,40 +91,11 @@ def _is_comparable(state):
 
 
 @inlined
-def _find_issues(state):
-    """Set the issues."""
-    issues = 0
-    if state.stuck_path > _STUCK_LENGTH:
-        issues |= STUCK
-    if _is_comparable(state):
-        if state.along < 0.0:
-            issues |= OPPOSED
-        elif state.along < _WEAK * state.square:
-            issues |= WEAK
-        elif state.along > _STRONG * state.square:
-            issues |= STRONG
-        is_sideways = state.flat_square > _SIDEWAYS * state.square
-        if (
-            state.along >= 0.0
-            and is_sideways
-            and abs(state.flat_cross) > _TANGENT_MOST * state.flat_along
-        ):
-            issues |= TURNED
-    state.issues = issues
-    state.doubts |= issues
-
-
-@inlined
 def _is_unexplained(state):
-    """Whether no θ explains the force: it opposes the model's, is turned from it or far too small.
-
-    A force that clearly opposes the model's is excluded before it is comparable, and then no issue is named: while the
-    tool enters, an offset of the cell can outweigh the force of the grains.
-    """
-    if state.along < -(_OPPOSING**2):
-        return True
-    is_small = state.along < _UNEXPLAINED * state.square
-    return _is_comparable(state) and (is_small or state.issues & TURNED != 0)
+    """Whether no θ explains the force: it opposes the model's, is turned from it or far too small."""
+    is_sideways = state.flat_square > _SIDEWAYS * state.square
+    is_turned = is_sideways and abs(state.flat_cross) > _TANGENT_MOST * state.flat_along
+    return _is_comparable(state) and (state.along < _UNEXPLAINED * state.square or is_turned)
 
 
 @inlined
