@@ -203,18 +203,32 @@ def _submerged_region(placed, height, slope_x, slope_y, bottom):
 
 @inlined
 def _horizontal_direction(velocity, spin, x, y, z):
-    """The horizontal part of the direction in which a place of the body moves; 0 at rest."""
-    vx = velocity[0] + spin[1] * z - spin[2] * y
-    vy = velocity[1] + spin[2] * x - spin[0] * z
-    vz = velocity[2] + spin[0] * y - spin[1] * x
-    fastest = max(abs(vx), abs(vy), abs(vz))
+    """The horizontal part of the direction in which a place of the body moves; 0 at rest.
+
+    Shorter where travel and spin cancel: under a wheel that rolls, whose place hardly moves, no wedge is sheared. The
+    direction of the little slip there would jump, and the surface with it.
+    """
+    turn_x = spin[1] * z - spin[2] * y
+    turn_y = spin[2] * x - spin[0] * z
+    turn_z = spin[0] * y - spin[1] * x
+    fastest = max(
+        max(abs(velocity[0]), abs(velocity[1]), abs(velocity[2])),
+        max(abs(turn_x), abs(turn_y), abs(turn_z)),
+    )
     if not fastest > 1e-290:
         return 0.0, 0.0
-    vx /= fastest
-    vy /= fastest
-    vz /= fastest
-    size = np.sqrt(vx * vx + vy * vy + vz * vz)
+    vx = (velocity[0] + turn_x) / fastest
+    vy = (velocity[1] + turn_y) / fastest
+    vz = (velocity[2] + turn_z) / fastest
+    travel = _length(velocity[0] / fastest, velocity[1] / fastest, velocity[2] / fastest)
+    turned = _length(turn_x / fastest, turn_y / fastest, turn_z / fastest)
+    size = max(_length(vx, vy, vz), travel, turned)
     return vx / size, vy / size
+
+
+@inlined
+def _length(x, y, z):
+    return np.sqrt(x * x + y * y + z * z)
 
 
 @inlined

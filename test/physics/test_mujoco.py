@@ -139,6 +139,26 @@ def test_a_body_lies_still_on_a_map_with_slopes():
     assert given_back(works) < 0.01
 
 
+def test_a_wheel_that_drives_up_a_slope_is_held_by_a_steady_force():
+    """Where it touches the grains it hardly moves, and the little slip there has any direction."""
+    x, y = (0.02 * np.mgrid[-10:40, -10:10] + 0.01).reshape(2, -1)
+    slope = HeightMap.unknown(0.02).with_points(x, y, 0.14 * x)
+    model = mujoco.MjModel.from_xml_string(
+        """<mujoco><option timestep="0.002" integrator="implicitfast"/><worldbody>
+        <body name="wheel" pos="0.1 0 0.13"><joint type="slide" axis="1 0 0"/><joint type="slide" axis="0 0 1"/>
+        <joint name="axle" axis="0 1 0"/><geom type="cylinder" size="0.1 0.04" euler="90 0 0" mass="3"/></body>
+        </worldbody><actuator><velocity joint="axle" kv="10"/></actuator></mujoco>"""
+    )
+    data, lifts = mujoco.MjData(model), []
+    grains = MujocoGrains(model, body="wheel", zeta=0.6, ground=slope)
+    data.ctrl[0] = 1.0
+    while data.time < 2.0:
+        lifts.append(grains.apply(data)[2])
+        mujoco.mj_step(model, data)
+    assert data.qpos[0] > 0.05
+    assert np.array(lifts[500:]) == pytest.approx(3.0 * 9.81, rel=0.1)
+
+
 def test_a_reset_of_the_data_is_a_new_bed_and_a_state_comes_back():
     model, data, grains = scene(("plate", 0.3, TILTED))
     first = run(model, data, grains, 0.3)[0]
