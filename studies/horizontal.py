@@ -7,7 +7,7 @@ from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
 from rft_ros.rft import Plates
-from rft_ros.rft.traction import A1, A2, A3, B1, B2, B3, exact_f1, exact_f23
+from rft_ros.rft.traction import A1, A2, A3, B1, B2, B3
 from rft_ros.sweeps.motions import plate_drag
 from studies.paper import ALPHA_Y, BELOW_90, drag_force, law, leading_face, plate
 from studies.result import (
@@ -149,8 +149,7 @@ def _draw(
         PSI, scaled, "x", color=VERMILION, ms=5, label="ours, scaled to the published maximum"
     )
     label_axes(across, x="ψ [deg]", y="F23 [N]", title="Across the plate", legend=_BELOW)
-    u, w = np.sin(np.deg2rad(fine)), np.cos(np.deg2rad(fine))
-    f1, f23 = np.array([exact_f1(x) for x in u]), np.array([exact_f23(x) for x in w])
+    f1, f23 = fit1 / fit1.max(), fit23 / fit23.max()  # as Eqs. (5) and (6)
     for name, curve, force, fit, printed, colour in (
         ("f1", f1, faces["constant"][0], fit1, _PRINTED_A4, BLUE),
         ("f23", f23, faces["constant"][1], fit23, _PRINTED_B4, VERMILION),

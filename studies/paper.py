@@ -80,7 +80,7 @@ def leading_face(tool: Tool) -> Plates:
 
 def face_depths(face: Plates, states: Array) -> Array:
     """Depth of a face's middle below z = 0 [m] at states, shape [n, 13]; shape [n]."""
-    offset = float(np.average(face.centroid_rows[2], weights=face.areas))
+    offset = float(np.average(face.centroids[2], weights=face.areas))
     return np.asarray(
         -states[:, 2] - offset * (1.0 - 2.0 * (states[:, 3] ** 2 + states[:, 4] ** 2))
     )

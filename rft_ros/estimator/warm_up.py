@@ -16,7 +16,7 @@ from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.ground import HeightMap, Support
 from rft_ros.parameters import LoadCell, Settings, Values
-from rft_ros.rft import QUATERNION, Plates, agarwal2023, wrenches
+from rft_ros.rft import QUATERNION, Agarwal2023, Plates, wrenches
 from rft_ros.rft.frames import Placement
 from rft_ros.rft.wrench import compile_memory, compile_tractions
 
@@ -26,7 +26,7 @@ _SINKING = np.array([0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, -1.0, 0.0, 0.0
 
 def _forces() -> None:
     """The loop over plates, with all that it is made of."""
-    wrenches(_PLATE, agarwal2023(), _SINKING)
+    wrenches(_PLATE, Agarwal2023(), _SINKING)
 
 
 def _around() -> None:

@@ -27,7 +27,7 @@ Example: the wrench of one downward-facing plate of 4 cm², 1 cm deep, pushed st
 1.32
 """
 
-from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023, agarwal2023
+from rft_ros.rft.agarwal2023 import SURFACE_FRICTION, Agarwal2023
 from rft_ros.rft.alpha_y import ALPHA_Y_MODELS, AlphaY, Constant, Linear, Table, alpha_y_model
 from rft_ros.rft.displacement import SLACK, displacements_between, displacements_followed
 from rft_ros.rft.frames import (
@@ -65,7 +65,6 @@ from rft_ros.rft.traction import (
     Treers2021,
     described,
     law_named,
-    traction_per_depth,
     treers2021,
 )
 from rft_ros.rft.wrench import LEVEL, plate_forces, wrenches, wrenches_in_time
@@ -108,7 +107,6 @@ __all__ = [
     "SpeedLimits",
     "Table",
     "Treers2021",
-    "agarwal2023",
     "alpha_y_model",
     "checked_states",
     "described",
@@ -121,7 +119,6 @@ __all__ = [
     "rotate_vectors",
     "rotation_matrices",
     "rotation_matrix",
-    "traction_per_depth",
     "treers2021",
     "unit_quaternion",
     "wrenches",

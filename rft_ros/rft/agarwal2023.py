@@ -73,11 +73,6 @@ class Agarwal2023(GranularLaw):
         return self.zeta * (1e6 / FLAT_PRESS)
 
 
-def agarwal2023(**numbers: float) -> Agarwal2023:
-    """The grains by this law; arguments, all optional, and errors as for `Agarwal2023`."""
-    return Agarwal2023(**numbers)
-
-
 @inlined
 def _even_and_odd(c, x1, x2, square):
     """The polynomial's parts even in x3, and odd in x3 divided by x3. `square`: x3²."""

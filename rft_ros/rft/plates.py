@@ -109,11 +109,6 @@ class Plates:
         return _restored, tuple(getattr(self, f.name) for f in fields(self))
 
     @property
-    def centroid_rows(self) -> Array:
-        """Centroids, normals and areas: the first seven of `rows`."""
-        return self.rows[:ROWS_OF_CENTROID]
-
-    @property
     def centroids(self) -> Array:
         """x, y, z of the centroids [m], shape [3, n]."""
         return self.rows[CENTROID]

@@ -11,8 +11,6 @@ from dataclasses import MISSING, dataclass, field, fields
 from math import radians, sin, sqrt
 from typing import Any, ClassVar
 
-import numpy as np
-
 from rft_ros.rft.agarwal2023 import Agarwal2023, agarwal2023_traction
 from rft_ros.rft.alpha_y import (
     PAPER_LINEAR,
@@ -38,19 +36,12 @@ _F1_BRACKET = math.tanh(A2 - A3) + _TANH_A3  # the brackets of Eqs. (5) and (6) 
 _F23_BRACKET = math.atanh(B2 - B3) + _ATANH_B3
 
 
-def exact_f1(u: float) -> float:
-    """f1 with the library's tanh, Eq. (5): weight of the force along e1, from u = abs(v1)/abs(v) in 0 to 1."""
-    return (math.tanh(A2 * u - A3) + _TANH_A3) / _F1_BRACKET
-
-
-def exact_f23(w: float) -> float:
-    """f23 with the library's atanh, Eq. (6): weight of the force across e1, from w = abs(v23)/abs(v) in 0 to 1."""
-    return (math.atanh(B2 * w - B3) + _ATANH_B3) / _F23_BRACKET
-
-
 @inlined
 def f1_and_f23(u, w):
-    """Rational `exact_f1` of u and `exact_f23` of w, both in 0 to 1 and clamped above against rounding; and 1 / w."""
+    """f1 of u and f23 of w, Eqs. (5) and (6), by rational functions; and 1 / w.
+
+    u = abs(v1)/abs(v) and w = abs(v23)/abs(v), both in 0 to 1 and clamped above against rounding.
+    """
     x = A2 * min(u, 1.0) - A3
     y = x * x
     # tanh on [-2.02, 2.02] is x p / q
@@ -183,7 +174,7 @@ LAW_NUMBERS = tuple(dict.fromkeys(itertools.chain(*_OPTIONAL.values())))
 def packed_law(law: Law) -> PackedLaw:
     """A law's `packed`. Raises TypeError for anything else."""
     if not isinstance(law, Law):
-        raise TypeError(f"law is {law!r}; create one with treers2021 or agarwal2023")
+        raise TypeError(f"law is {law!r}; create a Treers2021 or an Agarwal2023")
     return law.packed
 
 
@@ -384,28 +375,3 @@ def _tractions(law: Any, chunk: Any, n: Any, flat: bool, refined: bool) -> None:
 
 
 tractions = compiled(_tractions, **STEP)
-
-
-def traction_per_depth(
-    law: Law,
-    nx: float,
-    ny: float,
-    nz: float,
-    vx: float,
-    vy: float,
-    vz: float,
-    *,
-    refined: bool = False,
-) -> tuple[float, float, float]:
-    """Traction per depth on a leading plate [N/m³], Eq. (8) or (12), from its outward unit normal and velocity.
-
-    World axes. Returns its x, y and z; times depth and area it is the force on the plate by the grains. Only the
-    direction of the velocity counts; its length should be of order one. `refined`: by the refined rule, by which
-    tractions of plates near to horizontal are blended, and grains neither pull the plate nor push it on; else by the
-    released code's. Raises TypeError for anything but a law.
-    """
-    chunk = np.zeros(row.SIZE)
-    orient(chunk, 0, (nx, ny, nz), (vx, vy, vz))
-    _tractions(packed_law(law), chunk, 1, True, refined)
-    x, y, z = triple(chunk, row.TRACTION, 0)
-    return float(x), float(y), float(z)

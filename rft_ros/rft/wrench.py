@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from rft_ros.rft.agarwal2023 import agarwal2023
+from rft_ros.rft.agarwal2023 import Agarwal2023
 from rft_ros.rft.arguments import MOST, finite_numbers, number, numbers, whole_number
 from rft_ros.rft.displacement import DISPLACEMENT, displacements_between
 from rft_ros.rft.frames import COLUMNS, STATE, WIDTH
@@ -223,7 +223,7 @@ def _result(states: Array, sensitivities: bool) -> Array:
 def _loop() -> Callable[..., None]:
     """The compiled loop, from the cache on disk if it is there."""
     plate = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1.0])
-    arguments = _model_arguments(plate, agarwal2023(), 0.0, LEVEL)
+    arguments = _model_arguments(plate, Agarwal2023(), 0.0, LEVEL)
     return machine_code(
         loops.sums, (*arguments, np.zeros((1, len(STATE))), NO_MEMORY, np.zeros((1, len(COLUMNS))))
     )
@@ -231,13 +231,13 @@ def _loop() -> Callable[..., None]:
 
 def compile_tractions() -> None:
     """Compile the law's part of the loop, which the loop loads when it is compiled later."""
-    machine_code(tractions, (packed_law(agarwal2023()), np.zeros(1), np.uint64(0), False, False))
+    machine_code(tractions, (packed_law(Agarwal2023()), np.zeros(1), np.uint64(0), False, False))
 
 
 def compile_memory() -> None:
     """Compile the memory's part of the loop, which the loop loads when it is compiled later."""
     motion = ((0.0,) * 3, (0.0,) * 9)  # only the types of these values count
-    law = packed_law(agarwal2023()).numbers[0]
+    law = packed_law(Agarwal2023()).numbers[0]
     machine_code(
         add_memory,
         (np.zeros(1), np.uint64(0), np.uint64(0), NO_MEMORY.blocks, motion, 0.0, LEVEL, law),

@@ -60,7 +60,7 @@ class GrainsBatch(Copied):
     """Many bodies, each in a bed of its own, as in a simulator's parallel environments.
 
     `tool`: the bodies' shape, in the body frame (`load_tool`), or a sequence of one tool for each of the `bodies`.
-    `law`: of the grains (`treers2021`, `agarwal2023`), with its inertia and its memory. `strength`: factor of the law's
+    `law`: of the grains (`Treers2021`, `Agarwal2023`), with its inertia and its memory. `strength`: factor of the law's
     stresses, and `surface_height` (0) [m]: one number, or one for each body. `ground`: a map of the ground's height, in
     place of `surface_height`; outside of the map, and where its height is unknown, the nearest known cell is used.
     `threads`: number of threads; results do not depend on it. Raises ValueError or TypeError.

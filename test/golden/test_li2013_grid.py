@@ -4,8 +4,9 @@ import math
 
 import numpy as np
 import pytest
+from single_plate import traction_per_depth
 
-from rft_ros.rft import MEDIA, alpha_y_model, traction_per_depth, treers2021
+from rft_ros.rft import MEDIA, alpha_y_model, treers2021
 
 
 @pytest.fixture(scope="module")

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rft_ros.rft import MEDIA, agarwal2023, alpha_y_model, treers2021, wrenches
+from rft_ros.rft import MEDIA, Agarwal2023, alpha_y_model, treers2021, wrenches
 from rft_ros.sweeps.motions import circumnutation, oscillating_insertion
 from rft_ros.tool import load_tool, random_motions, reduced_for_any_motion
 
@@ -38,8 +38,8 @@ def test_the_ellipsoid_in_any_motion_needs_few_plates_for_2_5_percent_of_its_own
     plates, _ = reduced_for_any_motion(tool.facets, tool.corners, 0.025)
     assert len(plates) <= most
     others = (
-        agarwal2023(),
-        agarwal2023(density=1500.0),
+        Agarwal2023(),
+        Agarwal2023(density=1500.0),
         treers2021(GENERIC, LINEAR.alpha_y, density=1500.0),
     )
     for law in (CONSTANT, LINEAR, *others):  # plates are chosen with the first two

@@ -9,9 +9,9 @@ from rft_ros.rft import (
     INTEGRATIONS,
     MEDIA,
     QUATERNION,
+    Agarwal2023,
     Integration,
     Plates,
-    agarwal2023,
     alpha_y_model,
     checked_states,
     rotation_matrix,
@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 GENERIC = MEDIA["generic"]
 CONSTANT = treers2021(GENERIC, alpha_y_model("constant", GENERIC))
 LINEAR = treers2021(GENERIC, alpha_y_model("linear", GENERIC))
-AGARWAL = agarwal2023()
+AGARWAL = Agarwal2023()
 INERTIAL = treers2021(GENERIC, alpha_y_model("constant", GENERIC), density=1500.0)
 
 FLAT = 1.0 - 1e-3
@@ -101,7 +101,7 @@ def mirrored(plates: Plates) -> Plates:
 
 def listed(plates: Plates) -> list[tuple[list[float], list[float], float]]:
     """Plates as plain Python numbers, for the slow reference."""
-    return [(c[:3], c[3:6], c[6]) for c in plates.centroid_rows.T.tolist()]
+    return [(c[:3], c[3:6], c[6]) for c in plates.rows[:7].T.tolist()]
 
 
 @st.composite

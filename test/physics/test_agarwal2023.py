@@ -7,11 +7,12 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import AGARWAL, GENERIC, RULES, directions, facing
+from single_plate import traction_per_depth
 
-from rft_ros.rft import LAWS, agarwal2023, alpha_y_model, law_named, traction_per_depth, wrenches
+from rft_ros.rft import LAWS, Agarwal2023, alpha_y_model, law_named, wrenches
 from rft_ros.rft.agarwal2023 import C1, C2, C3, FLAT_PRESS
 
-ROUGH = agarwal2023(surface_friction=1e6)
+ROUGH = Agarwal2023(surface_friction=1e6)
 """A surface so rough that it limits nothing."""
 
 UPRIGHT = math.sin(math.radians(5.0))
@@ -103,7 +104,7 @@ def test_the_published_force_on_an_upright_plate_jumps_by_a_fifth_and_this_one_d
 def test_grains_never_pull_and_friction_limits_what_acts_along_the_plate(
     normal, velocity, friction
 ):
-    found = traction(agarwal2023(surface_friction=friction), normal, velocity)
+    found = traction(Agarwal2023(surface_friction=friction), normal, velocity)
     pressure = -float(found @ normal)
     assert pressure >= -1e-12
     assert np.linalg.norm(found + pressure * np.asarray(normal)) <= friction * pressure + 1e-9

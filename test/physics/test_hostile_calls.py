@@ -191,7 +191,7 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
     refused(lambda: rft.treers2021(GENERIC, junk))
     refused(lambda: rft.treers2021(GENERIC, Constant(junk)))
     refused(lambda: rft.treers2021(GENERIC, Constant(0.1), density=junk, inertia=junk))
-    refused(lambda: rft.agarwal2023(zeta=junk, surface_friction=junk))
+    refused(lambda: rft.Agarwal2023(zeta=junk, surface_friction=junk))
     refused(lambda: rft.law_named(junk, GENERIC, Constant(0.1)))
     refused(lambda: Table.sampled(junk, junk, junk))
     refused(lambda: rft.rotation_matrix(junk))
@@ -227,7 +227,7 @@ def test_states_that_were_not_checked_stay_within_the_arrays(values, model):
     laws = (
         rft.treers2021(GENERIC, model),
         rft.treers2021(GENERIC, model, density=1e3),
-        rft.agarwal2023(),
+        rft.Agarwal2023(),
     )
     laws = tuple(replace(law, mobilization_length=0.003) for law in laws)
     for law, plates in product(laws, (*PLATES.values(), OTHERS)):
@@ -246,7 +246,7 @@ def test_a_dead_band_that_is_none_is_refused_by_name(slack):
 
 def test_threads_and_tables_that_cannot_be_used_are_refused_by_name():
     with pytest.raises(ValueError, match=r"threads is 2\.7; it must be a whole number"):
-        wrenches(POINT, rft.agarwal2023(), [WHOLE], threads=2.7)
+        wrenches(POINT, rft.Agarwal2023(), [WHOLE], threads=2.7)
     with pytest.raises(ValueError, match=r"alpha_y\.values of the law has rows of different"):
         rft.treers2021(GENERIC, Table(0, 1, 0, 1, [[1, 2], [3]]))
 

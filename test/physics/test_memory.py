@@ -11,9 +11,9 @@ from scenes import GENERIC, unworn
 
 from rft_ros.rft import (
     SLACK,
+    Agarwal2023,
     Memory,
     Plates,
-    agarwal2023,
     alpha_y_model,
     checked_states,
     displacements_followed,
@@ -89,7 +89,7 @@ def test_a_face_that_slides_along_itself_loses_its_pressure_and_a_new_press_rest
     assert at_end == pytest.approx(in_press * 50.0 / 30.0, rel=0.05)
 
 
-@pytest.mark.parametrize("law", [LINEAR, agarwal2023(zeta=0.33)])
+@pytest.mark.parametrize("law", [LINEAR, Agarwal2023(zeta=0.33)])
 def test_a_straight_press_of_a_flat_face_never_wears(law):
     force = remembered(legs((0.0, 0.0, -0.001), (0.0, 0.0, -0.05)), plates=FLAT, law=law)[-1, 2]
     assert force == pytest.approx(
@@ -243,7 +243,7 @@ def test_forces_are_finite_and_bounded_by_the_law_for_any_length_and_motion(
 @given(
     st.integers(0, 2**32 - 1),
     st.sampled_from(INTEGRATIONS),
-    st.sampled_from((LAW, LINEAR, agarwal2023())),
+    st.sampled_from((LAW, LINEAR, Agarwal2023())),
 )
 @settings(max_examples=20)
 def test_a_path_has_the_same_bits_in_one_call_and_state_by_state(seed, integration, law):
@@ -289,7 +289,7 @@ def test_a_plate_gives_back_no_more_than_its_traction_stores_whatever_way_it_mov
 ):
     """At the end of its fan it leads still, of a share of 0, and the grains pushed it on for ever."""
     rng = np.random.default_rng(seed)
-    law = agarwal2023(zeta=0.33) if agarwal else LINEAR
+    law = Agarwal2023(zeta=0.33) if agarwal else LINEAR
     n = np.append(
         np.array([np.cos(yaw := rng.uniform(0.0, 6.3)), np.sin(yaw)]), rng.uniform(-0.7, 0.7)
     )

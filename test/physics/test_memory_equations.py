@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from scenes import LINEAR, seeds, unit
+from single_plate import traction_per_depth
 
-from rft_ros.rft import Memory, Plates, rotation_matrix, traction_per_depth, wrenches_in_time
+from rft_ros.rft import Memory, Plates, rotation_matrix, wrenches_in_time
 from rft_ros.rft.memory import BLOCK_STATE, PlateState, advance, follow_gap
 
 LENGTH, AREA = 0.003, 2e-4

@@ -5,13 +5,13 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 from scenes import LINEAR, directions, facing
+from single_plate import traction_per_depth
 
 from rft_ros.rft import (
     MEDIA,
+    Agarwal2023,
     Table,
-    agarwal2023,
     alpha_y_model,
-    traction_per_depth,
     treers2021,
     wrenches,
 )
@@ -85,7 +85,7 @@ ANY_LAW = [
     for name in MEDIA
     for model in ("constant", "linear")
 ]
-ANY_LAW += [treers2021(MEDIA["generic"], TABLE), agarwal2023()]
+ANY_LAW += [treers2021(MEDIA["generic"], TABLE), Agarwal2023()]
 
 
 @given(law=st.sampled_from(ANY_LAW), n=directions(), v=directions())
@@ -100,7 +100,7 @@ def test_under_the_refined_rule_grains_neither_pull_a_leading_plate_nor_push_it_
 
 
 @pytest.mark.parametrize(
-    "law", [*ANY_LAW, agarwal2023(surface_friction=1.0)], ids=lambda law: law.name
+    "law", [*ANY_LAW, Agarwal2023(surface_friction=1.0)], ids=lambda law: law.name
 )
 def test_grains_resist_in_every_one_of_half_a_million_directions(law):
     """β, γ and ψ on a grid, by the loop itself. agarwal2023 pushed faces that look up on, by up to 0.003 N/cm³."""

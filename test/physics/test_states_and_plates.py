@@ -143,7 +143,7 @@ def test_plates_know_their_number_area_and_reach():
 def test_plates_cannot_be_written_to():
     plates = Plates.from_arrays([[0, 0, 0]], [[0, 0, 1]], [1e-4])
     with pytest.raises(ValueError, match="read-only"):
-        plates.centroid_rows[0, 0] = 1.0
+        plates.rows[0, 0] = 1.0
 
 
 ONE = ([[0.0, 0.0, 0.0]], [[0.0, 0.0, 1.0]], [1e-4])

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import assume, example, given
 from hypothesis import strategies as st
 from scenes import CONSTANT, FLAT, GENERIC, directions
+from single_plate import traction_per_depth
 
 from rft_ros.rft import (
     ALPHA_Y_MODELS,
@@ -15,7 +16,6 @@ from rft_ros.rft import (
     Table,
     alpha_y_model,
     checked_states,
-    traction_per_depth,
     treers2021,
     wrenches,
 )

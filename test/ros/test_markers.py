@@ -27,9 +27,7 @@ def test_the_tool_is_drawn_where_it_is_coloured_where_it_is_loaded(rft):
     np.testing.assert_allclose(in_tool, mesh.vertices[mesh.faces], atol=1e-15)
     assert tool.lifetime.sec == 0
     colours = np.array([(c.r, c.g, c.b, c.a) for c in tool.colors])[::3]
-    normal_z = mesh.facets.centroid_rows[
-        5
-    ]  # moving down, the lower face leads, the upper one trails
+    normal_z = mesh.facets.normals[2]  # moving down, the lower face leads, the upper one trails
     np.testing.assert_allclose(colours[normal_z < -0.5, 2], 0.1, atol=1e-6)
     np.testing.assert_allclose(colours[normal_z > 0.5, 2], 0.8, atol=1e-6)
     predicted, measured, surface = by_id[1], by_id[2], by_id[3]

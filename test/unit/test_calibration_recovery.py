@@ -23,7 +23,7 @@ from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.fitting import Measurement
 from rft_ros.calibration.grains import difference, spread_of
 from rft_ros.calibration.track import turns_in_grains
-from rft_ros.rft import agarwal2023, treers2021
+from rft_ros.rft import Agarwal2023, treers2021
 from rft_ros.tool import load_tool
 
 UPRIGHT = Rotation.from_euler("x", 90, degrees=True)
@@ -146,7 +146,7 @@ def test_the_grains_inertia_is_not_taken_for_strength_or_depth(second):
     )
     density = {"density": 1500.0}
     grains = (
-        agarwal2023(zeta=0.4, **density)
+        Agarwal2023(zeta=0.4, **density)
         if second
         else treers2021(GENERIC, law().alpha_y, zeta=0.4, **density)
     )

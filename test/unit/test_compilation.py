@@ -108,7 +108,7 @@ def test_a_numba_that_cannot_save_or_load_its_code_fails_no_call_and_warns_once(
 def test_numba_disable_jit_leaves_forces_as_they_are():
     script = "from rft_ros.rft import *; p = Plates.from_arrays([[0, 0, -1]], [[0, 0, -1]], [1])\n"
     script += (
-        "print(wrenches(p, agarwal2023(), [0, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0])[0, 2] > 0)"
+        "print(wrenches(p, Agarwal2023(), [0, 0, 0, 0, 0, 0, 1, 0, 0, -1, 0, 0, 0])[0, 2] > 0)"
     )
     found = subprocess.run(
         [sys.executable, "-c", script],

@@ -27,7 +27,7 @@ def test_plates_are_the_facets(tmp_path):
     mesh.apply_translation([5.0, 0.0, 0.0])
     mesh.export(tmp_path / "ball.stl")
     ball = load_tool(str(tmp_path / "ball.stl"), integration="centroid")
-    x, y, z, nx, ny, nz, area = ball.plates.centroid_rows
+    x, y, z, nx, ny, nz, area = ball.plates.rows
     assert (ball.name, ball.file) == ("ball", str(tmp_path / "ball.stl"))
     assert len(ball.plates) == len(ball.faces) == 1280
     normals = np.stack([nx, ny, nz], axis=1)

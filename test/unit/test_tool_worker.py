@@ -37,7 +37,7 @@ def loaded(worker, file, tolerance=0.0):
 
 
 def arrays(tool):
-    return tool.plates.centroid_rows, tool.vertices, tool.faces, tool.corners
+    return tool.plates.rows, tool.vertices, tool.faces, tool.corners
 
 
 def test_a_tool_arrives_unchanged_with_aligned_read_only_arrays(worker):
@@ -47,7 +47,7 @@ def test_a_tool_arrives_unchanged_with_aligned_read_only_arrays(worker):
     for there, here in zip(arrays(back), arrays(tool), strict=True):
         np.testing.assert_array_equal(there, here)
         assert there.flags.aligned
-    assert not back.plates.centroid_rows.flags.writeable
+    assert not back.plates.rows.flags.writeable
 
 
 def test_what_cannot_be_loaded_is_a_sentence_and_the_worker_continues_at_a_low_priority(worker):
