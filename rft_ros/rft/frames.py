@@ -82,22 +82,34 @@ def rotation_matrices(quaternions: ArrayLike) -> NDArray[np.float64]:
     """`rotation_matrix` of each unit quaternion xyzw in a stack, shape [n, 4]; returns shape [n, 3, 3]; n may be 0.
 
     A recording may have no pose of some kind, and SciPy 1.11 cannot multiply or apply an empty stack of rotations.
+    Raises ValueError for another shape.
     """
     qx, qy, qz, qw = numbers("quaternions", quaternions, (4,)).T
     return np.stack(rotation(qx, qy, qz, qw), axis=-1).reshape(-1, 3, 3)
 
 
-def rotate_vectors(
-    rotations: NDArray[np.float64], vectors: NDArray[np.float64]
-) -> NDArray[np.float64]:
-    """Each vector turned by its own rotation: shapes [n, 3, 3] and [n, 3]; returns shape [n, 3]; n may be 0."""
-    return np.einsum("nij,nj->ni", rotations, vectors)
+def rotate_vectors(rotations: ArrayLike, vectors: ArrayLike) -> NDArray[np.float64]:
+    """Each vector turned by its own rotation: shapes [n, 3, 3] and [n, 3]; returns shape [n, 3]; n may be 0.
+
+    Raises ValueError for other shapes.
+    """
+    turns = numbers("rotations", rotations, (3, 3))
+    return np.einsum("nij,nj->ni", turns, numbers("vectors", vectors, (3,), rows=len(turns)))
 
 
 def quaternion_products(outer: ArrayLike, inner: ArrayLike) -> NDArray[np.float64]:
-    """Unit quaternions xyzw of `inner` followed by `outer`: each one, shape [4], or a stack, [n, 4]; n may be 0."""
-    x, y, z, w = np.moveaxis(np.asarray(outer, dtype=np.float64), -1, 0)
-    p, q, r, s = np.moveaxis(np.asarray(inner, dtype=np.float64), -1, 0)
+    """Unit quaternions xyzw, shape [n, 4], of turning by `inner` and then by `outer`.
+
+    Each is one, shape [4], or a stack, [n, 4]; n may be 0. Raises ValueError for other shapes.
+    """
+    last = numbers("outer", outer, (4,))
+    first = numbers("inner", inner, (4,))
+    if 1 not in (len(last), len(first)) and len(last) != len(first):
+        raise ValueError(
+            f"inner has {len(first)} quaternions and outer has {len(last)}; give as many, or one"
+        )
+    x, y, z, w = last.T
+    p, q, r, s = first.T
     return np.stack(_product(x, y, z, w, p, q, r, s), axis=-1)
 
 

@@ -195,6 +195,9 @@ def test_junk_is_refused_with_a_sentence_or_harmless(name, junk, integration, wi
     refused(lambda: rft.law_named(junk, GENERIC, Constant(0.1)))
     refused(lambda: Table.sampled(junk, junk, junk))
     refused(lambda: rft.rotation_matrix(junk))
+    refused(lambda: rft.rotation_matrices(junk))
+    refused(lambda: rft.rotate_vectors(junk, junk))
+    refused(lambda: rft.quaternion_products(junk, junk))
     if name in ("plates", "law"):
         assert one and in_time
     if name == "memory":
