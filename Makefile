@@ -98,7 +98,7 @@ $(DEMO): setup.py package.xml $(CONSTRAINTS)
 
 # pip 23.0, which comes with Python 3.10, looks for versions that fit together without end.
 $(STAMP): $(DEMO)
-	@echo 'Installing what tests and documentation need'
+	@echo 'Installing what tests and documentation need: takes half a minute or more'
 	@$(PIP) install --upgrade pip
 	@$(INSTALL) --editable '.[$(EXTRAS)]'
 	@$(BIN)/rft warm-up

@@ -1,7 +1,34 @@
-"""Progress of long work: shown on stderr where that is a terminal, nowhere else."""
+"""Progress of long work on stderr: a spinner or a bar on a terminal; elsewhere one line where a wait is long."""
 
+import sys
+import threading
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+
+LONGEST_SILENCE = 3.0
+"""After so long [s] without a line a user wonders whether the program hangs."""
+
+
+def say(line: str) -> None:
+    """Print a line on stderr at once."""
+    print(line, file=sys.stderr, flush=True)
+
+
+def say_compiling() -> None:
+    """Say that the next step compiles, as the first run of a version does."""
+    say("compiling, ten seconds or more, at the first run only ...")
+
+
+@contextmanager
+def line_if_long(what: str) -> Iterator[None]:
+    """Say `what` once this block has run for `LONGEST_SILENCE`."""
+    timer = threading.Timer(LONGEST_SILENCE, say, [f"{what} ..."])
+    timer.daemon = True
+    timer.start()
+    try:
+        yield
+    finally:
+        timer.cancel()
 
 
 @contextmanager
@@ -12,7 +39,8 @@ def bar(label: str, total: float) -> Iterator[Callable[[float, str], None]]:
 
     console = Console(stderr=True)
     if not console.is_interactive:  # rich 13 ends even a disabled bar with an empty line
-        yield lambda *_: None
+        with line_if_long(f"working on {label}"):
+            yield lambda _completed, _label: None
         return
     with Progress(console=console, transient=True, redirect_stdout=False) as progress:
         task = progress.add_task(label, total=total)
@@ -26,5 +54,10 @@ def busy(what: str) -> Iterator[None]:
     """A spinner beside `what`, for work of unknown length."""
     from rich.console import Console
 
-    with Console(stderr=True).status(f"{what} ..."):
+    console = Console(stderr=True)
+    if not console.is_interactive:
+        with line_if_long(what):
+            yield
+        return
+    with console.status(f"{what} ..."):
         yield

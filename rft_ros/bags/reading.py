@@ -4,7 +4,7 @@ import heapq
 import os
 from bisect import bisect_left
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from operator import itemgetter
 from pathlib import Path
@@ -86,6 +86,15 @@ def opened_recording(
                 needs_wrench=needs_wrench,
             )
         yield recording
+
+
+def check_recordings(
+    bags: Iterable[Path], values: Values, options: ReplayOptions, *, needs_wrench: bool = False
+) -> None:
+    """Raise InputError as `opened_recording` does, before anything that takes long."""
+    for bag in bags:
+        with opened_recording(bag, values, options, needs_wrench=needs_wrench):
+            pass
 
 
 class Recording:

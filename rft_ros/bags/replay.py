@@ -1,5 +1,6 @@
 """Replay a recording through the estimator: estimates as a bag and a table, a summary, a report."""
 
+from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
 from typing import Literal
@@ -28,10 +29,13 @@ def results(out: Path) -> list[Path]:
     return [out / name for name in _FILES]
 
 
-def replay_model(values: Values) -> Model:
-    """Load and compile the model that the parameters describe; it serves any number of replays."""
+def replay_model(values: Values, on_cold_cache: Callable[[], None] = lambda: None) -> Model:
+    """Load and compile the model that the parameters describe; it serves any number of replays.
+
+    `on_cold_cache` is called before something compiles.
+    """
     model = model_of(values)
-    prepare(needed(values))
+    prepare(needed(values), on_cold_cache)
     return model
 
 

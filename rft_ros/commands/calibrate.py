@@ -4,16 +4,17 @@ import argparse
 import sys
 from pathlib import Path
 
-from rft_ros.bags.reading import bag_name
+from rft_ros.bags.reading import bag_name, check_recordings
 from rft_ros.calibration.calibrate import PARTS
 from rft_ros.calibration.calibrate import calibrate as fitted_to
 from rft_ros.calibration.calibrated_file import rounded, write_calibrated
 from rft_ros.calibration.track import read_track
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
+from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import expanded
 from rft_ros.parameters import named_files
-from rft_ros.progress import busy
+from rft_ros.progress import busy, say_compiling
 from rft_ros.tool import locate_mesh
 
 
@@ -55,6 +56,8 @@ def calibrate(arguments: argparse.Namespace) -> int:
         meshes |= dict.fromkeys(bags, file)
     inputs = {*named_files(values), *map(locate_mesh, meshes.values())}
     options.refuse_inputs(arguments, output, also=inputs)
+    check_recordings(arguments.bags, values, chosen, needs_wrench=True)
+    prepare(needed(values), on_cold_cache=say_compiling)
     tracks = [
         read_track(bag, {**values, "mesh.file": file}, chosen) for bag, file in meshes.items()
     ]

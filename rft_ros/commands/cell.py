@@ -15,7 +15,7 @@ from rft_ros.estimator.warm_up import prepare
 from rft_ros.installation import program, share_directory
 from rft_ros.parameters import Value, model_of, named_files, node_parameters, read_parameter_file
 from rft_ros.parameters.file import write_changed
-from rft_ros.progress import busy
+from rft_ros.progress import busy, line_if_long, say_compiling
 
 
 def doctor_options(command: argparse.ArgumentParser) -> None:
@@ -123,6 +123,7 @@ def warm_up_options(_command: argparse.ArgumentParser) -> None:
 
 def warm_up(_arguments: argparse.Namespace) -> int:
     """rft warm-up"""
-    prepare(on_cold_cache=lambda: print("compiling, ten seconds or more ...", flush=True))
+    with line_if_long("loading compiled code"):
+        prepare(on_cold_cache=say_compiling)
     print("everything is compiled")
     return 0

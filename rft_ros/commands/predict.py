@@ -7,8 +7,9 @@ from pathlib import Path
 from rft_ros.bags.playback import played_estimates, played_motion
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
-from rft_ros.parameters import MESH, Values, defaults, model_of, named_files
-from rft_ros.progress import busy
+from rft_ros.estimator.warm_up import needed, prepare
+from rft_ros.parameters import MESH, Model, Values, defaults, model_of, named_files
+from rft_ros.progress import busy, say_compiling
 from rft_ros.report import DrawnMotion, Figure, tool_figure, write_page
 from rft_ros.rft import FORCE, SUBMERGED_AREA, described
 from rft_ros.states_file import read_states, wrenches_along, write_wrenches
@@ -47,12 +48,20 @@ def _values_for_states(arguments: argparse.Namespace) -> Values:
     }
 
 
+def _model_for_states(values: Values) -> Model:
+    """The model of the parameters, with its code compiled."""
+    with busy("reading the tool"):
+        model = model_of(values)
+    prepare(frozenset({"forces"}), on_cold_cache=say_compiling)
+    return model
+
+
 def predict(arguments: argparse.Namespace) -> int:
     """rft predict states.csv --mesh my_tool.stl --zeta 0.33 --alpha-y linear -o wrenches.csv"""
     values = _values_for_states(arguments)
     options.refuse_inputs(arguments, arguments.output, also=named_files(values))
     times, states = read_states(arguments.states)
-    model = model_of(values)
+    model = _model_for_states(values)
     height = values["surface_height"]
     tool = model.tool
     if tool.reduction:
@@ -60,7 +69,7 @@ def predict(arguments: argparse.Namespace) -> int:
     warnings.warn_of(tool)
     warnings.warn_of_law(model.law)
     where = f"states file '{arguments.states}'"
-    with busy("computing"):  # the first call compiles
+    with busy("computing"):
         result = wrenches_along(model, times, states, surface_height=height, where=where)
     warnings.warn_of_states(tool, times, states, result[:, FORCE], surface_height=height)
     # only here, where wrenches are written: other commands need not repeat it
@@ -122,7 +131,7 @@ def _figure_of_states(arguments: argparse.Namespace) -> Figure:
         raise InputError(f"states file '{file}' needs --mesh, the tool that moves")
     values = _values_for_states(arguments)
     options.refuse_inputs(arguments, arguments.output, also=named_files(values))
-    model = model_of(values)
+    model = _model_for_states(values)
     times, states = read_states(file)
     height = values["surface_height"]
     where = f"states file '{file}'"
@@ -139,7 +148,9 @@ def _figure_of_bag(arguments: argparse.Namespace) -> Figure:
     bag = arguments.source
     values, chosen = options.recording(arguments)
     options.refuse_inputs(arguments, arguments.output, also=named_files(values))
-    model = model_of(values)
+    with busy("reading the tool"):
+        model = model_of(values)
+    prepare(needed(values), on_cold_cache=say_compiling)
     rows, estimator = played_estimates(bag, values, model, chosen)
     motion = played_motion(rows, estimator, begin=rows["stamp"][0])
     warnings.warn_of_estimates(model.tool, motion.times, rows["depth"], motion.forces)

@@ -4,7 +4,7 @@ import argparse
 import sys
 from pathlib import Path
 
-from rft_ros.bags.reading import bag_name
+from rft_ros.bags.reading import bag_name, check_recordings
 from rft_ros.bags.replay import replay as run
 from rft_ros.bags.replay import replay_model, results
 from rft_ros.bags.summary import Summary, check, read_limits
@@ -12,7 +12,7 @@ from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
 from rft_ros.estimator import Reason
 from rft_ros.parameters import named_files
-from rft_ros.progress import busy
+from rft_ros.progress import busy, say_compiling
 
 
 def replay_options(command: argparse.ArgumentParser) -> None:
@@ -38,8 +38,12 @@ def replay(arguments: argparse.Namespace) -> int:
     folders = [out / name for name in folder_names(bags)] if len(bags) > 1 else [out]
     written = [file for folder in folders for file in results(folder)]
     options.refuse_inputs(arguments, *written, also=named_files(values))
-    with busy("preparing the tool"):  # the first call compiles
-        model = replay_model(values)
+    if (
+        len(bags) == 1
+    ):  # of several, a bag that cannot be used does not keep the others from theirs
+        check_recordings(bags, values, chosen)
+    with busy("preparing the tool"):
+        model = replay_model(values, on_cold_cache=say_compiling)
     print(f"model: {model.in_words}", flush=True)
     warnings.warn_of(model.tool)
     warnings.warn_of_law(model.law)

@@ -5,7 +5,9 @@ from pathlib import Path
 
 from rft_ros.commands import options
 from rft_ros.errors import InputError
+from rft_ros.estimator.warm_up import prepare
 from rft_ros.parameters import MESH, tool_of
+from rft_ros.progress import busy, say_compiling
 from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import run
 from rft_ros.tool import describe_hollow, describe_tool
@@ -18,7 +20,8 @@ def check_mesh_options(command: argparse.ArgumentParser) -> None:
 
 def check_mesh(arguments: argparse.Namespace) -> int:
     """rft check-mesh my_tool.stl --scale 0.001"""
-    tool = tool_of(options.values_of(arguments))
+    with busy("checking the mesh"):
+        tool = tool_of(options.values_of(arguments))
     print("\n".join(describe_tool(tool)))
     if "concave" in tool.issues:
         print("\n".join(describe_hollow(tool)))
@@ -57,8 +60,17 @@ def sweep(arguments: argparse.Namespace) -> int:
     design = read_design(arguments.study)
     table = arguments.output / "results.csv"
     options.refuse_inputs(arguments, table, also=design.files())
+
+    def compile_code() -> None:
+        if arguments.scheduler is None:  # workers take the code from this machine's cache
+            prepare(frozenset({"forces"}), on_cold_cache=say_compiling)
+
     computed, failed = run(
-        design, arguments.output, scheduler=arguments.scheduler, workers=arguments.workers
+        design,
+        arguments.output,
+        scheduler=arguments.scheduler,
+        workers=arguments.workers,
+        before_workers=compile_code,
     )
     rows = len(design.variants)
     print(f"{rows:,} variants, {computed:,} computed, {failed:,} without numbers -> {table}")

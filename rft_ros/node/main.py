@@ -14,6 +14,7 @@ import time
 from contextlib import ExitStack
 
 from rft_ros.errors import InputError
+from rft_ros.progress import line_if_long
 
 _GRACE = 1.0  # s; longer than `FeedForward.end`, which takes up to 0.6 s on a busy machine
 
@@ -55,7 +56,8 @@ def _run(stop: threading.Event) -> None:
     """Run the node until `stop` is set. Raises InputError if it cannot run."""
     from rft_ros.node.tool_worker import ToolWorker
 
-    with ExitStack() as running:
+    with ExitStack() as running, ExitStack() as starting:
+        starting.enter_context(line_if_long("rft_node: loading ROS, the tool and compiled code"))
         worker = ToolWorker()  # first: its imports take as long as the node's
         running.callback(worker.end)
         try:
@@ -81,6 +83,7 @@ def _run(stop: threading.Event) -> None:
         except (ParameterException, RuntimeError) as error:
             # of arguments, qos_overrides and use_sim_time
             raise InputError(str(error).partition(", at ")[0]) from None
+        starting.close()
         gc.collect()
         gc.freeze()  # collecting the objects of numba takes 22 ms and frees none
         executor = executor_of(node)

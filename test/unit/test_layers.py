@@ -30,7 +30,8 @@ ALLOWED = {
     " table_file yaml_file",
     "calibration": "diagnosis files bags estimator parameters ground tool rft errors yaml_file",
     "sweeps": "parameters tool rft states_file installation progress errors files yaml_file",
-    "node": "messages bags estimator parameters ground tool rft report files installation child_process errors",
+    "node": "messages bags estimator parameters ground tool rft report files installation child_process progress"
+    " errors",
     "diagnosis": "estimator parameters tool rft",
     "doctor": "diagnosis node bags messages estimator parameters ground tool rft files errors",
     "demo": "node bags estimator parameters simulation sweeps tool rft files errors",
