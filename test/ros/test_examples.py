@@ -6,10 +6,12 @@ import sys
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 from rft_ros.cli import main
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
+PLAY = (sys.executable, str(EXAMPLES / "play_states.py"))
 
 
 def script(rft, name):
@@ -43,17 +45,48 @@ def test_the_script_records_a_bag_that_replays(rft, tmp_path):
     assert (tmp_path / "out" / "estimates.csv").read_text().count("\n") > 50
 
 
-def test_the_script_feeds_the_node_from_a_csv_and_prints_its_forces(rft, tmp_path):
-    states = np.zeros((300, 14))  # from the surface down, at 20 mm/s: the first may be lost
+def pressed(file, columns):
+    """A CSV file of 300 states from the surface down, at 20 mm/s, with these columns."""
+    states = np.zeros((300, 14))
     states[:, 0] = 0.01 * np.arange(300)
     states[:, 3], states[:, 7], states[:, 10] = -0.02 * states[:, 0], 1.0, -0.02
-    header = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz"
-    np.savetxt(tmp_path / "states.csv", states, delimiter=",", comments="", header=header)
+    header = ["t", "px", "py", "pz", "qx", "qy", "qz", "qw", "vx", "vy", "vz", "wx", "wy", "wz"][
+        :columns
+    ]
+    np.savetxt(file, states[:, :columns], delimiter=",", comments="", header=",".join(header))
+
+
+@pytest.mark.parametrize("columns", [8, 14], ids=["poses", "poses and velocities"])
+def test_the_script_feeds_the_node_from_a_csv_and_prints_its_forces(rft, tmp_path, columns):
+    pressed(tmp_path / "states.csv", columns)
+    namespace = rft.name.rpartition("/")[0]
     feeder = subprocess.Popen(
-        script(rft, "play_states"), cwd=tmp_path, stdout=subprocess.PIPE, text=True
+        [*PLAY, "--ros-args", "-r", f"__ns:={namespace}"],
+        cwd=tmp_path,
+        stdout=subprocess.PIPE,
+        text=True,
     )
     rft.until(lambda: feeder.poll() is not None)
     said = feeder.communicate()[0].splitlines()
     assert feeder.returncode == 0
     assert len(said) > 30
     assert float(said[-1].split()[2]) > 0.5
+
+
+def test_the_script_says_what_it_waits_for_and_follows_remapped_topics(rft, tmp_path):
+    pressed(tmp_path / "states.csv", 8)
+    to_node = [
+        word
+        for topic in ("twist", "wrench_predicted")
+        for word in ("-r", f"/rft/{topic}:={rft.name}/{topic}")
+    ]
+    nobody = f"{rft.name}/nobody"
+    command = [*PLAY, "--ros-args", *to_node, "-r", f"/rft/pose:={nobody}"]
+    said = tmp_path / "said"
+    with said.open("w") as stream:
+        feeder = subprocess.Popen(command, cwd=tmp_path, stderr=stream)
+    # only the topic that nobody listens to is missing once the node's own are found
+    last = f"waiting for the node: a subscription to {nobody}"
+    rft.until(lambda: last in said.read_text().splitlines())
+    feeder.terminate()
+    feeder.wait()
