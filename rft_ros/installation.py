@@ -5,7 +5,8 @@ import shlex
 import shutil
 import sys
 import sysconfig
-from importlib.metadata import PackageNotFoundError, version
+from importlib.metadata import PackageNotFoundError, distribution, version
+from importlib.util import find_spec
 from pathlib import Path
 
 from rft_ros.errors import InputError
@@ -35,6 +36,19 @@ def release() -> str:
         return version("rft_ros")
     except PackageNotFoundError:
         return "not installed"
+
+
+def is_ros_from_pypi() -> bool:
+    """Whether ROS is that of PyPI's wheels, which have neither the `ros2` command nor tf2_msgs."""
+    found = find_spec("rclpy")
+    if found is None or found.origin is None:
+        return False
+    try:
+        wheel = distribution("ros-rclpy")
+    except PackageNotFoundError:
+        return False
+    # a sourced installation from apt comes before the wheels on Python's path
+    return Path(str(wheel.locate_file("rclpy/__init__.py"))) == Path(found.origin)
 
 
 def share_directory(package: str) -> Path:

@@ -12,6 +12,7 @@ from rclpy.qos import DurabilityPolicy, QoSProfile, ReliabilityPolicy
 from rclpy.subscription import Subscription
 
 from rft_ros.errors import InputError
+from rft_ros.installation import is_ros_from_pypi
 from rft_ros.messages import TYPES, Role
 
 # Best effort matches every publisher, reliable or not; the depth holds bursts of a 1,000 Hz stream.
@@ -55,11 +56,21 @@ def message_class(kind: str) -> Any:
     try:
         return getattr(import_module(f"{package}.msg"), name)
     except (ImportError, AttributeError):
-        what = f"{kind} messages need"
-        if package == "tf2_msgs":
-            what = "pose_source tf and sensor.frame_source tf need"
-        apt = f"ros-jazzy-{package.replace('_', '-')}"
-        raise InputError(f"{what} the package {package}: apt install {apt}") from None
+        raise InputError(_missing(kind, package)) from None
+
+
+def _missing(kind: str, package: str) -> str:
+    """The sentence on a message type whose package is not installed."""
+    is_tf = package == "tf2_msgs"
+    if is_tf and is_ros_from_pypi():
+        return (
+            "pose_source tf and sensor.frame_source tf need tf2_msgs, which ROS from PyPI does not have; take the pose"
+            " from a topic and set sensor.position and sensor.quaternion, or use ROS from apt"
+        )
+    what = "pose_source tf and sensor.frame_source tf" if is_tf else f"{kind} messages"
+    apt = f"apt install ros-jazzy-{package.replace('_', '-')}"
+    remedy = "pip install ros-jazzy-common-interfaces" if is_ros_from_pypi() else apt
+    return f"{what} need the package {package}: {remedy}"
 
 
 def start_ros(**options: Any) -> None:

@@ -7,6 +7,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
 from one_plate import LEVEL
 from rclpy.qos import DurabilityPolicy, QoSProfile
 from recordings import TF, cdr, transforms_cdr
@@ -15,6 +16,8 @@ from test_live_equals_replay import TOPICS, assert_equal
 from rft_ros.bags.writing import BagWriter
 from rft_ros.errors import InputError
 from rft_ros.estimator import TransformSample
+from rft_ros.installation import is_ros_from_pypi
+from rft_ros.node import topics
 from rft_ros.node.topics import has_tf2_msgs, message_class
 
 STAND_IN = Path(__file__).with_name("stand_in")
@@ -99,6 +102,7 @@ def test_a_folder_of_sources_is_not_taken_for_the_package(tmp_path, monkeypatch)
 
 
 def test_without_tf2_msgs_the_sentence_names_the_package(start_node, monkeypatch):
+    monkeypatch.setattr(topics, "is_ros_from_pypi", lambda: False)
     monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
     words = "pose_source tf and sensor.frame_source tf need the package tf2_msgs: apt install ros-jazzy-tf2-msgs"
     with pytest.raises(InputError, match=words):
@@ -108,3 +112,17 @@ def test_without_tf2_msgs_the_sentence_names_the_package(start_node, monkeypatch
         InputError, match=r"PointCloud2 .* sensor_msgs: apt install ros-jazzy-sensor"
     ):
         message_class("sensor_msgs/msg/PointCloud2")
+
+
+def test_with_the_wheels_of_pypi_the_sentence_recommends_nothing_that_they_do_not_have(
+    start_node, monkeypatch
+):
+    monkeypatch.setattr(topics, "is_ros_from_pypi", lambda: True)
+    monkeypatch.setitem(sys.modules, "tf2_msgs.msg", None)
+    with pytest.raises(InputError, match=r"PyPI .* sensor\.position") as raised:
+        start_node("-p", "sensor.frame_source:=tf")
+    assert "apt install" not in str(raised.value)
+
+
+def test_ros_is_that_of_pypi_where_rclpy_comes_from_its_wheel():
+    assert is_ros_from_pypi() == ("site-packages" in rclpy.__file__)
