@@ -72,7 +72,8 @@ def predict(arguments: argparse.Namespace) -> int:
     with busy("computing"):
         result = wrenches_along(model, times, states, surface_height=height, where=where)
     warnings.warn_of_states(tool, times, states, result[:, FORCE], surface_height=height)
-    # only here, where wrenches are written: other commands need not repeat it
+    # only here, where wrenches are written: other commands need not repeat these
+    warnings.note_of_origin(tool, states, surface_height=height)
     if "concave" in tool.issues:
         print(f"note: {tool.name}: {tool.issues['concave']}", file=sys.stderr, flush=True)
     write_wrenches(arguments.output, times, result)

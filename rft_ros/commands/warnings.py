@@ -7,10 +7,13 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.summary import TOUCHES
 from rft_ros.estimator import begins_in_grains, sentence_on
-from rft_ros.rft import Law
+from rft_ros.rft import QUATERNION, Law, rotation_matrix
 from rft_ros.tool import Tool
 
 _Array = NDArray[np.float64]
+
+# of the tool's height: an origin so near to its lowest point lies on the side that meets the grains
+_SIDE_OF_ORIGIN = 0.1
 
 
 def warn_of_law(law: Law) -> None:
@@ -42,6 +45,29 @@ def warn_of_states(
             begins += f", with a force of {force:.2f} N"
         advice = "to begin at the surface, begin at the tool's lowest point (rft check-mesh), or set --surface-height"
         print(f"warning: {begins}; {advice}", file=sys.stderr, flush=True)
+
+
+def note_of_origin(tool: Tool, states: _Array, *, surface_height: float) -> None:
+    """Print a note on stderr if the tool meets the grains with the side on which its frame's origin lies.
+
+    `states`, shape [n, 13]; `surface_height` [m]. That is right for an origin at the tip. A tool whose origin is at the
+    flange is upside down, which no force shows.
+    """
+    in_grains = np.flatnonzero(tool.lowest_points(states)[0] < surface_height)
+    if not len(in_grains):
+        return
+    axes = rotation_matrix(states[in_grains[0], QUATERNION])
+    lowest = tool.lowest_point(axes)
+    highest = -tool.lowest_point(-axes)
+    if lowest < -_SIDE_OF_ORIGIN * (highest - lowest):
+        return
+    print(
+        f"note: the tool meets the grains with the side of its frame's origin: it reaches from {1e3 * lowest:.1f} to"
+        f" {1e3 * highest:.1f} mm above it. That is right for an origin at the tip; with an origin at an arm's flange"
+        " the tool is upside down: the states of a tool that hangs have the quaternion 1 0 0 0",
+        file=sys.stderr,
+        flush=True,
+    )
 
 
 def warn_of_estimates(tool: Tool, times: _Array, depths: _Array, forces: _Array) -> None:

@@ -252,6 +252,23 @@ def test_a_full_disk_is_a_sentence_and_a_reader_that_closes_the_pipe_early_is_no
     assert capsys.readouterr().err == ""
 
 
+@pytest.mark.parametrize(
+    ("quaternion", "is_noted"), [("0,0,0,1", True), ("1,0,0,0", False)], ids=["up", "hanging"]
+)
+def test_predict_says_when_a_tool_meets_the_grains_with_the_side_of_its_frames_origin(
+    tmp_path, quaternion, is_noted
+):
+    """A plate below a flange whose z points out of the arm: the mesh lies at positive z of the tool frame."""
+    z = -0.09 if is_noted else 0.11
+    rows = "\n".join(
+        f"{0.1 * k},0,0,{z - 0.001 * k},{quaternion},0,0,-0.01,0,0,0" for k in range(30)
+    )
+    done = predict(tmp_path, f"{HEADER}\n{rows}\n", "--origin", 0, 0, -100)
+    assert done.returncode == 0
+    assert ("with the side of its frame's origin" in done.stderr) == is_noted
+    assert ("quaternion 1 0 0 0" in done.stderr) == is_noted
+
+
 def test_predict_with_memory_holds_the_force_at_rest_and_wants_the_states_in_order(tmp_path):
     memory = ("--mobilization-length", "0.003")
     moving = [f"{0.1 * k},0,0,{-0.001 * k},0,0,0,1,0,0,-0.01,0,0,0" for k in range(1, 40)]
