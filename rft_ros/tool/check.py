@@ -33,6 +33,9 @@ _MOST_PAIRS = 10_000_000  # of a point and a facet in that check
 # of the largest extent: distance in front of a facet at which another body covers it
 _OUTSIDE = 1e-4
 
+HULL_ADVICE = "; rft check-mesh says whether the convex hull (mesh.hull, --hull) is better"
+"""The end of the sentence on a hollow tool, for all readers but that of ``rft check-mesh``."""
+
 MeshIssue = Literal[
     "not_closed",
     "inconsistent_winding",
@@ -106,8 +109,7 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
     share = 0.0 if is_inside_out else _hollow_share(mesh, has_area)
     if share > _CONCAVE_SHARE:
         issues["concave"] = (
-            f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores; "
-            "rft check-mesh says whether the convex hull (mesh.hull, --hull) is better"
+            f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores{HULL_ADVICE}"
         )
     unusual = _unusual_size(float(mesh.extents.max()), scale)
     if unusual:

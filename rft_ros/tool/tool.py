@@ -21,7 +21,7 @@ from rft_ros.rft import (
     frames,
 )
 from rft_ros.rft.arguments import number
-from rft_ros.tool.check import MeshIssue, check_mesh, with_area
+from rft_ros.tool.check import HULL_ADVICE, MeshIssue, check_mesh, with_area
 from rft_ros.tool.locate import link_in, locate_mesh
 from rft_ros.tool.mesh_file import IN_TOOL_FRAME, MeshFrame, read_mesh
 from rft_ros.tool.reduction_cache import reduced_once
@@ -249,5 +249,5 @@ def describe_tool(tool: Tool) -> list[str]:
         lines.append(f"volume: {1e9 * volume:.1f} mm³")
     lines += [f"warning: {fault}" for fault in tool.faults]
     if "concave" in tool.issues:
-        lines.append(f"note: {tool.issues['concave']}")
+        lines.append(f"note: {tool.issues['concave'].removesuffix(HULL_ADVICE)}")
     return lines
