@@ -196,8 +196,8 @@ def test_check_mesh_says_what_a_mesh_holds_and_ends_with_1_where_it_finds_someth
 def test_a_concave_tool_is_no_fault_and_its_hull_is_an_option_away(tmp_path):
     done = rft("check-mesh", "scoop", cwd=tmp_path)
     assert done.returncode == 0, done.stdout
-    assert "--hull" in next(line for line in done.stdout.splitlines() if "hollows" in line)
-    assert "press along -z: " in done.stdout
+    assert "hollows" in done.stdout
+    assert "--hull" in next(line for line in done.stdout.splitlines() if "drag along x: " in line)
     hull = rft("check-mesh", "scoop", "--hull", cwd=tmp_path)
     assert (hull.returncode, "hollows" in hull.stdout) == (0, False)
     (tmp_path / "states.csv").write_text(STATE)
