@@ -15,7 +15,8 @@ NAME = MANIFEST.findtext("name", "")
 SWEEP = ["dask[distributed]>=2024.1"]
 STUDIES = ["matplotlib>=3.6.3"]
 MUJOCO = [
-    "mujoco>=3.12"
+    "mujoco>=3.12",
+    *STUDIES,  # pictures of the examples
 ]  # with 3.9 a block by contact on a plate rests 7 % too high under elliptic cones
 DOCS = [
     "mkdocs-material>=9.5",

@@ -1,6 +1,6 @@
 """Bodies of 20 g to 5 kg fall into grains and lie still: python examples/mujoco_drop.py -o drop.png.
 
-Needs MuJoCo and matplotlib (pip install mujoco matplotlib).
+pip install '.[mujoco]' installs what it needs.
 Prints how far each sank, and how it moved over the last seconds.
 """
 

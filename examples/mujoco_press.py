@@ -2,7 +2,7 @@
 
 python examples/mujoco_press.py -o press.png
 
-Needs MuJoCo and matplotlib (pip install mujoco matplotlib).
+pip install '.[mujoco]' installs what it needs.
 Prints the mean and the scatter of the force at each hold.
 """
 

@@ -219,6 +219,18 @@ def test_the_examples_run_headless_and_hold_still(tmp_path, capsys, monkeypatch,
     assert sum(x < (0.01 if name == "mujoco_drop" else 1e-3) for x in moved) >= 5, printed  # mm, N
 
 
+def test_the_example_of_a_bucket_and_a_wheel_digs_and_drives(tmp_path, capsys):
+    folder = Path(__file__).resolve().parents[2] / "examples"
+    picture = tmp_path / "dig.png"
+    assert runpy.run_path(str(folder / "dig.py"))["main"](["-o", str(picture)]) == 0
+    assert picture.stat().st_size > 10_000
+    force, x = map(
+        float, re.search(r"bucket: (\S+) N.*x = (\S+) m", capsys.readouterr().out).groups()
+    )
+    assert 20.0 < force < 200.0
+    assert 0.7 < x < 0.5 + 8.0 * 0.1  # on the slope, with some slip
+
+
 def test_what_cannot_be_used_is_named(monkeypatch):
     model = falling(("plate", 0.3, FLAT))
     for name in ("tool", 3):
