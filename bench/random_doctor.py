@@ -160,7 +160,7 @@ def remedies(findings: Iterable[Finding]) -> dict[str, Value]:
 
 def wrong_values(cell: RandomCell, setup: Setup, changes: dict[str, Any]) -> str:
     """Which written values are wrong, in words; "" if none is."""
-    true = cell.parameters
+    true = {**cell.parameters, **setup.true}
     mended = Setup(parameters={**setup.parameters, **changes}, recording=setup.recording)
     wrong = [name for name in changes if not _is_near(cell, name, changes[name], true.get(name))]
     misfit = fits(mended)

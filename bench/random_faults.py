@@ -5,7 +5,7 @@ where the cell cannot have it.
 """
 
 from collections.abc import Callable, Collection
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from typing import Any
 
@@ -31,10 +31,11 @@ CHECK_RATE_HZ = 40.0
 
 @dataclass(frozen=True, kw_only=True)
 class Setup:
-    """The parameters that a file says, and what the drivers send."""
+    """The parameters that a file says, and what the drivers send. `true`: what they should say, where that changed."""
 
     parameters: dict[str, Any]
     recording: Recording
+    true: dict[str, Any] = field(default_factory=dict)
 
 
 Made = Callable[[RandomCell, np.random.Generator], Setup | None]
@@ -197,7 +198,8 @@ def _payload(cell: RandomCell, _random: np.random.Generator) -> Setup | None:
 
 
 def _delay(cell: RandomCell, _random: np.random.Generator, *, seconds: float) -> Setup:
-    return _sent(cell, wrench_time=cell.recording.wrench_time + seconds)
+    late = _sent(cell, wrench_time=cell.recording.wrench_time + seconds)
+    return replace(late, true={"sensor.delay": cell.parameters["sensor.delay"] + seconds})
 
 
 def _surface(cell: RandomCell, _random: np.random.Generator, *, metres: float) -> Setup:
@@ -322,7 +324,8 @@ def _filter(cell: RandomCell, _random: np.random.Generator, *, seconds: float) -
     share = 1.0 - np.exp(-step / seconds)
     for k in range(1, len(wrenches)):
         wrenches[k] = wrenches[k - 1] + share * (wrenches[k] - wrenches[k - 1])
-    return _sent(cell, wrenches=wrenches)
+    true = {"sensor.delay": cell.parameters["sensor.delay"] + seconds}
+    return replace(_sent(cell, wrenches=wrenches), true=true)
 
 
 def _yielding(cell: RandomCell, random: np.random.Generator) -> Setup:

@@ -18,7 +18,7 @@ from rft_ros.calibration.grains import GIVEN_SURFACE_ERROR, Given, fit_grains
 from rft_ros.calibration.phases import Contact, find_contacts
 from rft_ros.calibration.recorded import BedValues, Recorded
 from rft_ros.calibration.smoothing import interpolated
-from rft_ros.calibration.suspicion import refuse_implausible, suspicions, without_repeats
+from rft_ros.calibration.suspicion import doubts, refuse_implausible, without_repeats
 from rft_ros.calibration.tool_weight import fit_tool_weight
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
@@ -37,6 +37,9 @@ from rft_ros.rft.frames import Placement
 PARTS = ("sensor", "surface", "zeta", "mobilization")
 """What can be fitted: delay, bias, mass and centre of mass; surface height; ζ; λ."""
 
+MAX_SURFACE_MOVE_M = 0.02
+"""Beds are levelled to some millimetres. A mesh upside down or another TCP moves the surface by the tool's length."""
+
 _ROUNDS = 5  # of contacts and force of inertia, each with the result of the other
 # tolerance of the tools for the delay: in nine recordings the fitted delay moved by less than a fifth of its error
 _COARSE = 0.025
@@ -52,13 +55,18 @@ class _Surface(NamedTuple):
 
 
 def calibrate(
-    tracks_sent: Sequence[Track], values: Values, *, parts: Collection[str] = PARTS
+    tracks_sent: Sequence[Track],
+    values: Values,
+    *,
+    parts: Collection[str] = PARTS,
+    trusts_surface: bool = False,
 ) -> FitResults:
     """Fit `parts` to the tracks. Other values, and those that are not identifiable, are taken from `values`.
 
-    `values`: the node's parameters. Raises InputError for no recordings, for one that `refuse_implausible` or
-    `suspicions` refuses, and, if sensor.frame_source is tf, for one whose transforms give no place of the load cell, or
-    another than the first one's.
+    `values`: the node's parameters. `trusts_surface`: their surface height is known, so that a fitted one far from it
+    shows a fault. If the result has `refusals`, it must not be used; if one refuses before the fits, nothing is fitted.
+    Raises InputError for no recordings, for one that `refuse_implausible` refuses, and, if sensor.frame_source is tf,
+    for one whose transforms give no place of the load cell, or another than the first one's.
     """
     if not tracks_sent:
         raise InputError("there is no recording to calibrate from; give one or more")
@@ -74,9 +82,11 @@ def calibrate(
     length = float(values["medium.mobilization_length"])
     law_with_memory = replace(law, density=0.0, mobilization_length=length)
     for sent, placed in zip(tracks_sent, tracks_placed, strict=True):
-        result.warnings += suspicions(
-            sent, placed, settings, law_with_memory, surface=surface_placed.height
-        )
+        doubted = doubts(sent, placed, settings, law_with_memory, surface=surface_placed.height)
+        result.warnings += doubted.warnings
+        result.refusals += doubted.refusals
+    if result.refusals:
+        return result
 
     tracks_aligned = tracks_placed
     delay_error = 0.0
@@ -108,7 +118,24 @@ def calibrate(
         given=given,
         parts=parts,
     )
+    _check_surface(result, settings.surface_height, trusts_surface=trusts_surface)
     return result
+
+
+def _check_surface(result: FitResults, given: float, *, trusts_surface: bool) -> None:
+    """Refuse a surface far from the `given` one [m], or warn of it if that one is not to be trusted."""
+    for fit in result.fitted:
+        moved = fit.values[0] - given
+        if fit.name == "surface_height" and abs(moved) > MAX_SURFACE_MOVE_M:
+            side = "above" if moved > 0.0 else "below"
+            where = f"{fit.values[0]:.4g} m, {1e3 * abs(moved):.0f} mm {side} the file's {given:g}"
+            causes = "mesh.origin, mesh.quaternion, mesh.scale and the poses"
+            sentence = f"surface_height: the force begins at {where}: check {causes}"
+            if trusts_surface:
+                remedy = "if the file's surface_height is what is wrong, add --fit surface"
+                result.refusals.append(f"{sentence}; {remedy}")
+            else:
+                result.warnings.append(sentence)
 
 
 def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:

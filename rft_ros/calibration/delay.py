@@ -58,7 +58,7 @@ def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Me
             f" {100.0 * misfit:.0f} % of the force's range; its error must be below {_UNSURE:g} s, and the residual"
             f" below {100.0 * MOST_UNLIKE:.0f} %"
         )
-    return Measurement(recording.name, found.value, error), misfit
+    return found.measurement()._replace(error=error), misfit
 
 
 def fit_delay(recordings: Iterable[Recorded], surface: float, *, given: float) -> FittedValue:

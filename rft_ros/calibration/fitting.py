@@ -3,6 +3,7 @@
 Load-cell noise is filtered and grains slip in bursts: errors for independent samples would be several times too small.
 """
 
+from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -33,16 +34,21 @@ class NotIdentifiable(Exception):  # noqa: N818 (a result, not an error)
 
 
 class Measurement(NamedTuple):
-    """A quantity measured once, in one bag: `value` and standard `error`."""
+    """A quantity measured once, in one bag at a `time` since its beginning [s]: `value` and standard `error`."""
 
     bag: str
     value: float
     error: float
+    time: float
 
 
 def listed(measurements: Iterable[Measurement]) -> str:
-    """The measurements in words."""
-    return ", ".join(f"{m.bag} {m.value:.3g} ± {m.error:.2g}" for m in measurements)
+    """The measurements in words, with their times where a bag has several."""
+    found = list(measurements)
+    count = Counter(m.bag for m in found)
+    places = [f"{m.bag} at {m.time:.1f} s" if count[m.bag] > 1 else m.bag for m in found]
+    numbers = [f"{m.value:.3g} ± {m.error:.2g}" for m in found]
+    return ", ".join(f"{place} {words}" for place, words in zip(places, numbers, strict=True))
 
 
 @dataclass(frozen=True, slots=True)
@@ -100,12 +106,16 @@ class MotionFit:
 
 @dataclass(slots=True)
 class FitResults:
-    """Fitted values; by name the reason why a value is not identifiable; kinds of motion in the grains; warnings."""
+    """Fitted values; by name the reason why a value is not identifiable; kinds of motion in the grains; warnings.
+
+    `refusals`: sentences on why the values must not be used, although they were fitted.
+    """
 
     fitted: list[FittedValue] = field(default_factory=list)
     not_identifiable: dict[str, str] = field(default_factory=dict)
     motions: list[MotionFit] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
+    refusals: list[str] = field(default_factory=list)
 
     def add(
         self,

@@ -250,7 +250,9 @@ def _add_surface(result: FitResults, bed: _Bed, contacts: Sequence[Contact], err
 def _add_length(result: FitResults, bed: _Bed, log_error: float) -> None:
     misfit = np.mean([turn.misfit for turn in bed.turns])
     lengths = [
-        Measurement(turn.recording.name, turn.values.length, turn.values.length * turn.fit.error)
+        turn.measurement()._replace(
+            value=turn.values.length, error=turn.values.length * turn.fit.error
+        )
         for turn in bed.turns
     ]
     result.add(

@@ -137,6 +137,16 @@ class Phase:
         return self.recording.track.heights[self.part.rows]
 
     @property
+    def time(self) -> float:
+        """When the phase begins, since the beginning of its recording [s]."""
+        return float(self.recording.track.time[self.part.rows[0]])
+
+    @property
+    def where(self) -> str:
+        """The recording and the time, in words."""
+        return f"{self.recording.name}, {self.time:.1f} s after its beginning"
+
+    @property
     def value(self) -> float:
         """The value that the phase determines: the first coefficient."""
         return float(self.fit.coefficients[0])
@@ -155,7 +165,7 @@ class Phase:
     def measurement(self, shared_error: float = 0.0) -> Measurement:
         """The value, with its own error and one that it shares with others."""
         error = float(np.hypot(self.fit.error, shared_error))
-        return Measurement(self.recording.name, self.value, error)
+        return Measurement(self.recording.name, self.value, error, self.time)
 
     def by_force(self, force: Array) -> float:
         """Change of the value by a force that is added to the measured one: shape [3], or [n, 3] of the recording."""
@@ -310,9 +320,11 @@ def way_down(recording: Recorded, stroke: Indices, values: BedValues) -> Phase:
     depths = values.surface - recording.track.heights[stroke]
     rows = stroke[depths > 0.0]
     depth = float(depths.max())
+    begin = recording.track.time[stroke[0]]
     if len(rows) < FEWEST or depth < _SHALLOWEST:
         raise NotIdentifiable(
-            f"{recording.name}: a penetration of {1e3 * depth:.1f} mm in {len(rows)} samples is too shallow; ζ"
+            f"{recording.name}, {begin:.1f} s after its beginning: a penetration of {1e3 * depth:.1f} mm in"
+            f" {len(rows)} samples is too shallow; ζ"
             f" needs {1e3 * _SHALLOWEST:g} mm and {FEWEST} samples"
         )
     part = Part(recording=recording, moments=recording.moments, rows=rows, axes=_VERTICAL)
@@ -324,7 +336,7 @@ def check_strength(way: Phase, shared_error: float) -> Phase:
     error = way.measurement(shared_error).error
     if not (way.value > error and way.misfit < _UNRELATED):
         raise NotIdentifiable(
-            f"{way.recording.name}: the fitted ζ is {way.value:.3f} ± {error:.3f}, with a residual of"
+            f"{way.where}: the fitted ζ is {way.value:.3f} ± {error:.3f}, with a residual of"
             f" {100 * way.misfit:.0f} % of the peak; ζ must exceed its error, and the residual be below"
             f" {100 * _UNRELATED:.0f} %: check sensor.quaternion, sensor.sign, surface_height, sensor.bias and"
             " mesh.file, as rft doctor does"

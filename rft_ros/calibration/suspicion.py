@@ -1,18 +1,19 @@
 """What a calibration doubts: recordings that would become wrong numbers that look right.
 
-Recordings that no load cell can give are refused before any fit, and repeated poses are left out. The others are judged
-by `rft_ros.diagnosis`: of its findings some refuse a recording, those that a fit mends are dropped, and the rest are
+Recordings that no load cell can give are unusable, and repeated poses are left out. The others are judged by
+`rft_ros.diagnosis`: of its findings some refuse the calibration, those that a fit mends are dropped, and the rest are
 warnings.
 """
 
 from dataclasses import replace
 from itertools import pairwise
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.calibration.track import Track
-from rft_ros.diagnosis import REPEATED, Evidence, judge, repeats, wrenches_at_cell
+from rft_ros.diagnosis import REPEATED, Evidence, Finding, judge, repeats, wrenches_at_cell
 from rft_ros.errors import InputError
 from rft_ros.parameters import Settings
 from rft_ros.rft import POSE, POSITION, Law
@@ -23,6 +24,9 @@ _REFUSED = {
     "units",
     "zero that moves",
     "turn",
+    "angle",
+    "sign or quaternion",
+    "saturation",
     "left-handed axes",
     "quaternions",
     "world frame",
@@ -61,26 +65,33 @@ def without_repeats(track: Track) -> Track:
     """The recording without the moments at which a moving tool has the pose of the moment before.
 
     A driver that publishes faster than it measures sends them. Their readings belong to poses that nobody measured.
+    The last repeats of a rest are left out, too: the tool may have started after they were measured.
     """
-    changed, moving, often = repeats(track.time, track.states[:, POSE])
+    changed, _, often = repeats(track.time, track.states[:, POSE])
     if often <= REPEATED:
         return track
-    new = np.isin(np.arange(len(track.time)), changed)
-    moves = np.pad(moving, 1)[np.cumsum(new)]  # between two changes that follow each other
-    rows = np.flatnonzero(new | ~moves)
+    rows = np.arange(len(track.time))
+    next_change = np.append(changed, np.iinfo(np.int64).max)[np.searchsorted(changed, rows)]
+    waits = next_change - rows
+    rows = np.flatnonzero((waits == 0) | (waits >= often))
     return replace(
         track, time=track.time[rows], states=track.states[rows], readings=track.readings[rows]
     )
 
 
-def suspicions(
-    sent: Track, track: Track, settings: Settings, law: Law, *, surface: float
-) -> list[str]:
-    """What is probably wrong with a recording, as sentences. `sent`: with the repeats that `track` is without.
+class Doubts(NamedTuple):
+    """What is probably wrong with a recording, as sentences: what refuses its calibration, and the rest."""
 
-    `law`: of the parameters with their λ, at ζ = 1 and without inertia. Raises InputError for poses in millimetres, for
-    a zero of the load cell that moves, for a load cell of another sign, in other axes or turned by multiples of 90°,
-    a turned mesh or world, and quaternions with w first: every fit would believe it.
+    refusals: list[str]
+    warnings: list[str]
+
+
+def doubts(sent: Track, track: Track, settings: Settings, law: Law, *, surface: float) -> Doubts:
+    """What is probably wrong with a recording. `sent`: with the repeats that `track` is without.
+
+    `law`: of the parameters with their λ, at ζ = 1 and without inertia. What a fit would believe refuses a calibration:
+    poses in millimetres, a zero of the load cell that moves, readings that are cut off, a load cell of another sign or
+    in other axes, a turned mesh or world, quaternions with w first, and forces that the model does not explain.
     """
     evidence = Evidence(
         settings=replace(settings, surface_height=surface),
@@ -96,15 +107,21 @@ def suspicions(
         pose_time=sent.time,
         poses=sent.states[:, POSE],
     )
-    wrong = [finding for finding in judge(evidence) if not finding.ok]
-    for finding in wrong:
-        # no parameter mends an angle of a load cell that transforms place
-        remedy = next(filter(None, (finding.remedy, *finding.alike)), {})
-        if finding.name in _REFUSED or remedy.keys() & _OTHER_CELL:
-            raise InputError(f"{track.name}: {finding.text}")
-    return [
-        f"{track.name}: {finding.text}"
-        for finding in wrong
+    found = Doubts(refusals=[], warnings=[])
+    for finding in judge(evidence):
+        sentence = f"{track.name}: {finding.text}"
+        if finding.ok:
+            continue
+        if _refuses(finding):
+            found.refusals.append(sentence)
         # no fit mends a filter of the driver, whose lag looks like a delay and like a greater λ
-        if "lag" in finding.evidence or not finding.remedy.keys() & _FITTED
-    ]
+        elif "lag" in finding.evidence or not finding.remedy.keys() & _FITTED:
+            found.warnings.append(sentence)
+    return found
+
+
+def _refuses(finding: Finding) -> bool:
+    """Whether every fit would believe the fault."""
+    # no parameter mends an angle of a load cell that transforms place
+    remedy = next(filter(None, (finding.remedy, *finding.alike)), {})
+    return finding.name in _REFUSED or bool(remedy.keys() & _OTHER_CELL)

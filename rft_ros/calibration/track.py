@@ -194,7 +194,10 @@ def still_intervals(track: Track) -> list[Indices]:
 
 
 def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
-    """Rows of straight motion down in each movement to a point below a height [m], in the orientation of that point."""
+    """Rows of straight motion down in each movement to a point below a height [m], in the orientation of their end.
+
+    The end is that of the longest straight way down: the tool may go deeper afterwards, as it rolls or is dragged.
+    """
     heights = track.heights
     rotations = track.rotations
     sinking = -track.smooth[:, STATE.index("vz")]
@@ -211,7 +214,11 @@ def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
         top = begin + int(np.argmax(heights[begin:end]))
         begin = top + int(np.argmin(heights[top:end]))
         rows = np.arange(top, begin + 1)
-        traces = np.einsum("nij,ij->n", rotations[rows], rotations[begin])
+        ways = segments(straight & np.isin(np.arange(len(straight)), rows), track.time)
+        if not ways:
+            continue
+        last = max(ways, key=lambda way: float(heights[way[0]] - heights[way[-1]]))[-1]
+        traces = np.einsum("nij,ij->n", rotations[rows], rotations[last])
         alike = traces > 1.0 + 2.0 * np.cos(_TILT)
         stroke = rows[alike & straight[rows]]
         if len(stroke) >= FEWEST and heights[stroke].min() < below:

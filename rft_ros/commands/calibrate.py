@@ -13,7 +13,7 @@ from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
 from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import expanded
-from rft_ros.parameters import named_files
+from rft_ros.parameters import named_files, node_parameters
 from rft_ros.progress import busy, say_compiling
 from rft_ros.tool import locate_mesh
 
@@ -39,6 +39,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
     """rft calibrate bag_1 bag_2 --params my_cell.yaml -o calibrated.yaml"""
     output = arguments.output
     values, chosen = options.recording(arguments)
+    named = node_parameters(arguments.params, chosen.node)
     parts = arguments.fit or PARTS
     if chosen.tare and "sensor" not in parts and arguments.fit != ["surface"]:
         file = f"parameter file '{arguments.params}'"
@@ -67,7 +68,8 @@ def calibrate(arguments: argparse.Namespace) -> int:
     for tool in {track.tool.file: track.tool for track in tracks}.values():
         warnings.warn_of(tool)
     with busy("fitting"):
-        result = fitted_to(tracks, values, parts=parts)
+        trusts_surface = "surface_height" in named and "surface" not in (arguments.fit or ())
+        result = fitted_to(tracks, values, parts=parts, trusts_surface=trusts_surface)
     if chosen.tare and "sensor.bias" in result.not_identifiable:
         result.not_identifiable["sensor.bias"] += f"; no fit uses the tare of {chosen.tare:g} s"
     for f in result.fitted:
@@ -82,6 +84,11 @@ def calibrate(arguments: argparse.Namespace) -> int:
         print(f"{name}: not identifiable: {why}")
     for sentence in result.warnings:
         print(f"warning: {sentence}", file=sys.stderr)
+    if result.refusals:
+        for sentence in result.refusals:
+            print(f"refused: {sentence}", file=sys.stderr)
+        print("no file was written")
+        return 1
     if not result.fitted:
         print("nothing is identifiable from these bags; no file was written")
         return 1

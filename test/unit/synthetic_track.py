@@ -71,6 +71,10 @@ class Path:
     def turn_to(self, rotation, seconds=0.5):
         return self._corner(seconds, self.positions[-1], rotation)
 
+    def roll(self, offset, rotation, seconds):
+        """Move and turn at once."""
+        return self._corner(seconds, self.positions[-1] + np.array(offset), rotation)
+
     def _corner(self, seconds, position, rotation):
         self.times.append(self.times[-1] + seconds)
         self.positions.append(position)
