@@ -263,9 +263,10 @@ def _other_axes(cell: RandomCell, _random: np.random.Generator) -> Setup:
     """The reading is in world axes where the file says those of the load cell, or the other way round."""
     to_world = _attitudes(cell) * Rotation.from_quat(cell.parameters["sensor.quaternion"])
     turn = to_world.inv() if cell.parameters["sensor.frame_source"] == "world" else to_world
-    return _read(
-        cell, lambda wrench: np.hstack([turn.apply(wrench[:, :3]), turn.apply(wrench[:, 3:])])
-    )
+    wrenches = cell.recording.wrenches
+    # the driver turns the whole reading, with its bias
+    turned = np.hstack([turn.apply(wrenches[:, :3]), turn.apply(wrenches[:, 3:])])
+    return _sent(cell, wrenches=turned)
 
 
 def _units(
@@ -387,6 +388,8 @@ def _fault(made: Callable[..., Setup | None], *causes: str, **options: Any) -> F
 
 
 _AXES = ("turn", "angle", "sensor.quaternion")
+# an axis that is mirrored in force and torque is one whose sign is wrong in a cell turned by 180 degrees
+_SIGN_AND_AXES = ("sign and turn", "sign and quaternion")
 _MESH = ("mesh turned", "mesh.quaternion")
 _WORLD = ("world frame",)
 _SURFACE = ("surface_height",)
@@ -405,8 +408,8 @@ FAULTS: dict[str, Fault] = {
     "axes swapped": _fault(_axes_swapped, *_AXES),
     "axes 20 to 40": _fault(_angle, *_AXES, low=20.0, high=40.0),
     "axes 40 to 150": _fault(_angle, *_AXES, low=40.0, high=150.0),
-    "mirrored": _fault(_mirrored, "left-handed axes"),
-    "sign and axes": _fault(_sign_and_axes, "sign and turn", "sign and quaternion"),
+    "mirrored": _fault(_mirrored, "left-handed axes", *_SIGN_AND_AXES),
+    "sign and axes": _fault(_sign_and_axes, *_SIGN_AND_AXES),
     "lever 60 mm": _fault(_lever, "lever", "sensor.position", metres=0.06),
     "lever 150 mm": _fault(_lever, "lever", "sensor.position", metres=0.15),
     "bias 8 %": _fault(_bias, *_BIAS, share=0.08),

@@ -123,7 +123,7 @@ def test_velocities_from_poses_give_lambda_within_15_percent():
     ],
 )
 def test_penetrations_whose_zeta_differs_are_told(zetas, error, sizes, told):
-    found = [Measurement("a", zeta, error) for zeta in zetas]
+    found = [Measurement("a", zeta, error, 0.0) for zeta in zetas]
     assert (difference(found, [1e-3 * size for size in sizes]) != "") == told
     growing = [1e-3 * size for size in sorted(sizes, reverse=True)]
     assert ("ζ grows with the tool's size, 60 to 100 mm" in difference(found, growing[::-1])) == (
@@ -133,7 +133,7 @@ def test_penetrations_whose_zeta_differs_are_told(zetas, error, sizes, told):
 
 
 def test_the_spread_of_zeta_covers_the_tools():
-    found = [Measurement("a", zeta, 0.01) for zeta in (1.0, 1.31, 1.62)]
+    found = [Measurement("a", zeta, 0.01, 0.0) for zeta in (1.0, 1.31, 1.62)]
     assert spread_of(found, ["a", "b", "c"]) == pytest.approx(0.31)
     assert spread_of(found[:1], ["a"]) == 0.0
 
