@@ -259,7 +259,7 @@ def main() -> None:
         for name, way in asked:
             fault = FAULTS[name]
             said = SAID[way](fault, Path(folder), arguments.seconds).splitlines()
-            wrong = [line for line in said if line.startswith("FIX") and "compiled" not in line]
+            wrong = [line for line in said if line.startswith("FIX")]
             busy_lines = [line for line in wrong if "too busy" in line]
             named = [line for line in wrong if fault.named and fault.named in line]
             others = [line for line in wrong if line not in (*busy_lines, *named)]

@@ -50,6 +50,28 @@ def bar(label: str, total: float) -> Iterator[Callable[[float, str], None]]:
 
 
 @contextmanager
+def counted(what: str) -> Iterator[Callable[[float, str], None]]:
+    """Say `what`, and yield `update(seconds, state)`: a terminal shows both, elsewhere each new state is a line."""
+    from rich.console import Console
+
+    console = Console(stderr=True)
+    if console.is_interactive:
+        with console.status(f"{what} ...") as status:
+            yield lambda seconds, state: status.update(f"{what} ({seconds:.0f} s; {state}) ...")
+        return
+    say(f"{what} ...")
+    last = ""
+
+    def update(seconds: float, state: str) -> None:
+        nonlocal last
+        if state != last:
+            say(f"after {seconds:.0f} s: {state}")
+        last = state
+
+    yield update
+
+
+@contextmanager
 def busy(what: str) -> Iterator[None]:
     """A spinner beside `what`, for work of unknown length."""
     from rich.console import Console

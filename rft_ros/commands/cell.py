@@ -9,7 +9,7 @@ from rft_ros.bags.options import ReplayOptions, topics_of
 from rft_ros.bags.replay import replay
 from rft_ros.commands import options
 from rft_ros.diagnosis import Finding
-from rft_ros.doctor.checkup import Cell, compiled, examine_bag
+from rft_ros.doctor.checkup import Cell, examine_bag
 from rft_ros.errors import InputError
 from rft_ros.estimator.warm_up import prepare
 from rft_ros.installation import program, share_directory
@@ -26,8 +26,8 @@ def doctor_options(command: argparse.ArgumentParser) -> None:
         "--bag", type=Path, metavar="BAG", help=f"{options.RECORDING} (default: listen to ROS)"
     )
     options.share(command, "--node", "--remap")
-    seconds = "time to listen to ROS [s] (default 5)"
-    command.add_argument("--seconds", type=options.number, default=5.0, metavar="S", help=seconds)
+    seconds = "longest time to listen to ROS [s] (default 30); it ends once air, press and drags were seen"
+    command.add_argument("--seconds", type=options.number, default=30.0, metavar="S", help=seconds)
     write = "write the parameter file with the values that mend the findings, but for those with several causes"
     command.add_argument("--write", dest="output", type=Path, metavar="NEW.yaml", help=write)
 
@@ -46,23 +46,34 @@ def doctor(arguments: argparse.Namespace) -> int:
     named = node_parameters(arguments.params, chosen.node)
     with busy("preparing the tool"):
         model = model_of({**values, "tolerance": 0.0})
+    with line_if_long("loading compiled code"):  # of the node, too, so that its start is quick
+        prepare(on_cold_cache=say_compiling)
     cell = Cell(file=arguments.params, values=values, named=named, model=model, topics=topics)
-    findings = [compiled()]
     if arguments.bag:
-        findings += examine_bag(cell, arguments.bag, chosen)
+        findings = examine_bag(cell, arguments.bag, chosen)
     else:
         try:
             from rft_ros.doctor.running import examine_running
         except ImportError as error:
             needs = f"listening needs ROS 2 ({error.name} is missing)"
             raise InputError(f"{needs}: source a ROS 2 setup file, or give --bag") from None
-        with busy(f"listening for {arguments.seconds:g} s"):
-            findings += examine_running(cell, chosen.node, seconds=arguments.seconds)
+        findings = examine_running(
+            cell,
+            chosen.node,
+            seconds=arguments.seconds,
+            needs_node=arguments.node is not None,
+        )
     for finding in findings:
-        print("OK " if finding.ok else "FIX", finding.text)
+        print(_label(finding), finding.text)
     if arguments.output:
         _write_remedies(arguments, findings, node=chosen.node)
     return 0 if all(finding.ok for finding in findings) else 1
+
+
+def _label(finding: Finding) -> str:
+    if finding.is_note:
+        return "NOTE"
+    return "OK " if finding.ok else "FIX"
 
 
 def _write_remedies(

@@ -22,7 +22,7 @@ class Finding:
 
     `said`: a sentence. `evidence`: by name the numbers that show it. `remedy`: by name the values of parameters that
     mend it; `alike`: the remedies of other explanations that leave as small a residual, {} for one that no parameter
-    mends. `advice`: what to do beside or in place of them.
+    mends. `advice`: what to do beside or in place of them. `is_note`: for the reader only, neither right nor wrong.
     """
 
     name: str
@@ -32,6 +32,7 @@ class Finding:
     remedy: Mapping[str, Value] = field(default_factory=dict)
     alike: tuple[Mapping[str, Value], ...] = ()
     advice: str = ""
+    is_note: bool = False
 
     @property
     def text(self) -> str:

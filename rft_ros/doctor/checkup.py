@@ -13,7 +13,6 @@ from rft_ros.bags.estimates import ReplayTable
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import opened_recording
 from rft_ros.diagnosis import Finding, evidence_of, judge
-from rft_ros.errors import InputError
 from rft_ros.estimator import (
     OF_TRANSFORMS,
     STAMP_ZERO,
@@ -25,10 +24,9 @@ from rft_ros.estimator import (
     TwistSample,
     WrenchSample,
 )
-from rft_ros.estimator.warm_up import prepare
 from rft_ros.ground import Cloud
 from rft_ros.messages import Role
-from rft_ros.parameters import Model, Values, settings_of
+from rft_ros.parameters import Model, Value, Values, settings_of
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -46,21 +44,6 @@ class Cell:
     topics: dict[Role, str]
 
 
-def compiled() -> Finding:
-    """The finding on the cache: whether it has the machine code."""
-
-    def stop() -> None:
-        raise InputError(
-            "run rft warm-up, or the node's first start compiles for some ten seconds"
-        )
-
-    try:
-        prepare(on_cold_cache=stop)
-    except InputError as error:
-        return Finding(name="compiled", said="no", advice=str(error))
-    return Finding(name="compiled", ok=True, said="yes")
-
-
 _SOONEST = 0.02  # quantile of the ages at arrival: due to clocks and drivers alone, without delays on the way
 # ns on both sides of a step of the clock: a busy machine stands still for less
 _LEAST_SPAN = 1_500_000_000
@@ -73,6 +56,11 @@ _EXPECTED = {
     Reason.POSE_HISTORY_SHORT,
     Reason.POSE_RATE_LIMITED,
     Reason.SURFACE_RATE_LIMITED,
+}
+_OF_SENSOR = {
+    Reason.WRENCH_FRAME_UNKNOWN,
+    Reason.SENSOR_FRAME_UNKNOWN,
+    Reason.TF_FRAME_UNKNOWN,
 }
 _ROLES: dict[type, Role] = {
     PoseSample: "pose",
@@ -350,6 +338,14 @@ class Checkup:
                 remedy={"world_frame": min(of_poses)},
                 advice="publish the transform between the two on /tf_static",
             )
+        proposal = self._proposed_frames() if _OF_SENSOR & unknown.keys() else None
+        if proposal:
+            yield proposal
+            unknown = {
+                reason: sentence
+                for reason, sentence in unknown.items()
+                if reason not in _OF_SENSOR
+            }
         for reason, sentence in unknown.items():
             if reason in OF_TRANSFORMS and self._transforms_unstamped():
                 continue  # the frames are unknown because their transforms have no stamps; another finding says so
@@ -358,6 +354,43 @@ class Checkup:
         frames = self._estimator.transforms.frames()
         if frames:
             yield Finding(name="frames", ok=True, said=", ".join(frames))
+
+    def _proposed_frames(self) -> Finding | None:
+        """The names of the load cell's and the tool's frame by what the messages and the transforms say.
+
+        None if the parameters name them, or if the readings have several frames. The tool's is that of the twists, if
+        it carries the load cell, or else tool0, as industrial arms call their flange, or the nearest one below it.
+        """
+        s = self._estimator.settings
+        frames = {message.frame for message in self._heard.get("wrench", ())}
+        if len(frames) != 1:
+            return None
+        (sensor,) = frames
+        remedy: dict[str, Value] = {}
+        said = f"the load cell's readings are in the frame '{sensor}'"
+        advice = ""
+        if sensor != s.sensor_frame:
+            remedy["sensor_frame"] = sensor
+            said += f", which is not sensor_frame '{s.sensor_frame}'"
+        carriers = self._estimator.transforms.carriers(sensor)
+        if carriers and s.tool_frame not in carriers:
+            of_twists = {message.frame for message in self._heard.get("twist", ())}
+            by_twists = [name for name in carriers if name in of_twists]
+            by_convention = [name for name in carriers if name == "tool0"]
+            tool = [*by_twists, *by_convention, *carriers][0]
+            remedy["tool_frame"] = tool
+            links = ", ".join(self._estimator.transforms.links(tool, sensor))
+            said += f"; the transforms place it on '{tool}' ({links}), and not on tool_frame '{s.tool_frame}'"
+            others = " or ".join(repr(name) for name in carriers if name != tool)
+            if others:
+                advice = (
+                    f"tool_frame is the one whose poses are published; it may also be {others}"
+                )
+        if not remedy:
+            return None
+        if carriers and not {"sensor.position", "sensor.quaternion"} & set(self._cell.named):
+            remedy["sensor.frame_source"] = "tf"
+        return Finding(name="frames", said=said, remedy=remedy, advice=advice)
 
     def _transforms_unstamped(self) -> bool:
         """Whether most transforms have no stamp, which the finding on their topic reports."""

@@ -1,7 +1,7 @@
 """Examines a running cell: the node's parameters, the publishers of its inputs, and the messages they send."""
 
 from collections import defaultdict
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
@@ -10,23 +10,42 @@ import numpy as np
 
 from rft_ros.diagnosis import Finding
 from rft_ros.doctor.checkup import Cell, Checkup, delayed
+from rft_ros.doctor.seen_motion import SeenMotion
 from rft_ros.estimator import Sample, Stamped
 from rft_ros.files import resolved
-from rft_ros.messages import UNREADABLE, decoder
+from rft_ros.messages import UNREADABLE, Role, decoder
 from rft_ros.node.listen import Message, Topic, listener
 from rft_ros.parameters import FILES, Value, Values
+from rft_ros.progress import busy, counted
 
+_TASK = "hold the tool still in the air, push it down into the grains, drag it along x and along y"
 _MOST_LOST = 0.01  # share of a topic's messages
 
 
-def examine_running(cell: Cell, node: str, *, seconds: float) -> list[Finding]:
-    """The findings on a running cell, after listening for `seconds` [s]. `node`: the full name of the node.
+def examine_running(
+    cell: Cell, node: str, *, seconds: float, needs_node: bool = True
+) -> list[Finding]:
+    """The findings on a running cell, after listening for at most `seconds` [s]: less once a whole trial was seen.
+
+    `node`: the full name of the node. `needs_node`: whether it is a fault if there is none.
 
     Raises InputError if the name of the node or of a topic is not valid in ROS.
     """
+    seen = SeenMotion(cell)
+    decoders: dict[tuple[Role, str], Callable[[bytes], Sample]] = {}
     with listener(node) as ros:
-        running = ros.parameters(list(cell.values))
-        messages, topics = ros.listen(cell.topics, seconds)
+        with busy(f"looking for {node} and the publishers of its inputs"):
+            running = ros.parameters(list(cell.values))
+            ros.subscribe(cell.topics)
+        with counted(f"listening for at most {seconds:g} s: {_TASK}") as update:
+
+            def is_enough(elapsed: float, messages: Sequence[Message]) -> bool:
+                for sample, _ in _samples(messages, decoders):
+                    seen.add(sample)
+                update(elapsed, f"still to see: {', '.join(seen.missing) or 'nothing'}")
+                return seen.is_enough(elapsed)
+
+            messages, topics = ros.listen(seconds, is_enough=is_enough)
     if running is not None:
         of_node = _of_node(node, running, cell.values, cell.file)
     elif ros.found:
@@ -34,27 +53,51 @@ def examine_running(cell: Cell, node: str, *, seconds: float) -> list[Finding]:
         of_node = Finding(name="node", said=said, advice="this machine is too busy, or it hangs")
     else:
         advice = "start it with ros2 launch rft_ros rft.launch.py, or give --node"
-        of_node = Finding(name="node", said=f"no node {node} was found", advice=advice)
+        said = f"no node {node} was found"
+        of_node = Finding(
+            name="node", ok=not needs_node, is_note=not needs_node, said=said, advice=advice
+        )
     # the estimates are computed after listening, so that they take no CPU time while messages arrive
     # a tare changes it
     values = {**cell.values, "sensor.bias": running["sensor.bias"]} if running else cell.values
     checkup = Checkup(replace(cell, values=values))
     for sample, received in _as_if_in_time(
-        list(_samples(messages)), limit=values["max_input_age"]
+        list(_samples(messages, decoders)), limit=values["max_input_age"]
     ):
         checkup.push(sample, received)
     of_topics = [finding for topic in topics for finding in _of_topic(topic)]
     lost = [finding for topic in topics for finding in _of_losses(topic, messages)]
-    return [*lost, of_node, *of_topics, *checkup.findings(complete=not lost)]
+    unseen = [
+        Finding(
+            name="motion",
+            ok=True,
+            is_note=True,
+            said=f"not seen, so not all was judged: {', '.join(seen.missing)}",
+            advice=_TASK,
+        )
+    ]
+    return [
+        *lost,
+        of_node,
+        *of_topics,
+        *checkup.findings(complete=not lost),
+        *(unseen if seen.missing else []),
+    ]
 
 
-def _samples(messages: Sequence[Message]) -> Iterator[tuple[Sample, int]]:
-    """The samples that can be read, each with the time at which it was received [ns]."""
-    kinds = {message.role: message.kind for message in messages}
-    decode = {role: decoder(role, ros1=False, kind=kind) for role, kind in kinds.items()}
+def _samples(
+    messages: Sequence[Message], decoders: dict[tuple[Role, str], Callable[[bytes], Sample]]
+) -> Iterator[tuple[Sample, int]]:
+    """The samples that can be read, each with the time at which it was received [ns].
+
+    `decoders`: those made so far, by role and type.
+    """
     for message in messages:
+        of_kind = message.role, message.kind
+        if of_kind not in decoders:
+            decoders[of_kind] = decoder(message.role, ros1=False, kind=message.kind)
         with suppress(*UNREADABLE):
-            yield decode[message.role](message.data), message.received
+            yield decoders[of_kind](message.data), message.received
 
 
 def _as_if_in_time(

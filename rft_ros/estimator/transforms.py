@@ -1,5 +1,6 @@
 """The tree of frames: looks up where one frame is in another at a stamp, as tf2 does, without ROS."""
 
+import itertools
 import math
 
 from rft_ros.estimator.samples import ABSURD, Reason, TransformSample
@@ -185,6 +186,17 @@ class Transforms:
             for frames in self._way(target, source) or ()
             for name in frames
         ]
+
+    def carriers(self, frame: str) -> list[str]:
+        """The frames that carry a frame by fixed transforms, the nearest first; none if it moves in its parent."""
+        line = self._line(frame)
+        links = self._links()
+        carriers: list[str] = []
+        for child, parent in itertools.pairwise(line):
+            if not links[child].fixed:
+                break
+            carriers.append(parent)
+        return carriers
 
     # --- the tree
 

@@ -1,7 +1,7 @@
 """Listen beside a running node: its parameters, who publishes its inputs, and their messages with arrival times."""
 
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from copy import copy
 from typing import NamedTuple
@@ -88,6 +88,9 @@ class Listener:
         self._name = name
         self._node = rclpy.create_node(_OURS)
         self._discovered = time.monotonic() + _DISCOVERY
+        self._topics: dict[Role, str] = {}
+        self._kinds: dict[Role, str] = {}
+        self._subscriptions: dict[Role, Subscription] = {}
         self.found = False
         """Whether the node exists, even if it does not answer."""
 
@@ -107,42 +110,58 @@ class Listener:
         except ValueError:  # another kind of node
             return None
 
-    def listen(
-        self, topics: Mapping[Role, str], seconds: float
-    ) -> tuple[list[Message], list[Topic]]:
-        """All messages within `seconds` [s], in the order of arrival, and the topics with their publishers."""
-        wanted = dict(topics)
+    def subscribe(self, topics: Mapping[Role, str]) -> None:
+        """Subscribe to the topics of these roles, and wait some seconds until each has a publisher."""
+        self._topics = dict(topics)
         if not has_tf2_msgs() and "tf" not in topics:
-            wanted.pop("tf_static", None)
-        kinds = {role: TYPES[role][0] for role in wanted}
-        subscriptions = {
-            role: self._subscribe(role, kinds[role], topic) for role, topic in wanted.items()
-        }
+            self._topics.pop("tf_static", None)
+        for role, topic in self._topics.items():
+            self._subscribe(role, TYPES[role][0], topic)
         while time.monotonic() < self._discovered and not all(
-            map(self._node.count_publishers, wanted.values())
+            map(self._node.count_publishers, self._topics.values())
         ):
             time.sleep(_PERIOD)
-        for role, topic in wanted.items():
-            kind = type_on(self._node, role, topic, usual=kinds[role])
-            if kind != kinds[role]:
-                self._node.destroy_subscription(subscriptions[role])
-                kinds[role] = kind
-                subscriptions[role] = self._subscribe(role, kind, topic)
+        for role, topic in self._topics.items():
+            kind = type_on(self._node, role, topic, usual=self._kinds[role])
+            if kind != self._kinds[role]:
+                self._node.destroy_subscription(self._subscriptions[role])
+                self._subscribe(role, kind, topic)
+
+    def listen(
+        self,
+        seconds: float,
+        *,
+        is_enough: Callable[[float, list[Message]], bool] = lambda _seconds, _messages: False,
+    ) -> tuple[list[Message], list[Topic]]:
+        """All messages within `seconds` [s], in the order of arrival, and the topics with their publishers.
+
+        It ends earlier once `is_enough` returns True, which is called with the time [s] since the beginning and the
+        messages that have come since the last call.
+        """
         messages = list[Message]()
-        end = time.monotonic() + seconds
+        begin = time.monotonic()
+        end = begin + seconds
         while (left := end - time.monotonic()) > 0.0:
             time.sleep(min(left, _PERIOD))  # the middleware's own threads receive meanwhile
-            for role, subscription in subscriptions.items():
-                messages += _received(role, kinds[role], subscription)
-        messages.sort(key=lambda message: (message.received, _ORDER.index(message.role)))
-        return messages, [self._topic(role, name) for role, name in wanted.items()]
+            new = [
+                message
+                for role, subscription in self._subscriptions.items()
+                for message in _received(role, self._kinds[role], subscription)
+            ]
+            new.sort(key=_arrival)
+            messages += new
+            if is_enough(time.monotonic() - begin, new):
+                break
+        messages.sort(key=_arrival)
+        return messages, [self._topic(role, name) for role, name in self._topics.items()]
 
-    def _subscribe(self, role: Role, kind: str, topic: str) -> Subscription:
-        """A subscription with the node's QoS and a longer queue. No executor spins; `waiting` reads the queue."""
+    def _subscribe(self, role: Role, kind: str, topic: str) -> None:
+        """Subscribe with the node's QoS and a longer queue. No executor spins; `waiting` reads the queue."""
         qos = copy(INPUTS[role])
         if role != "surface":
             qos.depth = _DEPTH
-        return self._node.create_subscription(
+        self._kinds[role] = kind
+        self._subscriptions[role] = self._node.create_subscription(
             message_class(kind), topic, lambda _: None, qos, raw=True
         )
 
@@ -166,6 +185,11 @@ class Listener:
         # the names that the classes have, since tests put another message in place of that of tf2_msgs
         types = [type_name(message_class(kind)) for kind in TYPES[role]]
         return Topic(role, name, tuple(types), tuple(publishers))
+
+
+def _arrival(message: Message) -> tuple[int, int]:
+    """Sorts messages by their arrival."""
+    return message.received, _ORDER.index(message.role)
 
 
 def _received(role: Role, kind: str, subscription: Subscription) -> Iterator[Message]:

@@ -1,6 +1,7 @@
 """`rft doctor` beside a running node: a right cell is green, with topics and with TF; faults that only exist live."""
 
 import os
+import re
 import subprocess
 import sys
 import threading
@@ -30,7 +31,16 @@ _FINE = 5_000.0  # [Hz], of the states: each message carries the state at its ow
 
 
 def examined(rft: Harness, tmp_path: Path, send, parameters) -> list[str]:
-    """What the doctor says of a node, while `send(state, load, time)` is called at 100 Hz; but for the compilation."""
+    """What the doctor says of a node, while `send(state, load, time)` is called at 100 Hz."""
+    remap = (
+        f"--remap=~/pose:={rft.name}/pose"  # what it is anyway: rcl must not take it for its own
+    )
+    lines, _, _ = listening(rft, tmp_path, send, parameters, "--node", rft.name, remap)
+    return lines
+
+
+def listening(rft, tmp_path, send, parameters, *options) -> tuple[list[str], list[str], int]:
+    """The doctor's lines on stdout and on stderr, and its exit status, while `send(state, load, time)` is called."""
     states = motion(_FINE / _HASTE)
     states[:, VELOCITY] *= _HASTE
     sent = list(zip(states.tolist(), loads(states).tolist(), strict=True))
@@ -42,14 +52,8 @@ def examined(rft: Harness, tmp_path: Path, send, parameters) -> list[str]:
         "rft_ros.cli",
         "doctor",
         str(file),
-        "--node",
-        rft.name,
-        "--seconds",
-        "4",
+        *options,
     ]
-    command += [
-        f"--remap=~/pose:={rft.name}/pose"
-    ]  # what it is anyway: rcl must not take it for its own
     environment = {
         **os.environ,
         "PYTHONPATH": os.pathsep.join(sys.path),
@@ -68,7 +72,7 @@ def examined(rft: Harness, tmp_path: Path, send, parameters) -> list[str]:
         doctor.kill()
     assert "deprecat" not in errors.lower()
     assert said, errors
-    return [line for line in said.splitlines() if "compiled" not in line]
+    return said.splitlines(), errors.splitlines(), doctor.returncode
 
 
 def faults(lines):
@@ -105,6 +109,49 @@ def test_a_right_cell_needs_nothing(start_node, tmp_path, sources):
     assert faults(lines) == []
     assert lines[0].startswith(f"OK  node: {rft.name} runs with the parameters of ")
     assert "no section of" not in rft.said()
+
+
+def test_it_says_what_to_do_listens_until_it_has_seen_a_trial_and_needs_no_node(
+    start_node, tmp_path
+):
+    rft = start_node("-p", "mesh.file:=plate")
+    rft.get("mesh.file")
+
+    def send(state, load, now):
+        rft.wrench.publish(cdr("wrench", now, load))
+        rft.twist.publish(cdr("twist", now, state[TWIST]))
+        rft.pose.publish(cdr("pose", now, state[POSE]))
+
+    topics = {"pose": "pose", "twist": "twist", "wrench_measured": "wrench_measured"}
+    remaps = [f"--remap=~/{name}:={rft.name}/{topic}" for name, topic in topics.items()]
+    lines, said, status = listening(
+        rft, tmp_path, send, PARAMETERS, *remaps, "--seconds", f"{WAIT:g}"
+    )
+    assert any(line.startswith("NOTE node: no node /rft was found") for line in lines)
+    assert faults(lines) == []
+    assert status == 0
+    task = (
+        "hold the tool still in the air, push it down into the grains, drag it along x and along y"
+    )
+    assert any(f"listening for at most {WAIT:g} s: {task}" in line for line in said)
+    assert re.match(r"after \d+ s: still to see: nothing", said[-1])
+
+
+def test_it_stops_early_where_no_load_cell_answers_and_says_what_it_has_not_seen(
+    start_node, tmp_path
+):
+    rft = start_node("-p", "mesh.file:=plate")
+    rft.get("mesh.file")
+
+    def send(state, _, now):
+        rft.twist.publish(cdr("twist", now, state[TWIST]))
+        rft.pose.publish(cdr("pose", now, (*state[POSITION][:2], 0.5, *state[QUATERNION])))
+
+    lines, _, _ = listening(
+        rft, tmp_path, send, PARAMETERS, "--node", rft.name, "--seconds", f"{WAIT:g}"
+    )
+    assert any(line.startswith("FIX wrench: nothing on") for line in lines)
+    assert any("NOTE motion: not seen" in line and "press" in line for line in lines)
 
 
 @pytest.mark.parametrize(("option", "name"), [("--node", "a b"), ("--remap", "~/pose:=/a b")])
@@ -178,14 +225,17 @@ def test_a_message_arrives_when_the_middleware_receives_it_not_when_it_is_read(s
     try:
         thread.start()
         with mock.patch.object(listen, "_PERIOD", stop):
-            messages, _ = listener.listen({"pose": topic}, seconds=1.2)
+            listener.subscribe({"pose": topic})
+            messages, _ = listener.listen(1.2)
     finally:
         ended.set()
         thread.join()
         arm.destroy_node()
         listener._node.destroy_node()
     arrived = [
-        (sample.stamp, received) for sample, received in _samples(messages) if sample.stamp in sent
+        (sample.stamp, received)
+        for sample, received in _samples(messages, {})
+        if sample.stamp in sent
     ]
     assert arrived
     assert all(stamp <= received <= sent[stamp] for stamp, received in arrived)

@@ -1,0 +1,78 @@
+"""Which parts of a trial a listening doctor has seen: the tool in the air, pressed down, and dragged along x and y."""
+
+from rft_ros.doctor.checkup import Cell
+from rft_ros.estimator import Estimate, Estimator, PoseSample, Sample
+from rft_ros.parameters import settings_of
+from rft_ros.rft.frames import Placement
+from rft_ros.rft.motion_kinds import kind_of_motion
+
+_RATE_HZ = 10.0  # of the poses that are looked at, so that listening takes little CPU time
+_STEP_M = 0.001  # over which a kind of motion is judged: noise of poses is far smaller
+_MIN_PATH_M = 0.01  # of each motion in the grains: after it the force follows the new direction
+_MIN_AIR_S = 1.0
+_LONGEST_STEP_S = (
+    0.5  # between two poses in the air; over a longer gap the tool may have been anywhere
+)
+_MAX_WAIT_S = 5.0  # without poses or readings that can be used there is nothing to wait for
+
+_AIR = "air"
+_PRESS = "press"
+_DRAGS = {"x": "drag along x", "y": "drag along y"}
+
+
+class SeenMotion:
+    """Follows the samples of a cell as they arrive."""
+
+    def __init__(self, cell: Cell) -> None:
+        values = {**cell.values, "learning.mode": "off", "max_rate": _RATE_HZ}
+        self._estimator = Estimator(settings_of(values), cell.model)
+        self._middle = Placement(cell.model.tool.middle)
+        self._radius = 0.5 * cell.model.tool.size
+        self._air_s = 0.0
+        self._air_stamp: int | None = None  # of the last pose [ns], if it was in the air
+        self._paths = dict.fromkeys((_PRESS, *_DRAGS.values()), 0.0)
+        self._place: Placement | None = (
+            None  # of the tool's middle where the path was measured last; None in the air
+        )
+
+    def add(self, sample: Sample) -> None:
+        """Add the next sample that arrived."""
+        for pose, answer in self._estimator.answers(sample):
+            if isinstance(answer, Estimate):
+                self._follow(pose, in_air=answer.submerged_area == 0.0)
+
+    def _follow(self, pose: PoseSample, *, in_air: bool) -> None:
+        if in_air:
+            if self._air_stamp is not None:
+                seconds = 1e-9 * (pose.stamp - self._air_stamp)
+                self._air_s += seconds if 0.0 < seconds < _LONGEST_STEP_S else 0.0
+            self._air_stamp = pose.stamp
+            self._place = None
+            return
+        self._air_stamp = None
+        place = pose.place.of(self._middle)
+        if self._place is None:
+            self._place = place
+            return
+        path, turn = place.apart(self._place)
+        if path < _STEP_M:
+            return
+        a, b, c = self._place.position
+        x, y, z = place.position
+        kind = kind_of_motion(x - a, y - b, z - c, self._radius * turn)
+        self._place = place
+        if kind == "drag":
+            kind = _DRAGS["x" if abs(x - a) >= abs(y - b) else "y"]
+        if kind in self._paths:
+            self._paths[kind] += path
+
+    @property
+    def missing(self) -> list[str]:
+        """The parts of a trial that were not seen yet."""
+        of_paths = [kind for kind, path in self._paths.items() if path < _MIN_PATH_M]
+        return of_paths if self._air_s >= _MIN_AIR_S else [_AIR, *of_paths]
+
+    def is_enough(self, seconds: float) -> bool:
+        """Whether to stop after listening for `seconds` [s]: all was seen, or nothing that can be used comes."""
+        is_blind = not (self._estimator.estimates and self._estimator.run.readings)
+        return not self.missing or (is_blind and seconds >= _MAX_WAIT_S)
