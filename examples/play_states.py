@@ -36,6 +36,8 @@ predictions = []
 
 def show(prediction):
     """Print the force of a WrenchStamped."""
+    if not predictions:
+        print(f"force in the axes of {prediction.header.frame_id}:", file=sys.stderr, flush=True)
     force = prediction.wrench.force
     print(f"{force.x:.2f} {force.y:.2f} {force.z:.2f} N", flush=True)
     predictions.append(prediction)

@@ -52,29 +52,31 @@ _ERRORS = (
 
 
 def describe_hollow(tool: Tool) -> list[str]:
-    """Lines of text: for a press and two drags, the forces on facets and hull, and which one to use.
+    """Lines of text: for two presses and two drags, the forces on facets and hull, and which one to use.
 
-    A wide hollow has another line: the errors of both.
+    A press goes along -z of the tool frame, or along +z for one that hangs from an arm's flange. A wide hollow has
+    another line: the errors of both.
     """
     surface = convex_hull(tool.corners)
     hull = tool_of_mesh(
         surface, name=tool.name, frame=tool.frame, integration=tool.facets.integration
     )
-    press, drag, errors = _supported(tool, hull)
+    advice = _supported(tool, hull)
     lines = [
         "force on the tool, buried to its top, on its facets and on its convex hull (zeta 1, no memory):"
     ]
-    for motion, direction, advice in (
-        ("press along -z", (0.0, 0.0, -1.0), press),
-        ("drag along x", (1.0, 0.0, 0.0), drag),
-        ("drag along y", (0.0, 1.0, 0.0), drag),
+    hangs = tool.bounds[0, 2] >= 0.0  # all of it on the side to which z of a flange points
+    for motion, direction, is_turned, known in (
+        ("press along -z", (0.0, 0.0, -1.0), False, advice.press),
+        ("press along +z", (0.0, 0.0, -1.0), True, advice.turned_press),
+        ("drag along x", (1.0, 0.0, 0.0), hangs, advice.drag),
+        ("drag along y", (0.0, 1.0, 0.0), hangs, advice.drag),
     ):
-        on_facets = _resistance(tool, direction)
-        on_hull = _resistance(hull, direction)
-        if errors:
-            advice = _nearer(on_facets, on_hull)
-        lines.append(f"{motion}: {on_facets:.3g} and {on_hull:.3g} N; {advice}")
-    return [*lines, errors] if errors else lines
+        on_facets = _resistance(tool, direction, is_turned=is_turned)
+        on_hull = _resistance(hull, direction, is_turned=is_turned)
+        use = known or _nearer(on_facets, on_hull)
+        lines.append(f"{motion}: {on_facets:.3g} and {on_hull:.3g} N; {use}")
+    return [*lines, advice.errors] if advice.errors else lines
 
 
 def _nearer(on_facets: float, on_hull: float) -> str:
@@ -89,11 +91,18 @@ def _nearer(on_facets: float, on_hull: float) -> str:
     return _HULL_IS_NEARER if on_facets > on_hull else _FACETS_ARE_NEARER
 
 
-def _resistance(tool: Tool, direction: tuple[float, float, float]) -> float:
-    """Force against a motion of the tool, in the axes of its frame, whose top is at the surface [N]."""
+def _resistance(
+    tool: Tool, direction: tuple[float, float, float], *, is_turned: bool = False
+) -> float:
+    """Force against a motion along a direction of the world [N], of a tool whose top is at the surface.
+
+    `is_turned`: z of the tool frame points down, in place of up.
+    """
     velocity = _SPEED * np.array(direction)
-    top = tool.corners[:, 2].max()
-    state = checked_states([0.0, 0.0, -top, 0.0, 0.0, 0.0, 1.0, *velocity, 0.0, 0.0, 0.0])
+    attitude = (1.0, 0.0, 0.0, 0.0) if is_turned else (0.0, 0.0, 0.0, 1.0)
+    low, high = tool.bounds[:, 2]
+    top = -low if is_turned else high
+    state = checked_states([0.0, 0.0, -top, *attitude, *velocity, 0.0, 0.0, 0.0])
     medium = MEDIA["generic"]
     law = treers2021(medium, alpha_y_model("linear", medium))
     force = wrenches(tool.facets, law, state)[0, FORCE]
@@ -101,31 +110,35 @@ def _resistance(tool: Tool, direction: tuple[float, float, float]) -> float:
 
 
 class _Advice(NamedTuple):
-    """What to use for a press and for a drag; or `errors`, the sentence on a hollow that grains fill only in part."""
+    """What to use for a press along -z, for one along +z, and for a drag; "" if the forces decide.
+
+    `errors`: then the sentence on a hollow that grains fill only in part.
+    """
 
     press: str
+    turned_press: str
     drag: str
     errors: str = ""
 
 
 def _supported(tool: Tool, hull: Tool) -> _Advice:
-    """What simulated grains support for a press and for a drag: facets, hull, or the nearer one."""
+    """What simulated grains support for each motion: facets, hull, or the nearer one."""
     if {"not_closed", "inconsistent_winding", "inside_out"} & tool.issues.keys():
-        return _Advice(_NOT_KNOWN, _NOT_KNOWN)
+        return _Advice(_NOT_KNOWN, _NOT_KNOWN, _NOT_KNOWN)
     walls = _walls_of_hollows(tool, hull)
     if not walls.size:
-        return _Advice(_FILLED, _FILLED)
+        return _Advice(_FILLED, _FILLED, _FILLED)
     is_open = np.isinf(walls)
     if np.median(is_open.sum(axis=(0, 1))) <= 1.0:
-        is_mouth_down = is_open[2, 0].mean() > 0.5
-        return _Advice(_FILLS if is_mouth_down else _HULL, _HULL)
+        down, up = is_open[2].mean(axis=1) > 0.5
+        return _Advice(_FILLS if down else _HULL, _FILLS if up else _HULL, _HULL)
     gap = np.median(walls.sum(axis=1).min(axis=0))
     narrow = _NARROW * tool.width
     if gap <= narrow:
-        return _Advice(_HULL_OF_DRAGS, _HULL)
+        return _Advice(_HULL_OF_DRAGS, _HULL_OF_DRAGS, _HULL)
     width = f"{1e3 * gap:.3g} mm wide" if np.isfinite(gap) else "open"
     errors = f"neither is right: the hollow is {width}, and grains fill it up to {1e3 * narrow:.3g} mm only; {_ERRORS}"
-    return _Advice("", "", errors)
+    return _Advice("", "", "", errors)
 
 
 def _walls_of_hollows(tool: Tool, hull: Tool) -> Array:

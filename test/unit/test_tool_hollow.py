@@ -60,11 +60,26 @@ def test_both_forces_are_told_with_the_one_that_simulated_grains_support(mesh, p
         assert " N; " in lines[motion]
 
 
+def test_a_tool_that_hangs_from_a_flange_is_pressed_along_its_z_and_its_mouth_counts_there():
+    hanging = cup().apply_transform(TURNED).apply_translation((0.0, 0.0, 0.1))
+    lines = describe_hollow(tool_of_mesh(hanging, name="hanging"))
+    below = cup().apply_translation((0.0, 0.0, -0.025))
+    as_made = describe_hollow(tool_of_mesh(below, name="cup"))
+    (pressed,) = (line.partition(": ")[2] for line in lines if line.startswith("press along +z"))
+    (expected,) = (
+        line.partition(": ")[2] for line in as_made if line.startswith("press along -z")
+    )
+    assert pressed == expected
+    assert FACETS in pressed
+    # dragged with the flange up, too
+    assert lines[3].partition(" and ")[0] == as_made[3].partition(" and ")[0]
+
+
 def test_of_an_open_scoop_each_motion_has_one_advice_and_the_errors_stand_once():
     lines = describe_hollow(load_tool("scoop"))
     motions = [line for line in lines if " N; " in line]
-    assert ["use either" in line for line in motions] == [True, False, False]
-    assert ["use the hull" in line for line in motions] == [False, True, True]
+    assert ["use either" in line for line in motions] == [True, False, False, False]
+    assert ["use the hull" in line for line in motions] == [False, False, True, True]
     assert_says(lines[-1], "5 to 54 %", "23 %", "13 %", "33 %", "51 %")
     assert not [
         line for line in [*lines, *describe_tool(load_tool("scoop"))] if "check-mesh" in line
