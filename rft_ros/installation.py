@@ -30,6 +30,14 @@ def program() -> str:
     )
 
 
+def start_of_node(params: Path) -> str:
+    """The command line that starts the node with a parameter file here: by ``ros2 launch``, if there is ``ros2``."""
+    file = shlex.quote(str(params))
+    if shutil.which("ros2"):
+        return f"ros2 launch rft_ros rft.launch.py params_file:={file}"
+    return f"rft_node --ros-args --params-file {file}"
+
+
 def release() -> str:
     """The version of this package, or "not installed"."""
     try:

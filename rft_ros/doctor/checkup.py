@@ -353,7 +353,20 @@ class Checkup:
                 yield Finding(name="frames", said=sentence)
         frames = self._estimator.transforms.frames()
         if frames:
-            yield Finding(name="frames", ok=True, said=", ".join(frames))
+            said = ", ".join(frames)
+            yield Finding(name="frames", ok=True, said=f"{said}{self._place_of_sensor()}")
+
+    def _place_of_sensor(self) -> str:
+        """The sensor's place by the transforms, as parameters, for a node that reads no transforms; "" if not known."""
+        s = self._estimator.settings
+        place = self._estimator.transforms.fixed(s.tool_frame, s.sensor_frame)
+        if s.sensor_source != "tf" or place is None:
+            return ""
+        # a micrometre and a microradian
+        position, quaternion = (
+            "[" + ", ".join(f"{number:.6f}" for number in numbers) + "]" for numbers in place
+        )
+        return f"; that is sensor.position: {position} and sensor.quaternion: {quaternion}"
 
     def _proposed_frames(self) -> Finding | None:
         """The names of the load cell's and the tool's frame by what the messages and the transforms say.

@@ -13,6 +13,7 @@ from rft_ros.doctor.checkup import Cell, Checkup, delayed
 from rft_ros.doctor.seen_motion import SeenMotion
 from rft_ros.estimator import Sample, Stamped
 from rft_ros.files import resolved
+from rft_ros.installation import start_of_node
 from rft_ros.messages import UNREADABLE, Role, decoder
 from rft_ros.node.listen import Message, Topic, listener
 from rft_ros.parameters import FILES, Value, Values
@@ -52,7 +53,7 @@ def examine_running(
         said = f"{node} is there and does not answer"
         of_node = Finding(name="node", said=said, advice="this machine is too busy, or it hangs")
     else:
-        advice = "start it with ros2 launch rft_ros rft.launch.py, or give --node"
+        advice = f"start it with {start_of_node(cell.file)}, or give --node"
         said = f"no node {node} was found"
         of_node = Finding(
             name="node", ok=not needs_node, is_note=not needs_node, said=said, advice=advice

@@ -1,6 +1,7 @@
 """`rft doctor` names what is wrong with a recorded cell, says what to do, and finds nothing wrong with a good one."""
 
 import re
+import shutil
 from itertools import pairwise
 from pathlib import Path
 
@@ -17,6 +18,7 @@ from rft_ros.bags.reading import opened_recording
 from rft_ros.cli import main
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import TransformSample, TwistSample, WrenchSample
+from rft_ros.installation import start_of_node
 from rft_ros.parameters import defaults
 from rft_ros.rft import QUATERNION
 from rft_ros.rft.frames import Placement
@@ -235,6 +237,24 @@ def test_a_wrong_fixed_transform_of_the_sensor_is_named_and_not_a_parameter_that
             MOUNT.quaternion
         )
         assert off.magnitude() < 1e-3
+
+
+def test_the_sensors_place_by_the_transforms_is_given_as_parameters(examined):
+    """For a node that reads no transforms, such as with the wheels of PyPI, which have no tf2_msgs."""
+    (line,) = [line for line in examined(TF) if line.startswith("OK  frames")]
+    lists = [[float(n) for n in found.split(", ")] for found in re.findall(r"\[(.*?)\]", line)]
+    assert lists[0] == pytest.approx(MOUNT.position, abs=1e-6)
+    assert lists[1] == pytest.approx(MOUNT.quaternion, abs=1e-6)
+    assert "sensor.position: [" in line and "sensor.quaternion: [" in line
+
+
+@pytest.mark.parametrize(
+    ("found", "words"), [("/opt/ros2", "ros2 launch"), (None, "rft_node --ros-args")]
+)
+def test_the_start_of_the_node_that_is_proposed_can_be_typed_here(monkeypatch, found, words):
+    monkeypatch.setattr(shutil, "which", lambda _: found)
+    assert start_of_node(Path("my cell.yaml")).startswith(words)
+    assert "'my cell.yaml'" in start_of_node(Path("my cell.yaml"))
 
 
 def test_frames_that_the_transforms_name_are_proposed_and_with_them_the_cell_is_right(

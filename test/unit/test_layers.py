@@ -33,7 +33,7 @@ ALLOWED = {
     "node": "messages bags estimator parameters ground tool rft report files installation child_process progress"
     " errors",
     "diagnosis": "estimator parameters tool rft",
-    "doctor": "diagnosis node bags messages estimator parameters ground tool rft files progress errors",
+    "doctor": "diagnosis node bags messages estimator parameters ground tool rft files installation progress errors",
     "demo": "node bags estimator parameters simulation sweeps tool rft files errors",
     "commands": "doctor diagnosis demo bags estimator parameters tool rft report errors states_file calibration sweeps"
     " progress installation files",
