@@ -6,7 +6,7 @@ warnings.
 """
 
 from dataclasses import replace
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import NamedTuple
 
 import numpy as np
@@ -16,7 +16,7 @@ from rft_ros.calibration.track import Track
 from rft_ros.diagnosis import REPEATED, Evidence, Finding, judge, repeats, wrenches_at_cell
 from rft_ros.errors import InputError
 from rft_ros.parameters import Settings
-from rft_ros.rft import POSE, POSITION, Law
+from rft_ros.rft import FORCE, POSE, POSITION, Law
 
 Array = NDArray[np.float64]
 
@@ -26,7 +26,6 @@ _REFUSED = {
     "turn",
     "angle",
     "sign or quaternion",
-    "saturation",
     "left-handed axes",
     "quaternions",
     "world frame",
@@ -35,6 +34,11 @@ _REFUSED = {
 _OTHER_CELL = {"sensor.sign", "sensor.frame_source", "mesh.quaternion"}
 # a finding that only these mend is none
 _FITTED = {"surface_height", "sensor.bias", "sensor.delay", "medium.zeta"}
+MIN_AT_LIMIT = 20
+"""Readings at the greatest value from which on they may be cut off."""
+MIN_NOISES_BELOW_LIMIT = 4.0
+"""How near to it other readings would lie, by the noise, if they were not."""
+
 _LARGEST = 1e6  # reading [N], [N m] that the fits can square, and limit of sensor.bias
 _FROZEN = 0.5  # share of the path; a load cell that repeats one reading over more is stuck
 
@@ -59,6 +63,28 @@ def refuse_implausible(track: Track) -> None:
             "check that its driver runs and that ~/wrench_measured is its topic, then record again"
         )
         raise InputError(f"{track.name}: the load cell {wrong} {where}; {advice}")
+
+
+def cut_off(track: Track) -> list[str]:
+    """Sentences on components of the force that stop at a limit of the load cell or its driver.
+
+    There they have no noise: the greatest reading repeats more often than others come near it.
+    """
+    found = []
+    for axis, side in product(range(FORCE.stop), (1.0, -1.0)):
+        readings = side * track.readings[:, axis]
+        limit = readings.max()
+        at_limit = int((readings == limit).sum())
+        noise = 1.48 * np.median(np.abs(np.diff(readings[readings < limit], 2))) / 6.0**0.5
+        near = int((readings >= limit - MIN_NOISES_BELOW_LIMIT * noise).sum()) - at_limit
+        if noise > 0.0 and at_limit >= MIN_AT_LIMIT and at_limit > near:
+            stops = (
+                f"the force along {'xyz'[axis]} stops at {side * limit:.4g} N, {at_limit} times"
+            )
+            found.append(
+                f"{track.name}: saturation: {stops}; set a larger range in the load cell or its driver, or press less"
+            )
+    return found
 
 
 def without_repeats(track: Track) -> Track:
@@ -107,7 +133,7 @@ def doubts(sent: Track, track: Track, settings: Settings, law: Law, *, surface: 
         pose_time=sent.time,
         poses=sent.states[:, POSE],
     )
-    found = Doubts(refusals=[], warnings=[])
+    found = Doubts(refusals=cut_off(sent), warnings=[])
     for finding in judge(evidence):
         sentence = f"{track.name}: {finding.text}"
         if finding.ok:

@@ -436,6 +436,16 @@ def test_a_load_cell_that_is_clipped_is_refused():
     refused_for("saturation:", calibrate([track], values))
 
 
+def test_a_force_that_stays_alike_in_a_drag_is_not_cut_off():
+    """Its plateau has the noise of the load cell."""
+    path = in_the_air()
+    for _ in range(2):
+        path.move((0.0, 0.0, -0.08), 0.01).wait(1.0).move((0.05, 0.0, 0.0), 0.01)
+        path.wait(1.0).move((0.0, 0.0, 0.08), 0.02)
+    result = calibrated(path, length=0.003, noise=(0.02, 0.0004), parts=("zeta",))
+    assert not result.refusals
+
+
 def test_a_load_cell_that_is_turned_by_any_angle_is_refused():
     """At 60° its ζ was written with a warning and exit status 0."""
     turn = Rotation.from_rotvec(np.radians(60.0) * np.array((0.6, 0.8, 0.0)))
