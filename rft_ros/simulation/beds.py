@@ -6,19 +6,17 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft import Law, Plates
+from rft_ros.rft import Law, Plates, body_memory
 from rft_ros.rft.arguments import number
-from rft_ros.rft.displacement import DISPLACEMENT, between
+from rft_ros.rft.body_memory import BodyMemories, Surface, empty_memories, memory_of
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel.compilation import compiled, inlined
-from rft_ros.rft.kernel.loops import sums
-from rft_ros.rft.memory import BLOCK_STATE, STIFFNESS, Past
 from rft_ros.rft.plates import BOUNDS
 from rft_ros.rft.traction import packed_law
 
 Array = NDArray[np.float64]
 
-BODY = np.dtype(
+SHAPE = np.dtype(
     [
         ("rows", int),  # where its part of `Beds.rows` begins
         ("rows_end", int),
@@ -26,36 +24,41 @@ BODY = np.dtype(
         ("blocks", int),  # of its plates
         ("is_refined", int),
         ("reach", float),  # of its plates [m]
+    ]
+)
+"""Where the plates of a body are, which never changes."""
+
+MOTION = np.dtype(
+    [
         ("height", float),  # of its surface at x = y = 0 [m]
         ("slope_x", float),
         ("slope_y", float),
-        ("state", float, 13),  # the last one
-        ("explicit", float, 6),  # wrench of the grains there
+        ("explicit", float, 6),  # wrench of the grains at the last state
         ("wrench", float, 6),  # held over the step that begins there
         ("duration", float),  # of this step [s]
         ("is_near", int),  # whether it may reach the surface in this step
         ("energy", float),  # that the grains have taken [J]
     ]
 )
-"""A body: its shape, its surface, and its motion."""
+"""The surface below a body, and the step that begins at its last state."""
 
 
 class Beds(NamedTuple):
     """What the compiled step takes of the grains around n bodies.
 
-    `bodies`: records of `BODY`, shape [n]. `rows`, `bounds`: of `Plates`, one tool after the other. `numbers`, `table`:
-    the laws' `PackedLaw`; record i of `numbers` is of body i. `length`: the mobilization length [m]. `memory`: of
-    `Memory.blocks`, row i of body i, and `stiffness`.
+    `shapes`, `motions`: records of `SHAPE` and `MOTION`, shape [n]. `rows`, `bounds`: of `Plates`, one tool after the
+    other. `laws`, `table`: the laws' `PackedLaw`; record i of `laws` is of body i. `length`: the mobilization length
+    [m].
     """
 
-    bodies: NDArray[np.void]
+    shapes: NDArray[np.void]
+    motions: NDArray[np.void]
     rows: Array
     bounds: Array
-    numbers: NDArray[np.void]
+    laws: NDArray[np.void]
     table: Array
     length: float
-    memory: NDArray[np.void]
-    stiffness: NDArray[np.void]
+    memories: BodyMemories
 
 
 def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
@@ -65,77 +68,67 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
     """
     packed = packed_law(law)
     length = number("mobilization_length of the law", law.mobilization_length, positive=True)
-    places = {shape: place for place, shape in enumerate(dict.fromkeys(plates))}
-    shapes = np.zeros(len(places), BODY)
-    shapes["rows_end"] = np.cumsum([shape.blocks.size for shape in places])
+    places = {form: place for place, form in enumerate(dict.fromkeys(plates))}
+    shapes = np.zeros(len(places), SHAPE)
+    shapes["rows_end"] = np.cumsum([form.blocks.size for form in places])
     shapes["rows"][1:] = shapes["rows_end"][:-1]
-    shapes["blocks"] = [shape.bounds.shape[1] for shape in places]
+    shapes["blocks"] = [form.bounds.shape[1] for form in places]
     shapes["bounds"][1:] = BOUNDS * np.cumsum(shapes["blocks"])[:-1]
-    shapes["is_refined"] = [shape.integration == "refined" for shape in places]
-    shapes["reach"] = [shape.reach for shape in places]
-    numbers = np.repeat(packed.numbers, len(plates))
+    shapes["is_refined"] = [form.integration == "refined" for form in places]
+    shapes["reach"] = [form.reach for form in places]
+    laws = np.repeat(packed.numbers, len(plates))
     beds = Beds(
-        bodies=shapes[[places[shape] for shape in plates]],
-        rows=np.concatenate([shape.blocks for shape in places]),
-        bounds=np.concatenate([shape.bounds.ravel() for shape in places]),
-        numbers=numbers.view(),
+        shapes=shapes[[places[form] for form in plates]],
+        motions=np.zeros(len(plates), MOTION),
+        rows=np.concatenate([form.blocks for form in places]),
+        bounds=np.concatenate([form.bounds.ravel() for form in places]),
+        laws=laws.view(),
         table=packed.table,
         length=length,
-        memory=np.zeros((len(plates), shapes["blocks"].max()), BLOCK_STATE),
-        stiffness=np.zeros(len(plates), STIFFNESS),
+        memories=empty_memories(len(plates), most_blocks=shapes["blocks"].max()),
     )
-    for array in (beds.rows, beds.bounds, beds.numbers):
+    for array in (beds.rows, beds.bounds, beds.laws):
         array.flags.writeable = False  # a part of the types that the kernel is compiled for
     return beds
 
 
-def laws_of(beds: Beds) -> NDArray[np.void]:
-    """The numbers of the bodies' laws, to be changed."""
-    assert beds.numbers.base is not None
-    return beds.numbers.base
+def set_law(beds: Beds, body: int, law: Law) -> None:
+    """Give the grains around a body other numbers of the same law."""
+    laws = beds.laws.base
+    assert laws is not None
+    laws[body] = packed_law(law).numbers[0]
 
 
 @inlined
-def evaluate(beds, b, memory, stiffness, states, out):
-    """Write the wrench of body b, shape [1, 6], at its next state, shape [1, 13].
+def evaluate(beds, b, memory, state, out):
+    """Move body b to a state, shape [13], with its `memory` or a copy, and write its wrench, shape [1, 6].
 
-    `memory`: its row of `Beds.memory` or a copy, shape [blocks]; it takes the step. `stiffness`: takes the sums,
-    shape [1]. `out` of shape [plates, 3] takes the forces of the plates, in the kernel's order.
+    `out` of shape [plates, 3] takes the forces of the plates, in the kernel's order.
     """
-    body = beds.bodies[b]
-    moved = np.empty((1, DISPLACEMENT))
-    between(body.state, states[0], moved[0])
-    bounds = beds.bounds[body.bounds : body.bounds + BOUNDS * body.blocks]
+    shape = beds.shapes[b]
+    motion = beds.motions[b]
+    bounds = beds.bounds[shape.bounds : shape.bounds + BOUNDS * shape.blocks]
     form = (
-        beds.rows[body.rows : body.rows_end],
-        bounds.reshape(BOUNDS, body.blocks),
-        body.is_refined == 1,
-        body.reach,
+        beds.rows[shape.rows : shape.rows_end],
+        bounds.reshape(BOUNDS, shape.blocks),
+        shape.is_refined == 1,
+        shape.reach,
     )
-    law = PackedLaw(beds.numbers[b : b + 1], beds.table)
-    past = Past(True, memory, stiffness, moved)
-    sums(form, law, body.height, (body.slope_x, body.slope_y), states, past, out)
+    law = PackedLaw(beds.laws[b : b + 1], beds.table)
+    surface = Surface(motion.height, (motion.slope_x, motion.slope_y))
+    body_memory.evaluate(form, law, surface, memory, state, out)
 
 
 @compiled
-def forces_on_plates(beds, b, forces):
+def add_forces_on_plates(beds, b, forces):
     """Add to the force on each plate of a body at its last state, shape [plates, 3], kernel's order."""
-    memory = beds.memory[b].copy()
-    state = beds.bodies[b].state.copy().reshape(1, 13)
-    evaluate(beds, b, memory, np.empty(1, STIFFNESS), state, forces)
+    memory = body_memory.copy(memory_of(beds.memories, b))
+    evaluate(beds, b, memory, memory.last.copy(), forces)
 
 
-@inlined
-def stiffness_matrix(s, b):
-    """Write the stiffness B, shape [6, 6] [N/m, N, N m]. A displacement d adds -B d. `s`: a record of `STIFFNESS`."""
-    rows = (
-        (s.k, 0.0, 0.0, 0.0, s.z, -s.y),
-        (0.0, s.k, 0.0, -s.z, 0.0, s.x),
-        (0.0, 0.0, s.k, s.y, -s.x, 0.0),
-        (0.0, -s.z, s.y, s.yy + s.zz, -s.xy, -s.xz),
-        (s.z, 0.0, -s.x, -s.xy, s.xx + s.zz, -s.yz),
-        (-s.y, s.x, 0.0, -s.xz, -s.yz, s.xx + s.yy),
-    )
-    for i in range(6):
-        for j in range(6):
-            b[i, j] = rows[i][j]
+def stiffness_matrices(beds: Beds) -> Array:
+    """The stiffness B of each body at its last state, shape [n, 6, 6]."""
+    matrices = np.empty((len(beds.motions), 6, 6))
+    for b, matrix in enumerate(matrices):
+        body_memory.stiffness(memory_of(beds.memories, b), matrix)
+    return matrices

@@ -5,6 +5,7 @@ from collections.abc import Callable, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 from functools import cached_property, partial
+from hashlib import sha256
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -17,7 +18,12 @@ from rft_ros.rft.frames import rotation_matrix, unit_quaternion
 from rft_ros.rft.kernel.compilation import machine_code
 from rft_ros.rft.plates import BLOCK
 from rft_ros.rft.traction import packed_law
-from rft_ros.simulation.beds import forces_on_plates, laws_of, make_beds, stiffness_matrix
+from rft_ros.simulation.beds import (
+    add_forces_on_plates,
+    make_beds,
+    set_law,
+    stiffness_matrices,
+)
 from rft_ros.simulation.step import begin_step, find_indefinite, hold_each
 from rft_ros.tool import Tool
 
@@ -26,8 +32,11 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_LONGEST = 0.02  # m; a body that slides or falls further in one step stops too soon
-_FARTHEST = 1e6  # m or rad; the wrenches of a longer step would overflow
+MAX_PATH_M = 0.02
+"""A body that slides or falls further in grains in one step stops too soon."""
+
+MAX_DISPLACEMENT_M = 1e6
+"""The wrenches of a longer step would overflow."""
 
 GrainsState = dict[str, NDArray[Any]]
 """State of the grains around their bodies, arrays by name."""
@@ -92,20 +101,15 @@ class GrainsBatch(Copied):
                 f"ground is a {type(ground).__name__}; read one with rft_ros.ground.read_height_map"
             )
         self.beds = make_beds([one.plates for one in self.tools], law)
-        self._unused = self.beds.bodies.copy()
         self._law = law
+        self._strengths = np.ones(n)
         self._ground = None if ground is None else ground.filled()
         self._supports = {one: Support(one.corners) for one in set(self.tools)}
         self._surfaces = np.zeros(n, LAST_SURFACE)
-        self.remembered: GrainsState = {
-            "bodies": self.beds.bodies,
-            "memory": self.beds.memory,
-            "stiffness": self.beds.stiffness,
-            "surfaces": self._surfaces,
-            "laws": laws_of(self.beds),
+        self._fingerprints = {
+            "tools": np.array([_fingerprint(*one.plates.form) for one in self.tools]),
+            "law": np.array([_fingerprint(*packed_law(law))]),
         }
-        self.last = self.beds.bodies["wrench"]
-        """The wrenches of the last step, as it returned them, shape [n, 6]."""
         self.failures = 0
         """Number of steps of a body that did not converge, and of calls in which one moved over 20 mm in grains."""
         # Each thread takes the next part of the bodies when it has finished one.
@@ -140,7 +144,7 @@ class GrainsBatch(Copied):
         duration = number("dt", dt, positive=True)
         if inverse_inertia is None and free_acceleration is None:
             self.begin_step(given, duration)
-            self.last[:] = self.beds.bodies["explicit"]
+            self.beds.motions["wrench"] = self.beds.motions["explicit"]
             return self.wrench
         if inverse_inertia is None or free_acceleration is None:
             raise ValueError(
@@ -161,7 +165,7 @@ class GrainsBatch(Copied):
             lambda part: hold(self.beds, part.start, inverse[part], free[part], duration)
         )
         failed, paths = zip(*held, strict=True)
-        self.failed(sum(failed), dt=duration, path=max(paths))
+        self.count_failures(sum(failed), dt=duration, path=max(paths))
         return self.wrench
 
     @cached_property
@@ -169,11 +173,20 @@ class GrainsBatch(Copied):
         """Compiled for the first implicit step."""
         return machine_code(hold_each, (self.beds, 0, np.zeros((1, 6, 6)), np.zeros((1, 6)), 0.1))
 
-    def begin_step(self, states: Array, dt: float) -> None:
-        """Bring the bodies and their memory to checked states, at which a step of `dt` begins."""
+    def begin_step(self, states: Array, dt: float) -> NDArray[np.int64]:
+        """Bring the bodies and their memory to checked states, at which a step of `dt` begins.
+
+        Returns the indices of the bodies that may reach the grains in this step.
+        """
         if self._ground is not None:
             self._find_surfaces(states, self._ground)
         self._in_parts(lambda part: self._begin_step(self.beds, part.start, states[part], dt))
+        return np.flatnonzero(self.beds.motions["is_near"])
+
+    def hold(self, bodies: NDArray[np.int64], wrenches: Array) -> None:
+        """Hold these wrenches over the step that began, shape [len(bodies), 6], and none on the other bodies."""
+        self.beds.motions["wrench"] = 0.0
+        self.beds.motions["wrench"][bodies] = wrenches
 
     def _in_parts(self, work: Callable[[slice], Any]) -> list[Any]:
         """What `work` returns of each part of the bodies."""
@@ -188,20 +201,20 @@ class GrainsBatch(Copied):
             found = self._supports[tool].local_surface(
                 ground, state, default_height=level, last=last
             )
-            body = self.beds.bodies[k]
-            body["height"] = found.height
-            body["slope_x"], body["slope_y"] = found.slope
+            motion = self.beds.motions[k]
+            motion["height"] = found.height
+            motion["slope_x"], motion["slope_y"] = found.slope
 
     def surface_heights(self, states: Array) -> Array:
         """The height of the beds' undisturbed surface below each body's origin [m], shape [n]."""
         if self._ground is None:
-            return np.array(self.beds.bodies["height"])
+            return np.array(self.beds.motions["height"])
         return np.array([self._ground.nearest(state[0], state[1]) for state in states])
 
-    def failed(self, times: int, *, dt: float, path: float) -> None:
+    def count_failures(self, times: int, *, dt: float, path: float) -> None:
         """Count the steps that did not converge, or in which a body moved too far [m]. Logs the first of them."""
         why = "does not converge"
-        if path > _LONGEST:
+        if path > MAX_PATH_M:
             times += 1
             why = "moves a body too far in grains"
         if times and not self.failures:
@@ -216,12 +229,12 @@ class GrainsBatch(Copied):
     @property
     def wrench(self) -> Array:
         """The wrenches of the last step, as it returned them, shape [n, 6]."""
-        return np.array(self.last)
+        return np.array(self.beds.motions["wrench"])
 
     @property
     def energy(self) -> Array:
         """Energy that the grains have taken from each body since the last reset [J], shape [n]."""
-        return np.array(self.beds.bodies["energy"])
+        return np.array(self.beds.motions["energy"])
 
     @property
     def stiffness(self) -> Array:
@@ -229,10 +242,7 @@ class GrainsBatch(Copied):
 
         d: displacement and rotation vector of the body frame, world axes; units of B: N/m, N and N m.
         """
-        out: Array = np.empty((len(self.tools), 6, 6))
-        for sums, matrix in zip(self.beds.stiffness, out, strict=True):
-            stiffness_matrix(sums, matrix)
-        return out
+        return stiffness_matrices(self.beds)
 
     def tractions(self, body: int = 0) -> Array:
         """Force per area on each plate of a body at the last step [Pa], shape [plates, 3], world axes.
@@ -245,7 +255,7 @@ class GrainsBatch(Copied):
         k = int(which[0])
         plates = self.tools[k].plates
         forces = np.zeros((plates.bounds.shape[1] * BLOCK, 3))
-        forces_on_plates(self.beds, k, forces)
+        add_forces_on_plates(self.beds, k, forces)
         ordered = np.empty((len(plates), 3))
         ordered[plates.order] = forces[: len(plates)]
         area = plates.areas[:, None]
@@ -270,17 +280,19 @@ class GrainsBatch(Copied):
         form = (len(which),)
         factors = None if strength is None else _each("strength", strength, form, positive=True)
         if surface_height is None:
-            surface_height = self.beds.bodies["height"][which]
+            surface_height = self.beds.motions["height"][which]
         heights = _each("surface_height", surface_height, form)
-        for array in (self.beds.memory, self.beds.stiffness, self._surfaces):
+        for array in (*self.beds.memories, self.beds.motions, self._surfaces):
             array[which] = np.zeros((), array.dtype)
-        self.beds.bodies[which] = self._unused[which]
-        self.beds.bodies["height"][which] = heights
+        self.beds.motions["height"][which] = heights
         if factors is not None:
-            laws = (
-                replace(self._law, zeta=self._law.zeta * factor) for factor in factors.tolist()
-            )
-            laws_of(self.beds)[which] = np.concatenate([packed_law(law).numbers for law in laws])
+            self._set_strengths(which, factors)
+
+    def _set_strengths(self, which: NDArray[np.int64], factors: Array) -> None:
+        """Give the grains around these bodies new strengths."""
+        self._strengths[which] = factors
+        for k, factor in zip(which.tolist(), factors.tolist(), strict=True):
+            set_law(self.beds, k, replace(self._law, zeta=self._law.zeta * factor))
 
     def _indices(self, bodies: ArrayLike | None) -> NDArray[np.int64]:
         every = np.arange(len(self.tools))
@@ -292,31 +304,73 @@ class GrainsBatch(Copied):
                 f"bodies is {bodies!r}; give indices of the {len(every)} bodies, 0 to {len(every) - 1}"
             ) from None
 
+    def _arrays(self) -> GrainsState:
+        """What a state has: what changes in time, and what says whose state it is."""
+        memories = self.beds.memories
+        return {
+            **self._fingerprints,
+            "strength": self._strengths,
+            "motion": self.beds.motions,
+            "memory": memories.blocks,
+            "stiffness": memories.stiffness,
+            "last": memories.last,
+            "surfaces": self._surfaces,
+        }
+
     def state(self) -> GrainsState:
         """A copy of the state of the grains, which can be pickled."""
-        return {name: array.copy() for name, array in self.remembered.items()}
+        return copied(self._arrays())
 
     def restore(self, state: GrainsState) -> None:
         """Go back to a state of these grains, or of others of the same tools, law, ground and number of bodies."""
-        if not isinstance(state, dict) or _forms(state) != _forms(self.remembered):
-            raise ValueError(
-                "state is of other bodies; restore what state() of grains like these returned"
-            )
-        for name, array in state.items():
-            names = array.dtype.names
-            fields = [array[field] for field in names] if names else [array]
-            if not all(np.isfinite(field).all() for field in fields):
+        arrays = self._arrays()
+        check_state(state, arrays)
+        for name, fingerprint in self._fingerprints.items():
+            if not np.array_equal(state[name], fingerprint):
+                what = "another law" if name == "law" else "other tools"
                 raise ValueError(
-                    f"state has values in '{name}' that are not finite; restore what state() returned"
+                    f"state is of grains with {what}; restore what state() of grains like these returned"
                 )
-        for name, array in state.items():
-            np.copyto(self.remembered[name], array)
+        if not (state["strength"] > 0.0).all():
+            raise ValueError(
+                f"state has the strength {state['strength'].min():g}; restore what state() returned"
+            )
+        changed = np.flatnonzero(state["strength"] != self._strengths)
+        self._set_strengths(changed, state["strength"][changed])
+        for name in arrays.keys() - self._fingerprints.keys():
+            np.copyto(arrays[name], state[name])
 
     __setstate__ = restore  # of a copy
 
 
+def copied(arrays: GrainsState) -> GrainsState:
+    """Arrays that change without the given ones."""
+    return {name: array.copy() for name, array in arrays.items()}
+
+
+def check_state(state: object, arrays: GrainsState) -> None:
+    """Refuse what is not a state of the same arrays, or not finite."""
+    if not isinstance(state, dict) or _forms(state) != _forms(arrays):
+        raise ValueError(
+            "state is of other bodies; restore what state() of grains like these returned"
+        )
+    for name, array in state.items():
+        names = array.dtype.names
+        fields = [array[field] for field in names] if names else [array]
+        if not all(np.isfinite(field).all() for field in fields):
+            raise ValueError(
+                f"state has values in '{name}' that are not finite; restore what state() returned"
+            )
+
+
 def _forms(state: GrainsState) -> dict[str, object]:
     return {name: (np.shape(array), np.asarray(array).dtype) for name, array in state.items()}
+
+
+def _fingerprint(*parts: Any) -> np.uint64:
+    """A number that differs for other arrays and numbers."""
+    content = b"".join(np.asarray(part).tobytes() for part in parts)
+    return np.uint64(int.from_bytes(sha256(content).digest()[:8], "little"))
 
 
 def _each(name: str, values: ArrayLike, form: tuple[int, ...], *, positive: bool = False) -> Array:
@@ -345,9 +399,9 @@ def _refuse_without_bound(dt: float, twists: Array, free: Array, inverse: Array)
     }
     for name, values in moved.items():
         size = np.abs(values).max()
-        if not size < _FARTHEST:
+        if not size < MAX_DISPLACEMENT_M:
             raise ValueError(
-                f"{name} moves a body by {size:g} m in dt, {dt:g} s; it must be less than {_FARTHEST:g} m"
+                f"{name} moves a body by {size:g} m in dt, {dt:g} s; it must be less than {MAX_DISPLACEMENT_M:g} m"
             )
 
 

@@ -16,7 +16,8 @@ from rft_ros.simulation.step import Constraints, Joints, no_constraints
 
 Array = NDArray[np.float64]
 
-_FASTEST = 1e9  # m/s and rad/s: beyond it squares of squares overflow
+MAX_SPEED_M_S = 1e9
+"""Also in rad/s: beyond it squares of squares overflow."""
 
 
 def import_mujoco() -> Any:
@@ -177,7 +178,7 @@ def _measure(
     `twists`: angular and linear, at the centre of mass of the body's whole tree.
     """
     for i in range(len(speeds)):
-        if not abs(speeds[i]) + h * abs(accelerations[i]) < _FASTEST:
+        if not abs(speeds[i]) + h * abs(accelerations[i]) < MAX_SPEED_M_S:
             return False
     for b, body in enumerate(ids):
         x, y, z = positions[body] - centers[roots[body]]
@@ -189,6 +190,6 @@ def _measure(
         state = (px, py, pz, *turned, *moved, wx, wy, wz)
         for k in range(13):
             states[b, k] = state[k]
-            if not abs(state[k]) < _FASTEST:
+            if not abs(state[k]) < MAX_SPEED_M_S:
                 return False
     return True

@@ -2,7 +2,7 @@
 
 import logging
 import math
-from collections.abc import Sequence
+from collections.abc import Container, Sequence
 from dataclasses import replace
 from os import PathLike
 from typing import Any, NamedTuple
@@ -15,7 +15,13 @@ from rft_ros.ground import HeightMap
 from rft_ros.rft import MEDIA, Law, alpha_y_model, treers2021
 from rft_ros.rft.arguments import number
 from rft_ros.rft.kernel.compilation import compiled, machine_code
-from rft_ros.simulation.grains import Copied, GrainsBatch, GrainsState
+from rft_ros.simulation.grains import (
+    Copied,
+    GrainsBatch,
+    GrainsState,
+    check_state,
+    copied,
+)
 from rft_ros.simulation.mechanism import Mechanism, import_mujoco
 from rft_ros.simulation.rigid_ground import Placed, find_rigid_ground, sentence_of
 from rft_ros.simulation.shapes import check_size, geometry_of, ground_of_field, tool_of_body
@@ -25,12 +31,17 @@ from rft_ros.tool import Tool, load_tool
 Array = NDArray[np.float64]
 _Path = str | PathLike[str]
 
-_LENGTH = 0.003  # m
+DEFAULT_LENGTH_M = 0.003
+"""Mobilization length of the default law."""
 
-_LONGEST_RK4 = 0.002  # s; in longer steps of RK4 bodies may not come to rest
-_SAME = 1e-9  # relative difference of a force in xfrc_applied from what was written there, below which it is that
-# steps; data that moved on by more since the last call was stepped without the grains
-_AHEAD = 1.5
+MAX_RK4_STEP_S = 0.002
+"""In longer steps of RK4 bodies may not come to rest."""
+
+RELATIVE_ROUNDING = 1e-9
+"""A force in xfrc_applied that differs by less from what was written there is that force."""
+
+MAX_STEPS_AHEAD = 1.5
+"""Data that moved on by more steps since the last call was stepped without the grains."""
 
 _log = logging.getLogger("rft_ros.simulation")
 
@@ -94,7 +105,7 @@ class MujocoGrains(Copied):
                 medium,
                 alpha_y_model("linear" if alpha_y is None else alpha_y, medium),
                 zeta=1.0 if zeta is None else zeta,
-                mobilization_length=_LENGTH,
+                mobilization_length=DEFAULT_LENGTH_M,
             )
         elif zeta is not None or alpha_y is not None:
             raise InputError("law has its own zeta and alpha_y; give law=, or zeta= and alpha_y=")
@@ -132,12 +143,11 @@ class MujocoGrains(Copied):
         self._geometry = geometry_of(model, self._of_geoms)
         self._mechanism = Mechanism(model, self._ids)
         self._last: _Call | None = None
-        self._own = np.zeros((len(names), 6))
-        """Forces of the user's."""
-        self._written = np.zeros((len(names), 6))
-        """Those with the grains'."""
-        self._grains.remembered |= {"own": self._own, "written": self._written}
-        self._told = False  # that the steps are long for RK4
+        self._applied: GrainsState = {
+            "user_wrenches": np.zeros((len(names), 6)),
+            "written_wrenches": np.zeros((len(names), 6)),  # those with the grains'
+        }
+        self._is_rk4_logged = False  # that the steps are long for RK4
         self._is_ground_checked = False
         joints = self._mechanism.joints(np.zeros(1, np.int64), 0.1)
         constraints = self._mechanism.unconstrained
@@ -151,12 +161,12 @@ class MujocoGrains(Copied):
     def _forces(self) -> tuple[Any, ...]:
         """What `_take_away` takes."""
         mechanism = self._mechanism
-        return mechanism.ids, self._own, self._written, mechanism.data.xfrc_applied
+        return mechanism.ids, *self._applied.values(), mechanism.data.xfrc_applied
 
     def _wrenches(self) -> tuple[Any, ...]:
         """What `_write` takes."""
         data = self._mechanism.data
-        return *self._forces(), self._grains.last, data.xpos, data.xipos
+        return *self._forces(), self._grains.wrench, data.xpos, data.xipos
 
     def apply(self, data: Any) -> Array:
         """Add the wrenches of the grains for the next step to ``data.xfrc_applied``; returns `wrench`.
@@ -173,16 +183,16 @@ class MujocoGrains(Copied):
             raise self._without_bound(data, h)
         if not self._is_ground_checked:
             self._check_ground(data)
-        grains.begin_step(mechanism.states, h)
-        bodies = np.flatnonzero(grains.beds.bodies["is_near"])
-        grains.last[:] = 0.0
+        bodies = grains.begin_step(mechanism.states, h)
+        wrenches = np.zeros((0, 6))
         if len(bodies):
             trial = self._search_for(mechanism.joints(bodies, h), h)
-            if not math.isfinite(trial.best.sum()):
+            wrenches = trial.best
+            if not math.isfinite(wrenches.sum()):
                 raise self._without_bound(data, h)
-            grains.last[bodies] = trial.best
             at = trial.at[0]
-            grains.failed(0 if at["found"] else 1, dt=h, path=at["path"])
+            grains.count_failures(0 if at["has_ended"] else 1, dt=h, path=at["path"])
+        grains.hold(bodies, wrenches)
         self._write(*self._wrenches())
         self._last = _Call(data.time, h)
         return self.wrench
@@ -190,8 +200,8 @@ class MujocoGrains(Copied):
     def _step_of(self, data: Any) -> float:
         """The step that begins now [s]; starts anew if the time went back, and raises InputError for other jumps."""
         h = number("model.opt.timestep", self._model.opt.timestep, positive=True)
-        if h > _LONGEST_RK4 and self._mechanism.holds_over_stages and not self._told:
-            self._told = True
+        if h > MAX_RK4_STEP_S and self._mechanism.holds_over_stages and not self._is_rk4_logged:
+            self._is_rk4_logged = True
             _log.warning(
                 "RK4 in steps of %g s: bodies in grains may not lie still; take 0.002 s or Euler",
                 h,
@@ -220,7 +230,7 @@ class MujocoGrains(Copied):
                 "this MjData is not that of the last apply, and one MujocoGrains serves one MjData; make one for "
                 "each, or call restore(state) or reset() before apply"
             )
-        elif data.time > last.time + _AHEAD * last.step:
+        elif data.time > last.time + MAX_STEPS_AHEAD * last.step:
             raise InputError(
                 f"the data moved on by {(data.time - last.time) / last.step:.3g} steps since the last apply; call "
                 "apply before each mj_step (no nstep= or frame_skip), or reset() or restore(state) after a jump in time"
@@ -314,15 +324,27 @@ class MujocoGrains(Copied):
 
     def state(self) -> GrainsState:
         """A copy of the state of the grains, which can be pickled. For rollouts, beside `mj_getState`."""
-        return self._grains.state()
+        return {**self._grains.state(), **copied(self._applied)}
 
     def restore(self, state: GrainsState) -> None:
         """Go back to what `state` returned; before or after `mj_setState`."""
+        applied, grains = _split(state, self._applied)
+        check_state(applied, self._applied)
         self._take_away(*self._forces())  # or the wrenches there would be taken for the user's
-        self._grains.restore(state)
+        self._grains.restore(grains)
+        for name, array in self._applied.items():
+            np.copyto(array, applied[name])
         self._last = None
 
     __setstate__ = restore  # of a copy
+
+
+def _split(state: GrainsState, names: Container[str]) -> tuple[GrainsState, GrainsState]:
+    """The arrays of a state with these names, and the others; what is no state stays what it is."""
+    if not isinstance(state, dict):
+        return state, state
+    of_names = {name: array for name, array in state.items() if name in names}
+    return of_names, {name: array for name, array in state.items() if name not in names}
 
 
 def _body_id(model: Any, given: object) -> int:
@@ -347,7 +369,9 @@ def _take_away(ids, own, written, applied):
     """Leave the user's forces: what differs from what was written, or else what they were then."""
     for b in range(len(ids)):
         for k in range(6):
-            if not abs(applied[ids[b], k] - written[b, k]) <= _SAME * abs(written[b, k]):
+            if not abs(applied[ids[b], k] - written[b, k]) <= RELATIVE_ROUNDING * abs(
+                written[b, k]
+            ):
                 own[b, k] = applied[ids[b], k]
             applied[ids[b], k] = own[b, k]
 

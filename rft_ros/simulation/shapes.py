@@ -13,9 +13,14 @@ from rft_ros.tool import Tool, solids, tool_of_mesh
 
 Array = NDArray[np.float64]
 
-_MISTAKEN = 100.0  # times the size of the body's geoms: units are mistaken by 1,000
-_SMALLEST = 1.0 / 30.0  # of the mobilization length
-_BESIDE = 1e-3  # of the body's size: distance from a face of the two points that say whether another geom covers it
+MAX_SIZE_RATIO = 100.0
+"""Greatest ratio of the sizes of a mesh and of its body's geoms: mistaken units differ by 1,000."""
+
+MIN_SIZE_IN_LENGTHS = 1.0 / 30.0
+"""Least size of a mesh, in mobilization lengths."""
+
+PROBE_DISTANCE_SHARE = 1e-3
+"""Distance from a face of the two points that say whether another geom covers it, over the body's size."""
 
 
 def tool_of_body(
@@ -122,7 +127,7 @@ def _uncovered(shapes: list[Array]) -> list[Array]:
     from trimesh.triangles import cross
 
     corners = np.concatenate(shapes).reshape(-1, 3)
-    beside = _BESIDE * float(np.ptp(corners, axis=0).max())
+    beside = PROBE_DISTANCE_SHARE * float(np.ptp(corners, axis=0).max())
     kept = []
     for k, triangles in enumerate(shapes):
         normals = cross(triangles)
@@ -189,12 +194,12 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
 def check_size(tool: Tool, model: Any, body: int, length: float) -> None:
     """Refuse a tool of a file in other units than its `scale` says; `length`: the mobilization length [m]."""
     what = f"the mesh of body '{model.body(body).name}' is {tool.size:.3g} m long"
-    if tool.size < _SMALLEST * length:
+    if tool.size < MIN_SIZE_IN_LENGTHS * length:
         raise InputError(
             f"{what}, too small for grains; check scale, in metres per unit of the file"
         )
     own = 2.0 * float(model.geom_rbound[model.geom_bodyid == body].max(initial=0.0))
-    if own > 0.0 and not 1.0 / _MISTAKEN < tool.size / own < _MISTAKEN:
+    if own > 0.0 and not 1.0 / MAX_SIZE_RATIO < tool.size / own < MAX_SIZE_RATIO:
         raise InputError(
             f"{what}, and its geoms {own:.3g} m; check scale, in metres per unit of the file"
         )

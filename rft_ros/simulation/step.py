@@ -26,59 +26,68 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.rft import body_memory
+from rft_ros.rft.body_memory import memory_of
 from rft_ros.rft.kernel.compilation import compiled, inlined
-from rft_ros.rft.memory import STIFFNESS
-from rft_ros.simulation.beds import evaluate, stiffness_matrix
+from rft_ros.simulation.beds import evaluate
 
 Array = NDArray[np.float64]
 
-_MOST = 64
+MAX_EVALUATIONS = 64
 """Most evaluations of Newton's method."""
 
-_AVERAGE_AFTER = 8
+AVERAGE_AFTER_EVALUATIONS = 8
 """Evaluations after which it takes the mean of a stiffness and those before, since with each alone it may go round in a
 circle where plates lose and find contact."""
 
-_CLOSE = 0.001
-"""Relative change of the wrench at which it ends, after that change; after `_AVERAGE_AFTER` evaluations `_LATE`."""
+MAX_WRENCH_CHANGE = 0.001
+"""Relative change of the wrench at which the method has converged, after that change."""
 
-_LATE = 0.01
+MAX_LATE_WRENCH_CHANGE = 0.01
+"""The same after `AVERAGE_AFTER_EVALUATIONS`."""
 
-_DIVIDE_FROM = 0.5
+MAX_RESIDUAL_SHARE = 0.5
 """Residual along a step of Newton's method, at its end over at its beginning, from which on the step is divided."""
 
-_DIVIDE_TO = 0.1
+MAX_DIVIDED_RESIDUAL_SHARE = 0.1
 """The residual down to which it is divided."""
 
-_LONGER = 10.0
-"""The greatest factor of the length at once."""
+MAX_GROWTH_OF_SHARE = 10.0
+"""The greatest factor of the share of a step at once."""
 
-_STILL = 1e-7
+STILL_PATH_SHARE = 1e-7
 """Change of the path of a point, in mobilization lengths, below which the wrench does not matter."""
 
-_NEAR = 1e-3
-"""Distance from the surface [m], beside twice its path in the step, at which a body may reach it."""
+NEAR_SURFACE_M = 1e-3
+"""Distance from the surface, beside twice its path in the step, at which a body may reach it."""
 
-_ROUNDING = 1e-12  # relative, of the inverse inertia that a user gives
-_INDEFINITE = 1e-6  # a pivot of a scaled inverse inertia below minus this is no rounding
-_QUADRATIC = 1  # of mjtConstraintState
-_CONE = 4
+RELATIVE_ROUNDING = 1e-12
+"""Rounding of the inverse inertia that a user gives, over its greatest number."""
 
-_SEARCH = np.dtype(
+MAX_PIVOT_ROUNDING = 1e-6
+"""Rounding of the pivots of a scaled inverse inertia. A lower pivot than minus this is that of a negative mass."""
+
+QUADRATIC_STATE = 1
+CONE_STATE = 4
+"""Of mjtConstraintState."""
+
+SEARCH = np.dtype(
     [
-        (name, np.float64)
-        for name in ("slope", "share", "low", "high", "at_low", "at_high", "least", "path")
-    ]
-    + [("turn", np.int64), ("within", np.bool_), ("found", np.bool_)],
+        ("start_residual", np.float64),  # along Newton's step, at its beginning
+        ("share", np.float64),  # of this step that is tried
+        ("low_share", np.float64),  # shares between which the residual changes its sign
+        ("high_share", np.float64),
+        ("low_residual", np.float64),  # the residuals there
+        ("high_residual", np.float64),
+        ("least_residual", np.float64),  # the smallest `start_residual` so far
+        ("path", np.float64),  # the longest of a point of a body in grains [m]
+        ("evaluations", np.int64),
+        ("is_divided", np.bool_),  # whether a share of the step is searched for
+        ("has_ended", np.bool_),  # whether the method has converged
+    ],
     align=True,
 )
-"""Where Newton's method is.
-
-`slope`: the residual along its step at the beginning. `share` of the step that is tried. `low`, `high`, `at_low`,
-`at_high`: shares between which the residual changes its sign, and the residuals there. `least`: the smallest `slope`
-so far. `path`: the longest of a point of a body in grains [m]. `turn`: number of evaluations. `within`: whether a step
-is being divided. `found`: whether the method has come to an end.
-"""
+"""Where Newton's method is."""
 
 
 class Joints(NamedTuple):
@@ -150,7 +159,7 @@ def new_trial(bodies, nv):
         wrench=np.zeros((bodies, 6)),
         best=np.zeros((bodies, 6)),
         stiffness=np.zeros((bodies, 6, 6)),
-        at=np.zeros(1, _SEARCH),
+        at=np.zeros(1, SEARCH),
     )
 
 
@@ -211,24 +220,21 @@ def begin_step(beds, first, given, h):
     """
     for k in range(len(given)):
         b = first + k
-        body = beds.bodies[b]
-        power = _dot(body.wrench, body.state[7:]) + _dot(body.wrench, given[k, 7:])
-        body.energy -= 0.5 * body.duration * power
-        memory = beds.memory[b]
-        stiffness = beds.stiffness[b : b + 1]
-        evaluate(beds, b, memory, stiffness, given[k : k + 1], body.explicit.reshape(1, 6))
-        _copy(given[k], body.state)
-        body.duration = h
-        body.is_near = _may_reach(body)
+        motion = beds.motions[b]
+        memory = memory_of(beds.memories, b)
+        power = _dot(motion.wrench, memory.last[7:]) + _dot(motion.wrench, given[k, 7:])
+        motion.energy -= 0.5 * motion.duration * power
+        evaluate(beds, b, memory, given[k], motion.explicit.reshape(1, 6))
+        motion.duration = h
+        motion.is_near = _may_reach(motion, memory.last, beds.shapes[b].reach)
 
 
 @inlined
-def _may_reach(body):
-    state = body.state
-    above = state[2] - body.height - body.slope_x * state[0] - body.slope_y * state[1]
-    steep = 1.0 + abs(body.slope_x) + abs(body.slope_y)
-    way = 2.0 * body.duration * _size(state[7:], body.reach)
-    return not above > steep * (body.reach + _NEAR + way)
+def _may_reach(motion, state, reach):
+    above = state[2] - motion.height - motion.slope_x * state[0] - motion.slope_y * state[1]
+    steep = 1.0 + abs(motion.slope_x) + abs(motion.slope_y)
+    path = 2.0 * motion.duration * _size(state[7:], reach)
+    return not above > steep * (reach + NEAR_SURFACE_M + path)
 
 
 @inlined
@@ -271,12 +277,12 @@ def _add_constraints(matrix, constraints):
     state = constraints.state
     weighted = np.zeros_like(jacobian)
     for i in range(len(state)):
-        if state[i] == _QUADRATIC:
+        if state[i] == QUADRATIC_STATE:
             _copy(constraints.stiffness[i] * jacobian[i], weighted[i])
     for c in range(constraints.cones.shape[1]):
         first = constraints.cones[0, c]
         size = constraints.cones[1, c]
-        if first >= 0 and state[first] == _CONE:
+        if first >= 0 and state[first] == CONE_STATE:
             hessian = constraints.cone_hessians[c, : size * size].copy().reshape(size, size)
             _product(hessian, jacobian[first : first + size], weighted[first : first + size])
     weighted_by_p = np.zeros_like(jacobian)
@@ -307,11 +313,11 @@ def _small(beds, joints, trial, change, close, h):
     """Whether Newton's step changes all wrenches by small shares of themselves, or hardly moves a body."""
     small = True
     for k, b in enumerate(joints.bodies):
-        reach = beds.bodies[b].reach
+        reach = beds.shapes[b].reach
         # where no plate touches the grains both are 0, which does not say what comes at the step's end
         if _size(change[k], 1.0 / reach) >= close * _size(trial.wrench[k], 1.0 / reach):
             moved = h * h * _times(joints.jacobian[k], trial.change)
-            small &= _size(moved, reach) < _STILL * beds.length
+            small &= _size(moved, reach) < STILL_PATH_SHARE * beds.length
     return small
 
 
@@ -323,59 +329,79 @@ def search(beds, joints, constraints, h, trial):
     Its length is then found by the rule of false position (Illinois) for the residual along it.
     """
     at = trial.at[0]
-    state = np.empty((1, 13))
-    stiffness = np.empty(1, STIFFNESS)
+    state = np.empty(13)
     tangents = np.empty_like(trial.stiffness)
     at.path = 0.0
     for k, b in enumerate(joints.bodies):
-        body = beds.bodies[b]
+        memory = body_memory.copy(memory_of(beds.memories, b))
         twist = joints.twists[k] + h * _times(joints.jacobian[k], trial.acceleration)
-        _copy(body.state, state[0])
-        _move(state[0], twist, h)
-        memory = beds.memory[b].copy()
-        evaluate(beds, b, memory, stiffness, state, trial.wrench[k : k + 1])
-        stiffness_matrix(stiffness[0], tangents[k])
+        _copy(memory.last, state)
+        _move(state, twist, h)
+        evaluate(beds, b, memory, state, trial.wrench[k : k + 1])
+        body_memory.stiffness(memory, tangents[k])
         if _size(trial.wrench[k], 1.0) > 0.0:
-            at.path = max(at.path, h * _size(twist, body.reach))
+            at.path = max(at.path, h * _size(twist, beds.shapes[b].reach))
     residual = _residual(joints, constraints, trial)
     along = -_dot(residual, trial.change)
-    if along > 0.0:
-        at.low = at.share
-        at.at_low = along
-        at.at_high *= 0.5
+    _bracket(at, along)
+    max_share = MAX_DIVIDED_RESIDUAL_SHARE if at.is_divided else MAX_RESIDUAL_SHARE
+    if abs(along) > max_share * at.start_residual and at.evaluations > 0:
+        at.is_divided = True
+        at.share = _next_share(at, along)
     else:
-        at.high = at.share
-        at.at_high = along
-        at.at_low *= 0.5
-    if abs(along) > (_DIVIDE_TO if at.within else _DIVIDE_FROM) * at.slope and at.turn > 0:
-        at.within = True
-        if at.high < np.inf:
-            at.share = (at.low * at.at_high - at.high * at.at_low) / (at.at_high - at.at_low)
-        else:
-            at.share *= min(at.slope / max(at.slope - along, _ROUNDING * at.slope), _LONGER)
-    else:
-        late = at.turn >= _AVERAGE_AFTER
-        share = 0.5 if late else 1.0
-        for k in range(len(tangents)):
-            for i, old in enumerate(trial.stiffness[k]):
-                _copy(old + share * (tangents[k, i] - old), old)
-        _copy(trial.acceleration, trial.start)
-        change = _newton(joints, constraints, trial, residual, h)
-        at.slope = -_dot(residual, trial.change)
-        at.within = False
-        at.found = _small(beds, joints, trial, change, _LATE if late else _CLOSE, h)
-        if at.found or at.turn == 0 or at.slope < at.least:
-            at.least = at.slope
-            for k in range(len(change)):
-                _copy(trial.wrench[k] + change[k], trial.best[k])
-        at.low = 0.0
-        at.at_low = at.slope
-        at.high = np.inf
-        at.at_high = 0.0
-        at.share = 1.0
+        _begin_step_of_newton(beds, joints, constraints, h, trial, tangents, residual)
     _copy(trial.start + at.share * trial.change, trial.acceleration)
-    at.turn += 1
-    return at.found or at.turn == _MOST
+    at.evaluations += 1
+    return at.has_ended or at.evaluations == MAX_EVALUATIONS
+
+
+@inlined
+def _bracket(at, along):
+    """Keep the shares between which the residual along the step changes its sign."""
+    if along > 0.0:
+        at.low_share = at.share
+        at.low_residual = along
+        at.high_residual *= 0.5
+    else:
+        at.high_share = at.share
+        at.high_residual = along
+        at.low_residual *= 0.5
+
+
+@inlined
+def _next_share(at, along):
+    """The share of the step that is tried next."""
+    if at.high_share < np.inf:
+        crossing = at.low_share * at.high_residual - at.high_share * at.low_residual
+        return crossing / (at.high_residual - at.low_residual)
+    fall = max(at.start_residual - along, RELATIVE_ROUNDING * at.start_residual)
+    return at.share * min(at.start_residual / fall, MAX_GROWTH_OF_SHARE)
+
+
+@inlined
+def _begin_step_of_newton(beds, joints, constraints, h, trial, tangents, residual):
+    """Begin the next step of Newton's method where the last one ended."""
+    at = trial.at[0]
+    is_late = at.evaluations >= AVERAGE_AFTER_EVALUATIONS
+    weight = 0.5 if is_late else 1.0
+    for k in range(len(tangents)):
+        for i, old in enumerate(trial.stiffness[k]):
+            _copy(old + weight * (tangents[k, i] - old), old)
+    _copy(trial.acceleration, trial.start)
+    change = _newton(joints, constraints, trial, residual, h)
+    at.start_residual = -_dot(residual, trial.change)
+    max_change = MAX_LATE_WRENCH_CHANGE if is_late else MAX_WRENCH_CHANGE
+    at.has_ended = _small(beds, joints, trial, change, max_change, h)
+    if at.has_ended or at.evaluations == 0 or at.start_residual < at.least_residual:
+        at.least_residual = at.start_residual
+        for k in range(len(change)):
+            _copy(trial.wrench[k] + change[k], trial.best[k])
+    at.is_divided = False
+    at.low_share = 0.0
+    at.low_residual = at.start_residual
+    at.high_share = np.inf
+    at.high_residual = 0.0
+    at.share = 1.0
 
 
 @inlined
@@ -386,7 +412,7 @@ def _held(inverse):
         greatest = max(greatest, abs(number))
     held = inverse.copy()
     for k in range(6):
-        held[k, k] += _ROUNDING * greatest
+        held[k, k] += RELATIVE_ROUNDING * greatest
     return held
 
 
@@ -400,7 +426,7 @@ def find_indefinite(matrices):
         greatest = 0.0
         for number in matrices[n].ravel():
             greatest = max(greatest, abs(number))
-        least = _ROUNDING * greatest
+        least = RELATIVE_ROUNDING * greatest
         scaled = np.zeros((6, 6))
         for i in range(6):
             if matrices[n, i, i] < -least:
@@ -412,10 +438,10 @@ def find_indefinite(matrices):
                 scaled[i, j] = entry / size if size > 0.0 else 0.0
         for k in range(6):
             pivot = scaled[k, k]
-            if pivot < -_INDEFINITE:
+            if pivot < -MAX_PIVOT_ROUNDING:
                 return n
             for i in range(k + 1, 6):
-                share = scaled[i, k] / max(pivot, _INDEFINITE)
+                share = scaled[i, k] / max(pivot, MAX_PIVOT_ROUNDING)
                 for j in range(k + 1, 6):
                     scaled[i, j] -= share * scaled[k, j]
     return -1
@@ -434,21 +460,21 @@ def hold_each(beds, first, inverse, free, h):
     constraints = no_constraints(6)
     for k in range(len(inverse)):
         b = first + k
-        body = beds.bodies[b]
+        motion = beds.motions[b]
         trial = new_trial(1, 6)
-        if body.is_near:
+        if motion.is_near:
             joints = Joints(
                 bodies=np.array([b]),
-                twists=(body.state[7:] + h * free[k]).reshape(1, 6),
+                twists=(beds.memories.last[b, 7:] + h * free[k]).reshape(1, 6),
                 jacobian=inverse[k : k + 1],
                 inertia=_held(inverse[k]),
                 force=np.zeros(6),
             )
-            _copy(body.wrench, trial.acceleration)
+            _copy(motion.wrench, trial.acceleration)
             while not search(beds, joints, constraints, h, trial):
                 pass
-            if not trial.at[0].found:
+            if not trial.at[0].has_ended:
                 failed += 1
             longest = max(longest, trial.at[0].path)
-        _copy(trial.best[0], body.wrench)
+        _copy(trial.best[0], motion.wrench)
     return failed, longest

@@ -13,6 +13,7 @@ from scenes import GENERIC
 from rft_ros.ground import HeightMap
 from rft_ros.rft import (
     Memory,
+    Plates,
     alpha_y_model,
     checked_states,
     rotation_matrix,
@@ -126,6 +127,32 @@ def test_a_state_comes_back_from_a_pickle_and_a_reset_bed_is_new(plate):
     assert stepped(grains, states[:80]).tobytes() == first.tobytes()
 
 
+def turned_over(tool):
+    """The same tool upside down: as many plates, in other places."""
+    rows = tool.plates.rows.copy()
+    for x in (0, 3, 7, 10):  # of the centroids, normals and corners
+        rows[x + 1 : x + 3] *= -1.0
+    return replace(tool, plates=Plates(rows))
+
+
+def test_a_state_of_other_tools_or_of_another_law_is_refused_and_one_of_another_strength_is_taken(
+    plate,
+):
+    states = pressed()
+    grains, other_tool = Grains(plate, LAW), Grains(turned_over(plate), LAW)
+    other_law = Grains(plate, replace(LAW, density=1500.0))
+    strong = Grains(plate, LAW, strength=2.0)
+    for one in (grains, other_tool, other_law, strong):
+        stepped(one, states[:60])
+    before = pickle.dumps(grains.state())
+    for one, what in ((other_tool, "other tools"), (other_law, "another law")):
+        with pytest.raises(ValueError, match=f"state is of grains with {what}"):
+            grains.restore(one.state())
+    assert pickle.dumps(grains.state()) == before
+    grains.restore(strong.state())
+    assert stepped(grains, states[60:]).tobytes() == stepped(strong, states[60:]).tobytes()
+
+
 def test_one_environment_is_reset_without_the_others(plate):
     states = pressed()[:80]
     batch = GrainsBatch(plate, LAW, bodies=2)
@@ -169,7 +196,7 @@ def test_bad_grains_are_refused(plate):
         Grains(plate, replace(LAW, mobilization_length=0.0))
     with pytest.raises(TypeError, match="load_tool"):
         Grains("plate", LAW)
-    with pytest.raises(TypeError, match="treers2021"):
+    with pytest.raises(TypeError, match="law is Medium"):
         Grains(plate, GENERIC)
     for bodies in (0, 1.5, np.nan, 10**9):
         with pytest.raises(ValueError, match=f"bodies is {bodies}"):
