@@ -21,7 +21,7 @@ from rft_ros.bags.options import ReplayOptions, topics_of
 from rft_ros.diagnosis import Finding
 from rft_ros.doctor.checkup import Cell, Checkup, examine_bag
 from rft_ros.estimator import PoseSample, Sample, TwistSample, WrenchSample
-from rft_ros.parameters import Value, defaults, model_of
+from rft_ros.parameters import Config, Value
 
 START_NS = 1_700_000_000_000_000_000
 ARRIVAL_NS = 1_000_000
@@ -81,13 +81,13 @@ def findings_from_bag(setup: Setup) -> list[Finding]:
 
 
 def _cell(setup: Setup) -> Cell:
-    values = {**defaults(), **setup.parameters}
+    config = Config.of(setup.parameters)
     return Cell(
         file=Path("cell.yaml"),
-        values=values,
+        config=config,
         named=setup.parameters,
-        model=model_of({**values, "tolerance": 0.0}),
-        topics=topics_of(values),
+        model=config.changed({"tolerance": 0.0}).model(),
+        topics=topics_of(config),
     )
 
 

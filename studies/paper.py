@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.installation import share_directory
-from rft_ros.parameters import read_parameter_file, tool_of
+from rft_ros.parameters import Config, read_parameter_file
 from rft_ros.rft import MEDIA, Law, Plates, alpha_y_model, law_named, wrenches
 from rft_ros.sweeps.motions import Trajectory
 from rft_ros.tool import Tool
@@ -69,7 +69,7 @@ def root_tip() -> Tool:
 
 
 def _published_tool(mesh: str, *, origin: tuple[float, float, float] = (0.0, 0.0, 0.0)) -> Tool:
-    return tool_of({**PUBLISHED, "mesh.file": mesh, "mesh.origin": origin})
+    return Config.of({**PUBLISHED, "mesh.file": mesh, "mesh.origin": origin}).mesh.load()
 
 
 def leading_face(tool: Tool) -> Plates:

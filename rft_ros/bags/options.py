@@ -7,7 +7,7 @@ from typing import Any
 
 from rft_ros.errors import InputError, shown
 from rft_ros.messages import TOPICS, Role
-from rft_ros.parameters import NODE, Values, section_parameters
+from rft_ros.parameters import NODE, Config, Values, section_parameters
 
 _SECTION = "rft_replay"
 
@@ -57,12 +57,15 @@ def read_replay_options(file: Path) -> ReplayOptions:
         raise InputError(f"parameter file '{file}': {_SECTION} {error}") from None
 
 
-def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> dict[Role, str]:
+def topics_of(
+    parameters: Config | Values, remap: Sequence[str] = (), node: str = NODE
+) -> dict[Role, str]:
     """The topic of each role that the parameters need: NODE/pose and so on, unless a rule of `remap` gives another.
 
     A later rule overrides an earlier one. With `pose_source` tf, /tf takes the place of the topic of poses. Raises
     InputError for a rule that cannot be used.
     """
+    config = Config.of(parameters)
     topics = {role: _resolved(name, node) for role, name in TOPICS.items()}
     roles = {topic: role for role, topic in topics.items()}
     for rule in remap:
@@ -78,10 +81,10 @@ def topics_of(values: Values, remap: Sequence[str] = (), node: str = NODE) -> di
             )
         topics[role] = _resolved(right, node)
     is_used: dict[Role, bool] = {
-        "pose": values["pose_source"] != "tf",
-        "tf": values["pose_source"] == "tf",
-        "twist": values["twist_source"] == "topic",
-        "surface": values["ground.cell"] > 0.0,
+        "pose": config.settings.pose_source != "tf",
+        "tf": config.settings.pose_source == "tf",
+        "twist": config.settings.twist_source == "topic",
+        "surface": config.ground.cell > 0.0,
     }
     return {role: topic for role, topic in topics.items() if is_used.get(role, True)}
 

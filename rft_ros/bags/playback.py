@@ -11,7 +11,7 @@ from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import Recording, bag_name, opened_recording
 from rft_ros.errors import InputError
 from rft_ros.estimator import Answer, Estimator, PoseSample, Reason, Sample
-from rft_ros.parameters import Model, Values, settings_of
+from rft_ros.parameters import Config, Model, Values
 from rft_ros.progress import bar
 from rft_ros.report import DrawnMotion
 from rft_ros.rft import FORCE, QUATERNION, rotate_vectors, rotation_matrices, rotation_matrix
@@ -54,11 +54,12 @@ def played(recording: Recording, estimator: Estimator) -> Rows:
 
 
 def played_estimates(
-    bag: Path, values: Values, model: Model, options: ReplayOptions
+    bag: Path, parameters: Config | Values, model: Model, options: ReplayOptions
 ) -> tuple[Rows, Estimator]:
     """The rows of all estimates of a recording, after its tare, and their estimator. Raises InputError if none is."""
-    with opened_recording(bag, tared(bag, values, model, options), options) as recording:
-        estimator = Estimator(settings_of(recording.values), model)
+    config = tared(bag, Config.of(parameters), model, options)
+    with opened_recording(bag, config, options) as recording:
+        estimator = Estimator(recording.config.settings, model)
         rows = played(recording, estimator)
     estimates = rows[rows["reason"] == ESTIMATE]
     if not len(estimates):
@@ -81,19 +82,19 @@ def played_motion(rows: Rows, estimator: Estimator, *, begin: int) -> DrawnMotio
     )
 
 
-def tared(bag: Path, values: Values, model: Model, options: ReplayOptions) -> Values:
+def tared(bag: Path, config: Config, model: Model, options: ReplayOptions) -> Config:
     """The parameters with the bias by the tare of the options over the first seconds, if they have one.
 
     It begins at the first pose with a known velocity. Raises InputError if it is refused.
     """
     seconds = options.tare
     if not seconds:
-        return values
+        return config
     start = options.start or 0.0
     with opened_recording(
-        bag, values, replace(options, start=start, end=start + seconds)
+        bag, config, replace(options, start=start, end=start + seconds)
     ) as recording:
-        estimator = Estimator(settings_of(recording.values), model)
+        estimator = Estimator(recording.config.settings, model)
         rows = played(recording, estimator)
         with_velocity = rows["stamp"][~np.isnan(rows["depth"])]
         last_reading = estimator.run.readings.last
@@ -108,4 +109,4 @@ def tared(bag: Path, values: Values, model: Model, options: ReplayOptions) -> Va
             raise InputError(
                 f"bag '{bag}': {error} ({where}; {reasons(recording, estimator)})"
             ) from None
-    return {**values, "sensor.bias": bias}
+    return config.changed({"sensor.bias": bias})

@@ -14,16 +14,16 @@ from rft_ros.bags.options import ReplayOptions, topics_of
 from rft_ros.bags.sources import Messages, Source, fault_of, sources_of
 from rft_ros.bags.table import (
     MESSAGE_COLUMNS,
+    config_for_table,
     is_table,
     read_recorded_table,
     source_of_table,
-    values_for_table,
 )
 from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import Sample, TransformSample
 from rft_ros.files import resolved
 from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder, unreadable_because
-from rft_ros.parameters import Values
+from rft_ros.parameters import Config, Values
 
 _OPTIONAL: tuple[Role, ...] = ("wrench", "surface")
 _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
@@ -46,7 +46,7 @@ def bag_name(bag: Path) -> str:
 @contextmanager
 def opened_recording(
     bag: Path,
-    values: Values,
+    parameters: Config | Values,
     options: ReplayOptions | None = None,
     *,
     strict: bool = True,
@@ -54,8 +54,8 @@ def opened_recording(
 ) -> Iterator["Recording"]:
     """Open a recording for a `with` block and one `for` loop over its samples.
 
-    `values`: the parameters; the recording's own have its kinds of poses and velocities. `options`: the topic of each
-    role, and the part that is read, by receive time since the first message on any topic.
+    `parameters`: all, or some by name; `config` of the recording has its kinds of poses and velocities. `options`: the
+    topic of each role, and the part that is read, by receive time since the first message on any topic.
 
     Raises InputError for a path that is no recording, and for a topic that is missing or of another type. That of
     clouds may be missing; that of the load cell, too, where the bag has no other topic of its type, unless
@@ -65,19 +65,19 @@ def opened_recording(
     given = options or ReplayOptions()
     with ExitStack() as opened:
         with file_errors(f"bag '{bag}'", "read"):
-            own_values = values
+            config = Config.of(parameters)
             faults: list[str] = []
             if is_table(bag):
                 table = read_recorded_table(bag)
-                own_values = values_for_table(table, values)
-            topics = topics_of(own_values, given.remap, given.node)
+                config = config_for_table(table, config)
+            topics = topics_of(config, given.remap, given.node)
             if is_table(bag):
-                sources = [source_of_table(bag, table, topics, own_values)]
+                sources = [source_of_table(bag, table, topics, config.settings)]
             else:
                 sources, faults = sources_of(bag, opened)
             recording = Recording(
                 bag,
-                own_values,
+                config,
                 topics,
                 sources,
                 options=given,
@@ -89,11 +89,11 @@ def opened_recording(
 
 
 def check_recordings(
-    bags: Iterable[Path], values: Values, options: ReplayOptions, *, needs_wrench: bool = False
+    bags: Iterable[Path], config: Config, options: ReplayOptions, *, needs_wrench: bool = False
 ) -> None:
     """Raise InputError as `opened_recording` does, before anything that takes long."""
     for bag in bags:
-        with opened_recording(bag, values, options, needs_wrench=needs_wrench):
+        with opened_recording(bag, config, options, needs_wrench=needs_wrench):
             pass
 
 
@@ -111,7 +111,7 @@ class Recording:
     def __init__(
         self,
         bag: Path,
-        values: Values,
+        config: Config,
         topics: Mapping[Role, str],
         sources: Sequence[Source],
         *,
@@ -128,7 +128,7 @@ class Recording:
             why = f" ({'; '.join(faults)})" if faults else ""
             raise InputError(f"bag '{bag}' has no messages{why}")
         self.bag = bag
-        self.values = values
+        self.config = config
         self.topics = dict(topics)
         fixed_topic = self.topics.pop("tf_static")
         self.mistyped: dict[Role, str] = {}

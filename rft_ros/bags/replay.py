@@ -18,7 +18,7 @@ from rft_ros.estimator import Estimator
 from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import refuse_overwriting, whole_folder
 from rft_ros.ground import write_height_map
-from rft_ros.parameters import Model, Settings, Values, model_of, named_files, settings_of
+from rft_ros.parameters import Config, Model, Settings, Values, named_files
 
 _JUDGED = 100_000  # rows on which hypotheses about the set-up are judged, so that a long recording needs no more memory
 _FILES = ("estimates", "estimates.csv", "summary.json", "report.html", "ground.csv")
@@ -29,20 +29,23 @@ def results(out: Path) -> list[Path]:
     return [out / name for name in _FILES]
 
 
-def replay_model(values: Values, on_cold_cache: Callable[[], None] = lambda: None) -> Model:
+def replay_model(
+    parameters: Config | Values, on_cold_cache: Callable[[], None] = lambda: None
+) -> Model:
     """Load and compile the model that the parameters describe; it serves any number of replays.
 
     `on_cold_cache` is called before something compiles.
     """
-    model = model_of(values)
-    prepare(needed(values), on_cold_cache)
+    config = Config.of(parameters)
+    model = config.model()
+    prepare(needed(config), on_cold_cache)
     return model
 
 
 def replay(
     bag: Path,
     out: Path,
-    values: Values,
+    parameters: Config | Values,
     options: ReplayOptions | None = None,
     *,
     model: Model | None = None,
@@ -50,22 +53,23 @@ def replay(
 ) -> Summary:
     """Play a bag through the estimator and write the results that docs/replay.md describes to the folder `out`.
 
-    `model`: `replay_model(values)`, to share it between replays. The same bag, parameters and versions give the same
-    bytes. An earlier replay in the folder is replaced at the end, after success.
+    `parameters`: all, or some by name. `model`: `replay_model(parameters)`, to share it between replays. The same bag,
+    parameters and versions give the same bytes. An earlier replay in the folder is replaced at the end, after success.
 
     Raises InputError for a bag that cannot be used (`opened_recording`), for an input where results would be written,
     and for a tare that is refused.
     """
+    config = Config.of(parameters)
     options = options or ReplayOptions()
-    refuse_overwriting(results(out), [bag, *named_files(values)])
-    model = model or replay_model(values)
-    with_bias = tared(bag, values, model, options)
+    refuse_overwriting(results(out), [bag, *named_files(config)])
+    model = model or replay_model(config)
+    with_bias = tared(bag, config, model, options)
     check_replaceable(out / "estimates")
     with (
         opened_recording(bag, with_bias, options) as recording,
         whole_folder(out, _FILES) as part,
     ):
-        settings = settings_of(recording.values)
+        settings = recording.config.settings
         estimator = Estimator(settings, model)
         table = ReplayTable(estimator, part)
         others = {
@@ -98,7 +102,7 @@ def replay(
             issues=table.issues,
             bag=bag_name(bag),
             topics=recording.topics,
-            parameters=dict(recording.values),
+            parameters=recording.config.values,
             bias=settings.load_cell.bias,
             messages={"pose": len(rows)}
             | {role: recording.counts[role] for role in recording.topics},

@@ -9,7 +9,7 @@ import numpy as np
 from rft_ros.bags.sources import Messages, Source
 from rft_ros.errors import InputError
 from rft_ros.messages import TYPES, Role, stamped_cdr
-from rft_ros.parameters import Values
+from rft_ros.parameters import Config, Settings
 from rft_ros.rft import AXES, POSE, STATE, TWIST
 from rft_ros.states_file import columns_of, read_motion
 from rft_ros.table_file import TableColumns, columns_named
@@ -36,14 +36,14 @@ def read_recorded_table(file: Path) -> TableColumns:
     return read_motion(file, "table", columns_named(AXES))
 
 
-def values_for_table(rows: TableColumns, values: Values) -> Values:
+def config_for_table(rows: TableColumns, config: Config) -> Config:
     """The parameters with which a table is read: velocities are found from the poses unless it has them."""
     twist_source = "topic" if "vx" in rows.columns else "pose_difference"
-    return {**values, "pose_source": "topic", "twist_source": twist_source}
+    return config.changed({"pose_source": "topic", "twist_source": twist_source})
 
 
 def source_of_table(
-    file: Path, rows: TableColumns, topics: Mapping[Role, str], values: Values
+    file: Path, rows: TableColumns, topics: Mapping[Role, str], settings: Settings
 ) -> Source:
     """The samples of a table as messages on the topics of their roles.
 
@@ -67,7 +67,7 @@ def source_of_table(
         for k, stamp in enumerate(stamps):
             for role, numbers in columns.items():
                 if first <= stamp <= last and topics[role] in wanted:
-                    frame = values["sensor_frame" if role == "wrench" else "world_frame"]
+                    frame = settings.sensor_frame if role == "wrench" else settings.world_frame
                     serialised = stamped_cdr(frame, len(numbers[k]))
                     yield stamp, topics[role], serialised(stamp, numbers[k])
 

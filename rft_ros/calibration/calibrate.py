@@ -23,13 +23,12 @@ from rft_ros.calibration.tool_weight import fit_tool_weight
 from rft_ros.calibration.track import Track
 from rft_ros.errors import InputError
 from rft_ros.parameters import (
+    Config,
     LoadCell,
+    MediumConfig,
     Settings,
     Values,
-    law_of,
     load_parts,
-    parts_of,
-    settings_of,
 )
 from rft_ros.rft import FORCE, Law, rotate_vectors, wrenches
 from rft_ros.rft.frames import Placement
@@ -56,30 +55,31 @@ class _Surface(NamedTuple):
 
 def calibrate(
     tracks_sent: Sequence[Track],
-    values: Values,
+    parameters: Config | Values,
     *,
     parts: Collection[str] = PARTS,
     trusts_surface: bool = False,
 ) -> FitResults:
-    """Fit `parts` to the tracks. Other values, and those that are not identifiable, are taken from `values`.
+    """Fit `parts` to the tracks. Other values, and those that are not identifiable, are taken from `parameters`.
 
-    `values`: the node's parameters. `trusts_surface`: their surface height is known, so that a fitted one far from it
-    shows a fault. If the result has `refusals`, it must not be used; if one refuses before the fits, nothing is fitted.
-    Raises InputError for no recordings, for one that `refuse_implausible` refuses, and, if sensor.frame_source is tf,
-    for one whose transforms give no place of the load cell, or another than the first one's.
+    `parameters`: the node's, all or some by name. `trusts_surface`: their surface height is known, so that a fitted one
+    far from it shows a fault. If the result has `refusals`, it must not be used; if one refuses before the fits,
+    nothing is fitted. Raises InputError for no recordings, for one that `refuse_implausible` refuses, and, if
+    sensor.frame_source is tf, for one whose transforms give no place of the load cell, or another than the first one's.
     """
     if not tracks_sent:
         raise InputError("there is no recording to calibrate from; give one or more")
-    settings = settings_of(values)
+    config = Config.of(parameters)
+    settings = config.settings
     result = FitResults()
     for track in tracks_sent:
         refuse_implausible(track)
     cell = _placed_cell(settings, tracks_sent)
     tracks_placed = [without_repeats(replace(track, cell=cell)) for track in tracks_sent]
-    law = _law_of(values)
+    law = _law_of(config.medium)
     surface_placed = _surface(result, tracks_placed, law, settings, parts)
 
-    length = float(values["medium.mobilization_length"])
+    length = config.medium.mobilization_length
     law_with_memory = replace(law, density=0.0, mobilization_length=length)
     for sent, placed in zip(tracks_sent, tracks_placed, strict=True):
         doubted = doubts(sent, placed, settings, law_with_memory, surface=surface_placed.height)
@@ -158,12 +158,9 @@ def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
     return settings.load_cell.at(places[0])
 
 
-def _law_of(values: Values) -> Law:
+def _law_of(medium: MediumConfig) -> Law:
     """The law at ζ = 1, without memory."""
-    parts = parts_of({**values, "ground.cell": 0.0, "ground.file": ""})
-    del parts["tool"]
-    law = law_of({**values, "medium.zeta": 1.0}, load_parts(parts))
-    return replace(law, mobilization_length=0.0)
+    return replace(medium, zeta=1.0, mobilization_length=0.0).law_of(load_parts(medium.parts()))
 
 
 def _recordings(tracks: Sequence[Track], law: Law, surface: _Surface) -> list[Recorded]:

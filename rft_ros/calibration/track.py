@@ -18,7 +18,7 @@ from rft_ros.calibration.smoothing import interpolated, segments
 from rft_ros.diagnosis import CellAlong
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimator
-from rft_ros.parameters import LoadCell, Settings, Values, model_of, settings_of
+from rft_ros.parameters import Config, LoadCell, Settings, Values
 from rft_ros.rft import FORCE, STATE, rotate_vectors, rotation_matrices
 from rft_ros.rft.frames import (
     ANGULAR_VELOCITY,
@@ -124,16 +124,19 @@ class Track:
         return rotate_vectors(self.cell_along.to_world, self.compensated[:, FORCE])
 
 
-def read_track(bag: Path, values: Values, options: ReplayOptions | None = None) -> Track:
+def read_track(
+    bag: Path, parameters: Config | Values, options: ReplayOptions | None = None
+) -> Track:
     """Read a bag's poses, each with the twist and load-cell reading that the estimator uses for it; no tare.
 
     Raises InputError for a bag with fewer than two poses that have both.
     """
     # the error of a reduced tool would bias the fits of the grains; they know level ground only
-    values_of_fits = {**values, "tolerance": 0.0, "ground.cell": 0.0, "ground.file": ""}
-    model = model_of(values_of_fits)
-    with opened_recording(bag, values_of_fits, options, needs_wrench=True) as recording:
-        settings = settings_of(recording.values)
+    exact = {"tolerance": 0.0, "ground.cell": 0.0, "ground.file": ""}
+    config = Config.of(parameters).changed(exact)
+    model = config.model()
+    with opened_recording(bag, config, options, needs_wrench=True) as recording:
+        settings = recording.config.settings
         estimator = Estimator(_settings_of_readings(settings), model)
         rows = played(recording, estimator)
     usable = rows[(rows["reason"] == ESTIMATE) & ~np.isnan(rows["compensated"][:, 0])]

@@ -38,7 +38,7 @@ def calibrate_options(command: argparse.ArgumentParser) -> None:
 def calibrate(arguments: argparse.Namespace) -> int:
     """rft calibrate bag_1 bag_2 --params my_cell.yaml -o calibrated.yaml"""
     output = arguments.output
-    values, chosen = options.recording(arguments)
+    config, chosen = options.recording(arguments)
     named = node_parameters(arguments.params, chosen.node)
     parts = arguments.fit or PARTS
     if chosen.tare and "sensor" not in parts and arguments.fit != ["surface"]:
@@ -46,7 +46,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
         raise InputError(
             f"{file}: no fit uses its tare of {chosen.tare:g} s; add --fit sensor, which replaces it"
         )
-    meshes = dict.fromkeys(arguments.bags, str(values["mesh.file"]))
+    meshes = dict.fromkeys(arguments.bags, config.mesh.file)
     for rule in arguments.mesh:
         name, _, file = rule.partition("=")
         by_path = [bag for bag in meshes if bag == expanded(name)]
@@ -55,12 +55,13 @@ def calibrate(arguments: argparse.Namespace) -> int:
             known = ", ".join(map(str, meshes))
             raise InputError(f"--mesh '{rule}' is not BAG=FILE with one of the bags {known}")
         meshes |= dict.fromkeys(bags, file)
-    inputs = {*named_files(values), *map(locate_mesh, meshes.values())}
+    inputs = {*named_files(config), *map(locate_mesh, meshes.values())}
     options.refuse_inputs(arguments, output, also=inputs)
-    check_recordings(arguments.bags, values, chosen, needs_wrench=True)
-    prepare(needed(values), on_cold_cache=say_compiling)
+    check_recordings(arguments.bags, config, chosen, needs_wrench=True)
+    prepare(needed(config), on_cold_cache=say_compiling)
     tracks = [
-        read_track(bag, {**values, "mesh.file": file}, chosen) for bag, file in meshes.items()
+        read_track(bag, config.changed({"mesh.file": file}), chosen)
+        for bag, file in meshes.items()
     ]
     for track in tracks:
         if track.damage:
@@ -69,7 +70,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
         warnings.warn_of(tool)
     with busy("fitting"):
         trusts_surface = "surface_height" in named and "surface" not in (arguments.fit or ())
-        result = fitted_to(tracks, values, parts=parts, trusts_surface=trusts_surface)
+        result = fitted_to(tracks, config, parts=parts, trusts_surface=trusts_surface)
     if chosen.tare and "sensor.bias" in result.not_identifiable:
         result.not_identifiable["sensor.bias"] += f"; no fit uses the tare of {chosen.tare:g} s"
     for f in result.fitted:

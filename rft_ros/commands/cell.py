@@ -13,7 +13,7 @@ from rft_ros.doctor.checkup import Cell, examine_bag
 from rft_ros.errors import InputError
 from rft_ros.estimator.warm_up import prepare
 from rft_ros.installation import program, share_directory
-from rft_ros.parameters import Value, model_of, named_files, node_parameters, read_parameter_file
+from rft_ros.parameters import Value, named_files, node_parameters, read_parameter_file
 from rft_ros.parameters.file import write_changed
 from rft_ros.progress import busy, line_if_long, say_compiling
 
@@ -39,16 +39,16 @@ def doctor(arguments: argparse.Namespace) -> int:
     """
     if arguments.seconds <= 0.0:
         raise InputError(f"--seconds is {arguments.seconds:g}; it must be over 0")
-    values, chosen = options.recording(arguments)
+    config, chosen = options.recording(arguments)
     if arguments.output:
-        options.refuse_inputs(arguments, arguments.output, also=named_files(values))
-    topics = topics_of(values, chosen.remap, chosen.node)
+        options.refuse_inputs(arguments, arguments.output, also=named_files(config))
+    topics = topics_of(config, chosen.remap, chosen.node)
     named = node_parameters(arguments.params, chosen.node)
     with busy("preparing the tool"):
-        model = model_of({**values, "tolerance": 0.0})
+        model = config.changed({"tolerance": 0.0}).model()
     with line_if_long("loading compiled code"):  # of the node, too, so that its start is quick
         prepare(on_cold_cache=say_compiling)
-    cell = Cell(file=arguments.params, values=values, named=named, model=model, topics=topics)
+    cell = Cell(file=arguments.params, config=config, named=named, model=model, topics=topics)
     if arguments.bag:
         findings = examine_bag(cell, arguments.bag, chosen)
     else:

@@ -9,8 +9,7 @@ from typing import Any
 
 from rft_ros.bags.options import ReplayOptions, read_replay_options
 from rft_ros.files import refuse_overwriting
-from rft_ros.parameters import NODE, PARAMETERS, Values, defaults, read_parameter_file
-from rft_ros.parameters.from_values import SHORT_NAMES, parameters_of
+from rft_ros.parameters import NODE, OPTIONS, Config, config_of_options, read_parameter_file
 from rft_ros.rft import ALPHA_Y_MODELS, MEDIA
 
 BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, also with .zstd, or ROS 1 .bag"
@@ -89,8 +88,7 @@ def share(command: argparse._ActionsContainer, *names: str) -> None:
 
 def _of_parameter(option: str) -> dict[str, Any]:
     """Arguments of `add_argument` for an option that sets a parameter of the node."""
-    name = SHORT_NAMES[option.removeprefix("--").replace("-", "_")]
-    (parameter,) = (p for p in PARAMETERS if p.name == name)
+    parameter = OPTIONS[option.removeprefix("--").replace("-", "_")]
     value = parameter.default
     text = parameter.description.rstrip(".").replace("%", "%%")
     meaning = text[0].lower() + text[1:]
@@ -112,17 +110,17 @@ def _of_parameter(option: str) -> dict[str, Any]:
     }
 
 
-def values_of(arguments: argparse.Namespace) -> Values:
-    """The node's parameters, checked: those that options of `share` set, and the defaults of the others."""
+def config_of(arguments: argparse.Namespace) -> Config:
+    """The node's parameters: those that options of `share` set, and the defaults of the others. Raises InputError."""
     given = {
         name: value
         for name, value in vars(arguments).items()
-        if name in SHORT_NAMES and value is not None
+        if name in OPTIONS and value is not None
     }
     table = given.get("alpha_y", "")
     if Path(table).suffix:
-        return {**parameters_of(given | {"alpha_y": "table"}), "alpha_y.table": table}
-    return parameters_of(given)
+        return config_of_options(given | {"alpha_y": "table"}).changed({"alpha_y.table": table})
+    return config_of_options(given)
 
 
 def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[Path]) -> None:
@@ -135,17 +133,17 @@ def refuse_inputs(arguments: argparse.Namespace, *outputs: Path, also: Iterable[
     refuse_overwriting(outputs, inputs)
 
 
-def recording(arguments: argparse.Namespace) -> tuple[Values, ReplayOptions]:
+def recording(arguments: argparse.Namespace) -> tuple[Config, ReplayOptions]:
     """The node's parameters and the replay options. Those on the command line override the parameter file."""
     node = "/" + (arguments.node or NODE).strip("/")
-    values = defaults()
+    config = Config()
     written = ReplayOptions()
     if arguments.params:
-        values = read_parameter_file(arguments.params, node)
+        config = Config.of(read_parameter_file(arguments.params, node))
         written = read_replay_options(arguments.params)
     given = {
         name: value
         for name, value in vars(arguments).items()
         if name in ("tare", "start", "end") and value is not None
     }
-    return values, replace(written, remap=(*written.remap, *arguments.remap), node=node, **given)
+    return config, replace(written, remap=(*written.remap, *arguments.remap), node=node, **given)

@@ -8,7 +8,7 @@ from rft_ros.bags.playback import played_estimates, played_motion
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
 from rft_ros.estimator.warm_up import needed, prepare
-from rft_ros.parameters import MESH, Model, Values, defaults, model_of, named_files
+from rft_ros.parameters import MESH, Config, Model, named_files
 from rft_ros.progress import busy, say_compiling
 from rft_ros.report import DrawnMotion, Figure, tool_figure, write_page
 from rft_ros.rft import FORCE, SUBMERGED_AREA, described
@@ -40,29 +40,27 @@ def _add_memory(command: argparse._ActionsContainer) -> None:
     command.add_argument("--mobilization-length", type=options.number, metavar="X", help=alone)
 
 
-def _values_for_states(arguments: argparse.Namespace) -> Values:
+def _config_for_states(arguments: argparse.Namespace) -> Config:
     """The parameters. Memory only if its option is given: states may be in any order, unlike a recording's poses."""
-    return {
-        **options.values_of(arguments),
-        "medium.mobilization_length": arguments.mobilization_length or 0.0,
-    }
+    length = arguments.mobilization_length or 0.0
+    return options.config_of(arguments).changed({"medium.mobilization_length": length})
 
 
-def _model_for_states(values: Values) -> Model:
+def _model_for_states(config: Config) -> Model:
     """The model of the parameters, with its code compiled."""
     with busy("reading the tool"):
-        model = model_of(values)
+        model = config.model()
     prepare(frozenset({"forces"}), on_cold_cache=say_compiling)
     return model
 
 
 def predict(arguments: argparse.Namespace) -> int:
     """rft predict states.csv --mesh my_tool.stl --zeta 0.33 --alpha-y linear -o wrenches.csv"""
-    values = _values_for_states(arguments)
-    options.refuse_inputs(arguments, arguments.output, also=named_files(values))
+    config = _config_for_states(arguments)
+    options.refuse_inputs(arguments, arguments.output, also=named_files(config))
     times, states = read_states(arguments.states)
-    model = _model_for_states(values)
-    height = values["surface_height"]
+    model = _model_for_states(config)
+    height = config.settings.surface_height
     tool = model.tool
     if tool.reduction:
         print(f"{tool.name}: {tool.reduction}")
@@ -83,7 +81,7 @@ def predict(arguments: argparse.Namespace) -> int:
     )
     grains = described(model.law)
     if not model.law.has_memory:
-        usual = f"--mobilization-length {defaults()['medium.mobilization_length']:g}"
+        usual = f"--mobilization-length {Config().medium.mobilization_length:g}"
         grains += f" (each state alone; node and replay have it: {usual} for states of one motion)"
     print(grains)
     return 0
@@ -130,11 +128,11 @@ def _figure_of_states(arguments: argparse.Namespace) -> Figure:
     file = arguments.source
     if arguments.mesh is None:
         raise InputError(f"states file '{file}' needs --mesh, the tool that moves")
-    values = _values_for_states(arguments)
-    options.refuse_inputs(arguments, arguments.output, also=named_files(values))
-    model = _model_for_states(values)
+    config = _config_for_states(arguments)
+    options.refuse_inputs(arguments, arguments.output, also=named_files(config))
+    model = _model_for_states(config)
     times, states = read_states(file)
-    height = values["surface_height"]
+    height = config.settings.surface_height
     where = f"states file '{file}'"
     with busy("computing"):
         wrenches = wrenches_along(model, times, states, surface_height=height, where=where)
@@ -147,12 +145,12 @@ def _figure_of_states(arguments: argparse.Namespace) -> Figure:
 
 def _figure_of_bag(arguments: argparse.Namespace) -> Figure:
     bag = arguments.source
-    values, chosen = options.recording(arguments)
-    options.refuse_inputs(arguments, arguments.output, also=named_files(values))
+    config, chosen = options.recording(arguments)
+    options.refuse_inputs(arguments, arguments.output, also=named_files(config))
     with busy("reading the tool"):
-        model = model_of(values)
-    prepare(needed(values), on_cold_cache=say_compiling)
-    rows, estimator = played_estimates(bag, values, model, chosen)
+        model = config.model()
+    prepare(needed(config), on_cold_cache=say_compiling)
+    rows, estimator = played_estimates(bag, config, model, chosen)
     motion = played_motion(rows, estimator, begin=rows["stamp"][0])
     warnings.warn_of_estimates(model.tool, motion.times, rows["depth"], motion.forces)
     with busy("drawing"):
@@ -160,6 +158,6 @@ def _figure_of_bag(arguments: argparse.Namespace) -> Figure:
             model.tool.name,
             model,
             motion,
-            surface_height=values["surface_height"],
-            learned=values["learning.mode"] == "apply",
+            surface_height=config.settings.surface_height,
+            learned=config.settings.learning_mode == "apply",
         )

@@ -34,16 +34,16 @@ def replay(arguments: argparse.Namespace) -> int:
     bags = arguments.bag
     out = arguments.output
     limits = read_limits(arguments.check) if arguments.check else {}
-    values, chosen = options.recording(arguments)
+    config, chosen = options.recording(arguments)
     folders = [out / name for name in folder_names(bags)] if len(bags) > 1 else [out]
     written = [file for folder in folders for file in results(folder)]
-    options.refuse_inputs(arguments, *written, also=named_files(values))
+    options.refuse_inputs(arguments, *written, also=named_files(config))
     if (
         len(bags) == 1
     ):  # of several, a bag that cannot be used does not keep the others from theirs
-        check_recordings(bags, values, chosen)
+        check_recordings(bags, config, chosen)
     with busy("preparing the tool"):
-        model = replay_model(values, on_cold_cache=say_compiling)
+        model = replay_model(config, on_cold_cache=say_compiling)
     print(f"model: {model.in_words}", flush=True)
     warnings.warn_of(model.tool)
     warnings.warn_of_law(model.law)
@@ -51,7 +51,7 @@ def replay(arguments: argparse.Namespace) -> int:
     status = 0
     for bag, folder in zip(bags, folders, strict=True):
         try:
-            summary = run(bag, folder, values, chosen, model=model, report=not arguments.no_report)
+            summary = run(bag, folder, config, chosen, model=model, report=not arguments.no_report)
         except InputError as error:
             if len(bags) == 1:
                 raise

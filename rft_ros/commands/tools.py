@@ -6,7 +6,7 @@ from pathlib import Path
 from rft_ros.commands import options
 from rft_ros.errors import InputError
 from rft_ros.estimator.warm_up import prepare
-from rft_ros.parameters import MESH, tool_of
+from rft_ros.parameters import MESH
 from rft_ros.progress import busy, say_compiling
 from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import run
@@ -21,7 +21,7 @@ def check_mesh_options(command: argparse.ArgumentParser) -> None:
 def check_mesh(arguments: argparse.Namespace) -> int:
     """rft check-mesh my_tool.stl --scale 0.001"""
     with busy("checking the mesh"):
-        tool = tool_of(options.values_of(arguments))
+        tool = options.config_of(arguments).mesh.load()
     print("\n".join(describe_tool(tool)))
     if "concave" in tool.issues:
         print("\n".join(describe_hollow(tool)))

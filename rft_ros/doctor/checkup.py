@@ -26,19 +26,19 @@ from rft_ros.estimator import (
 )
 from rft_ros.ground import Cloud
 from rft_ros.messages import Role
-from rft_ros.parameters import Model, Value, Values, settings_of
+from rft_ros.parameters import Config, Model, Value
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Cell:
     """A robot cell as the parameter file `file` describes it.
 
-    `values`: of all parameters. `named`: the names of the parameters that the file sets. `model`: made from the values,
+    `config`: all parameters. `named`: the names of the parameters that the file sets. `model`: made from them,
     with the tool not reduced. `topics`: the topic of each role that is needed.
     """
 
     file: Path
-    values: Values
+    config: Config
     named: Collection[str]
     model: Model
     topics: dict[Role, str]
@@ -199,9 +199,7 @@ class Checkup:
         self._tare = tare
         self._live = live
         # learning is off, since it would compensate a wrong sign or unit
-        self._estimator = Estimator(
-            settings_of({**cell.values, "learning.mode": "off"}), cell.model
-        )
+        self._estimator = Estimator(replace(cell.config.settings, learning_mode="off"), cell.model)
         self._table = ReplayTable(self._estimator)
         self._heard: dict[Role, list[_Heard]] = {role: [] for role in cell.topics}
         self._poses: list[tuple[float, ...]] = []  # stamp [ns], position and quaternion
@@ -427,8 +425,8 @@ class Checkup:
 
 def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
     """The findings on a recording of the cell. Raises InputError for a bag that cannot be used."""
-    with opened_recording(bag, cell.values, options, strict=False) as recording:
-        as_recorded = replace(cell, values=recording.values, topics=recording.topics)
+    with opened_recording(bag, cell.config, options, strict=False) as recording:
+        as_recorded = replace(cell, config=recording.config, topics=recording.topics)
         advice: dict[Role, str] = dict.fromkeys(_ADVICE, _NOT_IN_PART)
         checkup = Checkup(
             as_recorded,

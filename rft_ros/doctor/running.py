@@ -36,7 +36,7 @@ def examine_running(
     decoders: dict[tuple[Role, str], Callable[[bytes], Sample]] = {}
     with listener(node) as ros:
         with busy(f"looking for {node} and the publishers of its inputs"):
-            running = ros.parameters(list(cell.values))
+            running = ros.parameters(list(cell.config.values))
             ros.subscribe(cell.topics)
         with counted(f"listening for at most {seconds:g} s: {_TASK}") as update:
 
@@ -48,7 +48,7 @@ def examine_running(
 
             messages, topics = ros.listen(seconds, is_enough=is_enough)
     if running is not None:
-        of_node = _of_node(node, running, cell.values, cell.file)
+        of_node = _of_node(node, running, cell.config.values, cell.file)
     elif ros.found:
         said = f"{node} is there and does not answer"
         of_node = Finding(name="node", said=said, advice="this machine is too busy, or it hangs")
@@ -60,10 +60,12 @@ def examine_running(
         )
     # the estimates are computed after listening, so that they take no CPU time while messages arrive
     # a tare changes it
-    values = {**cell.values, "sensor.bias": running["sensor.bias"]} if running else cell.values
-    checkup = Checkup(replace(cell, values=values))
+    config = cell.config
+    if running:
+        config = config.changed({"sensor.bias": running["sensor.bias"]})
+    checkup = Checkup(replace(cell, config=config))
     for sample, received in _as_if_in_time(
-        list(_samples(messages, decoders)), limit=values["max_input_age"]
+        list(_samples(messages, decoders)), limit=config.settings.max_input_age
     ):
         checkup.push(sample, received)
     of_topics = [finding for topic in topics for finding in _of_topic(topic)]

@@ -1,8 +1,9 @@
 """Which parts of a trial a listening doctor has seen: the tool in the air, pressed down, and dragged along x and y."""
 
+from dataclasses import replace
+
 from rft_ros.doctor.checkup import Cell
 from rft_ros.estimator import Estimate, Estimator, PoseSample, Sample
-from rft_ros.parameters import settings_of
 from rft_ros.rft.frames import Placement
 from rft_ros.rft.motion_kinds import kind_of_motion
 
@@ -24,8 +25,8 @@ class SeenMotion:
     """Follows the samples of a cell as they arrive."""
 
     def __init__(self, cell: Cell) -> None:
-        values = {**cell.values, "learning.mode": "off", "max_rate": _RATE_HZ}
-        self._estimator = Estimator(settings_of(values), cell.model)
+        settings = replace(cell.config.settings, learning_mode="off", max_rate=_RATE_HZ)
+        self._estimator = Estimator(settings, cell.model)
         self._middle = Placement(cell.model.tool.middle)
         self._radius = 0.5 * cell.model.tool.size
         self._air_s = 0.0

@@ -15,7 +15,7 @@ from rft_ros.estimator.samples import PoseSample
 from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.ground import HeightMap, Support
-from rft_ros.parameters import LoadCell, Settings, Values
+from rft_ros.parameters import Config, LoadCell, Settings
 from rft_ros.rft import QUATERNION, Agarwal2023, Plates, wrenches
 from rft_ros.rft.frames import Placement
 from rft_ros.rft.wrench import compile_memory, compile_tractions
@@ -57,14 +57,14 @@ PARTS = frozenset(_LOADS)
 """Names of the parts that the machine code is divided into."""
 
 
-def needed(values: Values) -> frozenset[str]:
+def needed(config: Config) -> frozenset[str]:
     """The parts that an estimator with these parameters needs."""
     unused = set()
-    if values["twist_source"] == "topic":
+    if config.settings.twist_source == "topic":
         unused.add("velocity")
-    if values["learning.mode"] == "off":
+    if config.settings.learning_mode == "off":
         unused.add("learning")
-    if not values["ground.cell"]:
+    if not config.ground.cell:
         unused.add("ground")
     return PARTS - unused
 

@@ -7,6 +7,7 @@ import math
 import threading
 import time
 from collections.abc import Sequence
+from dataclasses import replace
 
 from geometry_msgs.msg import WrenchStamped
 from rclpy.duration import Duration
@@ -15,7 +16,7 @@ from rclpy.node import Node
 from rft_ros.estimator import Estimate, Estimator, Trust, trust
 from rft_ros.messages import stamped_cdr
 from rft_ros.node.topics import OUTPUTS
-from rft_ros.parameters import Values
+from rft_ros.parameters import FeedforwardConfig
 from rft_ros.rft import FORCE, QUATERNION, TORQUE
 from rft_ros.rft.frames import Placement, Wrench
 
@@ -74,11 +75,10 @@ class FeedForward:
     without trust, when no estimate has come for ``feedforward.timeout``, with a gain of 0, and when the node ends. A
     thread of its own watches for this, so that nothing that blocks the node's callbacks holds a force.
 
-    `values`: of all parameters.
     """
 
-    def __init__(self, node: Node, estimator: Estimator, values: Values) -> None:
-        self.values = values
+    def __init__(self, node: Node, estimator: Estimator, config: FeedforwardConfig) -> None:
+        self.config = config
         self._publisher = node.create_publisher(WrenchStamped, "~/wrench_feedforward", OUTPUTS)
         self._clock = node.get_clock()
         self._estimator = estimator
@@ -93,7 +93,7 @@ class FeedForward:
 
     def estimated(self, estimate: Estimate) -> None:
         """Publish the wrench for an estimate, with its stamp."""
-        if self.values["feedforward.gain"] == 0.0:
+        if self.config.gain == 0.0:
             return
         target = self._target(estimate)
         with self._lock:
@@ -107,10 +107,10 @@ class FeedForward:
 
     def _without_estimate(self) -> None:
         """Move towards zero if no estimate has come for ``feedforward.timeout``."""
-        is_off = self.values["feedforward.gain"] == 0.0
+        is_off = self.config.gain == 0.0
         with self._lock:
             age = time.monotonic() - self._estimated
-            if self._active and (is_off or age > self.values["feedforward.timeout"]):
+            if self._active and (is_off or age > self.config.timeout):
                 self._publish(_ZERO, self._clock.now().nanoseconds)
                 self._active = not is_off or self._ramp.wrench != _ZERO
 
@@ -121,12 +121,8 @@ class FeedForward:
         """
         self._ended.set()
         self._watchdog.join()
-        rise_time = min(self.values["feedforward.rise_time"], _END)
-        self.values = {
-            **self.values,
-            "feedforward.gain": 0.0,
-            "feedforward.rise_time": rise_time,
-        }
+        rise_time = min(self.config.rise_time, _END)
+        self.config = replace(self.config, gain=0.0, rise_time=rise_time)
         latest = time.monotonic() + 2.0 * _END
         while self._active and time.monotonic() < latest:
             self._without_estimate()
@@ -139,14 +135,16 @@ class FeedForward:
     def _target(self, estimate: Estimate) -> Wrench:
         if trust(estimate.quality_flags) is Trust.NO:
             return _ZERO
-        frame = self.values["feedforward.frame"]
+        frame = self.config.frame
         wrench = estimate.predicted
         if frame != "sensor_frame":
             wrench = self._estimator.load_cell.place.wrench(wrench)
         if frame == "world_frame":
             quaternion = self._estimator.state[QUATERNION].tolist()
             wrench = Placement((0.0, 0.0, 0.0), quaternion).wrench(wrench)
-        return tuple(self.values["feedforward.gain"] * c for c in wrench)
+        gain = self.config.gain
+        fx, fy, fz, tx, ty, tz = wrench
+        return gain * fx, gain * fy, gain * fz, gain * tx, gain * ty, gain * tz
 
     def _publish(self, target: Wrench, stamp: int) -> None:
         before = self._moved
@@ -154,9 +152,11 @@ class FeedForward:
         wrench = self._ramp.follow(
             target,
             duration=min(self._moved - before, _LONGEST_STEP),
-            limits=self.values["feedforward.limit"],
-            rise_time=self.values["feedforward.rise_time"],
+            limits=self.config.limit,
+            rise_time=self.config.rise_time,
         )
-        frame = self.values["feedforward.frame"]
-        axes = self._estimator.wrench_frame if frame == "sensor_frame" else self.values[frame]
+        frame = self.config.frame
+        axes = self._estimator.wrench_frame
+        if frame != "sensor_frame":
+            axes = getattr(self._estimator.settings, frame)
         self._publisher.publish(stamped_cdr(axes)(stamp, wrench))

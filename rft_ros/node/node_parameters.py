@@ -163,11 +163,11 @@ class NodeParameters:
         before = self.values
         said = ", ".join(
             f"{name} {before[name]!r} -> {value!r}"
-            for name, value in accepted.values.items()
+            for name, value in accepted.config.values.items()
             if value != before[name]
         )
         self._node.get_logger().info(f"parameters set: {said}{self._why}")
-        self.values = accepted.values
+        self.values = accepted.config.values
         self._apply(accepted)
 
 

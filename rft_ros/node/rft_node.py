@@ -28,7 +28,7 @@ from rft_ros.node.services import Services
 from rft_ros.node.swap import Failed, Prepared, Swap
 from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.node.topics import INPUTS, OUTPUTS, has_tf2_msgs, message_class, type_on, waiting
-from rft_ros.parameters import Values
+from rft_ros.parameters import Config, Values
 
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
@@ -42,11 +42,11 @@ class RftNode(Node):
     def __init__(self, worker: ToolWorker, arguments: list[str]) -> None:
         super().__init__("rft", cli_args=arguments)
         self.table = NodeParameters(self, arguments, prepare=self._prepare, apply=self._apply)
-        values = self.table.values
+        config = Config.of(self.table.values)
         logger = self.get_logger()
         compiling = "compiling: this takes ten seconds or more, at the first start only; services answer afterwards"
-        self._swap = Swap(worker, values, on_cold_cache=lambda: logger.info(compiling))
-        self.estimator = Estimator(self._swap.prepared.settings, self._swap.prepared.model)
+        self._swap = Swap(worker, config, on_cold_cache=lambda: logger.info(compiling))
+        self.estimator = Estimator(config.settings, self._swap.prepared.model)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._arrivals = Arrivals()
         self._decode: dict[Role, Callable[[bytes], Sample]] = {}
@@ -58,16 +58,16 @@ class RftNode(Node):
         self._sigma = publisher(WrenchStamped, "~/wrench_sigma")
         self._learned = publisher(JointState, "~/medium_learned")
         self._learned_at = 0
-        self.feedforward = FeedForward(self, self.estimator, values)
+        self.feedforward = FeedForward(self, self.estimator, config.feedforward)
         self._markers = Markers(self, self.estimator)
         self._measured_frame = self.estimator.wrench_frame
 
         timer = partial(self.create_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._subscribe("wrench")
         self._twists = self._subscribe("twist")
-        if has_tf2_msgs() or "tf" in (values["pose_source"], values["sensor.frame_source"]):
+        if has_tf2_msgs() or "tf" in (config.settings.pose_source, config.settings.sensor_source):
             self._subscribe("tf_static")
-        if values["pose_source"] == "tf":
+        if config.settings.pose_source == "tf":
             self._subscribe("tf")
         else:
             self._pose_type = TYPES["pose"][0]
@@ -217,21 +217,22 @@ class RftNode(Node):
     # --- parameters and swaps
 
     def _prepare(self, values: Values) -> Prepared:
-        if values["sensor.frame_source"] == "tf":
+        config = Config.of(values)
+        if config.settings.sensor_source == "tf":
             message_class(*TYPES["tf"])
-        return self._swap.prepare(values)
+        return self._swap.prepare(config)
 
     def _apply(self, prepared: Prepared) -> None:
         doubts = self.estimator.model.law.doubts
         self._swap.want(prepared)
-        self.feedforward.values = prepared.values
+        self.feedforward.config = prepared.config.feedforward
         self._use(prepared)
         self._publish_measurements()  # those that waited when the settings changed
         if prepared.model.law.doubts != doubts:
             self.announce("in force")
 
     def _use(self, prepared: Prepared) -> None:
-        self.estimator.use(settings=prepared.settings, model=prepared.model)
+        self.estimator.use(settings=prepared.config.settings, model=prepared.model)
         self._markers.forget()
         self._subscribe_to_clouds()
 
@@ -255,7 +256,7 @@ class RftNode(Node):
 
 def executor_of(node: RftNode) -> Executor:
     """The executor that the node's parameters name."""
-    if node.table.values["executor"] == "events":
+    if Config.of(node.table.values).executor == "events":
         try:
             from rclpy.experimental import EventsExecutor
 

@@ -4,7 +4,7 @@ The node keeps answering with the old model meanwhile.
 """
 
 import time
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from concurrent.futures import Future, ThreadPoolExecutor, wait
 from dataclasses import dataclass
 from pathlib import Path
@@ -15,14 +15,7 @@ from rft_ros.estimator.warm_up import PARTS, needed, prepare, prepare_later
 from rft_ros.files import checked_file
 from rft_ros.messages import decoder
 from rft_ros.node.tool_worker import ToolWorker, files_in, named
-from rft_ros.parameters import (
-    Model,
-    Settings,
-    Values,
-    model_of,
-    parts_of,
-    settings_of,
-)
+from rft_ros.parameters import Config, Model, Part, Values, parameter_values
 from rft_ros.tool import checked_mesh, locate_mesh
 
 _ANSWERS_WITHIN = 0.05
@@ -31,24 +24,23 @@ _ANSWERS_WITHIN = 0.05
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
 class Prepared:
-    """Everything that is made from the checked `values` of all parameters. It is made once, when they are validated.
+    """Everything that is made from a `config`. It is made once, when the parameters are validated.
 
-    `settings` and `model` can be used at once: the model is that of the values `in_force`, whose `parts` are loaded.
+    `config.settings` and `model` can be used at once. `model` uses only files already loaded: those of the parameters
+    `in_force`. `loaded` has what was made of them, by part.
     """
 
-    values: Values
-    settings: Settings
+    config: Config
     model: Model
-    in_force: Values
-    parts: dict[str, Any]
+    in_force: Config
+    loaded: dict[str, Any]
 
     @property
-    def missing(self) -> dict[str, Values]:
-        """The parts of `parts_of` that are not loaded yet."""
+    def missing(self) -> dict[str, Part]:
+        """The parts of the config that are not loaded yet."""
+        in_force = self.in_force.parts()
         return {
-            part: wanted
-            for part, wanted in parts_of(self.values).items()
-            if wanted != _of(self.in_force, wanted)
+            name: part for name, part in self.config.parts().items() if part != in_force.get(name)
         }
 
 
@@ -62,42 +54,42 @@ class Failed(NamedTuple):
 class _Load(NamedTuple):
     """A part that is being loaded in the background. `since`: start, a time of `time.monotonic` [s]."""
 
-    wanted: Values
+    wanted: Part
     loaded: "Future[dict[str, Any]]"
     since: float
 
 
 class Swap:
-    """Loads the parts of a model (`parts_of`).
+    """Loads the parts of a model (`Config.parts`).
 
-    The constructor loads what `values` need, or raises InputError. Each part is loaded on its own, so that a change of
+    The constructor loads what `config` needs, or raises InputError. Each part is loaded on its own, so that a change of
     other parameters does not disturb it. A thread waits for the worker and reads its answer: in the node's own thread
     100,000 plates would delay a tick by 30 ms; in this one 50,000 plates delay it by 3 to 15 ms.
     """
 
     def __init__(
-        self, worker: ToolWorker, values: Values, *, on_cold_cache: Callable[[], None]
+        self, worker: ToolWorker, config: Config, *, on_cold_cache: Callable[[], None]
     ) -> None:
         self._worker = worker
         self._file_thread = ThreadPoolExecutor(1)
         self._check_thread = ThreadPoolExecutor(1)
-        self._code = needed(values)
+        self._code = needed(config)
         prepare(self._code, on_cold_cache)
         self._code_thread = prepare_later(PARTS - self._code)
         # after the code is in the cache; otherwise the worker compiles it, too
-        parts = worker.load(parts_of(values))
+        loaded = worker.load(config.parts())
         self.last_failure = ""
         """Why the last swap failed; empty once one has succeeded."""
         self._loads: dict[str, _Load] = {}  # by part
-        self.prepared = _made(values, values, parts, generation=0)
-        """The values, settings and model that are used now."""
+        self.prepared = _made(config, config, loaded, generation=0)
+        """The parameters and the model that are used now."""
 
-    def prepare(self, values: Values) -> Prepared:
-        """Prepare a change to these values, without reading files. Raises InputError for unusable values."""
-        self._check_code(needed(values))
+    def prepare(self, config: Config) -> Prepared:
+        """Prepare a change to these parameters, without reading files. Raises InputError for unusable values."""
+        self._check_code(needed(config))
         before = self.prepared
         generation = before.model.generation + 1
-        made = _made(values, before.in_force, before.parts, generation=generation)
+        made = _made(config, before.in_force, before.loaded, generation=generation)
         check = self._check_thread.submit(_check_files, made)
         # without an answer the drive stalls, and the worker finds what is wrong
         if wait([check], _ANSWERS_WITHIN).done:
@@ -135,7 +127,7 @@ class Swap:
                 loaded = self._file_thread.submit(self._load, part, wanted)
                 self._loads[part] = _Load(wanted, loaded, since=time.monotonic())
 
-    def _load(self, part: str, wanted: Values) -> dict[str, Any]:
+    def _load(self, part: str, wanted: Part) -> dict[str, Any]:
         if part == "ground":
             # takes 0.3 s the first time; in this thread no tick waits for it
             decoder("surface", ros1=False)
@@ -153,44 +145,42 @@ class Swap:
             loaded = load.loaded.result()
         except InputError as error:
             self.last_failure = str(error)
-            return Failed(undo=_of(before.in_force, load.wanted), reason=self.last_failure)
+            return Failed(undo=_in_force(before.in_force, load.wanted), reason=self.last_failure)
         self.last_failure = ""
         self.prepared = _made(
-            before.values,
-            {**before.in_force, **load.wanted},
-            before.parts | loaded,
+            before.config,
+            before.in_force.changed(parameter_values(load.wanted)),
+            before.loaded | loaded,
             generation=before.model.generation + 1,
         )
         return self.prepared
 
 
 def _made(
-    values: Values, in_force: Values, parts: Mapping[str, Any], *, generation: int
+    config: Config, in_force: Config, loaded: Mapping[str, Any], *, generation: int
 ) -> Prepared:
-    """Settings of these values, and a model of them; each part that has to be loaded stays as it is in force."""
-    now = dict(values)
-    for wanted in parts_of(values).values():
-        now |= _of(in_force, wanted)
-    parts_now = {part: parts[part] for part in parts_of(now)}
+    """What is made from a config; each part that has to be loaded stays as it is in force."""
+    kept: dict[str, Any] = {}
+    for part in config.parts().values():
+        kept |= _in_force(in_force, part)
+    now = config.changed(kept)
+    used = {name: loaded[name] for name in now.parts()}
     return Prepared(
-        values=values,
-        settings=settings_of(values),
-        model=model_of(now, parts_now, generation=generation),
-        in_force=now,
-        parts=parts_now,
+        config=config, model=now.model(used, generation=generation), in_force=now, loaded=used
     )
 
 
-def _of(values: Values, names: Iterable[str]) -> Values:
-    """The values of these parameters."""
-    return {name: values[name] for name in names}
+def _in_force(config: Config, part: Part) -> Values:
+    """The values in a config of the parameters of a part, by name."""
+    values = config.values
+    return {name: values[name] for name in parameter_values(part)}
 
 
 def _check_files(made: Prepared) -> None:
     """Raise InputError for a newly wanted file that does not exist or cannot be read. Does not open it."""
     for part, wanted in made.missing.items():
         if part == "tool":
-            checked_mesh(locate_mesh(wanted["mesh.file"]), "mesh.file")
+            checked_mesh(locate_mesh(made.config.mesh.file), "mesh.file")
             continue
         for name, file in files_in(wanted).items():
             checked_file(Path(file), name)

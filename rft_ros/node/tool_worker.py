@@ -8,7 +8,7 @@ from typing import Any
 
 from rft_ros.child_process import lower_priority, start_child
 from rft_ros.errors import InputError
-from rft_ros.parameters import FILES, Values, load_parts
+from rft_ros.parameters import FILES, Part, load_parts, parameter_values
 
 _LOOK = 1.0  # s between two looks at a process that loads
 _BLOCKED_AFTER = 60.0
@@ -35,9 +35,9 @@ class ToolWorker:
             )
 
     def load(
-        self, files: Mapping[str, Values], is_wanted: Callable[[], bool] = lambda: True
+        self, files: Mapping[str, Part], is_wanted: Callable[[], bool] = lambda: True
     ) -> dict[str, Any]:
-        """Load parts of `parts_of`. Raises InputError if they cannot be used, do not end, or are no longer wanted."""
+        """Load parts of a `Config`. Raises InputError if they cannot be used, do not end, or are no longer wanted."""
         try:
             answer = self._answer(files, is_wanted)
         except InputError:
@@ -52,7 +52,7 @@ class ToolWorker:
         return answer
 
     def _answer(
-        self, files: Mapping[str, Values], is_wanted: Callable[[], bool]
+        self, files: Mapping[str, Part], is_wanted: Callable[[], bool]
     ) -> dict[str, Any] | str:
         """The answer of the process. One that has ended, perhaps long ago, is replaced once."""
         for _ in range(2):
@@ -67,7 +67,7 @@ class ToolWorker:
         raise RuntimeError(f"the process that loads {named(files)} ended")
 
     def _wait(
-        self, files: Mapping[str, Values], is_wanted: Callable[[], bool]
+        self, files: Mapping[str, Part], is_wanted: Callable[[], bool]
     ) -> dict[str, Any] | str:
         """Wait for the answer to a request that was sent."""
         moved = time.monotonic()
@@ -120,7 +120,7 @@ def _serve(descriptor: int, low_priority: int) -> None:
             lower_priority()
 
 
-def _loaded(files: Mapping[str, Values]) -> dict[str, Any] | str:
+def _loaded(files: Mapping[str, Part]) -> dict[str, Any] | str:
     try:
         return load_parts(files)
     except InputError as error:
@@ -130,14 +130,15 @@ def _loaded(files: Mapping[str, Values]) -> dict[str, Any] | str:
         return f"{named(files)} cannot be loaded: {type(error).__name__}"
 
 
-def files_in(values: Values) -> dict[str, str]:
-    """The files that are set in these values, by their parameters."""
-    return {name: values[name] for name in FILES if values.get(name)}
+def files_in(part: Part) -> dict[str, str]:
+    """The files that a part names, by their parameters."""
+    values = parameter_values(part)
+    return {name: str(values[name]) for name in FILES if values.get(name)}
 
 
-def named(parts: Mapping[str, Values]) -> str:
-    """The files that parts of `parts_of` name, with their parameters."""
+def named(parts: Mapping[str, Part]) -> str:
+    """The files that parts of `Config.parts` name, with their parameters."""
     words = [
-        f"{name} '{file}'" for values in parts.values() for name, file in files_in(values).items()
+        f"{name} '{file}'" for part in parts.values() for name, file in files_in(part).items()
     ]
     return " and ".join(words) or "ground.cell"

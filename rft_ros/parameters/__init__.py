@@ -1,7 +1,15 @@
 """Parameters: the table of all of them, the files that set them, and the settings and models made from their values."""
 
+from rft_ros.parameters.config import (
+    MESH,
+    Config,
+    FeedforwardConfig,
+    MediumConfig,
+    MeshConfig,
+    Part,
+    load_parts,
+)
 from rft_ros.parameters.file import (
-    FILES,
     NODE,
     named_files,
     node_parameters,
@@ -9,14 +17,7 @@ from rft_ros.parameters.file import (
     section_parameters,
     write_parameter_file,
 )
-from rft_ros.parameters.from_values import (
-    law_of,
-    load_parts,
-    model_of,
-    parts_of,
-    settings_of,
-    tool_of,
-)
+from rft_ros.parameters.from_values import config_of_options, model_of, settings_of
 from rft_ros.parameters.medium_file import (
     is_medium_file,
     read_alpha_y_table,
@@ -24,32 +25,38 @@ from rft_ros.parameters.medium_file import (
     read_stress_map,
     write_medium,
 )
-from rft_ros.parameters.parameter import Parameter, Value, Values
+from rft_ros.parameters.parameter import Parameter, Value, Values, parameter_values
 from rft_ros.parameters.sections import Section, read_sections, read_value
 from rft_ros.parameters.settings import LoadCell, Model, Settings
-from rft_ros.parameters.table import MESH, PARAMETERS, checked, defaults
+from rft_ros.parameters.table import FILES, OPTIONS, PARAMETERS, checked, defaults
 
 __all__ = [
     "FILES",
     "MESH",
     "NODE",
+    "OPTIONS",
     "PARAMETERS",
+    "Config",
+    "FeedforwardConfig",
     "LoadCell",
+    "MediumConfig",
+    "MeshConfig",
     "Model",
     "Parameter",
+    "Part",
     "Section",
     "Settings",
     "Value",
     "Values",
     "checked",
+    "config_of_options",
     "defaults",
     "is_medium_file",
-    "law_of",
     "load_parts",
     "model_of",
     "named_files",
     "node_parameters",
-    "parts_of",
+    "parameter_values",
     "read_alpha_y_table",
     "read_medium",
     "read_parameter_file",
@@ -58,7 +65,6 @@ __all__ = [
     "read_value",
     "section_parameters",
     "settings_of",
-    "tool_of",
     "write_medium",
     "write_parameter_file",
 ]

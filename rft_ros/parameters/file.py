@@ -7,9 +7,10 @@ from typing import Any
 
 from rft_ros.errors import InputError, shown
 from rft_ros.files import resolved
+from rft_ros.parameters.config import Config
 from rft_ros.parameters.parameter import Value, Values
 from rft_ros.parameters.sections import Given, Section, read_sections
-from rft_ros.parameters.table import checked, defaults
+from rft_ros.parameters.table import FILES, checked, defaults
 from rft_ros.tool import is_mesh_path, locate_mesh
 from rft_ros.yaml_file import write_yaml
 
@@ -79,16 +80,12 @@ def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
     return defaults() | checked_in_file(file, node_parameters(file, node))
 
 
-FILES = ("mesh.file", "medium.file", "alpha_y.table", "ground.file")
-"""Parameters that name a file. A relative path in them starts at the folder of the parameter file."""
-
-
-def named_files(values: Values) -> list[Path]:
+def named_files(config: Config) -> list[Path]:
     """The files that are set in the parameters of `FILES`."""
-    set_ones = [name for name in FILES if values[name]]
+    named = (config.medium.file, config.medium.alpha_y_table, config.ground.file)
     return [
-        locate_mesh(values[name]) if name == "mesh.file" else Path(values[name])
-        for name in set_ones
+        *([locate_mesh(config.mesh.file)] if config.mesh.file else []),
+        *map(Path, filter(None, named)),
     ]
 
 

@@ -40,9 +40,11 @@ class Parameter:
     """One parameter. Its values have the type of `default`.
 
     `bounds`: least and greatest value of each number. `least`: of a length [m] that may be 0, the least other value.
-    `kind`: "motions" for names of `MOTIONS` with commas, "quaternion" for the four numbers of a rotation, "sign" for 1
-    or -1. `is_optional`: as a field of a dataclass it is None where it has its default. `choices`: the values that a
-    text may have; empty: any. `applies`: "live", or "restart" if the running node refuses a change.
+    `kind`: "file" for a file's path, "motions" for names of `MOTIONS` with commas, "quaternion" for the four numbers of
+    a rotation, "sign" for 1 or -1. `is_optional`: as a field of a dataclass it is None where it has its default.
+    `choices`: the values that a text may have; empty: any. `applies`: "live", or "restart" if the running node refuses
+    a change. `option`: its short name on the command line (``--alpha-y`` for alpha_y) and in a study of `rft sweep`;
+    empty: none.
     """
 
     name: str
@@ -52,10 +54,11 @@ class Parameter:
     bounds: tuple[float, float] = (-math.inf, math.inf)
     _: KW_ONLY
     least: float = 0.0
-    kind: Literal["", "motions", "quaternion", "sign"] = ""
+    kind: Literal["", "file", "motions", "quaternion", "sign"] = ""
     is_optional: bool = False
     choices: tuple[str, ...] = ()
     applies: Literal["live", "restart"] = "live"
+    option: str = ""
 
     def checked(self, value: object) -> Value:
         """The value in the parameter's type. Raises InputError that names parameter and value, and what is allowed."""
@@ -130,16 +133,28 @@ def parameter_fields(owner: type) -> dict[str, Parameter]:
     found = {}
     for f in fields(owner):
         if "parameter" in f.metadata:
-            choices = get_args(hints[f.name]) if get_origin(hints[f.name]) is Literal else ()
-            found[f.name] = replace(f.metadata["parameter"], choices=choices)
+            parameter = f.metadata["parameter"]
+            if get_origin(hints[f.name]) is Literal:
+                parameter = replace(parameter, choices=get_args(hints[f.name]))
+            found[f.name] = parameter
     return found
 
 
 def field_values(owner: type, values: Values) -> dict[str, Any]:
-    """The values of the fields of a dataclass that are parameters."""
+    """The values of the fields of a dataclass that are parameters; those that are missing have their defaults."""
     found: dict[str, Any] = {}
     for name, parameter in parameter_fields(owner).items():
-        value = values[parameter.name]
+        value = values.get(parameter.name, parameter.default)
         is_unset = parameter.is_optional and value == parameter.default
         found[name] = None if is_unset else value
+    return found
+
+
+def parameter_values(group: object) -> dict[str, Value]:
+    """The values of the fields of a dataclass that are parameters, by the names of the parameters."""
+    owner: type = type(group)
+    found: dict[str, Value] = {}
+    for name, parameter in parameter_fields(owner).items():
+        value = getattr(group, name)
+        found[parameter.name] = parameter.default if value is None else value
     return found

@@ -133,7 +133,12 @@ class Settings:
         (1e-5, 1.0),
     )
     surface_height: float = setting(
-        "surface_height", 0.0, "z of the undisturbed surface in world_frame.", "m", (-1e6, 1e6)
+        "surface_height",
+        0.0,
+        "z of the undisturbed surface in world_frame.",
+        "m",
+        (-1e6, 1e6),
+        option="surface_height",
     )
     world_frame: str = setting("world_frame", "world", "frame_id of poses; z up.")
     tool_frame: str = setting(

@@ -13,8 +13,8 @@ import numpy as np
 from rft_ros.errors import InputError, shown
 from rft_ros.files import read_file
 from rft_ros.installation import release
-from rft_ros.parameters import is_medium_file
-from rft_ros.parameters.from_values import OF_MEDIUM, OF_TOOL, parameters_of
+from rft_ros.parameters import OPTIONS, MeshConfig, config_of_options, is_medium_file
+from rft_ros.parameters.parameter import parameter_fields
 from rft_ros.rft.arguments import number, whole_number
 from rft_ros.sweeps.motions import FAMILIES, Trajectory
 from rft_ros.tool import files_of_mesh, locate_mesh
@@ -23,6 +23,8 @@ from rft_ros.yaml_file import read_yaml
 Kind = Literal["release", "mesh", "file"]
 
 _PARTS = ("tools", "motions", "media")
+_TOOL_NAMES = tuple(parameter.option for parameter in parameter_fields(MeshConfig).values())
+_MEDIUM_NAMES = tuple(name for name in OPTIONS if name not in _TOOL_NAMES)
 _VECTORS = ("origin", "rotate")  # a list of numbers is one value of these
 _MOST = 1_000_000  # variants, values in a range, samples, and the greatest number in a motion
 _LARGEST_SEED = 10**18 - 1  # YAML readers round integers of more digits
@@ -158,8 +160,8 @@ def _check_point(name: str, point: Mapping[str, Any]) -> None:
         if list(point) != ["states_file"] or not isinstance(point["states_file"], str):
             motion_of(point)
         return
-    _check_names(point, OF_TOOL if name == "tools" else OF_MEDIUM)
-    parameters_of(point)
+    _check_names(point, _TOOL_NAMES if name == "tools" else _MEDIUM_NAMES)
+    config_of_options(point)
     if name == "tools":
         locate_mesh(point.get("mesh", ""))
 

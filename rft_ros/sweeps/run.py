@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 
 from rft_ros.errors import InputError, file_errors, reason_of
 from rft_ros.files import read_text, whole
-from rft_ros.parameters import load_parts, model_of, parts_of
-from rft_ros.parameters.from_values import parameters_of
+from rft_ros.parameters import Part, config_of_options
 from rft_ros.progress import bar
 from rft_ros.rft import AXES, FORCE, POSITION, TWIST, WRENCH
 from rft_ros.states_file import read_states, wrenches_along
@@ -52,15 +51,14 @@ def evaluate(variant: Variant) -> dict[str, float]:
     """The results of a variant by column. Raises InputError or ValueError if it cannot be computed."""
     from scipy.integrate import trapezoid  # takes 0.3 s, and only this command needs it
 
-    values = parameters_of({**variant.tool, **variant.medium})
-    parts = {part: _LOADED[part](part, tuple(of.items())) for part, of in parts_of(values).items()}
-    model = model_of(values, parts)
+    config = config_of_options({**variant.tool, **variant.medium})
+    model = config.model({name: _LOADED[name](part) for name, part in config.parts().items()})
     times, states = _motion(tuple(variant.motion.items()))
     if (np.diff(times) < 0.0).any():
         raise InputError(
             f"states file '{variant.motion['states_file']}': t goes back; work needs it in order"
         )
-    height = values["surface_height"]
+    height = config.settings.surface_height
     wrench = wrenches_along(
         model, times, states, surface_height=height, where="motion", threads=1
     )[:, WRENCH]
@@ -78,9 +76,8 @@ def evaluate(variant: Variant) -> dict[str, float]:
 
 # Few values are cached, since tools vary slowest and media fastest: 400 motions of 20,000 samples took 0.9 GB.
 # `_check_contents` clears them, since files may change between two studies of one worker in a cluster.
-def _load(part: str, items: tuple[tuple[str, Any], ...]) -> Any:
-    """A part of the model, from the items of its values."""
-    return load_parts({part: dict(items)})[part]
+def _load(part: Part) -> Any:
+    return part.load()
 
 
 _LOADED = {

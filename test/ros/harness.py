@@ -25,7 +25,7 @@ from recordings import cdr
 from std_srvs.srv import Trigger
 
 from rft_ros.node import rft_node
-from rft_ros.parameters import Values, defaults, load_parts, parts_of, tool_of
+from rft_ros.parameters import MeshConfig, Part, load_parts
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, law_named, wrenches
 from rft_ros.tool import Tool
 
@@ -40,11 +40,11 @@ _NUMBERS = itertools.count()
 class InlineWorker:
     """Loads a model's files in this process, which has the mesh library in memory; the node asks it as its own."""
 
-    def load(self, files: Mapping[str, Values], _given_up: object = None) -> dict[str, object]:
-        if "tool" in files and str(files["tool"]["mesh.file"]).isidentifier():
-            others = {part: values for part, values in files.items() if part != "tool"}
-            return load_parts(others) | {"tool": _shipped(*files["tool"].items())}
-        return load_parts(files)
+    def load(self, files: Mapping[str, Part], _given_up: object = None) -> dict[str, object]:
+        tool = files.get("tool")
+        is_shipped = isinstance(tool, MeshConfig) and tool.file.isidentifier()
+        loaded = {"tool": _loaded(tool)} if is_shipped else {}
+        return loaded | load_parts({n: part for n, part in files.items() if n not in loaded})
 
     def end(self) -> None:
         pass
@@ -335,14 +335,13 @@ def predicted_by_the_core(
     model = alpha_y_model(alpha_y, generic)
     made = law_named(law, generic, model, zeta=zeta, density=density)
     state = checked_states([0.0, 0.0, z, 0.0, 0.0, 0.0, 1.0, *linear, 0.0, 0.0, 0.0])
-    given = {"mesh.file": mesh, "mesh.quaternion": quaternion, "mesh.hull": hull}
-    of_tool = parts_of({**defaults(), **given})["tool"]
-    return wrenches(_shipped(*of_tool.items()).plates, made, state)[0, :6]
+    tool = _loaded(MeshConfig(file=mesh, quaternion=quaternion, hull=hull))
+    return wrenches(tool.plates, made, state)[0, :6]
 
 
 @cache
-def _shipped(*values: tuple[str, object]) -> Tool:
-    return tool_of(dict(values))
+def _loaded(mesh: MeshConfig) -> Tool:
+    return mesh.load()
 
 
 def numbers(message: WrenchStamped) -> np.ndarray:

@@ -22,7 +22,7 @@ from rft_ros.bags.options import topics_of
 from rft_ros.diagnosis import Finding
 from rft_ros.doctor.checkup import Cell, Checkup
 from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
-from rft_ros.parameters import defaults, model_of
+from rft_ros.parameters import Config, defaults, model_of
 from rft_ros.rft import POSITION, QUATERNION, STATE, VELOCITY, frames, wrenches
 from rft_ros.rft.frames import Placement
 
@@ -76,7 +76,9 @@ def loads(states: NDArray[np.float64], *, zeta: float = ZETA) -> NDArray[np.floa
 
 def cell_of(values, *, named=PARAMETERS) -> Cell:
     topics, model = topics_of(values), model_of(values)
-    return Cell(file=Path("cell.yaml"), values=values, named=named, model=model, topics=topics)
+    return Cell(
+        file=Path("cell.yaml"), config=Config.of(values), named=named, model=model, topics=topics
+    )
 
 
 def wrong(

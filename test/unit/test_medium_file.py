@@ -7,8 +7,13 @@ from refusals import refusal
 
 import rft_ros
 from rft_ros.cli import main
-from rft_ros.parameters import defaults, model_of, read_medium, read_parameter_file
-from rft_ros.parameters.from_values import parameters_of
+from rft_ros.parameters import (
+    config_of_options,
+    defaults,
+    model_of,
+    read_medium,
+    read_parameter_file,
+)
 from rft_ros.parameters.medium_file import read_stress_map
 from rft_ros.rft import MEDIA
 from rft_ros.sweeps.design import read_design
@@ -248,7 +253,7 @@ def test_predict_and_sweep_take_a_file_where_they_take_the_name_of_a_medium(writ
         )
         == 2
     )
-    assert parameters_of({"medium": "poppy_seeds_loose"})["medium.file"] == ""
+    assert config_of_options({"medium": "poppy_seeds_loose"}).medium.file == ""
 
     study = "tools: [{mesh: plate}]\nmotions: [{family: straight, travel: 0.02, samples: 9}]\n"
     design = read_design(

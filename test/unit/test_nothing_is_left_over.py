@@ -6,8 +6,9 @@ from pathlib import Path
 import rft_ros
 from rft_ros.cli import parser
 from rft_ros.estimator import QualityFlag
-from rft_ros.parameters import PARAMETERS, LoadCell, Settings
+from rft_ros.parameters import PARAMETERS
 from rft_ros.parameters.parameter import parameter_fields
+from rft_ros.parameters.table import OWNERS
 from rft_ros.rft import LAW_NUMBERS
 
 PACKAGE = Path(rft_ros.__file__).parent
@@ -17,15 +18,10 @@ NODES = [node for tree in SOURCES.values() for node in ast.walk(tree)]
 
 
 def unread(parameters):
-    """The parameters whose value no code takes: by its name, as an attribute of the settings, or as one of a law."""
+    """The parameters whose value no code takes as an attribute of the config, or as a number of a law."""
     attributes = {node.attr for node in NODES if isinstance(node, ast.Attribute)}
-    keys = {
-        node.slice.value
-        for node in NODES
-        if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant)
-    }
-    taken = keys | {f"medium.{name}" for name in LAW_NUMBERS if name in attributes}
-    for owner in (LoadCell, Settings):
+    taken = {f"medium.{name}" for name in LAW_NUMBERS}
+    for owner in OWNERS:
         taken |= {
             parameter.name
             for field, parameter in parameter_fields(owner).items()

@@ -10,7 +10,9 @@ from refusals import assert_says, refusal
 
 from rft_ros.errors import InputError, shown
 from rft_ros.parameters import (
+    OPTIONS,
     PARAMETERS,
+    Config,
     LoadCell,
     Settings,
     checked,
@@ -21,7 +23,6 @@ from rft_ros.parameters import (
     settings_of,
     write_parameter_file,
 )
-from rft_ros.parameters.from_values import SHORT_NAMES
 from rft_ros.parameters.parameter import parameter_fields
 from rft_ros.parameters.settings import CALIBRATED_ERROR
 from rft_ros.rft import LAW_NUMBERS, LAWS, MEDIA, Constant, Linear, law_named
@@ -146,7 +147,7 @@ def test_a_model_is_the_tool_medium_and_alpha_y_of_the_values(values):
         "medium.zeta": 0.33,
         "medium.name": "poppy_seeds_loose",
     }
-    model = model_of({**values, **given}, generation=7)
+    model = Config.of({**values, **given}).model(generation=7)
     assert model.law.stresses == {"medium": "poppy_seeds_loose", "alpha_y": "linear"}
     assert (model.law.zeta, model.generation) == (0.33, 7)
     constant = model_of({**values, **given, "alpha_y.model": "constant"}).law
@@ -373,7 +374,7 @@ def test_a_file_that_was_written_means_the_same_tool_from_any_folder(
 
 @pytest.mark.parametrize("number", LAW_NUMBERS)
 def test_a_number_of_a_law_is_a_parameter_and_can_be_varied_in_a_study(number):
-    name = SHORT_NAMES[number]
+    name = OPTIONS[number].name
     assert name == f"medium.{number}"
     models = [model_of({**defaults(), "law": law, name: defaults()[name] + 0.25}) for law in LAWS]
     assert defaults()[name] + 0.25 in [getattr(model.law, number, None) for model in models]

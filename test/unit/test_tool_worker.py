@@ -13,7 +13,7 @@ from rft_ros.errors import InputError
 from rft_ros.node import swap, tool_worker
 from rft_ros.node.swap import Failed, Swap
 from rft_ros.node.tool_worker import ToolWorker
-from rft_ros.parameters import defaults, parts_of
+from rft_ros.parameters import Config, MeshConfig
 from rft_ros.tool import load_tool
 
 
@@ -32,8 +32,7 @@ def worker():
 
 
 def loaded(worker, file, tolerance=0.0):
-    files = parts_of({**defaults(), "mesh.file": file, "tolerance": tolerance})
-    return worker.load({"tool": files["tool"]})["tool"]
+    return worker.load({"tool": MeshConfig(file=file, tolerance=tolerance)})["tool"]
 
 
 def arrays(tool):
@@ -153,25 +152,25 @@ def swapped(pending):
 
 
 def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
-    values = {**defaults(), "tolerance": 0.0}
-    pending = Swap(worker, values, on_cold_cache=lambda: None)
+    config = Config.of({"tolerance": 0.0})
+    pending = Swap(worker, config, on_cold_cache=lambda: None)
     with pytest.raises(InputError, match=r"mesh\.file '' is not a shipped mesh"):
-        pending.prepare({**values, "mesh.file": ""})
+        pending.prepare(config.changed({"mesh.file": ""}))
     os.kill(worker.process.pid, signal.SIGSTOP)  # it loads for ever
     for name in ("ellipsoid", "sphere"):
-        pending.want(pending.prepare({**values, "mesh.file": name}))
+        pending.want(pending.prepare(config.changed({"mesh.file": name})))
         assert pending.preparing.startswith(f"mesh.file '{name}' for 0 s")
     assert swapped(pending) is pending.prepared
     assert pending.prepared.model.tool.name == "sphere"
 
 
 def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker):
-    values = {**defaults(), "tolerance": 0.0}
-    pending = Swap(worker, values, on_cold_cache=lambda: None)
+    config = Config.of({"tolerance": 0.0})
+    pending = Swap(worker, config, on_cold_cache=lambda: None)
     process = worker.process.pid
     os.kill(process, signal.SIGSTOP)
-    values = {**values, "mesh.file": "sphere"}
-    pending.want(pending.prepare(values))
+    config = config.changed({"mesh.file": "sphere"})
+    pending.want(pending.prepare(config))
     changed = {}
     for others in (
         {"learning.mode": "observe"},
@@ -179,7 +178,7 @@ def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker):
         {"medium.zeta": 0.5},
     ):
         changed |= others | {"ground.cell": 0.01}
-        pending.want(pending.prepare({**values, **changed}))
+        pending.want(pending.prepare(config.changed({**changed})))
         assert "mesh.file 'sphere' for " in pending.preparing
     os.kill(process, signal.SIGCONT)
     while pending.preparing:
@@ -188,15 +187,15 @@ def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker):
     assert pending.prepared.model.tool.name == "sphere"
     assert pending.prepared.model.ground is not None
     assert pending.prepared.model.law.zeta == 0.5
-    assert pending.prepared.settings.learning_mode == "observe"
+    assert pending.prepared.config.settings.learning_mode == "observe"
 
 
 def test_a_tool_that_cannot_be_used_undoes_its_own_parameters_and_no_others(worker, tmp_path):
     bad = tmp_path / "bad.stl"
     bad.write_text("solid nothing\nendsolid nothing\n")
-    values = {**defaults(), "tolerance": 0.0}
-    pending = Swap(worker, values, on_cold_cache=lambda: None)
-    pending.want(pending.prepare({**values, "mesh.file": str(bad), "ground.cell": 0.01}))
+    config = Config.of({"tolerance": 0.0})
+    pending = Swap(worker, config, on_cold_cache=lambda: None)
+    pending.want(pending.prepare(config.changed({"mesh.file": str(bad), "ground.cell": 0.01})))
     ended = []
     while pending.preparing:
         ended.append(swapped(pending))
