@@ -52,7 +52,7 @@ setup(
         "scipy>=1.11.4",
         "trimesh>=4.5",
         "pycollada>=0.7.2",
-        "rosbags>=0.11.5,<0.12",
+        "rosbags>=0.11.9,<0.12",
         "mcap>=1.1",
         "PyYAML>=6.0.1",
         "rich>=13.7.1",
