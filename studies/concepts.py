@@ -27,7 +27,7 @@ from rft_ros.estimator import (
 from rft_ros.parameters import Model, Settings, defaults, model_of
 from studies.result import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, label_axes
 
-__all__ = ["draw_concepts"]
+__all__ = ["draw_concepts", "write_concepts"]
 
 _GRAINS, _SURFACE, _TOOL = "#C2A878", "#7a6640", "#8f99a8"
 _TOOL_NAME = "plate"
@@ -255,12 +255,16 @@ def draw_concepts() -> Figure:
     return figure
 
 
+def write_concepts(file: Path) -> None:
+    """Write the figure as SVG, with text as text, and the same bytes each time."""
+    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "concepts"}):
+        draw_concepts().savefig(file, metadata={"Date": None})
+
+
 def main() -> None:
     """Write the figure to the file that the command line names."""
     (file,) = sys.argv[1:]
-    # text as text, and the same bytes each time
-    with mpl.rc_context({"svg.fonttype": "none", "svg.hashsalt": "concepts"}):
-        draw_concepts().savefig(Path(file), metadata={"Date": None})
+    write_concepts(Path(file))
 
 
 if __name__ == "__main__":

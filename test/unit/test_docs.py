@@ -143,3 +143,15 @@ def test_the_pages_stay_as_short_as_a_reader_has_time_for():
     assert readme.name == "README.md"
     assert len(readme.read_text(encoding="utf-8").split()) <= MOST_WORDS["README.md"]
     assert sum(map(words, pages)) <= MOST_WORDS["docs"]
+
+
+def test_the_figure_of_the_concepts_shows_what_the_estimator_says_today(tmp_path):
+    """Trust, flags and reasons of its run."""
+    concepts = pytest.importorskip("studies.concepts")
+    concepts.write_concepts(tmp_path / "concepts.svg")
+    drawn, in_docs = (
+        (folder / "concepts.svg").read_text(encoding="utf-8")
+        for folder in (tmp_path, ROOT / "docs" / "images")
+    )
+    said = re.compile(r">(trust \w+|no estimate|[a-z]+(?:_[a-z]+)+|[a-z]+\+[a-z]+)<")
+    assert said.findall(drawn) == said.findall(in_docs) != []
