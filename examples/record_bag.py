@@ -28,8 +28,9 @@ node = rclpy.create_node("recorder")
 with Writer("my_bag", version=9) as bag:
     types = get_typestore(Stores.ROS2_JAZZY)
     for topic, message in TOPICS.items():
+        name = node.resolve_topic_name(topic)  # after `--ros-args -r /rft/pose:=T`
         connection = bag.add_connection(
-            topic, f"geometry_msgs/msg/{message.__name__}", typestore=types
+            name, f"geometry_msgs/msg/{message.__name__}", typestore=types
         )
         node.create_subscription(
             message, topic, partial(record, bag, connection), qos_profile_sensor_data, raw=True

@@ -11,24 +11,25 @@ import pytest
 from rft_ros.cli import main
 
 EXAMPLES = Path(__file__).resolve().parents[2] / "examples"
-PLAY = (sys.executable, str(EXAMPLES / "play_states.py"))
 
 
-def script(rft, name):
-    """The example of this name, for a node in another namespace."""
-    text = (EXAMPLES / f"{name}.py").read_text(encoding="utf-8")
-    return [sys.executable, "-c", text.replace('"/rft/', f'"{rft.name}/')]
+def script(rft, name, *topics):
+    """The command line of an example, with topics or services of the node `/rft` mapped to those of this one."""
+    remaps = [word for topic in topics for word in ("-r", f"/rft/{topic}:={rft.name}/{topic}")]
+    return [sys.executable, str(EXAMPLES / f"{name}.py"), "--ros-args", *remaps]
 
 
 def test_the_script_sets_a_parameter(rft):
-    caller = subprocess.Popen(script(rft, "set_parameter"), stdout=subprocess.PIPE, text=True)
+    command = script(rft, "set_parameter", "set_parameters")
+    caller = subprocess.Popen(command, stdout=subprocess.PIPE, text=True)
     rft.until(lambda: caller.poll() is not None)
     assert "successful=True" in caller.communicate()[0]
     assert rft.get("medium.zeta").double_value == 0.33
 
 
 def test_the_script_records_a_bag_that_replays(rft, tmp_path):
-    recorder = subprocess.Popen(script(rft, "record_bag"), cwd=tmp_path)
+    command = script(rft, "record_bag", "pose", "twist", "wrench_measured")
+    recorder = subprocess.Popen(command, cwd=tmp_path)
     rft.until(
         lambda: min(p.get_subscription_count() for p in (rft.pose, rft.twist, rft.wrench)) == 2
     )  # the node and the recorder
@@ -61,7 +62,7 @@ def test_the_script_feeds_the_node_from_a_csv_and_prints_its_forces(rft, tmp_pat
     pressed(tmp_path / "states.csv", columns)
     namespace = rft.name.rpartition("/")[0]
     feeder = subprocess.Popen(
-        [*PLAY, "--ros-args", "-r", f"__ns:={namespace}"],
+        [*script(rft, "play_states"), "-r", f"__ns:={namespace}"],
         cwd=tmp_path,
         stdout=subprocess.PIPE,
         text=True,
@@ -75,13 +76,9 @@ def test_the_script_feeds_the_node_from_a_csv_and_prints_its_forces(rft, tmp_pat
 
 def test_the_script_says_what_it_waits_for_and_follows_remapped_topics(rft, tmp_path):
     pressed(tmp_path / "states.csv", 8)
-    to_node = [
-        word
-        for topic in ("twist", "wrench_predicted")
-        for word in ("-r", f"/rft/{topic}:={rft.name}/{topic}")
-    ]
     nobody = f"{rft.name}/nobody"
-    command = [*PLAY, "--ros-args", *to_node, "-r", f"/rft/pose:={nobody}"]
+    command = script(rft, "play_states", "twist", "wrench_predicted")
+    command += ["-r", f"/rft/pose:={nobody}"]
     said = tmp_path / "said"
     with said.open("w") as stream:
         feeder = subprocess.Popen(command, cwd=tmp_path, stderr=stream)
