@@ -1,33 +1,36 @@
 """Memory: grains resist fully only after they have been sheared over a distance, Eq. (10).
 
 Each plate keeps its traction per depth τ, in world axes; the radius y of its yield surface; the gap g behind it; and
-the share u of the law's traction that sliding has worn off. A step moves it by D. With its outward normal n, the
-traction t by the law times the share of the plate that leads, the strength σ of the law (ζ times 1 N/cm³, or ξ), and
-the mobilization length λ at its depth:
+the share u of the law's traction that sliding has worn off. A step moves it by D. With its outward normal n, the share
+of it that leads q, q times the traction by the law t, the strength σ of the law (ζ times 1 N/cm³, or ξ), and the
+mobilization length λ at its depth:
 
     k  = E σ / λ                                         modulus of the spring, the same in all directions
     c  = min(max(D·n, 0), g)                             closes the gap
     r  = max(-D·n - max(-τ·n, 0) / k, 0)                 retreat beyond contact                                 (10a)
-    D' = D + (r - c) n,   e = D' / |D'|                  moves the spring
+    D' = (1 - c / |D|) D + r n,   e = D' / |D'|          moves the spring
     a  = (2 max(τ·e, 0) + y - |τ|) / k                   the path along e on which it stays elastic             (10b)
     τ1 = τ - k min(a, |D'|) e,   p = max(|D'| - a, 0)    spring; plastic path                                   (10c)
     s  = D·n / |D|,   d = max(-D·E3, 0) / |D|            how far the face leads, and how far it dives
     S  = max(S0 (1 - d), S1)
-    u∞ = max(-n·E3, 0) min(max(1 - s / S, 0), 1)         a face that looks down and slides
-    u <- u∞ + (u - u∞) e^(-min(p, N |τ| / k) / ℓ)        ℓ = C λ while u grows, λ while it falls                (10d)
-    τ2 = t' + (τ1 - t') e^(-(1 + f) p / λ),              t' = (1 - u) t
-    y <- |τ2| + (y - |τ1|) e^(-(1 + f) p / λ)            τ approaches t', and y approaches |τ|                  (10e)
-    τ <- τ2 max(1 - R k r / |τ2|, 0),   y <- max(y (1 - r / F λ), |τ|),   g <- g - c + G r                      (10f)
+    u∞ = U max(-n·E3, 0) min(max(1 - s / S, 0), 1)       a face that looks down and slides
+    z  = min(2 q, 1) p / ℓ,   ℓ = max(C, B λ) while u grows, B λ while it falls
+    w  = x (e^-z - e^-x) / ((x - z) (1 - e^-x)),   x = (1 + f) p / λ
+    t' = (1 - u∞ - (u - u∞) w) t,   u <- u∞ + (u - u∞) e^-z                                                     (10d)
+    τ2 = t' + (τ1 - t') e^-x,   y <- |τ2| + (y - |τ1|) e^-x        τ approaches t', and y approaches |τ|        (10e)
+    τ <- τ2 max(1 - k r / |τ2|, 0),   y <- max(y (1 - r / F λ), |τ|),   g <- g - c + G r                        (10f)
 
 In words: within its yield surface a plate is a spring. Beyond, it yields: its traction approaches the law's over the
-path λ, and up to twice as fast where it falls; f is the positive part of τ1·v / (|v| max(|τ1|, |v|)) with v = τ1 - t'.
-Grains do not pull: a plate that retreats from them unloads, then loses what is left of its traction and opens a gap,
-which closes before they push again.
+path λ, and up to twice as fast where it falls; f is the positive part of τ1·v / (|v| max(|τ1|, |v|)) with v = τ1 less
+(1 - u) t, u at the end of the step. Grains do not pull: a plate that retreats from them unloads, then loses what is
+left of its traction and opens a gap. The path on which the gap closes moves nothing else, whatever its direction.
 
-A face that looks down and slides along itself loses its pressure over C λ: grains that it sheared once carry no more.
+A face that looks down and slides along itself loses its pressure over C: grains that it sheared once carry no more.
 In a press s is 1, and nothing wears. The less a face dives, the more it must lead to find grains that were not sheared
-before by the parts of the tool ahead of it, so S falls with the dive d. Leading over λ restores what was worn. Only a
-plate that carries traction wears. At rest the plastic path is 0, so noise within the yield surface wears nothing.
+before by the parts of the tool ahead of it, so S falls with the dive d. Leading over B λ restores what was worn. A
+plate that trails wears nothing; one that slides exactly along itself has q = 1/2. At rest the plastic path is 0, so
+noise within the yield surface wears nothing. Over p du/dp = (u∞ - u) z / p and dτ/dp = ((1 - u) t - τ) x / p:
+(10d) and (10e) solve both exactly for constant f and t, so one step of a straight path is as good as many.
 
 The displacement of a step is that of the tool (`displacement`). Nothing else decides how far the plates have moved,
 whatever time it took.
@@ -35,7 +38,7 @@ whatever time it took.
 λ is the mobilization length times (d / `DEPTH`)² at the plate's depth d half a step before, within `LEAST` and
 `GREATEST`.
 
-Continuity. Each line is Lipschitz in D, n, t and the state, and under the refined rule the share, and so t, is
+Continuity. Each line is Lipschitz in D, n, q, t and the state, and under the refined rule the share, and so t, is
 continuous too; v·n = 0, D·n = 0, g = 0 and τ = 0 are no special cases. A state at which the plate has not moved
 changes nothing, whatever its time and velocity. Two jumps are left: a plate that leaves the grains loses its memory,
 and a vanishing velocity can have any direction, which decides t once the plate moves. A velocity of zero has that of
@@ -159,17 +162,20 @@ GREATEST = 2.25
 STIFF = 12.0
 """E: modulus of the spring, over the strength of the law and λ."""
 
-RELEASE = 3.0
-"""R: how much faster a retreat beyond contact takes the traction than the spring would."""
-
 FADES = 3.0
 """F: path of retreat over which the yield surface shrinks, over λ."""
 
 OPEN = 0.2
 """G: growth of the gap over the retreat."""
 
-WEARS = 5.0
-"""C: path over which a sliding face loses its pressure, over λ. Chosen on the seen simulated runs."""
+WEAR_PATH_M = 0.013
+"""C: path over which a sliding face loses its pressure. Chosen on the seen runs and a real wheel's spins."""
+
+RESTORED_OVER = 1.5
+"""B: path over which a face that leads regains its pressure, over λ."""
+
+MOST_WORN = 0.9
+"""U: greatest share that sliding wears off. Chosen with a real wheel's spins and drags."""
 
 LEVEL_LEAD = 0.75
 """S0: lead from which on a face that moves level meets fresh grains. Chosen with the smooth wheel's drags in sight;
@@ -177,10 +183,6 @@ from 0.7 to 0.8 no error changes by more than 0.6 points."""
 
 DIVING_LEAD = 0.3
 """S1: the same for a face that dives steeply. Chosen on the seen simulated runs."""
-
-TOUCHES = 50.0
-"""N: greatest path that wears in one step, over |τ| / k. A plate without traction shears no grains; as a limit of the
-path and not of the traction, the rule is Lipschitz in τ."""
 
 
 class PlateState(NamedTuple):
@@ -207,21 +209,19 @@ def _exp_minus(x):
 
 
 @inlined
-def _worn(before, lead, dive, down, path, span):
-    """u after a plastic path, Eq. (10d). `lead`: s. `dive`: d. `down`: -n·E3. `path`: min(p, N |τ| / k) [m]."""
+def _steadily_worn(lead, dive, down):
+    """u∞ of Eq. (10d). `lead`: s. `dive`: d. `down`: -n·E3."""
     fresh = max(LEVEL_LEAD * (1.0 - dive), DIVING_LEAD)
-    steady = max(down, 0.0) * min(max(1.0 - lead / fresh, 0.0), 1.0)
-    length = span * (WEARS if steady > before else 1.0)
-    return steady + (before - steady) * _exp_minus(path / length)
+    return MOST_WORN * max(down, 0.0) * min(max(1.0 - lead / fresh, 0.0), 1.0)
 
 
 @inlined
-def advance(before, normal, moved, target, span, strength):
+def advance(before, normal, moved, share, target, span, strength):
     """A plate's state after one step, Eqs. (10a) to (10f), and its tangent [N/m⁴].
 
-    `before`: its `PlateState`. `moved`: the displacement D [m]. `target`: t [N/m³]. `span`: λ [m]. `strength`: σ
-    [N/m³]. The tangent: the modulus of the change of the traction with the displacement. In the code a is
-    `elastic_path`, c `closed`, r `beyond` and p `plastic`.
+    `before`: its `PlateState`. `moved`: D [m]. `share`: q. `target`: t [N/m³]. `span`: λ [m]. `strength`: σ [N/m³]. The
+    tangent: the modulus of the change of the traction with the displacement. In the code a is `elastic_path`, c
+    `closed`, r `beyond`, p `plastic`, x `yielding`. `late` t: what the approach to t' has over that to (1 - u) t.
     """
     tau_x, tau_y, tau_z = before.tau
     nx, ny, nz = normal
@@ -233,15 +233,16 @@ def advance(before, normal, moved, target, span, strength):
     pressure = max(-(tau_x * nx + tau_y * ny + tau_z * nz), 0.0)
     beyond = max(-outward - pressure * per_modulus, 0.0)
     step = max(sqrt(dx * dx + dy * dy + dz * dz), _TINY)
-    drop = beyond - closed
-    dx, dy, dz = dx + drop * nx, dy + drop * ny, dz + drop * nz
-    way = sqrt(dx * dx + dy * dy + dz * dz)
-    length = max(way, _TINY)
-    inverse = 1.0 / (length * step * span)  # one division for three
-    per_way = step * span * inverse
-    per_step = length * span * inverse
-    per_span = length * step * inverse
+    inverse = 1.0 / (step * span)  # one division for two
+    per_step = span * inverse
+    per_span = step * inverse
     modulus = STIFF * strength * per_span
+    lead = outward * per_step
+    dive = max(-dz, 0.0) * per_step
+    part = 1.0 - closed * per_step
+    dx, dy, dz = part * dx + beyond * nx, part * dy + beyond * ny, part * dz + beyond * nz
+    way = sqrt(dx * dx + dy * dy + dz * dz)
+    per_way = 1.0 / max(way, _TINY)
     ex, ey, ez = dx * per_way, dy * per_way, dz * per_way
 
     along = ex * tau_x + ey * tau_y + ez * tau_z
@@ -252,25 +253,36 @@ def advance(before, normal, moved, target, span, strength):
     fall = modulus * elastic
     tau_x, tau_y, tau_z = tau_x - fall * ex, tau_y - fall * ey, tau_z - fall * ez
 
-    sheared = min(plastic, TOUCHES * tau * per_modulus)
-    dive = max(-moved[2], 0.0) * per_step
-    worn = _worn(
-        before.worn, lead=outward * per_step, dive=dive, down=-nz, path=sheared, span=span
-    )
+    steady = _steadily_worn(lead, dive, -nz)
+    per_wear = min(1.0 / WEAR_PATH_M, per_span * (1.0 / RESTORED_OVER))
+    per_wear = per_wear if steady > before.worn else per_span * (1.0 / RESTORED_OVER)
+    per_wear *= min(2.0 * share, 1.0)
+    lasts = _exp_minus(plastic * per_wear)
+    excess = before.worn - steady
+    worn = steady + excess * lasts
     tx, ty, tz = _times(1.0 - worn, target)
-
     cx, cy, cz = tx - tau_x, ty - tau_y, tz - tau_z
     change = sqrt(cx * cx + cy * cy + cz * cz)
     tried = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
-    falls = max(-(cx * tau_x + cy * tau_y + cz * tau_z), 0.0) / max(
-        change * max(change, tried), _TINY
+    # f = falling / size_squared, and x / (x - z) is 1.5 at most
+    falling = max(-(cx * tau_x + cy * tau_y + cz * tau_z), 0.0)
+    square = max(change * max(change, tried), _TINY)
+    both = square + falling
+    rest = both - square * (per_wear * span)
+    inverse = 1.0 / (square * rest)  # one division for two
+    yielding = plastic * per_span * (both * rest * inverse)
+    faster = _exp_minus(yielding - plastic * per_wear)
+    approach = 1.0 - lasts * faster
+    late = excess * lasts * (approach - (1.0 - faster) * (both * square * inverse))
+    tau_x, tau_y, tau_z = (
+        tau_x + approach * cx + late * target[0],
+        tau_y + approach * cy + late * target[1],
+        tau_z + approach * cz + late * target[2],
     )
-    approach = 1.0 - _exp_minus(plastic * per_span * (1.0 + falls))
-    tau_x, tau_y, tau_z = tau_x + approach * cx, tau_y + approach * cy, tau_z + approach * cz
     size = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
     radius = before.radius + (size - tried) - approach * max(before.radius - tried, 0.0)
 
-    keeps = 1.0 - min(RELEASE * modulus * beyond, size) / max(size, _TINY)
+    keeps = 1.0 - min(modulus * beyond, size) / max(size, _TINY)
     radius = max(radius * max(1.0 - beyond * per_span * (1.0 / FADES), 0.0), keeps * size)
     tangent = modulus + plastic * per_way * (max(size, change) * per_span - modulus)
     tangent *= 1.0 if keeps * size > 0.0 else 0.0  # without traction nothing is stiff
@@ -297,7 +309,8 @@ def _add_memory(chunk, numbers, count, blocks, motion, below, slope, law):
             depth = below - z + 0.5 * dz + slope[0] * (x - 0.5 * dx) + slope[1] * (y - 0.5 * dy)
             ratio = min(max(depth * depth * (1.0 / (DEPTH * DEPTH)), LEAST), GREATEST)
             span = max(law.mobilization_length, 1.0 / FAR) * ratio
-            target = _times(chunk[at(row.SHARE, i)], triple(chunk, row.TRACTION, i))
+            share = chunk[at(row.SHARE, i)]
+            target = _times(share, triple(chunk, row.TRACTION, i))
             before = PlateState(
                 tau=(block.tau_x[j], block.tau_y[j], block.tau_z[j]),
                 radius=block.radius[j],
@@ -305,7 +318,7 @@ def _add_memory(chunk, numbers, count, blocks, motion, below, slope, law):
                 worn=block.worn[j],
             )
             normal = triple(chunk, row.NORMAL, i)
-            now, tangent = advance(before, normal, moved, target, span, law.stiffness)
+            now, tangent = advance(before, normal, moved, share, target, span, law.stiffness)
             load = chunk[at(row.LOAD, i)]
             wet = 1.0 if load > 0.0 else 0.0
             tau_x, tau_y, tau_z = traction = _times(wet, now.tau)

@@ -123,5 +123,5 @@ def unworn(plates: Plates, way: Array) -> Array:
     """
     lead = plates.normals.T @ way
     least = max(0.75 * (1.0 - max(-way[2], 0.0)), 0.3)
-    worn = np.maximum(-plates.normals[2], 0.0) * np.clip(1.0 - lead / least, 0.0, 1.0)
+    worn = 0.9 * np.maximum(-plates.normals[2], 0.0) * np.clip(1.0 - lead / least, 0.0, 1.0)
     return np.where(lead > 0.0, 1.0 - worn, 0.0)

@@ -5,6 +5,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import trimesh
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from scenes import GENERIC, unworn
@@ -24,7 +25,7 @@ from rft_ros.rft import (
 )
 from rft_ros.rft.memory import STIFF
 from rft_ros.rft.wrench import prepared
-from rft_ros.tool import load_tool
+from rft_ros.tool import load_tool, tool_of_mesh
 
 LAW = treers2021(GENERIC, alpha_y_model("constant", GENERIC), zeta=0.3)
 PLATES = {
@@ -55,7 +56,7 @@ def remembered(states, *, length=LENGTH, plates=PLATES["centroid"], memory=None,
 def test_a_very_short_mobilization_length_gives_the_law_less_what_sliding_wears(integration):
     plates = PLATES[integration]
     velocity = np.array([0.005, 0.002, -0.01])
-    states = along(np.linspace(0.0, 0.05, 5000), velocity)
+    states = along(np.linspace(0.0, 0.3, 5000), velocity)
     result = remembered(states, plates=plates, length=1e-9)[-5:, :3]
     way = velocity / np.linalg.norm(velocity)
     expected = [unworn(plates, way) @ plate_forces(plates, LAW, state) for state in states[-5:]]
@@ -81,11 +82,11 @@ def legs(*ends, step=5e-5):
 
 
 def test_a_face_that_slides_along_itself_loses_its_pressure_and_a_new_press_restores_it():
-    """Simulated grains: 5.2 N after the press, 0.10 N after a drag of 19 mm."""
+    """Simulated grains: 5.2 N after the press, 0.10 N after a drag of 19 mm. A tenth of the law's pressure is left."""
     down, dragged, pressed_again = (0.0, 0.0, -0.03), (0.06, 0.0, -0.03), (0.06, 0.0, -0.05)
     force = remembered(legs((0.0, 0.0, -0.001), down, dragged, pressed_again), plates=FLAT)[:, 2]
     in_press, in_drag, at_end = force[579], force[579 + 1200], force[-1]
-    assert in_drag < 0.03 * in_press
+    assert in_drag < 0.05 * in_press
     assert at_end == pytest.approx(in_press * 50.0 / 30.0, rel=0.05)
 
 
@@ -118,6 +119,33 @@ def test_an_hour_of_encoder_noise_at_rest_wears_less_than_1_percent():
     remembered(rest, plates=FLAT, memory=memory)
     after = remembered(legs((0.0, 0.0, -0.03), (0.0, 0.0, -0.0305)), plates=FLAT, memory=memory)
     assert after[-1, 2] > 0.99 * before
+
+
+def test_a_tilted_face_that_comes_down_again_is_not_pushed_along_its_motion():
+    """While a gap closes, the whole motion waits, and not only its part along the normal."""
+    tilted = Plates.from_arrays([[0.0, 0.0, 0.0]], [[0.6, 0.0, -0.8]], [1e-4])
+    top, bottom, back = (0.0, 0.0, -0.001), (0.0, 0.0, -0.03), (0.0, 0.0, -0.025)
+    path = legs(top, bottom, back, bottom)
+    forces = remembered(path, plates=tilted)
+    again = slice(-100, None)
+    assert forces[again, 0].max() <= 0.0 <= forces[again, 2].min()
+
+
+def test_encoder_noise_after_a_drag_releases_little_of_the_force():
+    """1 µm at 250 Hz, with the node's dead band. A plate in simulated grains rests under a force that holds."""
+    mesh = trimesh.creation.box((0.03, 0.03, 0.003)).subdivide()
+    plate = tool_of_mesh(mesh, name="plate", integration="refined", tolerance=0.0).plates
+    path = legs((0.0, 0.0, 0.0015), (0.0, 0.0, -0.0285), (0.04, 0.0, -0.0285), step=2.5e-4)
+    rng = np.random.default_rng(1)
+    rest = np.repeat(path[-1:], 4000, axis=0)
+    rest[:, :3] += rng.normal(scale=1e-6, size=(len(rest), 3))
+    rest[:, 7:10] = np.diff(rest[:, :3], axis=0, prepend=path[-1:, :3]) * 250.0
+    states = checked_states(np.vstack([path, rest]))
+    moved = displacements_followed(states, reach=plate.reach, dead_band=SLACK)
+    law = replace(LINEAR, mobilization_length=LENGTH)
+    forces = wrenches_in_time(plate, law, states, Memory(plate), displacements=moved)[:, :3]
+    held = forces[len(path) - 1]
+    assert np.linalg.norm(forces[-1] - held) < 0.12 * np.linalg.norm(held)
 
 
 @given(

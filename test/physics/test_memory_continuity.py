@@ -192,16 +192,19 @@ def test_one_step_amplifies_no_change_of_motion_normal_law_or_state_by_more_than
         past["moved"] = past["moved"] - (past["moved"] @ along) * along / (along @ along)
     past["y"] = np.linalg.norm(past["tau"]) * (1.0 + rng.choice([0.0, 1e-9, 0.5]))
     past["worn"] = rng.choice([0.0, 0.5, rng.random()])
+    past["share"] = rng.choice([0.0, 0.5, 1.0, rng.random()])
 
-    def stepped(*, tau, y, gap, worn, n, moved, t):
+    def stepped(*, tau, y, gap, worn, n, moved, t, share):
         past = PlateState(tau=tau, radius=y, gap=gap, worn=worn)
-        now, _ = advance(past, n, moved, t, span, strength)
+        now, _ = advance(past, n, moved, share, t, span, strength)
         return np.array([*now.tau, now.radius, k * now.gap, strength * now.worn])
 
     before, nudge = stepped(**past), tiny * unit(rng.normal(size=3))
     outward = past["moved"] @ n
     beyond = max(-outward - max(-past["tau"] @ n, 0.0) / k, 0.0)
-    way = np.linalg.norm(past["moved"] + (beyond - min(max(outward, 0.0), past["gap"])) * n)
+    path = np.linalg.norm(past["moved"])
+    kept = 1.0 - min(max(outward, 0.0), past["gap"]) / max(path, 1e-30)
+    way = np.linalg.norm(kept * past["moved"] + beyond * n)
     per_metre = k + past["y"] / max(way, 1e-30)
     turned, slid = unit(n + nudge), past["tau"] + strength * nudge
     nudges = {
@@ -211,6 +214,7 @@ def test_one_step_amplifies_no_change_of_motion_normal_law_or_state_by_more_than
         "moved": ({"moved": past["moved"] + 1e-3 * nudge}, 1e-3 * tiny * per_metre),
         "gap": ({"gap": past["gap"] + 1e-3 * tiny}, 1e-3 * tiny * per_metre),
         "worn": ({"worn": past["worn"] + tiny}, tiny * strength),
+        "share": ({"share": past["share"] + tiny}, tiny * strength),
         "n": (
             {"n": turned},
             tiny * (per_metre * np.linalg.norm(past["moved"]) + np.linalg.norm(past["tau"])),

@@ -24,20 +24,18 @@ class Plate:
         self.gap = 0.0
         self.worn = 0.0
 
-    def wear(self, n, moved, path, length):
-        """u after a plastic path of a plate that carries traction, Eq. (10d)."""
+    def wear(self, n, moved, share, length):
+        """u∞, and the plastic path over which u comes near to it by a factor of e, Eq. (10d)."""
         way = np.linalg.norm(moved)
-        if way == 0.0:
-            return
         lead = moved @ n / way
         dive = max(-moved[2], 0.0) / way
         fresh = max(0.75 * (1.0 - dive), 0.3)
-        steady = max(-n[2], 0.0) * np.clip(1.0 - lead / fresh, 0.0, 1.0)
-        over = 5.0 * length if steady > self.worn else length
-        self.worn = steady + (self.worn - steady) * np.exp(-path / over)
+        steady = 0.9 * max(-n[2], 0.0) * np.clip(1.0 - lead / fresh, 0.0, 1.0)
+        over = max(0.013, 1.5 * length) if steady > self.worn else 1.5 * length
+        return steady, over / min(2.0 * share, 1.0) if share > 0.0 else np.inf
 
-    def step(self, n, moved, law, depth):
-        """The force after a displacement [m] to a depth [m]; `law`: the share of the law's traction [N/m³]."""
+    def step(self, n, moved, law, depth, share):
+        """The force after a displacement [m] to a depth [m]; `law`: `share` times its traction [N/m³]."""
         if depth <= 0.0:
             self.__init__()
             return np.zeros(3)
@@ -46,23 +44,31 @@ class Plate:
         carried = np.linalg.norm(self.tau)
         closed = min(max(moved @ n, 0.0), self.gap)
         beyond = max(-moved @ n - max(-self.tau @ n, 0.0) / k, 0.0)
-        of_spring = moved + (beyond - closed) * n
+        if not moved.any():
+            return self.tau * depth * AREA
+        of_spring = (1.0 - closed / np.linalg.norm(moved)) * moved + beyond * n
         way = np.linalg.norm(of_spring)
         u = of_spring / way if way > 0.0 else np.zeros(3)
         elastic = (2.0 * max(self.tau @ u, 0.0) + self.y - carried) / k
         path = max(way - elastic, 0.0)
         tau = self.tau - k * min(elastic, way) * u
-        self.wear(n, moved, min(path, 50.0 * carried / k), length)
-        target = (1.0 - self.worn) * law
-        change = tau - target
+        steady, over = self.wear(n, moved, share, length)
+        before, sliding = self.worn, path / over
+        self.worn = steady + (before - steady) * np.exp(-sliding)
+        change = tau - (1.0 - self.worn) * law
         size = np.linalg.norm(tau)
         sizes = np.linalg.norm(change) * max(size, np.linalg.norm(change))
         faster = max(tau @ change, 0.0) / sizes if sizes > 0.0 else 0.0
-        left = np.exp(-(1.0 + faster) * path / length)
-        tau = target + change * left
+        yielding = (1.0 + faster) * path / length
+        left = np.exp(-yielding)
+        weight = 1.0
+        if yielding > 1e-6:
+            weight = yielding / (yielding - sliding) * (np.exp(-sliding) - left) / (1.0 - left)
+        target = (1.0 - steady - (before - steady) * weight) * law
+        tau = target + (tau - target) * left
         self.y = np.linalg.norm(tau) + (self.y - size) * left
         size = np.linalg.norm(tau)
-        self.tau = tau * (max(size - 3.0 * k * beyond, 0.0) / size if size > 0.0 else 0.0)
+        self.tau = tau * (max(size - k * beyond, 0.0) / size if size > 0.0 else 0.0)
         self.y = max(self.y * (1.0 - beyond / (3.0 * length)), np.linalg.norm(self.tau))
         self.gap += 0.2 * beyond - closed
         return self.tau * depth * AREA
@@ -102,8 +108,10 @@ def test_one_plate_follows_the_equations_along_any_path(seed):
     for k, state in enumerate(states):
         n = rotation_matrix(state[3:7]) @ NORMAL
         twist = state[7:10] if state[7:10].any() else twist
-        target = np.array(traction_per_depth(LINEAR, *n, *twist)) * (twist @ n > 0.0)
-        expected.append(plate.step(n, state[:3] - states[max(k - 1, 0), :3], target, -state[2]))
+        share = float(twist @ n > 0.0)
+        target = share * np.array(traction_per_depth(LINEAR, *n, *twist))
+        moved = state[:3] - states[max(k - 1, 0), :3]
+        expected.append(plate.step(n, moved, target, -state[2], share))
     assume(np.abs(expected).max() > 0.0)  # a path that never loads the plate shows nothing
     np.testing.assert_allclose(
         found, expected, rtol=0.0, atol=1e-7 * max(np.abs(expected).max(), 1e-3)
@@ -121,6 +129,6 @@ def test_the_gap_of_a_skipped_block_is_that_of_plates_that_are_evaluated(seed):
     block.gap[0] = gap
     follow_gap(block, 0, n, np.zeros(3), (moved, np.zeros(9)))
     followed, _ = advance(
-        PlateState(np.zeros(3), 0.0, gap, 0.0), n, moved, np.zeros(3), LENGTH, 1e6
+        PlateState(np.zeros(3), 0.0, gap, 0.0), n, moved, 0.0, np.zeros(3), LENGTH, 1e6
     )
     assert block.gap[0] == pytest.approx(followed.gap, rel=1e-15)
