@@ -1,5 +1,6 @@
 """A recording as arrays, and the parts of it that fits use: rest, penetrations and turns."""
 
+import itertools
 from dataclasses import dataclass, replace
 from functools import cached_property
 from pathlib import Path
@@ -19,7 +20,7 @@ from rft_ros.diagnosis import CellAlong
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimator
 from rft_ros.parameters import Config, LoadCell, Settings, Values
-from rft_ros.rft import FORCE, STATE, rotate_vectors, rotation_matrices
+from rft_ros.rft import AXES, FORCE, STATE, rotate_vectors, rotation_matrices
 from rft_ros.rft.frames import (
     ANGULAR_VELOCITY,
     POSE,
@@ -146,6 +147,12 @@ def read_track(
         topics = ", ".join(recording.topics.values())
         found = f"{len(stamps)} poses with a velocity and a load-cell sample on {topics}"
         raise InputError(f"bag '{bag}' has {found}; {reasons(recording, estimator)}")
+    unknown = np.isnan(usable["compensated"]).any(axis=0)
+    if unknown.any():
+        axes = ", ".join(itertools.compress(AXES, unknown.tolist()))
+        raise InputError(
+            f"bag '{bag}': the load cell gives no number on {axes}; a calibration needs all six axes"
+        )
     return Track(
         name=bag_name(bag),
         begin=int(stamps[0]),

@@ -210,6 +210,8 @@ def evidence_of(
         poses = np.column_stack([rows["stamp"], rows["state"][:, POSE]])
     poses = _longest(poses, poses[:, 0])
     links = transforms.links(s.tool_frame, s.sensor_frame) if s.sensor_source == "tf" else ()
+    # a torque that the load cell does not give agrees with any model
+    is_unknown = np.isnan(rows["compensated"])
     return Evidence(
         settings=s,
         load_cell=estimator.load_cell,
@@ -221,8 +223,8 @@ def evidence_of(
         state=np.array(rows["state"]),
         depth=np.array(rows["depth"]),
         speed=np.array(rows["speed"]),
-        predicted=np.array(rows["predicted"]),
-        measured=np.array(rows["compensated"]),
+        predicted=np.where(is_unknown, 0.0, rows["predicted"]),
+        measured=np.where(is_unknown, 0.0, rows["compensated"]),
         place_on_tf=transforms.fixed(s.tool_frame, s.sensor_frame),
         links=", ".join(links),
     )

@@ -1,5 +1,6 @@
 """Checks a cell's set-up on its samples: clocks, inputs and frames here, the rest by `rft_ros.diagnosis`."""
 
+import math
 from collections import Counter
 from collections.abc import Collection, Iterator, Mapping
 from dataclasses import dataclass, replace
@@ -13,6 +14,7 @@ from rft_ros.bags.estimates import ReplayTable
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import opened_recording
 from rft_ros.diagnosis import Finding, evidence_of, judge
+from rft_ros.doctor.alternation import MIN_JUMPS, Alternation
 from rft_ros.estimator import (
     OF_TRANSFORMS,
     STAMP_ZERO,
@@ -25,8 +27,9 @@ from rft_ros.estimator import (
     WrenchSample,
 )
 from rft_ros.ground import Cloud
-from rft_ros.messages import Role
+from rft_ros.messages import TOPICS, Role
 from rft_ros.parameters import Config, Model, Value
+from rft_ros.rft import AXES
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -202,7 +205,9 @@ class Checkup:
         self._estimator = Estimator(replace(cell.config.settings, learning_mode="off"), cell.model)
         self._table = ReplayTable(self._estimator)
         self._heard: dict[Role, list[_Heard]] = {role: [] for role in cell.topics}
+        self._alternations = {role: Alternation(role) for role in MIN_JUMPS}
         self._poses: list[tuple[float, ...]] = []  # stamp [ns], position and quaternion
+        self._unknown_axes: dict[str, None] = {}  # in the order in which they were seen
         self._began = 0
         self._at_start: Counter[Reason] = Counter()  # reasons before the first estimate
 
@@ -217,6 +222,15 @@ class Checkup:
                 for transform in sample
                 if not transform.fixed
             ]
+        if isinstance(sample, PoseSample):
+            self._alternations["pose"].add(sample.position)
+        elif isinstance(sample, TwistSample):
+            self._alternations["twist"].add((*sample.linear, *sample.angular))
+        elif isinstance(sample, WrenchSample):
+            self._alternations["wrench"].add(sample.wrench)
+            if not all(map(math.isfinite, sample.wrench)):
+                axes = zip(AXES, sample.wrench, strict=True)
+                self._unknown_axes |= {axis: None for axis, v in axes if not math.isfinite(v)}
         for role, stamp, frame, child in heard:
             if role in self._heard:
                 self._heard[role].append(_Heard(time, stamp, frame, child))
@@ -245,9 +259,12 @@ class Checkup:
             for role, of_role in arrivals.items()
             if role != "tf_static"  # which `_of_frames` judges
         ]
-        found = [*late, *inputs, *self._of_frames()]
-        if not any(finding.name == "clock" for finding in late):
-            found += judge(evidence)
+        mixed = list(self._of_publishers())
+        has_clock_step = any(finding.name == "clock" for finding in late)
+        judged = [] if mixed or has_clock_step else list(judge(evidence))
+        jumps = [] if any(finding.name == "units" for finding in judged) else self._of_jumps()
+        of_inputs = [*late, *inputs, *mixed, *jumps, *self._of_axes()]
+        found = [*of_inputs, *self._of_frames(), *judged]
         if whole:
             found += self._of_reasons(len(rows))
         made = self._estimator.estimates
@@ -318,6 +335,35 @@ class Checkup:
         # all messages of a recording that was played and recorded again
         is_played = not self._live and age > _PLAYED
         return role == "surface" or is_ahead or is_played
+
+    def _of_publishers(self) -> Iterator[Finding]:
+        """Topics on which two publishers send in turn, by their messages."""
+        for role, alternation in self._alternations.items():
+            if alternation.is_found:
+                topic = self._cell.topics.get(role, TOPICS[role])
+                jump = f"{alternation.jump:.3g} {alternation.unit}"
+                said = f"the messages on {topic} jump to and fro by {jump}, as of two publishers"
+                again = "" if self._live else ", and record again"
+                yield Finding(name=role, said=said, advice=f"stop one of them{again}")
+
+    def _of_jumps(self) -> Iterator[Finding]:
+        """A pose that is farther from the one before than a tool can move; two publishers are another finding."""
+        jump = self._estimator.run.jumps.longest
+        if jump is None or self._alternations["pose"].is_found:
+            return
+        length = f"{1e3 * jump.length:.0f} mm in {1e3 * jump.seconds:.3g} ms"
+        after = 1e-9 * (jump.stamp - self._poses[0][0])
+        said = f"a pose jumps by {length}, {after:.1f} s after the first one: faster than a tool can move"
+        advice = "look for a reset of the poses' origin or lost messages"
+        yield Finding(name="jump", said=said, advice=advice)
+
+    def _of_axes(self) -> Iterator[Finding]:
+        """Axes on which the load cell gives no number."""
+        if self._unknown_axes:
+            axes = ", ".join(self._unknown_axes)
+            said = f"no number on {axes} of {self._cell.topics['wrench']}, but NaN or infinity"
+            advice = "check its driver and cable; the other axes are used if all forces are there"
+            yield Finding(name="wrench", said=said, advice=advice)
 
     def _of_frames(self) -> Iterator[Finding]:
         unknown = self._estimator.unknown_frames()

@@ -9,6 +9,7 @@ from pathlib import Path
 import numpy as np
 
 from rft_ros.diagnosis import Finding
+from rft_ros.doctor.alternation import MIN_JUMPS
 from rft_ros.doctor.checkup import Cell, Checkup, delayed
 from rft_ros.doctor.seen_motion import SeenMotion
 from rft_ros.estimator import Sample, Stamped
@@ -184,7 +185,12 @@ def _of_topic(topic: Topic) -> Iterator[Finding]:
             yield Finding(
                 name=topic.role, said=said, advice="change qos_overrides or the publisher"
             )
+    count = len(topic.publishers)
+    if count > 1 and topic.role in MIN_JUMPS:
+        right = False
+        names = ", ".join(sorted(publisher.node for publisher in topic.publishers))
+        said = f"{count} publishers on {topic.name} ({names}), whose messages are mixed"
+        yield Finding(name=topic.role, said=said, advice="stop all but one")
     if right and topic.publishers:
-        count = len(topic.publishers)
         number = "1 publisher" if count == 1 else f"{count} publishers"
         yield Finding(name=topic.role, ok=True, said=f"{number} on {topic.name}, QoS compatible")

@@ -14,6 +14,7 @@ from rft_ros.estimator.learning import UNEXPLAINED, Learning
 from rft_ros.estimator.load_cell import LoadCellFrame, Prediction
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Motion
 from rft_ros.estimator.pose_noise import NOISY, NOISY_SENTENCE
+from rft_ros.estimator.quality import sentence_on
 from rft_ros.estimator.run import RESTARTS, Change, Run, changes, compared
 from rft_ros.estimator.samples import Answer, Estimate, PoseSample, Reason, RefusedError
 from rft_ros.estimator.sigma import predict_without_learning
@@ -100,15 +101,25 @@ class Estimator:
         return None if self.run.mapper is None else self.run.mapper.map
 
     def issues(self) -> list[str]:
-        """The current issues: a sparse map, noisy poses, a kind of motion that was not calibrated, a force in the air.
+        """The current issues of the inputs, the ground and the calibration, each a sentence.
+
+        A sparse map; poses that jump or are noisy; axes of the load cell without numbers; a kind of motion that was not
+        calibrated; a force in the air.
 
         With learning also readings that no strength of the grains explains.
         """
         found = []
         if self.ground is not None and self.ground.issue:
             found.append(self.ground.issue)
-        if self.pose_noise > NOISY:
+        if self.run.jumps.sentence:
+            found.append(self.run.jumps.sentence)
+        elif self.pose_noise > NOISY and not sentence_on(
+            self.model.tool, depth=self.depth(), force=0.0
+        ):
             found.append(NOISY_SENTENCE)
+        if self._intake.unknown_axes:
+            axes = ", ".join(self._intake.unknown_axes)
+            found.append(f"the load cell gives no number on {axes}: check its driver and cable")
         found += self.run.unseen.sentences(self.settings.calibrated_motions)
         if self.learning is not None and self.learning.excludes_readings:
             found.append(UNEXPLAINED)
@@ -227,8 +238,9 @@ class Estimator:
     def tare(self, window: float) -> Wrench:
         """The bias that makes the mean compensated wrench of the last `window` [s] zero, in the driver's sign.
 
-        Units [N], [N m]. Pass it to `use` as the load cell's `bias`. Raises InputError if the tool moved, was in the
-        grains or had an unknown velocity, if there are too few load-cell samples, and if poses or samples have ended.
+        Units [N], [N m]. A torque that the load cell does not give keeps its bias. Pass it to `use` as the load cell's
+        `bias`. Raises InputError if the tool moved, was in the grains or had an unknown velocity, if there are too few
+        load-cell samples, and if poses or samples have ended.
         """
         frame = LoadCellFrame(self.load_cell)
         mean = mean_in_air(
@@ -242,9 +254,9 @@ class Estimator:
             reach=self.model.tool.plates.reach,
         )
         _, offset, _ = frame.into_sensor(self.state[QUATERNION], np.zeros(12))
-        fx, fy, fz, tx, ty, tz = (
-            mean - frame.sign * np.array(offset) + self.load_cell.bias
-        ).tolist()
+        bias = mean - frame.sign * np.array(offset) + self.load_cell.bias
+        is_known = ~np.isnan(bias)
+        fx, fy, fz, tx, ty, tz = np.where(is_known, bias, self.load_cell.bias).tolist()
         return fx, fy, fz, tx, ty, tz
 
     # --- poses
@@ -329,6 +341,7 @@ class Estimator:
             run.readings.start_run(pose.stamp)
         run.pose_stamp = pose.stamp
         run.pose = pose
+        run.jumps.follow(pose)
         if run.mapper is not None:
             run.mapper.add_place(
                 ToolPlace(pose.stamp, pose.position, pose.quaternion, self.model.tool.corners)

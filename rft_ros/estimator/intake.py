@@ -30,8 +30,8 @@ from rft_ros.estimator.timeline import (
 from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import DELAY, Cloud
 from rft_ros.parameters import Settings
-from rft_ros.rft import unit_quaternion
-from rft_ros.rft.frames import Placement
+from rft_ros.rft import AXES, FORCE, unit_quaternion
+from rft_ros.rft.frames import Placement, Wrench
 
 # ns; a cloud that follows another one sooner is dropped: 5 Hz are enough
 _CLOUD_PERIOD = 190_000_000
@@ -72,6 +72,8 @@ class Intake:
         self._settings = settings
         self._delay = round(1e9 * settings.load_cell.delay)
         self._unknown.clear()
+        self.unknown_axes: list[str] = []
+        """The axes on which the load cell's last reading has no number."""
         self.transforms.keep(settings.world_frame, settings.tool_frame)
         self._place_sensor()
 
@@ -154,16 +156,30 @@ class Intake:
             into = s.world_frame
             there = self.transforms.fixed(s.world_frame, sample.frame)
         in_world = s.sensor_source == "world" or into == s.world_frame
-        wrench = sample.wrench
+        wrench = self._with_known_axes(sample.wrench)
         if there is not None:
             if in_world:  # the torque is about the sensor's origin, not that of its frame
                 there = there._replace(position=(0.0, 0.0, 0.0))
             wrench = there.wrench(wrench)
-        if not math.hypot(*wrench) < ABSURD:
-            raise RefusedError(Reason.WRENCH_NOT_FINITE)
         reading = WrenchSample(stamp, s.world_frame if in_world else s.sensor_frame, wrench)
         # of several with one stamp the first one is kept, also if a pose came between them
         self._keep(reading, run.readings, run, late=Reason.WRENCH_OUT_OF_ORDER)
+
+    def _with_known_axes(self, wrench: Wrench) -> Wrench:
+        """The wrench, with NaN for a torque that is no number. Raises `RefusedError` if a force is none."""
+        if math.hypot(*wrench) < ABSURD:
+            self.unknown_axes = []
+            return wrench
+        is_number = [abs(value) < ABSURD / 3.0 for value in wrench]  # of six, one is larger
+        self.unknown_axes = [
+            axis for axis, known in zip(AXES, is_number, strict=True) if not known
+        ]
+        if not all(is_number[FORCE]):
+            raise RefusedError(Reason.WRENCH_NOT_FINITE)
+        fx, fy, fz, tx, ty, tz = (
+            value if known else math.nan for value, known in zip(wrench, is_number, strict=True)
+        )
+        return fx, fy, fz, tx, ty, tz
 
     def _keep(self, sample: S, timeline: Timeline[S], run: Run, *, late: Reason) -> None:
         """Keep a sample if it is not late, and compare the predictions that have waited for it."""

@@ -14,6 +14,7 @@ import numpy as np
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import HISTORY, Prediction
 from rft_ros.estimator.motion import Kinematics, Pace
+from rft_ros.estimator.pose_jumps import PoseJumps
 from rft_ros.estimator.quality import QualityMonitor
 from rft_ros.estimator.samples import PoseSample, TwistSample, WrenchSample
 from rft_ros.estimator.sigma import Withdrawal
@@ -58,6 +59,7 @@ RESTARTS: dict[str, Change] = {
     "pose": _MOTION,
     "state": _MOTION,
     "poses": _MOTION,
+    "jumps": _MOTION,
     "pace": _MOTION | Change.RATE,
     "kinematics": _MOTION,
     "mapper": _MOTION | Change.GROUND,
@@ -123,6 +125,7 @@ class Run:
         """As `Estimator.state`."""
         self.poses = deque[TarePose](maxlen=HISTORY)
         """For a tare."""
+        self.jumps = PoseJumps()
         self.pace = Pace(settings.max_rate)
         self.kinematics = Kinematics()
         self.mapper = None if model.ground is None else GroundMapper(model.ground)

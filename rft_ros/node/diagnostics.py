@@ -19,10 +19,13 @@ from rft_ros.estimator import (
     trust,
 )
 from rft_ros.estimator.learning import Learning
+from rft_ros.estimator.pose_noise import NOISY_SENTENCE
+from rft_ros.messages import TOPICS, Role
 from rft_ros.node.swap import Swap
 
 DIAGNOSTICS_PERIOD = 1.0  # s, between two reports
 _QUIET_REPORTS = 3  # a problem that is missing in this many successive reports has ended
+_WITH_ONE_PUBLISHER: tuple[Role, ...] = ("pose", "twist", "wrench")
 _NORMAL = {Reason.AT_REST, Reason.POSE_RATE_LIMITED, Reason.SURFACE_RATE_LIMITED}  # no problems
 
 
@@ -82,7 +85,13 @@ class Diagnostics:
         now = self._node.get_clock().now()
         counts = Counter(self._estimator.counts)
         bad: list[str] = [*sorted((counts - self._reported).keys() - _NORMAL)]
+        crowded = self._crowded_topics()
         issues = self._estimator.issues()
+        if crowded:  # mixed poses look like noise
+            issues = [issue for issue in issues if issue != NOISY_SENTENCE]
+        issues += crowded
+        if self._quality_flags & QualityFlag.IMPOSSIBLE:  # as with poses in millimetres
+            issues.append(QualityFlag.IMPOSSIBLE.sentence)
         learning = self._estimator.learning
         self._reported = counts
         self._idle = not self._received["pose"]
@@ -98,6 +107,18 @@ class Diagnostics:
         self._publisher.publish(array)
         self._log_changes(bad + issues)
         self._start_period()
+
+    def _crowded_topics(self) -> list[str]:
+        """A sentence on each input that has several publishers, whose messages the node cannot tell apart."""
+        found = []
+        for role in _WITH_ONE_PUBLISHER:
+            topic = self._node.resolve_topic_name(TOPICS[role])
+            if self._node.count_publishers(topic) < 2:
+                continue
+            publishers = self._node.get_publishers_info_by_topic(topic)
+            names = ", ".join(sorted(publisher.node_name for publisher in publishers))
+            found.append(f"{len(publishers)} publishers on {topic} ({names}): stop all but one")
+        return found
 
     def _sentence(self, problem: str) -> str:
         """The problem; for an unknown frame, with a sentence that names it."""

@@ -4,7 +4,9 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+import rclpy
 from diagnostic_msgs.msg import DiagnosticStatus
+from geometry_msgs.msg import PoseStamped
 from harness import OUTPUTS, numbers, predicted_by_the_core, stamp_of
 from recordings import cdr
 
@@ -253,6 +255,38 @@ def test_a_tare_is_refused_once_an_input_is_silent_and_names_it(rft, silent, wha
 
     rft.until(refused)
     assert rft.set(sensor__bias=[0.0] * 6)[0]
+
+
+def test_a_second_publisher_of_the_poses_is_named_and_its_poses_are_no_noise(rft):
+    other = rclpy.create_node("old_driver")
+    try:
+        other.create_publisher(PoseStamped, f"{rft.name}/pose", 10)
+        found = f"2 publishers on {rft.name}/pose (old_driver, peer): stop all but one"
+        rft.until(lambda: found in rft.diagnostic("inputs")[1])
+        start = rft.moment()
+        for k in range(400):
+            rft.send(start + k * 8_000_000, z=0.1 + 0.003 * (k % 2))
+        rft.ask(start + 4 * S, z=0.1)
+        rft.diagnostic("inputs")
+        assert "noise" not in rft.said()
+    finally:
+        other.destroy_node()
+    rft.until(lambda: "publishers" not in rft.diagnostic("inputs")[1])
+
+
+def test_the_log_names_the_unit_of_poses_in_millimetres_and_does_not_ask_to_smooth_them(
+    start_node,
+):
+    rft = start_node("-p", "mesh.file:=plate", "-p", "twist_source:=pose_difference").wait_ready()
+    random = np.random.default_rng(1)
+    start = rft.moment()
+    for k in range(400):
+        z = 350.0 - 0.02 * k + 0.003 * random.standard_normal()
+        rft.send(start + k * 8_000_000, z=z, linear=None)
+    rft.until(
+        lambda: rft.send(rft.moment(), z=350.0, linear=None) or "in millimetres" in rft.said()
+    )
+    assert "smooth the poses" not in rft.said()
 
 
 def test_relative_files_lie_beside_the_parameter_file_whose_values_ros_takes(

@@ -24,7 +24,7 @@ from rft_ros.parameters import LoadCell
 
 MODEL = replace(plate_model(mobilization_length=0.003), ground=HeightMap.unknown(0.004))
 
-MOTION = {"pose", "state", "poses", "pace", "kinematics", "mapper", "surface", "place"}
+MOTION = {"jumps", "pose", "state", "poses", "pace", "kinematics", "mapper", "surface", "place"}
 TOOL = {"step", "withdrawal", "quality", "unseen", "air", "footing"}
 COMPARED = {"pending", "last_raw"}
 TABLE = {
