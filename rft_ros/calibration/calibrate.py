@@ -20,7 +20,7 @@ from rft_ros.calibration.recorded import BedValues, Recorded
 from rft_ros.calibration.smoothing import interpolated
 from rft_ros.calibration.suspicion import doubts, refuse_implausible, without_repeats
 from rft_ros.calibration.tool_weight import fit_tool_weight
-from rft_ros.calibration.track import Track
+from rft_ros.calibration.track import Track, thinned
 from rft_ros.errors import InputError
 from rft_ros.parameters import (
     Config,
@@ -35,6 +35,9 @@ from rft_ros.rft.frames import Placement
 
 PARTS = ("sensor", "surface", "zeta", "mobilization")
 """What can be fitted: delay, bias, mass and centre of mass; surface height; ζ; λ."""
+
+MAX_RATE_HZ = 125.0
+"""Moments per second that are fitted: of the rates with which the errors were found right, the least."""
 
 MAX_SURFACE_MOVE_M = 0.02
 """Beds are levelled to some millimetres. A mesh upside down or another TCP moves the surface by the tool's length."""
@@ -75,7 +78,9 @@ def calibrate(
     for track in tracks_sent:
         refuse_implausible(track)
     cell = _placed_cell(settings, tracks_sent)
-    tracks_placed = [without_repeats(replace(track, cell=cell)) for track in tracks_sent]
+    tracks_placed = [
+        thinned(without_repeats(replace(track, cell=cell)), MAX_RATE_HZ) for track in tracks_sent
+    ]
     law = _law_of(config.medium)
     surface_placed = _surface(result, tracks_placed, law, settings, parts)
 

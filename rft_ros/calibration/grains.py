@@ -47,6 +47,9 @@ Array = NDArray[np.float64]
 GIVEN_SURFACE_ERROR = 0.002
 """Standard deviation [m] of the file's surface height, where a recording does not show the surface."""
 
+MAX_SURFACE_ERROR_M = 0.01
+"""An error of ζ by such a surface is of the size of ζ in a usual depth of some centimetres."""
+
 _ROUNDS = 8  # of fits with each other's results
 _SETTLED = 1e-6  # change of the surface [m] below which another round changes nothing
 # standard deviation of log λ where the recordings do not determine it: half to double
@@ -238,6 +241,11 @@ def _own_error(phases: Sequence[Phase]) -> float:
 
 def _add_surface(result: FitResults, bed: _Bed, contacts: Sequence[Contact], error: float) -> None:
     misfit = max(contact.misfit for contact in contacts)
+    if not error <= MAX_SURFACE_ERROR_M:
+        millimetres = f"{1e3 * error:.3g} mm, and must be at most {1e3 * MAX_SURFACE_ERROR_M:g} mm"
+        rounded = "are the positions rounded, or does the bed differ between the contacts?"
+        result.not_identifiable["surface_height"] = f"its error is {millimetres}: {rounded}"
+        return
     result.add(
         "surface_height",
         bed.values.surface,

@@ -179,6 +179,20 @@ def _settings_of_readings(settings: Settings) -> Settings:
     )
 
 
+def thinned(track: Track, rate: float) -> Track:
+    """The recording at moments that follow each other at most at a rate [Hz]; each keeps its own reading."""
+    step = float(np.median(np.diff(track.time)))
+    every = int(1.0 / (rate * max(step, 1e-6)) + 1e-6)
+    if every < 2:
+        return track
+    return replace(
+        track,
+        time=track.time[::every],
+        states=track.states[::every],
+        readings=track.readings[::every],
+    )
+
+
 class Turn(NamedTuple):
     """A change of direction by 60° or more in the grains, or a start from rest in a recording that begins there.
 

@@ -225,6 +225,24 @@ def test_what_is_asked_for_and_not_identifiable_is_a_failure(cell, tmp_path, cap
     )
 
 
+def test_a_calibration_that_a_fault_would_spoil_writes_no_file(cell, tmp_path, capsys):
+    """A wrong sign gave exit status 2, and a surface 100 mm off 0 and a file."""
+    text = (cell / "cell.yaml").read_text()
+    wrong = tmp_path / "wrong.yaml"
+    out = tmp_path / "out.yaml"
+    given = ["calibrate", str(cell / "pressed"), "--params", str(wrong), "-o", str(out)]
+    for line in ("sensor.sign: 1.0", "surface_height: 0.1"):
+        name, value = line.split(": ")
+        tree = yaml.safe_load(text)
+        tree["/**"]["ros__parameters"][name] = float(value)
+        wrong.write_text(yaml.safe_dump(tree))
+        assert main(given) == 1
+        said = capsys.readouterr()
+        assert name in said.err
+        assert "no file was written" in said.out
+        assert not out.exists()
+
+
 def test_a_recording_that_identifies_the_bias_alone_is_a_failure_that_says_what_to_record(
     cell, tmp_path, capsys
 ):

@@ -518,6 +518,16 @@ def test_a_surface_far_from_the_known_one_is_refused_and_otherwise_a_warning():
     assert any(warning.startswith("surface_height") for warning in searched.warnings)
 
 
+def test_positions_that_are_rounded_to_a_millimetre_give_no_surface_of_any_error():
+    """A logger with three decimals gave `-0 ± 1.8e+10 m`, which was written with exit status 0."""
+    track = recorded(PRESS_AND_LIFT, rate=125.0, length=0.003)
+    track.states[:, :3] = np.round(track.states[:, :3], 3)
+    result = calibrate([track], known(), parts=("surface",))
+    for fit in result.fitted:
+        if fit.name == "surface_height":
+            assert fit.errors[0] < 0.01
+
+
 def test_several_events_of_one_recording_have_their_times():
     path = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.06), 0.01).wait(1.0)
     path = path.move((0.03, 0.0, 0.0), 0.01).wait(1.0).move((0.0, 0.0, 0.06), 0.01)
