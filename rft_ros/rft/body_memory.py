@@ -79,9 +79,9 @@ def evaluate(form, law, surface, memory, state, out):
     `form`: of its `Plates`. `law`: a `PackedLaw`. `surface`: a `Surface`. `out` of shape [plates, 3] takes the forces
     of the plates instead, added to those in it, in the kernel's order.
     """
-    moved = np.empty((1, DISPLACEMENT))
-    between(memory.last, state, moved[0])
-    past = Past(True, memory.blocks, memory.stiffness, moved)
+    displacements = np.empty((1, DISPLACEMENT))
+    between(memory.last, state, displacements[0])
+    past = Past(True, memory.blocks, memory.stiffness, displacements)
     sums(form, law, surface.height, surface.slope, state.reshape(1, len(STATE)), past, out)
     # an assignment to a slice would compile numba's strings, for its error: 2 s each time
     for k in range(len(STATE)):

@@ -66,7 +66,7 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
 
     Raises TypeError for what is not a law, and ValueError for one without memory.
     """
-    packed = packed_law(law)
+    kernel_law = packed_law(law)
     length = number("mobilization_length of the law", law.mobilization_length, positive=True)
     places = {form: place for place, form in enumerate(dict.fromkeys(plates))}
     shapes = np.zeros(len(places), SHAPE)
@@ -76,14 +76,14 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
     shapes["bounds"][1:] = BOUNDS * np.cumsum(shapes["blocks"])[:-1]
     shapes["is_refined"] = [form.integration == "refined" for form in places]
     shapes["reach"] = [form.reach for form in places]
-    laws = np.repeat(packed.numbers, len(plates))
+    laws = np.repeat(kernel_law.numbers, len(plates))
     beds = Beds(
         shapes=shapes[[places[form] for form in plates]],
         motions=np.zeros(len(plates), MOTION),
         rows=np.concatenate([form.blocks for form in places]),
         bounds=np.concatenate([form.bounds.ravel() for form in places]),
         laws=laws.view(),
-        table=packed.table,
+        table=kernel_law.table,
         length=length,
         memories=empty_memories(len(plates), most_blocks=shapes["blocks"].max()),
     )

@@ -52,10 +52,10 @@ class Copied:
 
     def __new__(cls, *arguments: Any, **options: Any) -> "Self":
         """The arguments are those of `__init__`."""
-        made = super().__new__(cls)
-        made._arguments = arguments
-        made._options = options
-        return made
+        copied_object = super().__new__(cls)
+        copied_object._arguments = arguments
+        copied_object._options = options
+        return copied_object
 
     def __reduce__(self) -> tuple[Any, ...]:
         return partial(type(self), **self._options), self._arguments, self.state()
@@ -89,10 +89,10 @@ class GrainsBatch(Copied):
         n = whole_number("bodies", bodies, most=MOST)
         workers = whole_number("threads", threads, most=MOST)
         self.tools = [tool] * n if isinstance(tool, Tool) else list(tool)
-        for one in self.tools:
-            if not isinstance(one, Tool):
+        for shape in self.tools:
+            if not isinstance(shape, Tool):
                 raise TypeError(
-                    f"tool is a {type(one).__name__}; load one with rft_ros.tool.load_tool"
+                    f"tool is a {type(shape).__name__}; load one with rft_ros.tool.load_tool"
                 )
         if len(self.tools) != n:
             raise ValueError(f"tool has {len(self.tools)} tools; there are {n} bodies")
@@ -100,14 +100,14 @@ class GrainsBatch(Copied):
             raise TypeError(
                 f"ground is a {type(ground).__name__}; read one with rft_ros.ground.read_height_map"
             )
-        self.beds = make_beds([one.plates for one in self.tools], law)
+        self.beds = make_beds([shape.plates for shape in self.tools], law)
         self._law = law
         self._strengths = np.ones(n)
         self._ground = None if ground is None else ground.filled()
-        self._supports = {one: Support(one.corners) for one in set(self.tools)}
+        self._supports = {shape: Support(shape.corners) for shape in set(self.tools)}
         self._surfaces = np.zeros(n, LAST_SURFACE)
         self._fingerprints = {
-            "tools": np.array([_fingerprint(*one.plates.form) for one in self.tools]),
+            "tools": np.array([_fingerprint(*shape.plates.form) for shape in self.tools]),
             "law": np.array([_fingerprint(*packed_law(law))]),
         }
         self.failures = 0
@@ -138,12 +138,12 @@ class GrainsBatch(Copied):
         both it is the grains' own at `states`. Raises ValueError, and forgets nothing, for values that cannot be used.
         """
         n = len(self.tools)
-        given = checked_states(states)
-        if len(given) != n:
-            raise ValueError(f"states has {len(given)} rows; there are {n} bodies")
+        checked_rows = checked_states(states)
+        if len(checked_rows) != n:
+            raise ValueError(f"states has {len(checked_rows)} rows; there are {n} bodies")
         duration = number("dt", dt, positive=True)
         if inverse_inertia is None and free_acceleration is None:
-            self.begin_step(given, duration)
+            self.begin_step(checked_rows, duration)
             self.beds.motions["wrench"] = self.beds.motions["explicit"]
             return self.wrench
         if inverse_inertia is None or free_acceleration is None:
@@ -158,14 +158,14 @@ class GrainsBatch(Copied):
                 f"inverse_inertia of body {wrong} is not positive semidefinite, as with a negative mass or inertia; "
                 "make it with free_body, or as J M^-1 J^T"
             )
-        _refuse_without_bound(duration, given[:, 7:], free, inverse)
-        self.begin_step(given, duration)
+        _refuse_without_bound(duration, checked_rows[:, 7:], free, inverse)
+        self.begin_step(checked_rows, duration)
         hold = self._hold
-        held = self._in_parts(
+        results = self._in_parts(
             lambda part: hold(self.beds, part.start, inverse[part], free[part], duration)
         )
-        failed, paths = zip(*held, strict=True)
-        self.count_failures(sum(failed), dt=duration, path=max(paths))
+        failures, paths = zip(*results, strict=True)
+        self.count_failures(sum(failures), dt=duration, path=max(paths))
         return self.wrench
 
     @cached_property
@@ -197,13 +197,13 @@ class GrainsBatch(Copied):
     def _find_surfaces(self, states: Array, ground: HeightMap) -> None:
         for k, (tool, state) in enumerate(zip(self.tools, states, strict=True)):
             level = ground.nearest(state[0], state[1])
-            last = self._surfaces[k : k + 1]
-            found = self._supports[tool].local_surface(
-                ground, state, default_height=level, last=last
+            last_surface = self._surfaces[k : k + 1]
+            surface = self._supports[tool].local_surface(
+                ground, state, default_height=level, last=last_surface
             )
             motion = self.beds.motions[k]
-            motion["height"] = found.height
-            motion["slope_x"], motion["slope_y"] = found.slope
+            motion["height"] = surface.height
+            motion["slope_x"], motion["slope_y"] = surface.slope
 
     def surface_heights(self, states: Array) -> Array:
         """The height of the beds' undisturbed surface below each body's origin [m], shape [n]."""
@@ -249,17 +249,17 @@ class GrainsBatch(Copied):
 
         In the order of `Tool.plates`, whose `rows` give the plates' places and areas, to draw them.
         """
-        which = self._indices(body)
-        if len(which) != 1:
+        indices = self._indices(body)
+        if len(indices) != 1:
             raise ValueError(f"body is {body!r}; give the index of one body")
-        k = int(which[0])
+        k = int(indices[0])
         plates = self.tools[k].plates
         forces = np.zeros((plates.bounds.shape[1] * BLOCK, 3))
         add_forces_on_plates(self.beds, k, forces)
-        ordered = np.empty((len(plates), 3))
-        ordered[plates.order] = forces[: len(plates)]
+        ordered_forces = np.empty((len(plates), 3))
+        ordered_forces[plates.order] = forces[: len(plates)]
         area = plates.areas[:, None]
-        return np.divide(ordered, area, out=np.zeros_like(ordered), where=area > 0.0)
+        return np.divide(ordered_forces, area, out=np.zeros_like(ordered_forces), where=area > 0.0)
 
     def reset(
         self,
@@ -276,32 +276,32 @@ class GrainsBatch(Copied):
             raise ValueError(
                 "surface_height is of level beds, and these have the heights of ground; leave it out"
             )
-        which = self._indices(bodies)
-        form = (len(which),)
+        indices = self._indices(bodies)
+        form = (len(indices),)
         factors = None if strength is None else _each("strength", strength, form, positive=True)
         if surface_height is None:
-            surface_height = self.beds.motions["height"][which]
+            surface_height = self.beds.motions["height"][indices]
         heights = _each("surface_height", surface_height, form)
         for array in (*self.beds.memories, self.beds.motions, self._surfaces):
-            array[which] = np.zeros((), array.dtype)
-        self.beds.motions["height"][which] = heights
+            array[indices] = np.zeros((), array.dtype)
+        self.beds.motions["height"][indices] = heights
         if factors is not None:
-            self._set_strengths(which, factors)
+            self._set_strengths(indices, factors)
 
-    def _set_strengths(self, which: NDArray[np.int64], factors: Array) -> None:
+    def _set_strengths(self, indices: NDArray[np.int64], factors: Array) -> None:
         """Give the grains around these bodies new strengths."""
-        self._strengths[which] = factors
-        for k, factor in zip(which.tolist(), factors.tolist(), strict=True):
+        self._strengths[indices] = factors
+        for k, factor in zip(indices.tolist(), factors.tolist(), strict=True):
             set_law(self.beds, k, replace(self._law, zeta=self._law.zeta * factor))
 
     def _indices(self, bodies: ArrayLike | None) -> NDArray[np.int64]:
-        every = np.arange(len(self.tools))
-        given = every if bodies is None else np.asarray(bodies)
+        all_indices = np.arange(len(self.tools))
+        wanted_indices = all_indices if bodies is None else np.asarray(bodies)
         try:
-            return np.atleast_1d(every[given if given.size else []])
+            return np.atleast_1d(all_indices[wanted_indices if wanted_indices.size else []])
         except IndexError:
             raise ValueError(
-                f"bodies is {bodies!r}; give indices of the {len(every)} bodies, 0 to {len(every) - 1}"
+                f"bodies is {bodies!r}; give indices of the {len(all_indices)} bodies, 0 to {len(all_indices) - 1}"
             ) from None
 
     def _arrays(self) -> GrainsState:
@@ -335,8 +335,8 @@ class GrainsBatch(Copied):
             raise ValueError(
                 f"state has the strength {state['strength'].min():g}; restore what state() returned"
             )
-        changed = np.flatnonzero(state["strength"] != self._strengths)
-        self._set_strengths(changed, state["strength"][changed])
+        changed_bodies = np.flatnonzero(state["strength"] != self._strengths)
+        self._set_strengths(changed_bodies, state["strength"][changed_bodies])
         for name in arrays.keys() - self._fingerprints.keys():
             np.copyto(arrays[name], state[name])
 
@@ -375,13 +375,14 @@ def _fingerprint(*parts: Any) -> np.uint64:
 
 def _each(name: str, values: ArrayLike, form: tuple[int, ...], *, positive: bool = False) -> Array:
     """Values for each body, shape `form`; without the first axis the same for all."""
-    given = np.asarray(values)
-    if given.dtype.kind not in "fiu" or given.shape not in (form, form[1:]):
-        one = list(form[1:]) or "one number"
+    given_array = np.asarray(values)
+    if given_array.dtype.kind not in "fiu" or given_array.shape not in (form, form[1:]):
+        row_shape = list(form[1:]) or "one number"
         raise ValueError(
-            f"{name} has shape {list(given.shape)} of type {given.dtype}; it must be {list(form)} or {one}"
+            f"{name} has shape {list(given_array.shape)} of type {given_array.dtype}; it must be {list(form)} or "
+            f"{row_shape}"
         )
-    array = np.array(np.broadcast_to(given, form), dtype=np.float64, order="C")
+    array = np.array(np.broadcast_to(given_array, form), dtype=np.float64, order="C")
     bad = ~np.isfinite(array) | (positive & (array <= 0.0))
     if bad.any():
         raise ValueError(
@@ -392,12 +393,12 @@ def _each(name: str, values: ArrayLike, form: tuple[int, ...], *, positive: bool
 
 def _refuse_without_bound(dt: float, twists: Array, free: Array, inverse: Array) -> None:
     """Refuse steps whose results would overflow."""
-    moved = {
+    displacements = {
         "twist": dt * twists,
         "free_acceleration": dt * dt * free,
         "inverse_inertia": inverse,
     }
-    for name, values in moved.items():
+    for name, values in displacements.items():
         size = np.abs(values).max()
         if not size < MAX_DISPLACEMENT_M:
             raise ValueError(
@@ -430,8 +431,8 @@ class Grains:
         Pose of the body frame [m], quaternion xyzw, and twist of its origin now, shape [6]: linear [m/s] and angular
         [rad/s], world axes. The torque is about the origin. Else as `GrainsBatch.step`.
         """
-        given = ("position", position, 3), ("quaternion", quaternion, 4), ("twist", twist, 6)
-        state = np.concatenate([numbers(name, v, rows=n) for name, v, n in given])
+        parts = ("position", position, 3), ("quaternion", quaternion, 4), ("twist", twist, 6)
+        state = np.concatenate([numbers(name, values, rows=n) for name, values, n in parts])
         wrenches = self._one.step(
             state, dt, inverse_inertia=inverse_inertia, free_acceleration=free_acceleration
         )

@@ -185,9 +185,9 @@ def _measure(
         wx, wy, wz, vx, vy, vz = twists[body]
         qw, qx, qy, qz = quaternions[body]
         px, py, pz = positions[body]
-        turned = qx, qy, qz, qw
-        moved = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
-        state = (px, py, pz, *turned, *moved, wx, wy, wz)
+        quaternion = qx, qy, qz, qw
+        velocity = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+        state = (px, py, pz, *quaternion, *velocity, wx, wy, wz)
         for k in range(13):
             states[b, k] = state[k]
             if not abs(state[k]) < MAX_SPEED_M_S:

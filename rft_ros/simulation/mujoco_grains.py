@@ -23,7 +23,7 @@ from rft_ros.simulation.grains import (
     copied,
 )
 from rft_ros.simulation.mechanism import Mechanism, import_mujoco
-from rft_ros.simulation.rigid_ground import Placed, find_rigid_ground, sentence_of
+from rft_ros.simulation.rigid_ground import PlacedBody, find_rigid_ground, sentence_of
 from rft_ros.simulation.shapes import check_size, geometry_of, ground_of_field, tool_of_body
 from rft_ros.simulation.step import Joints, Trial, new_trial, search
 from rft_ros.tool import Tool, load_tool
@@ -37,11 +37,11 @@ DEFAULT_LENGTH_M = 0.003
 MAX_RK4_STEP_S = 0.002
 """In longer steps of RK4 bodies may not come to rest."""
 
-RELATIVE_ROUNDING = 1e-9
+ROUNDING_SHARE = 1e-9
 """A force in xfrc_applied that differs by less from what was written there is that force."""
 
-MAX_STEPS_AHEAD = 1.5
-"""Data that moved on by more steps since the last call was stepped without the grains."""
+MAX_STEP_RATIO = 1.5
+"""Time since the last call over its step: data that moved on by more was stepped without the grains."""
 
 _log = logging.getLogger("rft_ros.simulation")
 
@@ -190,8 +190,8 @@ class MujocoGrains(Copied):
             wrenches = trial.best
             if not math.isfinite(wrenches.sum()):
                 raise self._without_bound(data, h)
-            at = trial.at[0]
-            grains.count_failures(0 if at["has_ended"] else 1, dt=h, path=at["path"])
+            progress = trial.progress[0]
+            grains.count_failures(0 if progress["has_ended"] else 1, dt=h, path=progress["path"])
         grains.hold(bodies, wrenches)
         self._write(*self._wrenches())
         self._last = _Call(data.time, h)
@@ -215,14 +215,14 @@ class MujocoGrains(Copied):
 
     def _check_course(self, data: Any) -> None:
         """Start anew if the time is back at 0; raise InputError if `data` does not go on from the last call."""
-        last = self._last
-        if last is None:
+        last_call = self._last
+        if last_call is None:
             return
-        if data.time < last.time:
+        if data.time < last_call.time:
             if data.time > 0.0:
                 raise InputError(
-                    f"the data's time went back from {last.time:g} to {data.time:g} s; call restore(state) with what "
-                    "state() returned at that time, or reset() for new beds"
+                    f"the data's time went back from {last_call.time:g} to {data.time:g} s; call restore(state) with "
+                    "what state() returned at that time, or reset() for new beds"
                 )
             self.reset()
         elif data is not self._mechanism.data:
@@ -230,10 +230,10 @@ class MujocoGrains(Copied):
                 "this MjData is not that of the last apply, and one MujocoGrains serves one MjData; make one for "
                 "each, or call restore(state) or reset() before apply"
             )
-        elif data.time > last.time + MAX_STEPS_AHEAD * last.step:
+        elif data.time > last_call.time + MAX_STEP_RATIO * last_call.step:
             raise InputError(
-                f"the data moved on by {(data.time - last.time) / last.step:.3g} steps since the last apply; call "
-                "apply before each mj_step (no nstep= or frame_skip), or reset() or restore(state) after a jump in time"
+                f"the data moved on by {(data.time - last_call.time) / last_call.step:.3g} steps since the last apply; "
+                "call apply before each mj_step (no nstep= or frame_skip), or reset() or restore(state) after a jump"
             )
 
     def _check_shapes(self) -> None:
@@ -245,16 +245,18 @@ class MujocoGrains(Copied):
     def _check_ground(self, data: Any) -> None:
         """Raise InputError if rigid ground holds a body everywhere; log what holds one where it starts."""
         heights = self._grains.surface_heights(self._mechanism.states)
-        placed = [Placed(*one) for one in zip(self._ids, self.tools, heights, strict=True)]
-        for found in find_rigid_ground(
+        placed_bodies = [
+            PlacedBody(*one) for one in zip(self._ids, self.tools, heights, strict=True)
+        ]
+        for rigid_ground in find_rigid_ground(
             self._model,
             data,
-            placed,
+            placed_bodies,
             ground_geom=self._ground_geom,
             is_level=self._is_level,
         ):
-            sentence = sentence_of(self._model, found)
-            if found.is_everywhere:
+            sentence = sentence_of(self._model, rigid_ground)
+            if rigid_ground.is_everywhere:
                 raise InputError(sentence)
             _log.warning("%s", sentence)
         self._is_ground_checked = True
@@ -265,11 +267,11 @@ class MujocoGrains(Copied):
         trial: Trial = new_trial(len(joints.bodies), len(joints.force))
         trial.acceleration[:] = mechanism.data.qacc_warmstart
         constraints = mechanism.unconstrained
-        ended = False
-        while not ended:
+        has_ended = False
+        while not has_ended:
             if mechanism.data.nefc:
                 constraints = mechanism.constraints(trial.acceleration)
-            ended = self._search(self._grains.beds, joints, constraints, h, trial)
+            has_ended = self._search(self._grains.beds, joints, constraints, h, trial)
         return trial
 
     def _without_bound(self, data: Any, h: float) -> ValueError:
@@ -297,8 +299,8 @@ class MujocoGrains(Copied):
         """Energy that the grains have taken from the bodies since the last reset [J]: a float or shape [n]."""
         return self._one_or_all(self._grains.energy)
 
-    def _one_or_all(self, of_bodies: Array) -> Any:
-        return of_bodies[0] if self._single else of_bodies
+    def _one_or_all(self, values: Array) -> Any:
+        return values[0] if self._single else values
 
     def tractions(self, body: str | int = 0) -> Array:
         """`GrainsBatch.tractions` of a body, by its name or its place in `bodies`, at the begin of the current step."""
@@ -328,12 +330,12 @@ class MujocoGrains(Copied):
 
     def restore(self, state: GrainsState) -> None:
         """Go back to what `state` returned; before or after `mj_setState`."""
-        applied, grains = _split(state, self._applied)
-        check_state(applied, self._applied)
+        applied_state, grains_state = _split(state, self._applied)
+        check_state(applied_state, self._applied)
         self._take_away(*self._forces())  # or the wrenches there would be taken for the user's
-        self._grains.restore(grains)
+        self._grains.restore(grains_state)
         for name, array in self._applied.items():
-            np.copyto(array, applied[name])
+            np.copyto(array, applied_state[name])
         self._last = None
 
     __setstate__ = restore  # of a copy
@@ -343,41 +345,41 @@ def _split(state: GrainsState, names: Container[str]) -> tuple[GrainsState, Grai
     """The arrays of a state with these names, and the others; what is no state stays what it is."""
     if not isinstance(state, dict):
         return state, state
-    of_names = {name: array for name, array in state.items() if name in names}
-    return of_names, {name: array for name, array in state.items() if name not in names}
+    named_arrays = {name: array for name, array in state.items() if name in names}
+    return named_arrays, {name: array for name, array in state.items() if name not in names}
 
 
-def _body_id(model: Any, given: object) -> int:
-    found = 0  # the world, which is none
-    if isinstance(given, str):
+def _body_id(model: Any, name_or_id: object) -> int:
+    body = 0  # the world, which is none
+    if isinstance(name_or_id, str):
         mujoco = import_mujoco()
-        found = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, given))
-    elif isinstance(given, int | np.integer) and 0 < given < model.nbody:
-        found = int(given)
-    if found < 1:
+        body = int(mujoco.mj_name2id(model, mujoco.mjtObj.mjOBJ_BODY, name_or_id))
+    elif isinstance(name_or_id, int | np.integer) and 0 < name_or_id < model.nbody:
+        body = int(name_or_id)
+    if body < 1:
         names = ", ".join(model.body(k).name or str(k) for k in range(1, model.nbody))
-        raise InputError(f"body '{given}' is not in the model; it has {names}")
-    if not model.body_dofnum[model.body_weldid[found]]:
+        raise InputError(f"body '{name_or_id}' is not in the model; it has {names}")
+    if not model.body_dofnum[model.body_weldid[body]]:
         raise InputError(
-            f"body '{given}' has no joint, so MuJoCo gives it no velocity; give it one"
+            f"body '{name_or_id}' has no joint, so MuJoCo gives it no velocity; give it one"
         )
-    return found
+    return body
 
 
 @compiled
-def _take_away(ids, own, written, applied):
+def _take_away(ids, user_forces, written_forces, applied_forces):
     """Leave the user's forces: what differs from what was written, or else what they were then."""
     for b in range(len(ids)):
         for k in range(6):
-            if not abs(applied[ids[b], k] - written[b, k]) <= RELATIVE_ROUNDING * abs(
-                written[b, k]
+            if not abs(applied_forces[ids[b], k] - written_forces[b, k]) <= ROUNDING_SHARE * abs(
+                written_forces[b, k]
             ):
-                own[b, k] = applied[ids[b], k]
-            applied[ids[b], k] = own[b, k]
+                user_forces[b, k] = applied_forces[ids[b], k]
+            applied_forces[ids[b], k] = user_forces[b, k]
 
 
 @compiled
-def _write(ids, own, written, applied, wrenches, origins, centers):
+def _write(ids, user_forces, written_forces, applied_forces, wrenches, origins, centers):
     """Apply wrenches about the bodies' origins, beside the user's own forces, about the centres of mass."""
     for b in range(len(ids)):
         i = ids[b]
@@ -385,5 +387,5 @@ def _write(ids, own, written, applied, wrenches, origins, centers):
         fx, fy, fz = wrenches[b, :3]
         moments = 0.0, 0.0, 0.0, y * fz - z * fy, z * fx - x * fz, x * fy - y * fx
         for k in range(6):
-            written[b, k] = own[b, k] + wrenches[b, k] - moments[k]
-            applied[i, k] = written[b, k]
+            written_forces[b, k] = user_forces[b, k] + wrenches[b, k] - moments[k]
+            applied_forces[i, k] = written_forces[b, k]

@@ -16,7 +16,7 @@ Array = NDArray[np.float64]
 MAX_SIZE_RATIO = 100.0
 """Greatest ratio of the sizes of a mesh and of its body's geoms: mistaken units differ by 1,000."""
 
-MIN_SIZE_IN_LENGTHS = 1.0 / 30.0
+MIN_SIZE_RATIO = 1.0 / 30.0
 """Least size of a mesh, in mobilization lengths."""
 
 PROBE_DISTANCE_SHARE = 1e-3
@@ -32,36 +32,45 @@ def tool_of_body(
     as for `load_tool`. Raises InputError if there is none of a known shape.
     """
     shapes = _shapes(model, body, apart)
-    used = [shape for geom, shape in shapes.items() if _collides(model, geom)]
-    used = used or list(shapes.values())
-    if not used:
+    colliding_shapes = [shape for geom, shape in shapes.items() if _collides(model, geom)]
+    used_shapes = colliding_shapes or list(shapes.values())
+    if not used_shapes:
         kinds = "a mesh, box, sphere, capsule, cylinder or ellipsoid"
         name = model.body(body).name or body
         raise InputError(f"body '{name}' has no geoms of {kinds}; give its shape as mesh=FILE")
-    return _tool_of_triangles(np.concatenate(_uncovered(used)).tobytes(), tolerance)
+    return _tool_of_triangles(np.concatenate(_uncovered(used_shapes)).tobytes(), tolerance)
 
 
 def geometry_of(model: Any, bodies: list[int]) -> Array:
     """The numbers that give the shapes of these bodies, but for the vertices of meshes, to see whether one changed."""
     roots = model.body_weldid[bodies]
     geoms = np.isin(model.body_weldid[model.geom_bodyid], roots)
-    fixed = np.isin(model.body_weldid, roots) & (model.body_jntnum == 0)
-    of_geoms = model.geom_type, model.geom_dataid, model.geom_size, model.geom_pos, model.geom_quat
-    parts = [array[geoms] for array in of_geoms] + [model.body_pos[fixed], model.body_quat[fixed]]
+    is_child = np.isin(model.body_weldid, roots) & (model.body_jntnum == 0)
+    geom_arrays = (
+        model.geom_type,
+        model.geom_dataid,
+        model.geom_size,
+        model.geom_pos,
+        model.geom_quat,
+    )
+    parts = [array[geoms] for array in geom_arrays] + [
+        model.body_pos[is_child],
+        model.body_quat[is_child],
+    ]
     return np.concatenate([part.ravel() for part in parts])
 
 
 def bodies_fixed_to(model: Any, body: int, apart: frozenset[int]) -> list[int]:
     """The body and its jointless children that are not `apart`, each after its parent."""
-    fixed = [body]
+    bodies = [body]
     for child in range(body + 1, model.nbody):
         if (
-            model.body_parentid[child] in fixed
+            model.body_parentid[child] in bodies
             and not model.body_jntnum[child]
             and child not in apart
         ):
-            fixed.append(child)
-    return fixed
+            bodies.append(child)
+    return bodies
 
 
 def _shapes(model: Any, body: int, apart: frozenset[int]) -> dict[int, Array]:
@@ -92,8 +101,8 @@ def _pose(position: Array, quaternion: Array) -> Array:
 
 
 def _collides(model: Any, geom: int) -> bool:
-    paired = geom in model.pair_geom1 or geom in model.pair_geom2
-    return bool(paired or model.geom_contype[geom] or model.geom_conaffinity[geom])
+    has_pair = geom in model.pair_geom1 or geom in model.pair_geom2
+    return bool(has_pair or model.geom_contype[geom] or model.geom_conaffinity[geom])
 
 
 def _triangles(model: Any, geom: int) -> Array | None:
@@ -127,21 +136,21 @@ def _uncovered(shapes: list[Array]) -> list[Array]:
     from trimesh.triangles import cross
 
     corners = np.concatenate(shapes).reshape(-1, 3)
-    beside = PROBE_DISTANCE_SHARE * float(np.ptp(corners, axis=0).max())
-    kept = []
+    probe_distance = PROBE_DISTANCE_SHARE * float(np.ptp(corners, axis=0).max())
+    outer_shapes = []
     for k, triangles in enumerate(shapes):
         normals = cross(triangles)
         sizes = np.linalg.norm(normals, axis=1, keepdims=True)
-        out = beside * normals / sizes.clip(1e-300)
+        outward = probe_distance * normals / sizes.clip(1e-300)
         middle = triangles.mean(axis=1)
-        covered = np.zeros(len(triangles), dtype=bool)
-        for j, other in enumerate(shapes):
+        is_covered = np.zeros(len(triangles), dtype=bool)
+        for j, other_shape in enumerate(shapes):
             if j != k:
-                covered |= solids.are_inside(middle + out, other)
+                is_covered |= solids.are_inside(middle + outward, other_shape)
             if j < k:
-                covered |= solids.are_inside(middle - out, other)
-        kept.append(triangles[~covered])
-    return kept
+                is_covered |= solids.are_inside(middle - outward, other_shape)
+        outer_shapes.append(triangles[~is_covered])
+    return outer_shapes
 
 
 def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
@@ -178,30 +187,30 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
     )
     finest = 2.0 * np.sqrt(half_x * half_y / MOST_CELLS)
     smallest = min(tool.size for tool in tools) / solids.CELLS
-    own = min(2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1))
-    cell = max(min(own, smallest), finest)
+    own_cell = min(2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1))
+    cell = max(min(own_cell, smallest), finest)
     turn = axes[:2, :2]
     reach = np.abs(turn) @ (half_x, half_y)
     low_x, low_y = np.floor((middle[:2] - reach) / cell)
     high_x, high_y = np.floor((middle[:2] + reach) / cell)
     cells = np.mgrid[low_x : high_x + 1, low_y : high_y + 1]
     places = cell * (cells + 0.5) - middle[:2, None, None]
-    along, across = np.tensordot(turn.T, places, axes=1)
-    heights = surface((across, along))
+    field_x, field_y = np.tensordot(turn.T, places, axes=1)
+    heights = surface((field_y, field_x))
     return HeightMap(cell=float(cell), corner=(float(low_x), float(low_y)), heights=heights)
 
 
 def check_size(tool: Tool, model: Any, body: int, length: float) -> None:
     """Refuse a tool of a file in other units than its `scale` says; `length`: the mobilization length [m]."""
     what = f"the mesh of body '{model.body(body).name}' is {tool.size:.3g} m long"
-    if tool.size < MIN_SIZE_IN_LENGTHS * length:
+    if tool.size < MIN_SIZE_RATIO * length:
         raise InputError(
             f"{what}, too small for grains; check scale, in metres per unit of the file"
         )
-    own = 2.0 * float(model.geom_rbound[model.geom_bodyid == body].max(initial=0.0))
-    if own > 0.0 and not 1.0 / MAX_SIZE_RATIO < tool.size / own < MAX_SIZE_RATIO:
+    geoms_size = 2.0 * float(model.geom_rbound[model.geom_bodyid == body].max(initial=0.0))
+    if geoms_size > 0.0 and not 1.0 / MAX_SIZE_RATIO < tool.size / geoms_size < MAX_SIZE_RATIO:
         raise InputError(
-            f"{what}, and its geoms {own:.3g} m; check scale, in metres per unit of the file"
+            f"{what}, and its geoms {geoms_size:.3g} m; check scale, in metres per unit of the file"
         )
 
 

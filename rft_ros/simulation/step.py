@@ -33,18 +33,18 @@ from rft_ros.simulation.beds import evaluate
 
 Array = NDArray[np.float64]
 
-MAX_EVALUATIONS = 64
+MAX_EVALUATION_COUNT = 64
 """Most evaluations of Newton's method."""
 
-AVERAGE_AFTER_EVALUATIONS = 8
+AVERAGE_AFTER_COUNT = 8
 """Evaluations after which it takes the mean of a stiffness and those before, since with each alone it may go round in a
 circle where plates lose and find contact."""
 
-MAX_WRENCH_CHANGE = 0.001
+MAX_WRENCH_CHANGE_SHARE = 0.001
 """Relative change of the wrench at which the method has converged, after that change."""
 
-MAX_LATE_WRENCH_CHANGE = 0.01
-"""The same after `AVERAGE_AFTER_EVALUATIONS`."""
+MAX_LATE_WRENCH_CHANGE_SHARE = 0.01
+"""The same after `AVERAGE_AFTER_COUNT`."""
 
 MAX_RESIDUAL_SHARE = 0.5
 """Residual along a step of Newton's method, at its end over at its beginning, from which on the step is divided."""
@@ -61,10 +61,10 @@ STILL_PATH_SHARE = 1e-7
 NEAR_SURFACE_M = 1e-3
 """Distance from the surface, beside twice its path in the step, at which a body may reach it."""
 
-RELATIVE_ROUNDING = 1e-12
+ROUNDING_SHARE = 1e-12
 """Rounding of the inverse inertia that a user gives, over its greatest number."""
 
-MAX_PIVOT_ROUNDING = 1e-6
+PIVOT_ROUNDING_SHARE = 1e-6
 """Rounding of the pivots of a scaled inverse inertia. A lower pivot than minus this is that of a negative mass."""
 
 QUADRATIC_STATE = 1
@@ -123,7 +123,7 @@ class Trial(NamedTuple):
     """An iterate: x, where Newton's step began and the step, shape [nv]; the wrenches at the end, shape [m, 6].
 
     `best`: those to which the smallest step of the method led, its result. `stiffness`: B of each body, shape
-    [m, 6, 6]. `at`: where the method is, shape [1].
+    [m, 6, 6]. `progress`: where the method is, shape [1].
     """
 
     acceleration: Array
@@ -132,7 +132,7 @@ class Trial(NamedTuple):
     wrench: Array
     best: Array
     stiffness: Array
-    at: NDArray[np.void]
+    progress: NDArray[np.void]
 
 
 @inlined
@@ -159,7 +159,7 @@ def new_trial(bodies, nv):
         wrench=np.zeros((bodies, 6)),
         best=np.zeros((bodies, 6)),
         stiffness=np.zeros((bodies, 6, 6)),
-        at=np.zeros(1, SEARCH),
+        progress=np.zeros(1, SEARCH),
     )
 
 
@@ -173,10 +173,10 @@ def _dot(a, b):
 
 
 @inlined
-def _copy(values, out):
+def _copy(values, target):
     """Copy a vector. An assignment to a slice would compile numba's strings, for its error: 2 s each time."""
-    for k in range(len(out)):
-        out[k] = values[k]
+    for k in range(len(target)):
+        target[k] = values[k]
 
 
 @inlined
@@ -189,13 +189,13 @@ def _times(a, x):
 
 
 @inlined
-def _product(a, b, out):
+def _product(a, b, total):
     """Add the product of two matrices, in which many numbers may be zero."""
     for i in range(a.shape[0]):
         for k in range(a.shape[1]):
             if a[i, k] != 0.0:
                 for j in range(b.shape[1]):
-                    out[i, j] += a[i, k] * b[k, j]
+                    total[i, j] += a[i, k] * b[k, j]
 
 
 @inlined
@@ -213,28 +213,28 @@ def _eliminate(a, x):
 
 
 @compiled
-def begin_step(beds, first, given, h):
-    """Bring bodies from `first` on to `given` states, shape [n, 13], at which a step of h [s] begins.
+def begin_step(beds, first_body, states, h):
+    """Bring bodies from `first_body` on to these states, shape [n, 13], at which a step of h [s] begins.
 
     In the last step the wrenches took energy with the mean of the twists at its ends.
     """
-    for k in range(len(given)):
-        b = first + k
+    for k in range(len(states)):
+        b = first_body + k
         motion = beds.motions[b]
         memory = memory_of(beds.memories, b)
-        power = _dot(motion.wrench, memory.last[7:]) + _dot(motion.wrench, given[k, 7:])
+        power = _dot(motion.wrench, memory.last[7:]) + _dot(motion.wrench, states[k, 7:])
         motion.energy -= 0.5 * motion.duration * power
-        evaluate(beds, b, memory, given[k], motion.explicit.reshape(1, 6))
+        evaluate(beds, b, memory, states[k], motion.explicit.reshape(1, 6))
         motion.duration = h
         motion.is_near = _may_reach(motion, memory.last, beds.shapes[b].reach)
 
 
 @inlined
 def _may_reach(motion, state, reach):
-    above = state[2] - motion.height - motion.slope_x * state[0] - motion.slope_y * state[1]
+    clearance = state[2] - motion.height - motion.slope_x * state[0] - motion.slope_y * state[1]
     steep = 1.0 + abs(motion.slope_x) + abs(motion.slope_y)
     path = 2.0 * motion.duration * _size(state[7:], reach)
-    return not above > steep * (reach + NEAR_SURFACE_M + path)
+    return not clearance > steep * (reach + NEAR_SURFACE_M + path)
 
 
 @inlined
@@ -275,18 +275,22 @@ def _add_constraints(matrix, constraints):
     """Add Jc^T D Jc P of the constraints that act, and of contacts that slide within elliptic cones."""
     jacobian = constraints.jacobian
     state = constraints.state
-    weighted = np.zeros_like(jacobian)
+    weighted_rows = np.zeros_like(jacobian)
     for i in range(len(state)):
         if state[i] == QUADRATIC_STATE:
-            _copy(constraints.stiffness[i] * jacobian[i], weighted[i])
+            _copy(constraints.stiffness[i] * jacobian[i], weighted_rows[i])
     for c in range(constraints.cones.shape[1]):
-        first = constraints.cones[0, c]
+        first_row = constraints.cones[0, c]
         size = constraints.cones[1, c]
-        if first >= 0 and state[first] == CONE_STATE:
+        if first_row >= 0 and state[first_row] == CONE_STATE:
             hessian = constraints.cone_hessians[c, : size * size].copy().reshape(size, size)
-            _product(hessian, jacobian[first : first + size], weighted[first : first + size])
+            _product(
+                hessian,
+                jacobian[first_row : first_row + size],
+                weighted_rows[first_row : first_row + size],
+            )
     weighted_by_p = np.zeros_like(jacobian)
-    _product(weighted, constraints.response, weighted_by_p)
+    _product(weighted_rows, constraints.response, weighted_by_p)
     _product(jacobian.T, weighted_by_p, matrix)
 
 
@@ -302,10 +306,10 @@ def _newton(joints, constraints, trial, residual, h):
         _add_constraints(matrix, constraints)
     _copy(-residual, trial.change)
     _eliminate(matrix, trial.change)
-    by_wrench = np.empty_like(trial.wrench)
+    wrench_change = np.empty_like(trial.wrench)
     for k in range(len(stiff)):
-        _copy(-_times(stiff[k], trial.change), by_wrench[k])
-    return by_wrench
+        _copy(-_times(stiff[k], trial.change), wrench_change[k])
+    return wrench_change
 
 
 @inlined
@@ -316,8 +320,8 @@ def _small(beds, joints, trial, change, close, h):
         reach = beds.shapes[b].reach
         # where no plate touches the grains both are 0, which does not say what comes at the step's end
         if _size(change[k], 1.0 / reach) >= close * _size(trial.wrench[k], 1.0 / reach):
-            moved = h * h * _times(joints.jacobian[k], trial.change)
-            small &= _size(moved, reach) < STILL_PATH_SHARE * beds.length
+            displacement = h * h * _times(joints.jacobian[k], trial.change)
+            small &= _size(displacement, reach) < STILL_PATH_SHARE * beds.length
     return small
 
 
@@ -328,10 +332,10 @@ def search(beds, joints, constraints, h, trial):
     A step of Newton's method is too long where the grains stiffen on the way, and too short where they release a body.
     Its length is then found by the rule of false position (Illinois) for the residual along it.
     """
-    at = trial.at[0]
+    progress = trial.progress[0]
     state = np.empty(13)
     tangents = np.empty_like(trial.stiffness)
-    at.path = 0.0
+    progress.path = 0.0
     for k, b in enumerate(joints.bodies):
         memory = body_memory.copy(memory_of(beds.memories, b))
         twist = joints.twists[k] + h * _times(joints.jacobian[k], trial.acceleration)
@@ -340,80 +344,86 @@ def search(beds, joints, constraints, h, trial):
         evaluate(beds, b, memory, state, trial.wrench[k : k + 1])
         body_memory.stiffness(memory, tangents[k])
         if _size(trial.wrench[k], 1.0) > 0.0:
-            at.path = max(at.path, h * _size(twist, beds.shapes[b].reach))
+            progress.path = max(progress.path, h * _size(twist, beds.shapes[b].reach))
     residual = _residual(joints, constraints, trial)
-    along = -_dot(residual, trial.change)
-    _bracket(at, along)
-    max_share = MAX_DIVIDED_RESIDUAL_SHARE if at.is_divided else MAX_RESIDUAL_SHARE
-    if abs(along) > max_share * at.start_residual and at.evaluations > 0:
-        at.is_divided = True
-        at.share = _next_share(at, along)
+    residual_along = -_dot(residual, trial.change)
+    _bracket(progress, residual_along)
+    max_share = MAX_DIVIDED_RESIDUAL_SHARE if progress.is_divided else MAX_RESIDUAL_SHARE
+    if abs(residual_along) > max_share * progress.start_residual and progress.evaluations > 0:
+        progress.is_divided = True
+        progress.share = _next_share(progress, residual_along)
     else:
-        _begin_step_of_newton(beds, joints, constraints, h, trial, tangents, residual)
-    _copy(trial.start + at.share * trial.change, trial.acceleration)
-    at.evaluations += 1
-    return at.has_ended or at.evaluations == MAX_EVALUATIONS
+        is_late = progress.evaluations >= AVERAGE_AFTER_COUNT
+        weight = 0.5 if is_late else 1.0
+        for k in range(len(tangents)):
+            for i, old in enumerate(trial.stiffness[k]):
+                _copy(old + weight * (tangents[k, i] - old), old)
+        _copy(trial.acceleration, trial.start)
+        change = _newton(joints, constraints, trial, residual, h)
+        progress.start_residual = -_dot(residual, trial.change)
+        max_change = MAX_LATE_WRENCH_CHANGE_SHARE if is_late else MAX_WRENCH_CHANGE_SHARE
+        progress.has_ended = _small(beds, joints, trial, change, max_change, h)
+        if (
+            progress.has_ended
+            or progress.evaluations == 0
+            or progress.start_residual < progress.least_residual
+        ):
+            progress.least_residual = progress.start_residual
+            for k in range(len(change)):
+                _copy(trial.wrench[k] + change[k], trial.best[k])
+        _restart(progress)
+    _copy(trial.start + progress.share * trial.change, trial.acceleration)
+    progress.evaluations += 1
+    return progress.has_ended or progress.evaluations == MAX_EVALUATION_COUNT
 
 
 @inlined
-def _bracket(at, along):
+def _bracket(progress, residual_along):
     """Keep the shares between which the residual along the step changes its sign."""
-    if along > 0.0:
-        at.low_share = at.share
-        at.low_residual = along
-        at.high_residual *= 0.5
+    if residual_along > 0.0:
+        progress.low_share = progress.share
+        progress.low_residual = residual_along
+        progress.high_residual *= 0.5
     else:
-        at.high_share = at.share
-        at.high_residual = along
-        at.low_residual *= 0.5
+        progress.high_share = progress.share
+        progress.high_residual = residual_along
+        progress.low_residual *= 0.5
 
 
 @inlined
-def _next_share(at, along):
+def _next_share(progress, residual_along):
     """The share of the step that is tried next."""
-    if at.high_share < np.inf:
-        crossing = at.low_share * at.high_residual - at.high_share * at.low_residual
-        return crossing / (at.high_residual - at.low_residual)
-    fall = max(at.start_residual - along, RELATIVE_ROUNDING * at.start_residual)
-    return at.share * min(at.start_residual / fall, MAX_GROWTH_OF_SHARE)
+    if progress.high_share < np.inf:
+        crossing = (
+            progress.low_share * progress.high_residual
+            - progress.high_share * progress.low_residual
+        )
+        return crossing / (progress.high_residual - progress.low_residual)
+    fall = max(progress.start_residual - residual_along, ROUNDING_SHARE * progress.start_residual)
+    return progress.share * min(progress.start_residual / fall, MAX_GROWTH_OF_SHARE)
 
 
 @inlined
-def _begin_step_of_newton(beds, joints, constraints, h, trial, tangents, residual):
-    """Begin the next step of Newton's method where the last one ended."""
-    at = trial.at[0]
-    is_late = at.evaluations >= AVERAGE_AFTER_EVALUATIONS
-    weight = 0.5 if is_late else 1.0
-    for k in range(len(tangents)):
-        for i, old in enumerate(trial.stiffness[k]):
-            _copy(old + weight * (tangents[k, i] - old), old)
-    _copy(trial.acceleration, trial.start)
-    change = _newton(joints, constraints, trial, residual, h)
-    at.start_residual = -_dot(residual, trial.change)
-    max_change = MAX_LATE_WRENCH_CHANGE if is_late else MAX_WRENCH_CHANGE
-    at.has_ended = _small(beds, joints, trial, change, max_change, h)
-    if at.has_ended or at.evaluations == 0 or at.start_residual < at.least_residual:
-        at.least_residual = at.start_residual
-        for k in range(len(change)):
-            _copy(trial.wrench[k] + change[k], trial.best[k])
-    at.is_divided = False
-    at.low_share = 0.0
-    at.low_residual = at.start_residual
-    at.high_share = np.inf
-    at.high_residual = 0.0
-    at.share = 1.0
+def _restart(progress):
+    """Begin to search along a new step, of which the whole is tried first."""
+    progress.is_divided = False
+    progress.low_share = 0.0
+    progress.low_residual = progress.start_residual
+    progress.high_share = np.inf
+    progress.high_residual = 0.0
+    progress.share = 1.0
 
 
 @inlined
-def _held(inverse):
+def _regularized(inverse):
     """The matrix A, with a small number on its diagonal."""
     greatest = 0.0
     for number in inverse.ravel():
         greatest = max(greatest, abs(number))
-    held = inverse.copy()
+    regular = inverse.copy()
     for k in range(6):
-        held[k, k] += RELATIVE_ROUNDING * greatest
-    return held
+        regular[k, k] += ROUNDING_SHARE * greatest
+    return regular
 
 
 @compiled
@@ -426,40 +436,40 @@ def find_indefinite(matrices):
         greatest = 0.0
         for number in matrices[n].ravel():
             greatest = max(greatest, abs(number))
-        least = RELATIVE_ROUNDING * greatest
-        scaled = np.zeros((6, 6))
+        rounding = ROUNDING_SHARE * greatest
+        scaled_matrix = np.zeros((6, 6))
         for i in range(6):
-            if matrices[n, i, i] < -least:
+            if matrices[n, i, i] < -rounding:
                 return n
         for i in range(6):
             for j in range(6):
                 entry = 0.5 * (matrices[n, i, j] + matrices[n, j, i])
-                size = sqrt(max(matrices[n, i, i], least) * max(matrices[n, j, j], least))
-                scaled[i, j] = entry / size if size > 0.0 else 0.0
+                size = sqrt(max(matrices[n, i, i], rounding) * max(matrices[n, j, j], rounding))
+                scaled_matrix[i, j] = entry / size if size > 0.0 else 0.0
         for k in range(6):
-            pivot = scaled[k, k]
-            if pivot < -MAX_PIVOT_ROUNDING:
+            pivot = scaled_matrix[k, k]
+            if pivot < -PIVOT_ROUNDING_SHARE:
                 return n
             for i in range(k + 1, 6):
-                share = scaled[i, k] / max(pivot, MAX_PIVOT_ROUNDING)
+                share = scaled_matrix[i, k] / max(pivot, PIVOT_ROUNDING_SHARE)
                 for j in range(k + 1, 6):
-                    scaled[i, j] -= share * scaled[k, j]
+                    scaled_matrix[i, j] -= share * scaled_matrix[k, j]
     return -1
 
 
 @compiled
-def hold_each(beds, first, inverse, free, h):
-    """Find the wrenches of bodies from `first` on that do not meet.
+def hold_each(beds, first_body, inverse, free, h):
+    """Find the wrenches of bodies from `first_body` on that do not meet.
 
     `inverse`: A, shape [n, 6, 6]; `free`: acceleration, shape [n, 6]. The coordinates of each are the wrench itself, so
     that A is both its Jacobian and its inertia; a small number holds the directions in which A lets nothing move.
     Returns how many times Newton's method did not come to an end, and the longest path [m].
     """
-    failed = 0
+    failures = 0
     longest = 0.0
     constraints = no_constraints(6)
     for k in range(len(inverse)):
-        b = first + k
+        b = first_body + k
         motion = beds.motions[b]
         trial = new_trial(1, 6)
         if motion.is_near:
@@ -467,14 +477,14 @@ def hold_each(beds, first, inverse, free, h):
                 bodies=np.array([b]),
                 twists=(beds.memories.last[b, 7:] + h * free[k]).reshape(1, 6),
                 jacobian=inverse[k : k + 1],
-                inertia=_held(inverse[k]),
+                inertia=_regularized(inverse[k]),
                 force=np.zeros(6),
             )
             _copy(motion.wrench, trial.acceleration)
             while not search(beds, joints, constraints, h, trial):
                 pass
-            if not trial.at[0].has_ended:
-                failed += 1
-            longest = max(longest, trial.at[0].path)
+            if not trial.progress[0].has_ended:
+                failures += 1
+            longest = max(longest, trial.progress[0].path)
         _copy(trial.best[0], motion.wrench)
-    return failed, longest
+    return failures, longest
