@@ -28,7 +28,15 @@ from rft_ros.estimator import (
     WrenchSample,
 )
 from rft_ros.ground import Cloud
-from rft_ros.parameters import PARAMETERS, Parameter, checked, defaults, model_of, settings_of
+from rft_ros.parameters import (
+    PARAMETERS,
+    Config,
+    Parameter,
+    checked,
+    defaults,
+    model_of,
+    settings_of,
+)
 from rft_ros.rft import Law
 
 Random = np.random.Generator
@@ -185,7 +193,7 @@ def _change(random: Random, estimator: Estimator, values: dict[str, Any]) -> Non
         lambda: estimator.tare(float(random.choice([0.0, 0.1, 1.0, 1e9]))),
         lambda: estimator.use(settings=settings_of({**values, **_changed(random, values)})),
         lambda: estimator.use(
-            model=model_of({**values, **_changed(random, values)}, generation=1)
+            model=Config.of({**values, **_changed(random, values)}).model(generation=1)
         ),
         estimator.level_ground,
         estimator.issues,

@@ -8,10 +8,17 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, Literal
 
-from rft_ros.errors import InputError
+from rft_ros.errors import InputError, shown
 from rft_ros.ground import HeightMap, read_height_map
 from rft_ros.parameters.medium_file import read_alpha_y_table, read_medium
-from rft_ros.parameters.parameter import Value, Values, field_values, parameter_values, setting
+from rft_ros.parameters.parameter import (
+    Value,
+    Values,
+    field_values,
+    parameter_fields,
+    parameter_values,
+    setting,
+)
 from rft_ros.parameters.settings import LoadCell, Model, Settings
 from rft_ros.rft import (
     ALPHA_Y_MODELS,
@@ -325,12 +332,16 @@ class Config:
 
     @classmethod
     def of(cls, values: "Config | Values") -> "Config":
-        """From checked values by the names of the parameters; those that are missing have their defaults.
+        """From values by the names of the parameters; those that are missing have their defaults.
 
-        A `Config` is returned as it is.
+        A `Config` is returned as it is. Raises InputError that names a value that is not allowed, or a name that no
+        parameter has.
         """
         if isinstance(values, Config):
             return values
+        unknown = values.keys() - NAMES
+        if unknown:
+            raise InputError(f"there is no parameter {shown(min(unknown))}")
         return cls(
             mesh=MeshConfig(**field_values(MeshConfig, values)),
             medium=MediumConfig(**field_values(MediumConfig, values)),
@@ -353,7 +364,7 @@ class Config:
         return found
 
     def changed(self, values: Values) -> "Config":
-        """The same with other checked values of some parameters."""
+        """The same with other values of some parameters. Raises InputError as `of`."""
         return Config.of({**self.values, **values})
 
     def parts(self) -> dict[str, Part]:
@@ -380,6 +391,20 @@ class Config:
             ground=loaded.get("ground"),
             generation=generation,
         )
+
+
+GROUPS = (
+    MeshConfig,
+    MediumConfig,
+    FeedforwardConfig,
+    GroundConfig,
+    Config,
+    Settings,
+    LoadCell,
+)
+"""The dataclasses whose fields are the parameters."""
+
+NAMES = frozenset(p.name for group in GROUPS for p in parameter_fields(group).values())
 
 
 def load_parts(parts: Mapping[str, Part]) -> dict[str, Any]:

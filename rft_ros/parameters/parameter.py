@@ -141,10 +141,15 @@ def parameter_fields(owner: type) -> dict[str, Parameter]:
 
 
 def field_values(owner: type, values: Values) -> dict[str, Any]:
-    """The values of the fields of a dataclass that are parameters; those that are missing have their defaults."""
+    """The checked values of the fields of a dataclass that are parameters; missing ones have their defaults.
+
+    Raises InputError.
+    """
     found: dict[str, Any] = {}
     for name, parameter in parameter_fields(owner).items():
-        value = values.get(parameter.name, parameter.default)
+        value = parameter.default
+        if parameter.name in values:
+            value = parameter.checked(values[parameter.name])
         is_unset = parameter.is_optional and value == parameter.default
         found[name] = None if is_unset else value
     return found

@@ -4,28 +4,10 @@ from difflib import get_close_matches
 from typing import Any
 
 from rft_ros.errors import InputError, shown
-from rft_ros.parameters.config import (
-    Config,
-    FeedforwardConfig,
-    GroundConfig,
-    MediumConfig,
-    MeshConfig,
-)
+from rft_ros.parameters.config import GROUPS
 from rft_ros.parameters.parameter import Value, parameter_fields
-from rft_ros.parameters.settings import LoadCell, Settings
 
-OWNERS = (
-    MeshConfig,
-    MediumConfig,
-    FeedforwardConfig,
-    GroundConfig,
-    Config,
-    Settings,
-    LoadCell,
-)
-"""The dataclasses whose fields are the parameters."""
-
-_ROWS = [parameter for owner in OWNERS for parameter in parameter_fields(owner).values()]
+_ROWS = [parameter for group in GROUPS for parameter in parameter_fields(group).values()]
 _GROUPS = [p.name.partition(".")[0] for p in _ROWS]
 
 PARAMETERS = tuple(sorted(_ROWS, key=lambda p: _GROUPS.index(p.name.partition(".")[0])))

@@ -7,8 +7,8 @@ import rft_ros
 from rft_ros.cli import parser
 from rft_ros.estimator import QualityFlag
 from rft_ros.parameters import PARAMETERS
+from rft_ros.parameters.config import GROUPS
 from rft_ros.parameters.parameter import parameter_fields
-from rft_ros.parameters.table import OWNERS
 from rft_ros.rft import LAW_NUMBERS
 
 PACKAGE = Path(rft_ros.__file__).parent
@@ -21,7 +21,7 @@ def unread(parameters):
     """The parameters whose value no code takes as an attribute of the config, or as a number of a law."""
     attributes = {node.attr for node in NODES if isinstance(node, ast.Attribute)}
     taken = {f"medium.{name}" for name in LAW_NUMBERS}
-    for owner in OWNERS:
+    for owner in GROUPS:
         taken |= {
             parameter.name
             for field, parameter in parameter_fields(owner).items()

@@ -111,10 +111,15 @@ def test_a_zeta_whose_error_is_not_known_counts_as_calibrated_only_where_nothing
 
 def test_default_values_make_the_default_settings_and_other_values_reach_them():
     assert settings_of(defaults()) == Settings()
-    others = {str: "other", float: 0.25}
+    of_kind = {"sign": -1.0, "quaternion": (1.0, 0.0, 0.0, 0.0), "motions": "press"}
+    of_type = {str: "other", float: 0.25}
     for owner in (Settings, LoadCell):
         for name, parameter in parameter_fields(owner).items():
-            other = others.get(type(parameter.default)) or tuple(range(len(parameter.default)))
+            other = of_kind.get(parameter.kind) or of_type.get(type(parameter.default))
+            if parameter.choices:
+                other = parameter.choices[-1]
+            if other is None:
+                other = tuple(range(len(parameter.default)))
             changed = settings_of({**defaults(), parameter.name: other})
             assert getattr(changed if owner is Settings else changed.load_cell, name) == other
 
@@ -156,7 +161,7 @@ def test_a_model_is_the_tool_medium_and_alpha_y_of_the_values(values):
     assert model.tool.plates.area == pytest.approx(1e-4)
     assert model.tool.vertices.min(axis=0) == pytest.approx([-0.005, -0.005, 0.0])
     # it is not loaded again
-    again = model_of({**values, "mesh.file": "/nowhere.stl"}, {"tool": model.tool})
+    again = Config.of({**values, "mesh.file": "/nowhere.stl"}).model({"tool": model.tool})
     assert again.tool is model.tool
 
 
@@ -393,3 +398,17 @@ def test_a_law_is_made_by_its_name_and_has_the_defaults_of_the_table_but_no_memo
 def test_a_number_that_no_law_has_is_refused_by_its_name():
     with pytest.raises(TypeError, match=r"'stiffness'.*zeta"):
         law_named("treers2021", MEDIA["generic"], Constant(0.1), stiffness=2.0)
+
+
+def test_a_config_is_the_values_by_name_and_back_and_refuses_what_no_parameter_allows():
+    assert Config.of(defaults()) == Config()
+    assert Config().values == defaults()
+    config = Config.of({"medium.zeta": 0.4, "sensor.bias": [1, 2, 3, 0, 0, 0]})
+    assert config.medium.zeta == 0.4
+    assert config.settings.load_cell.bias == (1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
+    assert config.changed({"medium.zeta": 1.0, "sensor.bias": (0.0,) * 6}) == Config()
+    for values, words in (
+        ({"mesh.fle": "x"}, ("mesh.fle",)),
+        ({"medium.zeta": "x"}, ("medium.zeta", "number")),
+    ):
+        assert_says(refusal(Config.of, values), *words)
