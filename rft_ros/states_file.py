@@ -1,8 +1,9 @@
 """Reads states from a CSV file, computes the wrenches along them, and writes these to a CSV file."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
+from types import MappingProxyType
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,6 +11,8 @@ from numpy.typing import NDArray
 from rft_ros.errors import InputError
 from rft_ros.estimator import PoseDifference, PoseSample
 from rft_ros.files import whole
+from rft_ros.logged_columns import MATRIX, ROTATION_VECTOR, renamed, with_quaternions
+from rft_ros.messages import Role
 from rft_ros.parameters import Model, defaults
 from rft_ros.rft import (
     POSE,
@@ -24,17 +27,17 @@ from rft_ros.rft import (
     wrenches,
     wrenches_in_time,
 )
-from rft_ros.table_file import Column, TableColumns, columns_named, read_table
+from rft_ros.table_file import Column, TableColumns, columns_named, open_table
 
 _SECONDS = {"": 1.0, "s": 1.0, "ms": 1e-3, "us": 1e-6, "ns": 1e-9}
 _UNITS = [*_SECONDS][1:]
 _METRES = {"": 1.0, "m": 1.0, "mm": 1e-3}
-_TIME_AND_POSE = (
-    Column("t", _SECONDS),
-    *(Column(name, _METRES) for name in STATE[POSITION]),
-    *columns_named(STATE[QUATERNION]),
-)
-_TWIST = columns_named(STATE[TWIST])
+_TIME = Column("t", _SECONDS)
+_PLACE = tuple(Column(name, _METRES, gaps=True) for name in STATE[POSITION])
+_QUATERNION = columns_named(STATE[QUATERNION], gaps=True)
+_ROTATION_VECTOR = columns_named(ROTATION_VECTOR, gaps=True)
+_MATRIX = columns_named(MATRIX, gaps=True)
+_TWIST = columns_named(STATE[TWIST], gaps=True)
 
 _LAST = 2**31  # s: stamps of ROS have 32 bits
 _USUAL = 0.003  # m/s: speed of a tool in grains; under 0.1 mm/s another unit of time is likelier than a slow tool
@@ -49,21 +52,45 @@ _FEWEST = 3  # poses for a velocity
 _ANY_GAP = 10**18  # ns
 
 
-def read_motion(file: Path, what: str, *optional: Sequence[Column]) -> TableColumns:
+def read_motion(
+    file: Path,
+    what: str,
+    *optional: Sequence[Column],
+    columns: Mapping[str, str] = MappingProxyType({}),
+    topics: Mapping[Role, str] = MappingProxyType({}),
+) -> TableColumns:
     """The columns t [s] and px .. qw [m] of a table, and if it has them vx .. wz and the groups `optional`.
 
-    A unit may follow the name of a time or position: t [ms], px [mm]. Raises InputError, which names the line, and for
-    a time or position without a unit with which the tool would move implausibly.
+    `columns`: the table's headings by the reader's names, as `parse_columns` gives them; `topics`: of each role, for a
+    table of PlotJuggler. A unit may follow the name of a time or position: t [ms], px [mm]. A row may lack its pose or
+    its velocity, whose numbers are NaN there. Raises InputError, which names the line, for a table without any pose,
+    and for a time or position without a unit with which the tool would move implausibly.
     """
-    rows = read_table(file, what, _TIME_AND_POSE, _TWIST, *optional)
-    named = f"{what} '{file}'"
-    _check_units(rows, named)
+    table = open_table(file, what)
+    headings = renamed(table.headings, columns, topics, table.named)
+    pose = (*_PLACE, *_QUATERNION)
+    if not _names_any(_QUATERNION, headings):
+        if _names_any(_MATRIX, headings):
+            pose = _MATRIX
+        elif _names_any(_ROTATION_VECTOR, headings):
+            pose = (*_PLACE, *_ROTATION_VECTOR)
+    numbers = table.read((_TIME, *pose), _TWIST, *optional, headings=headings)
+    rows = with_quaternions(numbers)
+    named = table.named
+    has_pose = rows.has_any(STATE[POSE])
+    if not has_pose.any():
+        raise InputError(f"{named} has no row with a pose, {', '.join(STATE[POSE])}")
+    _check_units(rows.at(has_pose), named)
     times = rows.columns["t"]
     wrong = np.flatnonzero(~(np.abs(times) < _LAST))
     if len(wrong):
         line = rows.lines[wrong[0]]
         raise InputError(f"{named} line {line}: t is {times[wrong[0]]:.9g}; it must be a time [s]")
     return rows
+
+
+def _names_any(columns: Sequence[Column], headings: Sequence[str]) -> bool:
+    return any(column.places(headings) for column in columns)
 
 
 def columns_of(rows: TableColumns, names: Sequence[str]) -> NDArray[np.float64]:
@@ -108,19 +135,25 @@ def _check_units(rows: TableColumns, named: str) -> None:
         )
 
 
-def read_states(file: Path) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+def read_states(
+    file: Path, columns: Mapping[str, str] = MappingProxyType({})
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Times [s], shape [n], and checked states, shape [n, 13], from a table as `read_motion` reads it.
 
-    Without the columns vx .. wz the velocities are found from the poses. Raises InputError that names the line.
+    Rows without a pose are left out. Unless each pose has a velocity vx .. wz, the velocities are found from the poses.
+    Raises InputError that names the line.
     """
     what = "states file"
-    rows = read_motion(file, what)
-    times, *given = rows.columns.values()
-    missing = len(STATE) - len(given)
+    table = read_motion(file, what, columns=columns)
+    rows = table.at(table.has_any(STATE[POSE]))
+    times = rows.columns["t"]
+    has_twist = STATE[-1] in rows.columns and rows.has_any(STATE[TWIST]).all()
     try:
-        states = checked_states(np.pad(np.transpose(given), ((0, 0), (0, missing))))
-        if missing:
-            states[:, TWIST] = _velocities(times, states[:, POSE])
+        if has_twist:
+            return times, checked_states(columns_of(rows, STATE))
+        poses = columns_of(rows, STATE[POSE])
+        states = checked_states(np.pad(poses, ((0, 0), (0, len(STATE[TWIST])))))
+        states[:, TWIST] = _velocities(times, states[:, POSE])
         return times, states
     except ValueError as error:
         row, _, reason = str(error).removeprefix("row ").partition(":")  # counted from 0

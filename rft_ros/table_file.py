@@ -50,9 +50,9 @@ class Column:
         return found
 
 
-def columns_named(names: Sequence[str]) -> tuple[Column, ...]:
+def columns_named(names: Sequence[str], *, gaps: bool = False) -> tuple[Column, ...]:
     """Columns of these names, without units in the header."""
-    return tuple(map(Column, names))
+    return tuple(Column(name, gaps=gaps) for name in names)
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -67,6 +67,16 @@ class TableColumns:
     units: dict[str, str]
     lines: NDArray[np.int64]
 
+    def at(self, chosen: NDArray[np.bool_]) -> "TableColumns":
+        """Some of the rows: of each whether it is one, shape [n]."""
+        columns = {name: values[chosen] for name, values in self.columns.items()}
+        return TableColumns(columns=columns, units=self.units, lines=self.lines[chosen])
+
+    def has_any(self, names: Sequence[str]) -> NDArray[np.bool_]:
+        """Of each row whether a number of the named columns is there, shape [n]."""
+        missing = np.isnan([self.columns[name] for name in names])
+        return np.asarray(~missing.all(axis=0))
+
 
 class _Place(NamedTuple):
     """A column, the number of its cell in a line, and its unit."""
@@ -76,6 +86,53 @@ class _Place(NamedTuple):
     unit: str
 
 
+@dataclass(frozen=True, slots=True, eq=False)
+class Table:
+    """A table whose header is read. `named`: it in a sentence; `headings`: the names in its first line."""
+
+    named: str
+    headings: list[str]
+    _lines: Iterator[tuple[int, str]]
+    _separator: str | None
+
+    def read(
+        self,
+        columns: Sequence[Column],
+        *optional: Sequence[Column],
+        headings: Sequence[str] | None = None,
+    ) -> TableColumns:
+        """The `columns`, and those of the groups `optional` that it has, in this order; once.
+
+        `headings`: other names for all columns of the file. Raises InputError, which quotes no row of the file.
+        """
+        names = self.headings if headings is None else headings
+        places: list[_Place] = []
+        for group in (columns, *optional):
+            if group is columns or any(column.places(names) for column in group):
+                places += [_place(column, names, group, self.named) for column in group]
+        return _rows(
+            self._lines,
+            self.named,
+            places=places,
+            separator=self._separator,
+            width=len(self.headings),
+        )
+
+
+def open_table(file: Path, what: str, *, limit: int = MAX_BYTES) -> Table:
+    """Read the header of a `checked_file` in CSV format.
+
+    Empty lines and lines that begin with # are skipped. The first other line names the columns, of which more may
+    stand there. It also tells what separates cells: commas, semicolons, tabs or spaces. Between semicolons a number may
+    have a decimal comma. `limit`: most bytes.
+    """
+    lines = _lines(read_text(file, what, limit=limit))
+    _, header = next(lines, (0, ""))
+    separator = _separator(header)
+    headings = [heading.strip().strip(_QUOTES) for heading in header.split(separator)]
+    return Table(f"{what} '{file}'", headings, lines, separator)
+
+
 def read_table(
     file: Path,
     what: str,
@@ -83,22 +140,8 @@ def read_table(
     *optional: Sequence[Column],
     limit: int = MAX_BYTES,
 ) -> TableColumns:
-    """The `columns` of a `checked_file` in CSV format, and those of the groups `optional` that it has, in this order.
-
-    Empty lines and lines that begin with # are skipped. The first other line names the columns, of which more may
-    stand there. It also tells what separates cells: commas, semicolons, tabs or spaces. Between semicolons a number may
-    have a decimal comma. `limit`: most bytes. Raises InputError, which quotes no row of the file.
-    """
-    named = f"{what} '{file}'"
-    lines = _lines(read_text(file, what, limit=limit))
-    _, header = next(lines, (0, ""))
-    separator = _separator(header)
-    headings = [heading.strip().strip(_QUOTES) for heading in header.split(separator)]
-    places: list[_Place] = []
-    for group in (columns, *optional):
-        if group is columns or any(column.places(headings) for column in group):
-            places += [_place(column, headings, group, named) for column in group]
-    return _rows(lines, named, places=places, separator=separator, width=len(headings))
+    """The `columns` of a table, and those of the groups `optional` that it has, as `Table.read` gives them."""
+    return open_table(file, what, limit=limit).read(columns, *optional)
 
 
 def _lines(text: str) -> Iterator[tuple[int, str]]:

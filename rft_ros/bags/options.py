@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from rft_ros.errors import InputError, shown
+from rft_ros.logged_columns import parse_columns
 from rft_ros.messages import TOPICS, Role
 from rft_ros.parameters import NODE, Config, Values, section_parameters
 
@@ -16,7 +17,8 @@ _SECTION = "rft_replay"
 class ReplayOptions:
     """Options of a replay. `remap`: rules such as ``~/pose:=/tool_pose``. `tare`: its length, at the beginning [s].
 
-    `node`: the full name of the node that subscribed to the topics.
+    `columns`: headings of a table by the reader's names, such as ``t=timestamp,pose=actual_TCP_pose``. `node`: the
+    full name of the node that subscribed to the topics.
     `start`, `end`: the part of the bag that is replayed [s]. Raises InputError for values that are no times, and if
     `end` is not after `start`.
     """
@@ -26,8 +28,12 @@ class ReplayOptions:
     start: float | None = None
     end: float | None = None
     node: str = NODE
+    columns: str = ""
 
     def __post_init__(self) -> None:
+        if not isinstance(self.columns, str):
+            raise InputError(f"columns is {shown(self.columns)}; it must be text, t=timestamp,...")
+        parse_columns(self.columns)
         if not isinstance(self.remap, list | tuple) or not all(
             isinstance(rule, str) for rule in self.remap
         ):
@@ -48,9 +54,9 @@ def read_replay_options(file: Path) -> ReplayOptions:
     section: dict[str, Any] = {**section_parameters(file, _SECTION)}
     try:
         for name, value in section.items():
-            if name not in ("remap", "tare", "start", "end"):
+            if name not in ("remap", "columns", "tare", "start", "end"):
                 raise InputError(
-                    f"{name} is {shown(value)}; it has remap, and the numbers tare, start and end [s]"
+                    f"{name} is {shown(value)}; it has remap, columns, and the numbers tare, start and end [s]"
                 )
         return ReplayOptions(**section)
     except InputError as error:

@@ -15,6 +15,7 @@ from rft_ros.bags.sources import Messages, Source, fault_of, sources_of
 from rft_ros.bags.table import (
     MESSAGE_COLUMNS,
     config_for_table,
+    config_of_tables,
     is_table,
     read_recorded_table,
     source_of_table,
@@ -22,6 +23,7 @@ from rft_ros.bags.table import (
 from rft_ros.errors import InputError, file_errors
 from rft_ros.estimator import Sample, TransformSample
 from rft_ros.files import resolved
+from rft_ros.logged_columns import parse_columns
 from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder, unreadable_because
 from rft_ros.parameters import Config, Values
 
@@ -68,7 +70,9 @@ def opened_recording(
             config = Config.of(parameters)
             faults: list[str] = []
             if is_table(bag):
-                table = read_recorded_table(bag)
+                named = topics_of(config_of_tables(config), given.remap, given.node)
+                columns = parse_columns(given.columns)
+                table = read_recorded_table(bag, columns=columns, topics=named)
                 config = config_for_table(table, config)
             topics = topics_of(config, given.remap, given.node)
             if is_table(bag):

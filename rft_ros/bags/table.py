@@ -22,8 +22,11 @@ MESSAGE_COLUMNS: dict[Role, tuple[str, ...]] = {
 """Columns of the messages of a row, beside its time t.
 
 Pose and twist of the tool frame are in world axes, the wrench in sensor axes, as the load cell's driver gives it. Those
-of the twist may be missing, and those of the wrench.
+of the twist may be missing, and those of the wrench. A row without any number of a message has no such message.
 """
+
+MAX_REPEATED_SHARE = 0.2
+"""Of the rows in which the pose changes, the share that may have the time of the row before."""
 
 
 def is_table(bag: Path) -> bool:
@@ -31,14 +34,39 @@ def is_table(bag: Path) -> bool:
     return bag.suffix.lower() == ".csv"
 
 
-def read_recorded_table(file: Path) -> TableColumns:
-    """The columns of a table. Raises InputError, which names the line."""
-    return read_motion(file, "table", columns_named(AXES))
+def read_recorded_table(
+    file: Path, *, columns: Mapping[str, str], topics: Mapping[Role, str]
+) -> TableColumns:
+    """The columns of a table, as `read_motion` reads them. Raises InputError, which names the line."""
+    wrench = columns_named(AXES, gaps=True)
+    rows = read_motion(file, "table", wrench, columns=columns, topics=topics)
+    _check_digits_of_times(rows, f"table '{file}'")
+    return rows
+
+
+def _check_digits_of_times(rows: TableColumns, named: str) -> None:
+    """Raise InputError if rows with different poses have the same time, as where a logger writes six digits."""
+    at_pose = rows.at(rows.has_any(STATE[POSE]))
+    steps = np.diff(at_pose.columns["t"])
+    moved = (np.diff(columns_of(at_pose, STATE[POSE]), axis=0) != 0.0).any(axis=1)
+    repeated = moved & (steps == 0.0)
+    if moved.any() and repeated.sum() > MAX_REPEATED_SHARE * moved.sum():
+        line = at_pose.lines[1 + int(np.argmax(repeated))]
+        same = (
+            f"t is {at_pose.columns['t'][0]:.15g} again in line {line}, where the pose has changed"
+        )
+        raise InputError(f"{named}: {same}; write t with more digits, to the millisecond or finer")
+
+
+def config_of_tables(config: Config) -> Config:
+    """The parameters with which a table's topics are named: it may have poses and velocities of its own."""
+    return config.changed({"pose_source": "topic", "twist_source": "topic"})
 
 
 def config_for_table(rows: TableColumns, config: Config) -> Config:
     """The parameters with which a table is read: velocities are found from the poses unless it has them."""
-    twist_source = "topic" if "vx" in rows.columns else "pose_difference"
+    has_twist = STATE[-1] in rows.columns and rows.has_any(STATE[TWIST]).any()
+    twist_source = "topic" if has_twist else "pose_difference"
     return config.changed({"pose_source": "topic", "twist_source": twist_source})
 
 
@@ -59,14 +87,17 @@ def source_of_table(
     shift = 0 if times[0] > 0.0 else 1 + math.ceil(-times[0])
     stamps = np.round((times + shift) * 1e9).astype(np.int64).tolist()
     columns: dict[Role, list[list[float]]] = {}
+    has_message: dict[Role, list[bool]] = {}
     for role, names in MESSAGE_COLUMNS.items():
         if role in topics and names[0] in rows.columns:
             columns[role] = columns_of(rows, names).tolist()
+            has_message[role] = rows.has_any(names).tolist()
 
     def read(wanted: Collection[str], first: int, last: int) -> Messages:
         for k, stamp in enumerate(stamps):
             for role, numbers in columns.items():
-                if first <= stamp <= last and topics[role] in wanted:
+                is_asked = first <= stamp <= last and topics[role] in wanted
+                if is_asked and has_message[role][k]:
                     frame = settings.sensor_frame if role == "wrench" else settings.world_frame
                     serialised = stamped_cdr(frame, len(numbers[k]))
                     yield stamp, topics[role], serialised(stamp, numbers[k])
@@ -74,7 +105,7 @@ def source_of_table(
     return Source(
         name=file.name,
         types=[(topics[role], TYPES[role][0]) for role in columns],
-        count=len(columns) * len(stamps),
+        count=sum(map(sum, has_message.values())),
         first=stamps[0],
         last=stamps[-1],
         read=read,

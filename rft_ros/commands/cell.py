@@ -25,7 +25,7 @@ def doctor_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "--bag", type=Path, metavar="BAG", help=f"{options.RECORDING} (default: listen to ROS)"
     )
-    options.share(command, "--node", "--remap")
+    options.share(command, "--node", "--remap", "--columns")
     seconds = "longest time to listen to ROS [s] (default 30); it ends once air, press and drags were seen"
     command.add_argument("--seconds", type=options.number, default=30.0, metavar="S", help=seconds)
     write = "write the parameter file with the values that mend the findings, but for those with several causes"

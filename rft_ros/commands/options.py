@@ -25,7 +25,7 @@ OF_LAW = (
     "--inertia",
     "--surface-friction",
 )
-OF_RECORDING = ("--params", "--node", "--remap", "--start", "--end")
+OF_RECORDING = ("--params", "--node", "--remap", "--columns", "--start", "--end")
 
 _AXES = ("X", "Y", "Z", "W")
 
@@ -66,6 +66,10 @@ _SHARED: dict[str, dict[str, Any]] = {
         "default": [],
         "metavar": "FROM:=TO",
         "help": "topic of the recording, such as ~/pose:=/tool_pose; may be repeated",
+    },
+    "--columns": {
+        "metavar": "NAME=HEADING,...",
+        "help": "headings of a .csv table by the names that are read, such as t=timestamp,pose=actual_TCP_pose",
     },
     "--start": {
         "type": number,
@@ -144,6 +148,6 @@ def recording(arguments: argparse.Namespace) -> tuple[Config, ReplayOptions]:
     given = {
         name: value
         for name, value in vars(arguments).items()
-        if name in ("tare", "start", "end") and value is not None
+        if name in ("tare", "start", "end", "columns") and value is not None
     }
     return config, replace(written, remap=(*written.remap, *arguments.remap), node=node, **given)

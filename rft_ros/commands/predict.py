@@ -8,6 +8,7 @@ from rft_ros.bags.playback import played_estimates, played_motion
 from rft_ros.commands import options, warnings
 from rft_ros.errors import InputError
 from rft_ros.estimator.warm_up import needed, prepare
+from rft_ros.logged_columns import parse_columns
 from rft_ros.parameters import MESH, Config, Model, named_files
 from rft_ros.progress import busy, say_compiling
 from rft_ros.report import DrawnMotion, Figure, tool_figure, write_page
@@ -22,6 +23,7 @@ def predict_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "states", type=Path, metavar="STATES.csv", help=f"{header}; velocities may be missing"
     )
+    options.share(command, "--columns")
     command.add_argument("--mesh", required=True, metavar="FILE", help=MESH)
     options.share(command, *options.PLACED, *options.OF_LAW)
     options.share(command, *_OF_EVALUATION)
@@ -58,7 +60,7 @@ def predict(arguments: argparse.Namespace) -> int:
     """rft predict states.csv --mesh my_tool.stl --zeta 0.33 --alpha-y linear -o wrenches.csv"""
     config = _config_for_states(arguments)
     options.refuse_inputs(arguments, arguments.output, also=named_files(config))
-    times, states = read_states(arguments.states)
+    times, states = read_states(arguments.states, parse_columns(arguments.columns or ""))
     model = _model_for_states(config)
     height = config.settings.surface_height
     tool = model.tool

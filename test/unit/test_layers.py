@@ -19,7 +19,8 @@ ALLOWED = {
     "table_file": "files errors",
     "yaml_file": "files errors",
     "messages": "estimator ground",
-    "states_file": "estimator parameters files rft errors table_file",
+    "logged_columns": "messages rft errors table_file",
+    "states_file": "logged_columns messages estimator parameters files rft errors table_file",
     "tool": "files installation rft errors",
     "ground": "files rft errors table_file",
     "parameters": "ground tool rft errors files table_file yaml_file",
@@ -27,7 +28,7 @@ ALLOWED = {
     "simulation": "files ground tool rft errors installation",
     "report": "parameters files ground tool rft errors",
     "bags": "diagnosis messages estimator parameters ground tool rft report errors progress files states_file"
-    " table_file yaml_file",
+    " logged_columns table_file yaml_file",
     "calibration": "diagnosis files bags estimator parameters ground tool rft errors yaml_file",
     "sweeps": "parameters tool rft states_file installation progress errors files yaml_file",
     "node": "messages bags estimator parameters ground tool rft report files installation child_process progress"
@@ -36,7 +37,7 @@ ALLOWED = {
     "doctor": "diagnosis node bags messages estimator parameters ground tool rft files installation progress errors",
     "demo": "node bags estimator parameters simulation sweeps tool rft files errors",
     "commands": "doctor diagnosis demo bags estimator parameters tool rft report errors states_file calibration sweeps"
-    " progress installation files",
+    " logged_columns progress installation files",
     "cli": "commands installation files errors",
 }
 ROS = re.compile(
