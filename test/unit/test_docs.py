@@ -133,7 +133,7 @@ _GENERATED = re.compile(r"<!-- [\w ]+: begin.*?<!-- [\w ]+: end -->", flags=re.D
 
 
 def words(page):
-    """Number of words of a page's prose and tables, without code and what is generated. The bars of a table are none."""
+    """Words of a page's prose and tables, without code and what is generated; the bar of a table is no word."""
     text = _GENERATED.sub("", _CODE.sub("", page.read_text(encoding="utf-8")))
     return sum(1 for word in text.split() if re.search(r"\w", word))
 
