@@ -237,7 +237,7 @@ def run(seed: int, *, count: int = 150) -> tuple[list[object], Law | None]:
     estimator.finish()
     for measurement in estimator.measurements():
         for wrench in (measurement.compensated, measurement.residual):
-            assert wrench is None or all(map(math.isfinite, wrench)), measurement
+            assert wrench is None or all(map(math.isfinite, wrench[:3])), measurement
         answers.append(measurement)
     estimates = sum(isinstance(answer, Estimate) for answer in answers)
     assert estimator.estimates == estimates
