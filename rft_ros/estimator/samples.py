@@ -129,7 +129,10 @@ class Reason(str, Enum):
     ESTIMATE_NOT_FINITE = "estimate_not_finite", "the computed wrench is NaN or infinite"
     WRENCH_MISSING = "wrench_missing", _MISSING
     WRENCH_STALE = "wrench_stale", _STALE
-    WRENCH_NOT_FINITE = "wrench_not_finite", _NOT_FINITE
+    WRENCH_NOT_FINITE = (
+        "wrench_not_finite",
+        "a force is NaN, infinity or an absurdly large number; torques that are none are left out",
+    )
     WRENCH_FRAME_UNKNOWN = "wrench_frame_unknown", _FRAME_UNKNOWN
     WRENCH_STAMP_ZERO = "wrench_stamp_zero", _STAMP_ZERO
     WRENCH_OUT_OF_ORDER = "wrench_out_of_order", _OUT_OF_ORDER

@@ -19,7 +19,7 @@ from rclpy.qos import QoSProfile, ReliabilityPolicy
 from recordings import cdr, transforms_cdr
 from test_live_transforms import transform_publishers
 
-from rft_ros.doctor.running import _of_losses, _samples
+from rft_ros.doctor.running import _of_losses, _of_topic, _samples
 from rft_ros.estimator import TransformSample
 from rft_ros.node import listen
 from rft_ros.node.listen import Listener, Message, Publisher, Topic
@@ -239,6 +239,15 @@ def test_a_message_arrives_when_the_middleware_receives_it_not_when_it_is_read(s
     ]
     assert arrived
     assert all(stamp <= received <= sent[stamp] for stamp, received in arrived)
+
+
+def test_two_publishers_on_one_topic_are_named_but_not_those_of_transforms():
+    publishers = (Publisher("new", "type", ()), Publisher("old", "type", ()))
+    (found,) = _of_topic(Topic("wrench", "/ft", ("type",), publishers))
+    assert not found.ok
+    assert "2 publishers on /ft (new, old)" in found.text
+    (found,) = _of_topic(Topic("tf", "/tf", ("type",), publishers))
+    assert found.ok
 
 
 @pytest.mark.parametrize(
