@@ -119,6 +119,7 @@ def calibrate(
     fit_grains(
         result,
         _recordings(tracks_weighed, law, surface),
+        coarse=_recordings(_coarse(tracks_weighed), law, surface),
         contacts=surface.contacts if "surface" in parts else (),
         given=given,
         parts=parts,
@@ -166,6 +167,11 @@ def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
 def _law_of(medium: MediumConfig) -> Law:
     """The law at ζ = 1, without memory."""
     return replace(medium, zeta=1.0, mobilization_length=0.0).law_of(load_parts(medium.parts()))
+
+
+def _coarse(tracks: Sequence[Track]) -> list[Track]:
+    """With reduced tools: when a force changes hardly depends on the plates, whose number takes most of the time."""
+    return [replace(track, tool=track.tool.reduced(_COARSE)) for track in tracks]
 
 
 def _recordings(tracks: Sequence[Track], law: Law, surface: _Surface) -> list[Recorded]:
@@ -243,9 +249,8 @@ def _aligned(
     Raises NotIdentifiable if no turn determines the delay.
     """
     given = settings.load_cell.delay
-    # when the force changes hardly depends on the plates, whose number takes most of the time
-    coarse = [replace(track, tool=track.tool.reduced(_COARSE)) for track in tracks]
-    delay = fit_delay(_recordings(coarse, law, surface), surface.height, given=given)
+    coarse = _recordings(_coarse(tracks), law, surface)
+    delay = fit_delay(coarse, surface.height, given=given)
     result.fitted.append(delay)
     late = delay.values[0] - given
     aligned = [

@@ -153,13 +153,15 @@ def fit_grains(
     result: FitResults,
     recordings: Sequence[Recorded],
     *,
+    coarse: Sequence[Recorded],
     contacts: Sequence[Contact],
     given: Given,
     parts: Collection[str],
 ) -> None:
     """Fit those of surface, zeta and mobilization that are in `parts`, into `result`.
 
-    `contacts`: those of the recordings to which the surface is fitted.
+    `coarse`: the recordings with reduced tools, whose turns determine λ: when a force changes hardly depends on the
+    plates, and its size is free there. `contacts`: those of the recordings to which the surface is fitted.
     """
     begin = given.values
     turns: list[Phase] = []
@@ -169,7 +171,7 @@ def fit_grains(
             none = (
                 "the tool never turns in the grains, and no recording begins with it at rest there"
             )
-            turns = _fitted(turn_for_length, turns_in_grains, recordings, begin, none=none)
+            turns = _fitted(turn_for_length, turns_in_grains, coarse, begin, none=none)
             begin = begin._replace(log_length=_mean(turns))
         except NotIdentifiable as reason:
             result.not_identifiable["medium.mobilization_length"] = str(reason)
