@@ -18,6 +18,7 @@ STUDIES = (
     "convergence",
     "dem",
     "wheel",
+    "driven_wheel",
     "stability",
     "memory",
 )
