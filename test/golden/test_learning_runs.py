@@ -63,7 +63,7 @@ def test_recordings(group, limits):
 
 def test_four_passes_in_one_trench():
     passes = dem_series("multipass_plate_b90_d15", REFINED)
-    assert max(pass_errors(passes, learned(passes, lag=0.002).out)) <= 0.21
+    assert max(pass_errors(passes, learned(passes, lag=0.002).out)) <= 0.22
 
 
 @pytest.mark.parametrize("choice", MODELS, ids=lambda choice: choice.name)
