@@ -25,6 +25,9 @@ _Numbers = NDArray[np.int64]
 PHASES = ("approach", "penetration", "ploughing", "dwell", "withdrawal")
 """The phases, which docs/replay.md defines, by their number in a row."""
 
+AIR_PHASE = PHASES[0]
+"""The phase in which the tool is above the surface."""
+
 _AROUND = 100_000_000  # ns before and after a moment in which its phase must prevail
 _STEEP = 0.1  # least share of the tool's speed that counts as down or up
 

@@ -54,14 +54,14 @@ def draw(summary: Summary, rows: Rows, estimator: Estimator, file: Path) -> None
     write_page(
         file,
         [
-            *_tables(summary),
             *replay_charts(rows),
+            *_tables(summary),
             *_animation(rows, estimator),
             _parameters(summary),
         ],
         title=f"Replay of {summary.bag}",
-        sentence="Force and torque that the grains put on the tool, in the axes and about the origin of the sensor"
-        " frame: measured by the load cell, less bias and tool weight, and predicted by 3D granular Resistive Force"
+        sentence=f"{summary.verdict}. Force and torque that the grains put on the tool, in the axes and about the"
+        " origin of the sensor frame: measured by the load cell, less bias and tool weight, and predicted by 3D granular Resistive Force"
         f" Theory, at {summary.estimates:,} of {summary.messages['pose']:,} poses in {summary.duration:.1f} s.",
         warnings=[*([f"damage: {summary.damage}"] if summary.damage else []), *summary.warnings],
     )
@@ -93,15 +93,14 @@ def _tables(summary: Summary) -> Iterator[Table]:
     yield Table("Metrics", sentence, ("", *METRIC_HEADS), metric_rows(summary))
     trusted = ", ".join(f"{level} {count:,}" for level, count in summary.trust.items())
     flags = []
-    for name, count in summary.quality_flags.items():
-        if count:
-            flag = QualityFlag[name.upper()]
-            flags.append((name, f"{count:,}", trust(flag).value, sentences(flag)))
-    sentence = f"How many estimates have each flag (trust: {trusted})."
+    for name, share in summary.flag_rows():
+        flag = QualityFlag[name.upper()]
+        flags.append((name, share, trust(flag).value, sentences(flag)))
+    sentence = f"Which share of the {summary.in_grains:,} poses in the grains has each flag (trust of all: {trusted})."
     yield Table(
         "Quality flags",
         sentence,
-        ("flag", "estimates", "trust", "meaning"),
+        ("flag", "of the poses in the grains", "trust", "meaning"),
         flags or [("none", "0", "", "")],
     )
     unused = [(name, f"{count:,}") for name, count in summary.reasons.items()] or [("none", "0")]
@@ -112,11 +111,17 @@ def _tables(summary: Summary) -> Iterator[Table]:
 
 
 def _parameters(summary: Summary) -> Table:
-    units = {parameter.name: parameter.unit for parameter in PARAMETERS}
-    values = [
-        (name, str(value), units.get(name, "")) for name, value in summary.parameters.items()
-    ]
-    return Table("Parameters", "", ("parameter", "value", "unit"), values)
+    """Those that differ from their defaults, and then the others."""
+    by_name = {parameter.name: parameter for parameter in PARAMETERS}
+    changed: list[tuple[str, str, str]] = []
+    unchanged: list[tuple[str, str, str]] = []
+    for name, value in summary.parameters.items():
+        parameter = by_name[name]
+        row = (name, str(value), parameter.unit)
+        is_default = np.array_equal(value, parameter.default)
+        (unchanged if is_default else changed).append(row)
+    sentence = f"The first {len(changed)} differ from the defaults."
+    return Table("Parameters", sentence, ("parameter", "value", "unit"), changed + unchanged)
 
 
 def replay_charts(rows: Rows) -> list[Figure]:

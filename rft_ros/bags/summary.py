@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.estimates import PHASES, Rows
+from rft_ros.bags.estimates import AIR_PHASE, PHASES, Rows
 from rft_ros.errors import InputError, shown
 from rft_ros.estimator import OFFSET_SENTENCE, QualityFlag, Reason, Trust, begins_in_grains, trust
 from rft_ros.messages import Role
@@ -68,8 +68,9 @@ class Summary(Group):
     """The content of summary.json: the statistics of all estimates, and the inputs of the replay.
 
     `messages`: number read for each role. `reasons`, `quality_flags`, `trust`: how many samples, poses or estimates
-    have each. `unknown_frames`: for each reason a sentence on the frame_id. `duration`: receive time covered [s].
-    `learning`: the statistics without learning ("off") and for each lag. No prediction uses its own load-cell sample.
+    have each. `in_grains`: how many estimates have the tool below the surface; `flag_shares`: of these, the share with
+    each quality flag. `unknown_frames`: for each reason a sentence on the frame_id. `duration`: receive time covered
+    [s]. `learning`: the statistics without learning ("off") and for each lag. No prediction uses its own load-cell sample.
     """
 
     bag: str
@@ -81,22 +82,44 @@ class Summary(Group):
     unknown_frames: dict[str, str]
     quality_flags: dict[str, int]
     trust: dict[str, int]
+    in_grains: int
+    flag_shares: dict[str, float]
     duration: float
     damage: str | None
     warnings: list[str]
     learning: dict[str, Group]
     phases: dict[str, PhaseGroup]
 
+    @property
+    def verdict(self) -> str:
+        """How well the replay predicts, with the most serious warning: the sentence to read first."""
+        if self.median_relative_error is None or self.rms_over_peak is None:
+            errors = "No force was measured and predicted together"
+        else:
+            median = f"median error {100.0 * self.median_relative_error:.1f} % of the force"
+            errors = f"Residual: {median}, RMS {100.0 * self.rms_over_peak:.1f} % of the peak"
+        doubt = self.damage or next(iter(self.warnings), "no warning")
+        return f"{errors}; {doubt}"
+
+    def flag_rows(self) -> list[tuple[str, str]]:
+        """Each quality flag that a pose in the grains has, with the share of these poses."""
+        return [
+            (name, f"{100.0 * share:.1f} %") for name, share in self.flag_shares.items() if share
+        ]
+
     def lines(self) -> list[str]:
-        """Lines for the terminal: counts, and the magnitudes of forces and residuals."""
-        text = [f"{self.bag}: {self.estimates} estimates of {self.messages['pose']} poses"]
+        """Lines for the terminal: verdict, counts, and the magnitudes of forces and residuals."""
+        text = [
+            f"{self.bag}: {self.verdict}",
+            f"  {self.estimates} estimates of {self.messages['pose']} poses, {self.in_grains} in the grains",
+        ]
         for reason, n in self.reasons.items():
             frame = f" ({self.unknown_frames[reason]})" if reason in self.unknown_frames else ""
             text.append(f"  not used or unanswered: {reason} {n}{frame}")
-        flags = ", ".join(f"{name} {n}" for name, n in self.quality_flags.items() if n)
+        flags = ", ".join(f"{name} {share}" for name, share in self.flag_rows())
         if flags:
             trusted = ", ".join(f"{name} {n}" for name, n in self.trust.items())
-            text.append(f"  quality flags: {flags}; trust: {trusted}")
+            text.append(f"  quality flags, of the poses in the grains: {flags}; trust: {trusted}")
         if self.damage:
             text.append(f"  damage: {self.damage}")
         text += [f"  warning: {sentence}" for sentence in self.warnings]
@@ -125,6 +148,13 @@ def summary_of(
     whole, phases = statistics(rows)
     answered = rows["reason"] < 0
     flags = rows["quality_flags"][answered]
+    in_grains = answered & (rows["depth"] > 0.0)
+    flags_in_grains = rows["quality_flags"][in_grains]
+    shares = {
+        flag.label: float(np.mean(flags_in_grains & flag > 0)) if len(flags_in_grains) else 0.0
+        for flag in QualityFlag
+        if flag
+    }
     by_flag = {flag.label: int(np.count_nonzero(flags & flag)) for flag in QualityFlag if flag}
     levels = Counter(map(trust, flags.tolist()))
     # a fault of the load cell's zero says more, and is judged on the whole recording
@@ -145,6 +175,8 @@ def summary_of(
         **vars(whole),
         quality_flags=by_flag,
         trust={level.value: levels[level] for level in Trust},
+        in_grains=len(flags_in_grains),
+        flag_shares=shares,
         warnings=[*warnings, *faults],
         phases=phases,
         **about,
@@ -242,10 +274,13 @@ METRIC_HEADS = (
 
 
 def metric_rows(summary: Summary) -> list[tuple[str, ...]]:
-    """Title and metrics of the whole replay, its phases, the depth bins of penetration, and the runs for comparison."""
+    """Title and metrics of the whole replay, its phases in the grains, and the runs for comparison.
+
+    The penetration has its depth bins below it. There is no force in the air whose error would say anything.
+    """
     groups: dict[str, Group] = {"whole": summary}
     for name, phase in summary.phases.items():
-        if phase.poses:
+        if phase.poses and name != AIR_PHASE:
             groups[name] = phase
         if name == "penetration":
             groups |= {f"  {depths}": group for depths, group in phase.depth_bins.items()}

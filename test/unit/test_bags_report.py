@@ -13,6 +13,7 @@ from rft_ros.bags.estimates import PHASES, ROW
 from rft_ros.bags.replay import replay
 from rft_ros.bags.replay_report import decimated, replay_charts
 from rft_ros.estimator import QualityFlag
+from rft_ros.parameters import defaults
 
 CHARTS = ("wrench_over_time", "wrench_over_depth", "quality_flags", "learned", "tool")
 
@@ -84,8 +85,36 @@ def test_quality_flags_are_in_the_table_the_summary_and_the_page(replayed):
     assert all(not r["quality_flags"] for r in rows if r["reason"])
     assert summary.trust["OK"] == sum(not r["quality_flags"] and not r["reason"] for r in rows)
     assert summary.trust["NO"] == sum("inertial" in r["quality_flags"] for r in rows)
-    for name, count in counted.items():
-        assert (f"<td>{name}</td><td>{count:,}</td>" in replayed.page) == (count > 0)
+    in_grains = [r for r in rows if not r["reason"] and float(r["depth"]) > 0.0]
+    assert summary.in_grains == len(in_grains) > 100
+    for name, share in summary.flag_shares.items():
+        flagged = sum(name in r["quality_flags"].split("+") for r in in_grains)
+        assert share == pytest.approx(flagged / len(in_grains))
+        assert (f"<td>{name}</td><td>{100.0 * share:.1f} %</td>" in replayed.page) == (flagged > 0)
+
+
+def test_page_and_terminal_begin_with_the_verdict_and_leave_out_the_air(replayed):
+    summary = replayed.summary
+    error = f"median error {100.0 * summary.median_relative_error:.1f} % of the force"
+    assert error in summary.lines()[0]
+    assert (summary.damage or [*summary.warnings, "no warning"][0]) in summary.lines()[0]
+    assert replayed.page.index(error) < replayed.page.index("<h2>")
+    assert not any(line.strip().startswith("approach") for line in summary.lines())
+    assert "<td>approach</td>" not in replayed.page
+
+
+def test_the_page_has_figures_before_tables_and_changed_parameters_before_defaults(replayed):
+    page = replayed.page
+    assert page.index('<div id="figure-wrench_over_time"') < page.index("<h2>Metrics</h2>")
+    table = page[page.index("<h2>Parameters</h2>") :]
+    names = re.findall(r"<tr><td>([a-z_.]+)</td>", table)
+    usual = defaults()
+    changed = [
+        not np.array_equal(replayed.summary.parameters[name], usual[name]) for name in names
+    ]
+    assert changed == sorted(changed, reverse=True)
+    assert any(changed)
+    assert len(names) == len(usual)
 
 
 def test_the_page_has_every_figure_and_table_and_loads_nothing(replayed):
