@@ -61,8 +61,9 @@ def draw(summary: Summary, rows: Rows, estimator: Estimator, file: Path) -> None
         ],
         title=f"Replay of {summary.bag}",
         sentence=f"{summary.verdict}. Force and torque that the grains put on the tool, in the axes and about the"
-        " origin of the sensor frame: measured by the load cell, less bias and tool weight, and predicted by 3D granular Resistive Force"
-        f" Theory, at {summary.estimates:,} of {summary.messages['pose']:,} poses in {summary.duration:.1f} s.",
+        " origin of the sensor frame: measured by the load cell, less bias and tool weight, and predicted by 3D"
+        " granular Resistive Force Theory,"
+        f" at {summary.estimates:,} of {summary.messages['pose']:,} poses in {summary.duration:.1f} s.",
         warnings=[*([f"damage: {summary.damage}"] if summary.damage else []), *summary.warnings],
     )
 
