@@ -450,7 +450,7 @@ FAULTS: dict[str, Fault] = {
     "yielding arm": _fault(_yielding, "yielding arm", "stiffness"),
     "frame does not turn": _fault(_not_turning, "frame does not turn"),
     "repeated poses": _fault(_repeated, "repeated poses"),
-    "another TCP": _fault(_jumped, "jumped pose", "another TCP"),
+    "another TCP": _fault(_jumped, "jump", "jumped pose", "another TCP"),
     "poses in mm": _fault(_in_millimetres, "units"),
     "noisy poses": _fault(_noisy, "noise"),
 }
