@@ -12,7 +12,7 @@ from rft_ros.bags.reading import Recording, bag_name, opened_recording
 from rft_ros.bags.summary import Summary, statistics, summary_of
 from rft_ros.bags.table import is_table
 from rft_ros.bags.writing import check_replaceable
-from rft_ros.diagnosis import evidence_of, judge
+from rft_ros.diagnosis import evidence_of, examine
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimator
 from rft_ros.estimator.pose_jumps import TWO_PUBLISHERS
@@ -95,7 +95,7 @@ def replay(
         evidence = evidence_of(rows[:_JUDGED], estimator)
         faults = []
         if TWO_PUBLISHERS not in table.issues:  # whose poses no judge can tell from noise
-            faults += [finding.text for finding in judge(evidence) if not finding.ok]
+            faults += [finding.text for finding in examine(evidence) if not finding.ok]
         if "wrench" in recording.missing and not is_table(bag):
             there = recording.missing["wrench"]
             faults.append(f"no load cell: nothing on {recording.topics['wrench']}; {there}")

@@ -20,6 +20,7 @@ from rft_ros.diagnosis.contact import (
 )
 from rft_ros.diagnosis.delay import delay_of_load_cell
 from rft_ros.diagnosis.evidence import Evidence, evidence_of
+from rft_ros.diagnosis.examined import examine as _examine
 from rft_ros.diagnosis.finding import Finding
 from rft_ros.diagnosis.poses import (
     REPEATED,
@@ -44,6 +45,7 @@ __all__ = [
     "Finding",
     "columns_in_air",
     "evidence_of",
+    "examine",
     "fit_in_air",
     "judge",
     "press_states",
@@ -55,6 +57,11 @@ __all__ = [
 
 def _all_right(found: list[Finding]) -> bool:
     return all(finding.ok for finding in found)
+
+
+def examine(e: Evidence) -> Iterator[Finding]:
+    """The findings on a cell: those of `judge`, as far as one fit of all its numbers (`examined`) does not know better."""
+    yield from _examine(e, judge)
 
 
 def judge(e: Evidence) -> Iterator[Finding]:

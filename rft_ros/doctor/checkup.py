@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.estimates import ReplayTable
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import opened_recording
-from rft_ros.diagnosis import Finding, evidence_of, judge
+from rft_ros.diagnosis import Finding, evidence_of
 from rft_ros.doctor.alternation import MIN_JUMPS, Alternation
 from rft_ros.estimator import (
     OF_TRANSFORMS,
@@ -261,8 +261,9 @@ class Checkup:
         ]
         mixed = list(self._of_publishers())
         has_clock_step = any(finding.name == "clock" for finding in late)
-        judged = [] if mixed or has_clock_step else list(judge(evidence))
-        jumps = [] if any(finding.name == "units" for finding in judged) else self._of_jumps()
+        judged = [] if mixed or has_clock_step else list(examine(evidence))
+        is_told = any(finding.name in ("units", "jump") for finding in judged)
+        jumps = [] if is_told else self._of_jumps()
         of_inputs = [*late, *inputs, *mixed, *jumps, *self._of_axes()]
         found = [*of_inputs, *self._of_frames(), *judged]
         if whole:

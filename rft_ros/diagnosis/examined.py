@@ -1,0 +1,80 @@
+"""Examines a cell twice: by the searches of `judge`, and by one fit of all its numbers, which decides between them.
+
+A cell that fits as it is given has no fault, whatever a single search says. Where one cause after the other mends the
+whole misfit, these are what is told. Otherwise the searches stand as they are.
+"""
+
+from collections.abc import Callable, Iterable, Iterator
+from dataclasses import replace
+
+import numpy as np
+
+from rft_ros.diagnosis.checks import dead_axes, jumps
+from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Evidence
+from rft_ros.diagnosis.finding import Finding
+from rft_ros.diagnosis.fit import MOMENTS, TOLERANCE_OF_TOOL, Setup
+from rft_ros.diagnosis.search import Diagnosis, diagnose
+from rft_ros.diagnosis.sentences import of_diagnosis
+from rft_ros.diagnosis.trial import Trial
+from rft_ros.rft import FORCE, POSE
+
+_OF_SENDING = {"units", "mesh", "noise", "threshold", "sensor", "repeated poses"}
+"""Findings on what was sent, which need no model; but for the last two of them nothing more is known."""
+
+
+def examine(e: Evidence, judge: Callable[[Evidence], Iterable[Finding]]) -> Iterator[Finding]:
+    """The findings on a cell. `judge`: the searches that are decided between."""
+    hidden = [*jumps(e), *dead_axes(e)]
+    if hidden:
+        yield from hidden
+        return
+    found = list(judge(e))
+    of_sending = [finding for finding in found if finding.name in _OF_SENDING]
+    if len(e.time) < ENOUGH or not all(finding.ok for finding in of_sending):
+        yield from found
+        return
+    diagnosis = diagnose(followed(e), setup_of(e))
+    if not _is_pushed(e, diagnosis) or not diagnosis.is_clean:
+        yield from found
+    elif diagnosis.found:
+        yield from of_sending
+        yield from of_diagnosis(e, diagnosis)
+    else:
+        yield from (finding for finding in found if finding.ok)
+
+
+def _is_pushed(e: Evidence, diagnosis: Diagnosis) -> bool:
+    """Whether grains push the tool, in the load cell and in the model of the cell as it is mended."""
+    measured = np.abs(e.raw[:, FORCE] - np.median(e.raw[:, FORCE], axis=0)).max()
+    modelled = np.abs(diagnosis.fit.model[:, FORCE]).max(initial=0.0)
+    return bool(measured >= LEAST_FORCE and modelled > 0.0)
+
+
+def followed(e: Evidence) -> Trial:
+    """The trial of a cell, without the noise of its poses, at `MOMENTS`."""
+    readings = e.load_cell.sign * e.raw
+    if e.settings.sensor_source == "world":
+        to_world = e.cell_along.to_world
+        parts = readings.reshape(-1, 2, 3)
+        readings = np.einsum("nij,nkj->nki", to_world, parts).reshape(-1, 6)
+    trial = Trial(
+        time=e.time, poses=e.state[:, POSE], wrench_time=e.time, wrenches=np.asarray(readings)
+    )
+    return trial.followed(e.tool.plates.reach, MOMENTS)
+
+
+def setup_of(e: Evidence) -> Setup:
+    """What is given of a cell, with a reduced tool, and the bias by a replay's tare."""
+    cell = e.load_cell
+    if e.tare:
+        first = e.at(e.time <= e.tare)
+        bias = cell.sign * first.measured.mean(axis=0) + np.array(cell.bias)
+        fx, fy, fz, tx, ty, tz = bias.tolist()
+        cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
+    return Setup(
+        cell=cell,
+        tool=e.tool.reduced(TOLERANCE_OF_TOOL),
+        law=e.law,
+        surface=e.settings.surface_height,
+        reads_in_world=e.settings.sensor_source == "world",
+    )

@@ -1,0 +1,586 @@
+"""The fit of a cell: all of its continuous parameters at once, from the misfit of force and torque over a trial.
+
+What is given is a prior with a tolerance (`TOLERANCES`). What the trial does not determine stays at the given value,
+with an error that says so. Most parameters are linear in the readings; delay, surface and λ are not, and come from
+Gauss-Newton steps around a coarse search.
+"""
+
+from collections.abc import Collection, Mapping
+from dataclasses import dataclass, field, replace
+from functools import cached_property
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rft_ros.diagnosis.trial import Array, Trial, stretches, thin_rows
+from rft_ros.estimator import GRAVITY
+from rft_ros.parameters import LoadCell
+from rft_ros.rft import (
+    ANGULAR_VELOCITY,
+    FORCE,
+    POSE,
+    POSITION,
+    STATE,
+    TORQUE,
+    VELOCITY,
+    Law,
+    Memory,
+    displacements_between,
+    wrenches_in_time,
+)
+from rft_ros.rft.motion_kinds import MOTIONS, kind_of_motion
+from rft_ros.tool import Tool
+
+
+class Tolerance(NamedTuple):
+    """How far a given value may be off without harm, the unit, and what that is for.
+
+    `size`: number of components.
+    """
+
+    value: float
+    size: int
+    unit: str
+    reason: str
+
+
+TOLERANCES = {
+    "zeta": Tolerance(0.3, 1, "of its value", "beds of the same grains, and motions"),
+    "mass": Tolerance(0.03, 1, "kg", "cables, screws"),
+    "moment": Tolerance(0.003, 3, "kg m", "mass times centre of mass, of the same"),
+    "force_bias": Tolerance(0.02, 3, "of the greatest force", "drift of a load cell"),
+    "torque_bias": Tolerance(0.02, 3, "of that times the tool's size", "drift of a load cell"),
+    "turn": Tolerance(
+        3.0, 3, "degrees", "grains push plates up to 3° out of the model's direction"
+    ),
+    "lever": Tolerance(0.01, 3, "m", "where the grains' force acts on the tool"),
+    "surface": Tolerance(0.003, 1, "m", "levelling of a bed"),
+    "delay": Tolerance(0.008, 1, "s", "time between two samples"),
+    "length": Tolerance(0.5, 1, "of its logarithm", "λ differs between grains"),
+    "power": Tolerance(0.3, 1, "of depth", "growth of the force with depth unlike the model's"),
+    "kinds": Tolerance(
+        0.2, 4, "of ζ", "ζ of rest, drag, turn and withdrawal over that of a press"
+    ),
+    "start": Tolerance(0.3, 6, "of the greatest force", "force held in the grains at the start"),
+    "course": Tolerance(0.02, 6, "of the greatest force", "a zero that moves"),
+}
+"""Tolerances of the given values; the last four are of what no parameter describes."""
+
+NUISANCES = ("power", "kinds", "start", "course")
+
+MODEL_ERROR = 0.06
+"""Error of the model's force over the force, where all parameters are right."""
+FLOOR = 0.015
+"""The same over the greatest force, and the drift of a load cell."""
+LEAST_LENGTH_M = 5e-4
+MOST_LENGTH_M = 0.03
+ROBUST = 3.0
+"""Standard errors beyond which a residual counts linearly."""
+USUAL_MISFIT = 0.5
+"""Misfit per stretch of right cells by errors of the model, beside that by the noise of the load cell."""
+LEAST_ZETA = 1e-6
+REST_M = 1e-6
+"""Path between two moments below which the tool rests."""
+BLOCK = 100
+MOMENTS = 600
+TOLERANCE_OF_TOOL = 0.05
+
+_SLICES = {}
+_begin = 0
+for _name, _tolerance in TOLERANCES.items():
+    _SLICES[_name] = slice(_begin, _begin + _tolerance.size)
+    _begin += _tolerance.size
+NUMBERS = _begin
+
+
+def crossed(a: Array, b: Array) -> Array:
+    """a cross b along the last axis; numpy's own takes three times as long."""
+    x, y, z = a[..., 0], a[..., 1], a[..., 2]
+    u, v, w = b[..., 0], b[..., 1], b[..., 2]
+    return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
+
+
+def rows_of(name: str) -> slice:
+    """Where the numbers of a name lie among all of them."""
+    return _SLICES[name]
+
+
+def cross_matrices(v: Array) -> Array:
+    """Matrices M with M @ x = x cross v, shape [n, 3, 3]."""
+    out = np.zeros((len(v), 3, 3))
+    out[:, 0, 1] = v[:, 2]
+    out[:, 0, 2] = -v[:, 1]
+    out[:, 1, 0] = -v[:, 2]
+    out[:, 1, 2] = v[:, 0]
+    out[:, 2, 0] = v[:, 1]
+    out[:, 2, 1] = -v[:, 0]
+    return out
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Setup:
+    """What is given of a cell: load cell, tool, law (with ζ and λ) and the height of the surface [m].
+
+    `reads_in_world`: the readings are in world axes. `lag`: of a filter in the load cell's driver [s].
+    `course`: of a zero that moves, at the moments of the trial: what each of six numbers adds to a reading in tool
+    axes, shape [n, 6, 6]. `units` of force [N] and torque [N m]. `late`: of the readings, on top of the delay
+    with which the trial was read [s]. `left_out`: moments that do not count, shape [n].
+    `unknown`: numbers that are not given, of `TOLERANCES`: they are free in every fit.
+    """
+
+    cell: LoadCell
+    tool: Tool
+    law: Law
+    surface: float
+    reads_in_world: bool = False
+    lag: float = 0.0
+    units: tuple[float, float] = (1.0, 1.0)
+    late: float = 0.0
+    course: Array | None = None
+    left_out: Array | None = None
+    unknown: tuple[str, ...] = ()
+
+    def thinned(self, count: int) -> "Setup":
+        """The same for a trial that is thinned."""
+        thin: dict[str, Any] = {}
+        for name in ("course", "left_out"):
+            series = getattr(self, name)
+            if series is not None:
+                thin[name] = series[thin_rows(len(series), count)]
+        return replace(self, **thin)
+
+    @property
+    def length(self) -> float:
+        """λ [m], at least `LEAST_LENGTH_M`: real grains hold their force at rest."""
+        return max(self.law.mobilization_length, LEAST_LENGTH_M)
+
+    @cached_property
+    def in_tool(self) -> Array:
+        """The matrix that turns readings into the tool's axes and the sign of a force on the tool, shape [3, 3]."""
+        return self.cell.sign * Rotation.from_quat(self.cell.quaternion).as_matrix()
+
+
+class Basis(NamedTuple):
+    """The wrench at ζ = 1 in tool axes about the tool's middle, shape [n, 6], and the depth of the lowest point [m]."""
+
+    wrench: Array
+    depth: Array
+
+
+class Model:
+    """The model's wrench along the poses of a trial at some of its moments, for any surface and λ."""
+
+    def __init__(self, trial: Trial, setup: Setup) -> None:
+        self._tool = setup.tool
+        self._law = replace(setup.law, zeta=1.0, density=0.0)
+        n = len(trial)
+        states = np.zeros((n, len(STATE)))
+        states[:, POSE] = trial.poses
+        self._moved = displacements_between(np.vstack([np.zeros(len(STATE)), states[:-1]]), states)
+        moved = self._moved
+        span = np.maximum(np.diff(trial.time, prepend=trial.time[0] - 1.0), 1e-4)[:, None]
+        turn = 0.5 * np.column_stack(
+            [moved[:, 10] - moved[:, 8], moved[:, 5] - moved[:, 9], moved[:, 6] - moved[:, 4]]
+        )
+        states[:, VELOCITY] = moved[:, POSITION] / span
+        states[:, ANGULAR_VELOCITY] = turn / span
+        self._states = states
+        self._into_tool = np.swapaxes(trial.matrices, 1, 2)
+        self._middle = np.array(self._tool.middle)
+        self.low = self._tool.lowest_points(states)[0]
+        going = moved[:, POSITION] + crossed(turn, trial.matrices @ self._middle)
+        turned = 0.5 * self._tool.size * np.linalg.norm(turn, axis=1)
+        gone = np.linalg.norm(going, axis=1) + turned
+        self.kinds = [
+            "rest" if distance < REST_M else kind_of_motion(x, y, z, angle)
+            for (x, y, z), angle, distance in zip(
+                going.tolist(), turned.tolist(), gone.tolist(), strict=True
+            )
+        ]
+        self.path = np.cumsum(gone)
+        self._found: dict[tuple[float, float], Basis] = {}
+
+    def at(self, surface: float, length: float) -> Basis:
+        """The model's wrench with a surface height and a λ [m]."""
+        key = round(surface, 7), round(length, 7)
+        if key not in self._found:
+            if len(self._found) > 200:
+                self._found.clear()
+            law = replace(self._law, mobilization_length=length)
+            world = wrenches_in_time(
+                self._tool.plates,
+                law,
+                self._states,
+                Memory(self._tool.plates),
+                displacements=self._moved,
+                surface_height=surface,
+            )
+            force = np.einsum("nij,nj->ni", self._into_tool, world[:, FORCE])
+            torque = np.einsum("nij,nj->ni", self._into_tool, world[:, TORQUE])
+            torque = torque - crossed(self._middle, force)
+            self._found[key] = Basis(np.hstack([force, torque]), surface - self.low)
+        return self._found[key]
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Fitted numbers of a cell, `TOLERANCES` by name, and their standard errors.
+
+    `misfit`: the robust sum of squares over the independent stretches, priors included; `count` of the stretches.
+    """
+
+    values: Mapping[str, Array]
+    errors: Mapping[str, Array]
+    misfit: float
+    data_misfit: float
+    count: float
+    residuals: Array = field(repr=False)
+    weights: Array = field(repr=False)
+    model: Array = field(repr=False)
+
+    @property
+    def per_stretch(self) -> float:
+        """The misfit of a stretch; about 1 if model and cell are right."""
+        return self.misfit / self.count
+
+
+class _Slopes(NamedTuple):
+    """Derivatives of the model's wrench in tool axes by surface [1/m] and logarithm of λ, and where they were taken."""
+
+    surface: float
+    length: float
+    by_surface: Array
+    by_length: Array
+
+    def is_near(self, surface: float, length: float) -> bool:
+        """Whether they hold at another surface and λ [m], too."""
+        return abs(surface - self.surface) < 1e-3 and abs(np.log(length / self.length)) < 0.15
+
+
+FREEDOM = 20.0
+"""How many times as far as its tolerance a free number may be off."""
+STEP_M = 5e-4
+STEP_OF_LENGTH = 1.1
+"""Steps of the surface and of λ by which the derivatives are taken."""
+
+
+class Problem:
+    """The fit of one trial with one set-up: what does not change while its numbers do."""
+
+    def __init__(self, trial: Trial, setup: Setup) -> None:
+        self.setup = setup
+        self.trial = trial
+        self.tool = setup.tool
+        self.time = trial.time
+        self.model = Model(trial, setup)
+        self.down = trial.down
+        self.count_of = stretches(trial.time, self.model.path)
+        self.count = float(self.count_of.sum())
+        if setup.left_out is not None:
+            self.count_of = np.where(setup.left_out, 0.0, self.count_of)
+        self.middle = np.array(setup.tool.middle)
+        self._slopes: _Slopes | None = None
+        self._readings: dict[float, Array] = {}
+        self.course = setup.course
+        kinds = np.array(self.model.kinds)
+        self.kinds = np.column_stack([kinds == kind for kind in ("rest", *MOTIONS[1:])]) * 1.0
+        self._weigh()
+
+    def _weigh(self) -> None:
+        """Standard errors of force and torque at each moment, from the reading alone."""
+        reading = self.reading(0.0)
+        low = self.model.low
+        top = low >= np.quantile(low, 0.9)
+        zero = np.median(reading[top], axis=0)
+        size = np.linalg.norm((reading - zero)[:, FORCE], axis=1)
+        self.peak = float(np.quantile(size, 0.99)) + 1e-9
+        noise = np.repeat(self.setup.units, 3) * self.trial.noise
+        of_force = float(noise[FORCE].max())
+        of_torque = float(noise[TORQUE].max())
+        lever = float(np.linalg.norm(np.array(self.setup.cell.position) - self.middle))
+        half = 0.5 * self.tool.size
+        self.half = half
+        error = np.sqrt((MODEL_ERROR * size) ** 2 + (FLOOR * self.peak) ** 2 + of_force**2)
+        twist = np.sqrt((half * 0.5 * error) ** 2 + (lever * of_force) ** 2 + of_torque**2)
+        self.error = np.column_stack([error, twist])
+        of_noise = (of_force / error) ** 2 + ((lever * of_force) ** 2 + of_torque**2) / twist**2
+        self.usual = USUAL_MISFIT + float(self.count_of @ of_noise) / max(self.count, 1e-9)
+        self.sigma = np.repeat(1.0 / self.error, 3, axis=1)
+        scale = np.ones(NUMBERS)
+        of = _SLICES
+        given = max(self.setup.law.zeta, 1e-6)
+        for name, tolerance in TOLERANCES.items():
+            scale[of[name]] = tolerance.value
+        scale[of["zeta"]] *= given
+        scale[of["turn"]] = np.radians(TOLERANCES["turn"].value)
+        scale[of["force_bias"]] = max(TOLERANCES["force_bias"].value * self.peak, of_force)
+        scale[of["torque_bias"]] = max(
+            TOLERANCES["torque_bias"].value * self.peak * half
+            + lever * scale[of["force_bias"]][0],
+            of_torque,
+        )
+        scale[of["start"]] = TOLERANCES["start"].value * self.peak
+        scale[of["start"]][3:] *= half
+        scale[of["course"]] = np.repeat(
+            (scale[of["force_bias"]][0], scale[of["torque_bias"]][0]), 3
+        )
+        self.scale = scale
+
+    def reading(self, late: float) -> Array:
+        """The readings of the moments in tool axes, with the sign on the tool, shape [n, 6]."""
+        if late not in self._readings:
+            if len(self._readings) > 100:
+                self._readings.clear()
+            raw = self.trial.readings_at(self.time + self.setup.late + late)
+            bias = np.array(self.setup.cell.bias)
+            raw = bias + np.repeat(self.setup.units, 3) * (raw - bias)
+            self._readings[late] = self.into_tool(raw)
+        return self._readings[late]
+
+    def into_tool(self, raw: Array) -> Array:
+        """Readings as the driver gave them, in tool axes and with the sign of a wrench on the tool, shape [n, 6]."""
+        parts = raw.reshape(-1, 2, 3)
+        if self.setup.reads_in_world:
+            to_tool = np.swapaxes(self.trial.matrices, 1, 2)
+            turned = self.setup.cell.sign * np.einsum("nij,nkj->nki", to_tool, parts)
+        else:
+            turned = parts @ self.setup.in_tool.T
+        return np.asarray(turned.reshape(-1, 6))
+
+    def given(self) -> Array:
+        """The given numbers; bias in tool axes."""
+        cell = self.setup.cell
+        x = np.zeros(NUMBERS)
+        x[_SLICES["zeta"]] = self.setup.law.zeta
+        x[_SLICES["mass"]] = cell.mass
+        turn = self.setup.in_tool
+        # the moment of the weight needs no sign
+        proper = turn * cell.sign
+        x[_SLICES["moment"]] = cell.mass * (proper @ np.array(cell.center_of_mass))
+        x[_SLICES["force_bias"]] = turn @ np.array(cell.bias[:3])
+        x[_SLICES["torque_bias"]] = turn @ np.array(cell.bias[3:])
+        x[_SLICES["surface"]] = self.setup.surface
+        x[_SLICES["length"]] = np.log(self.setup.length)
+        return x
+
+    def residual(self, x: Array, *, jacobian: bool = False) -> tuple[Array, Array, Array | None]:
+        """Misfit of force and torque about the tool's middle, shape [n, 6]; the model's wrench; and the derivatives."""
+        of = _SLICES
+        n = len(self.time)
+        surface = float(x[of["surface"]][0])
+        length = float(np.exp(x[of["length"]][0]))
+        late = float(x[of["delay"]][0])
+        basis = self.basis(surface, length)
+        g = basis.wrench
+        turn = Rotation.from_rotvec(x[of["turn"]]).as_matrix()
+        lever = np.array(self.setup.cell.position) + x[of["lever"]] - self.middle
+        reading = self.reading(late)
+        force = reading[:, FORCE] @ turn.T
+        torque = reading[:, TORQUE] @ turn.T
+        weight = GRAVITY * self.down
+        mass = x[of["mass"]][0]
+        grains = force - x[of["force_bias"]] - mass * weight
+        couple = torque - x[of["torque_bias"]] - crossed(x[of["moment"]], weight)
+        about = couple + crossed(lever, grains)
+        deep = np.log(np.clip(basis.depth / max(basis.depth.max(), 1e-3), 0.05, 1.0))
+        kinds = self.kinds
+        zeta = x[of["zeta"]][0]
+        growth = 1.0 + x[of["power"]][0] * deep + kinds @ x[of["kinds"]]
+        factor = zeta * growth
+        model = factor[:, None] * g
+        fading = np.zeros(n)
+        if basis.depth[0] > 0.0:
+            leaves = np.flatnonzero(basis.depth <= 0.0)
+            end = leaves[0] if len(leaves) else n
+            fading[:end] = np.exp(-self.model.path[:end] / 0.004)
+        held = fading[:, None] * x[of["start"]]
+        e = np.hstack([grains, about]) - model - held
+        if self.course is not None:
+            moved = self.course @ x[of["course"]]
+            e[:, FORCE] -= moved[:, FORCE]
+            e[:, TORQUE] -= moved[:, TORQUE] + crossed(lever, moved[:, FORCE])
+        if not jacobian:
+            return e, model, None
+        J = np.zeros((n, 6, NUMBERS))
+        J[:, :, of["zeta"]] = -(growth[:, None] * g)[:, :, None]
+        J[:, :3, of["mass"]] = -weight[:, :, None]
+        J[:, 3:, of["mass"]] = -crossed(lever, weight)[:, :, None]
+        J[:, 3:, of["moment"]] = -cross_matrices(weight)
+        J[:, :3, of["force_bias"]] = -np.eye(3)
+        J[:, 3:, of["force_bias"]] = cross_matrices(
+            np.tile(lever, (1, 1))
+        )  # -(lever x b) = b x lever
+        J[:, 3:, of["torque_bias"]] = -np.eye(3)
+        by_turn = cross_matrices(force)
+        J[:, :3, of["turn"]] = by_turn
+        across = -cross_matrices(lever[None])[0]  # lever x
+        J[:, 3:, of["turn"]] = cross_matrices(torque) + across @ by_turn
+        J[:, 3:, of["lever"]] = cross_matrices(grains)
+        J[:, :, of["power"]] = -(zeta * deep[:, None] * g)[:, :, None]
+        J[:, :, of["kinds"]] = -zeta * g[:, :, None] * kinds[:, None, :]
+        J[:, :, of["start"]] = -np.eye(6) * fading[:, None, None]
+        if self.course is not None:
+            J[:, FORCE, of["course"]] = -self.course[:, FORCE]
+            J[:, TORQUE, of["course"]] = -self.course[:, TORQUE] - across @ self.course[:, FORCE]
+        slopes = self._slopes_at(surface, length)
+        J[:, :, of["surface"]] = -(factor[:, None] * slopes.by_surface)[:, :, None]
+        J[:, :, of["length"]] = -(factor[:, None] * slopes.by_length)[:, :, None]
+        span = 0.01
+        slope = (self.reading(late + span) - self.reading(late - span)) / (2.0 * span)
+        df = slope[:, FORCE] @ turn.T
+        dt = slope[:, TORQUE] @ turn.T + crossed(lever, df)
+        J[:, :, of["delay"]] = np.hstack([df, dt])[:, :, None]
+        return e, model, J
+
+    def _slopes_at(self, surface: float, length: float) -> "_Slopes":
+        """The derivatives of the model's wrench, as they were computed last if that was near."""
+        last = self._slopes
+        if last is None or not last.is_near(surface, length):
+            g = self.basis(surface, length).wrench
+            higher = self.basis(surface + STEP_M, length).wrench
+            longer = self.basis(surface, length * STEP_OF_LENGTH).wrench
+            last = _Slopes(
+                surface,
+                length,
+                (higher - g) / STEP_M,
+                (longer - g) / np.log(STEP_OF_LENGTH),
+            )
+            self._slopes = last
+        return last
+
+    def basis(self, surface: float, length: float) -> Basis:
+        """The model's wrench as the load cell's driver would give it: behind its filter."""
+        found = self.model.at(surface, length)
+        if self.setup.lag > 0.0:
+            return Basis(filtered(self.time, found.wrench, self.setup.lag), found.depth)
+        return found
+
+    def misfit(self, e: Array) -> tuple[float, Array]:
+        """The robust sum of squares over the independent stretches, and the weight of each moment and part."""
+        square = (
+            np.column_stack(
+                [
+                    ((e * self.sigma)[:, :3] ** 2).sum(axis=1),
+                    ((e * self.sigma)[:, 3:] ** 2).sum(axis=1),
+                ]
+            )
+            / 3.0
+        )
+        root = np.sqrt(1.0 + square / ROBUST**2)
+        cost = 2.0 * ROBUST**2 * (root - 1.0) * self.count_of[:, None]
+        weight = self.count_of[:, None] / root / 3.0
+        return float(cost.sum()), np.repeat(weight, 3, axis=1)
+
+
+def filtered(time: Array, values: Array, lag: float) -> Array:
+    """Values behind a filter of first order with this time constant [s], exact for values linear between the times."""
+    out = values.copy()
+    for k in range(1, len(time)):
+        span = max(time[k] - time[k - 1], 1e-6)
+        fade = np.exp(-span / lag)
+        slope = (values[k] - values[k - 1]) / span
+        out[k] = values[k] - slope * lag + (out[k - 1] - values[k - 1] + slope * lag) * fade
+    return out
+
+
+def _normal_equations(rows: Array, values: Array) -> tuple[Array, Array]:
+    """The normal matrix and the right side, by blocks so small that no library starts threads for them."""
+    normal = np.zeros((rows.shape[1], rows.shape[1]))
+    right = np.zeros(rows.shape[1])
+    for k in range(0, len(rows), BLOCK):
+        part = rows[k : k + BLOCK]
+        normal += part.T @ part
+        right += part.T @ values[k : k + BLOCK]
+    return normal, right
+
+
+def fit(
+    problem: Problem,
+    free: Collection[str] = (),
+    *,
+    fixed: Collection[str] = (),
+    start: Mapping[str, float] | None = None,
+    steps: int = 12,
+) -> Fit:
+    """Fit all numbers; those in `free` without a prior, those in `fixed` not at all.
+
+    `start`: first values of some numbers.
+    """
+    given = problem.given()
+    x = given.copy()
+    for name, value in (start or {}).items():
+        x[_SLICES[name]] = value
+    prior = 1.0 / problem.scale**2
+    for name in {*free, *problem.setup.unknown}:
+        prior[_SLICES[name]] /= FREEDOM**2
+    is_free = np.ones(NUMBERS, dtype=bool)
+    for name in fixed:
+        is_free[_SLICES[name]] = False
+    low = np.log(LEAST_LENGTH_M)
+    high = np.log(MOST_LENGTH_M)
+
+    def cost_at(at: Array) -> tuple[float, Array, Array, Array]:
+        e, model, _ = problem.residual(at)
+        cost, weight = problem.misfit(e)
+        return cost + float(prior @ (at - given) ** 2), e, weight, model
+
+    total, e, weight, model = cost_at(x)
+    covariance = np.zeros(NUMBERS)
+    for _ in range(steps):
+        e, model, J = problem.residual(x, jacobian=True)
+        assert J is not None
+        _, weight = problem.misfit(e)
+        root = np.sqrt(weight) * problem.sigma
+        normal, gradient = _normal_equations(
+            (root[:, :, None] * J).reshape(-1, NUMBERS), (root * e).reshape(-1)
+        )
+        normal += np.diag(prior)
+        gradient += prior * (x - given)
+        # in units of the tolerances, so that it is well conditioned
+        s = problem.scale
+        normal = normal * s[:, None] * s[None, :]
+        chosen = np.flatnonzero(is_free)
+        sub = normal[np.ix_(chosen, chosen)] + 1e-9 * np.eye(len(chosen))
+        move = np.zeros(NUMBERS)
+        move[chosen] = -np.linalg.solve(sub, (gradient * s)[chosen]) * s[chosen]
+        inverse = np.linalg.inv(sub)
+        covariance[chosen] = np.diag(inverse) * s[chosen] ** 2
+        # bounded steps of what is not linear
+        limit = np.full(NUMBERS, np.inf)
+        limit[_SLICES["surface"]] = 0.01
+        limit[_SLICES["delay"]] = 0.05
+        limit[_SLICES["length"]] = 0.7
+        limit[_SLICES["turn"]] = 0.3
+        share = float(min(1.0, (limit / np.maximum(np.abs(move), 1e-12)).min()))
+        improved = False
+        for _ in range(5):
+            new = x + share * move
+            new[_SLICES["zeta"]] = np.maximum(new[_SLICES["zeta"]], LEAST_ZETA)
+            new[_SLICES["length"]] = np.clip(new[_SLICES["length"]], low, high)
+            trial_cost, *_ = cost_at(new)
+            if trial_cost < total:
+                improved = True
+                break
+            share *= 0.4
+        if not improved:
+            break
+        gained = total - trial_cost
+        x = new
+        total = trial_cost
+        if gained < 1e-3 * total + 1e-3:
+            break
+    total, e, weight, model = cost_at(x)
+    data, _ = problem.misfit(e)
+    spread = max(data / (2.0 * problem.count), 1.0)
+    errors = np.sqrt(covariance * spread)
+    return Fit(
+        values={name: x[rows].copy() for name, rows in _SLICES.items()},
+        errors={name: errors[rows].copy() for name, rows in _SLICES.items()},
+        misfit=total,
+        data_misfit=data,
+        count=problem.count,
+        residuals=e,
+        weights=weight,
+        model=model,
+    )

@@ -1,0 +1,694 @@
+"""What may be wrong with a cell: hypotheses that compete by the misfit that they leave.
+
+Each one mends a trial or its set-up and frees parameters of the fit. To add a fault, add a `Cause` and a `Hypothesis`
+to `HYPOTHESES`.
+"""
+
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass, field, replace
+from enum import Enum
+from itertools import product
+from typing import Any
+
+import numpy as np
+from scipy.optimize import fmin
+from scipy.spatial.transform import Rotation
+
+from rft_ros.diagnosis.fit import Fit, Problem, Setup, fit, rows_of
+from rft_ros.diagnosis.trial import Array, Trial
+from rft_ros.estimator import GRAVITY
+from rft_ros.parameters import Value
+from rft_ros.rft import FORCE, QUATERNION, Plates
+from rft_ros.tool import Tool
+
+
+class Cause(Enum):
+    """What is wrong with a cell: the title of its finding, and whether a calibration may go on in spite of it."""
+
+    SIGN = "sign", False
+    TURN = "turn", False
+    SIGN_AND_TURN = "sign and turn", False
+    ANGLE = "angle", False
+    AXES_OF_READING = "axes of the reading", False
+    LEVER = "lever", True
+    BIAS = "load cell", True
+    WEIGHT = "load cell", False
+    DELAY = "delay", True
+    FILTER = "delay", False
+    SURFACE = "surface_height", True
+    STRENGTH = "strength", True
+    TORQUE_UNIT = "units of torque", False
+    UNIT = "strength", False
+    MESH_TURNED = "mesh turned", False
+    MESH_UNIT = "mesh", False
+    TCP = "TCP", False
+    QUATERNIONS = "quaternions", False
+    WORLD = "world frame", False
+    STIFFNESS = "yielding arm", False
+    ZERO_MOVES = "zero that moves", False
+    SATURATION = "saturation", False
+    NOT_TURNING = "frame does not turn", False
+
+    @property
+    def title(self) -> str:
+        """The name of its finding."""
+        return self.value[0]
+
+    @property
+    def may_calibrate(self) -> bool:
+        """Whether a calibration may go on."""
+        return self.value[1]
+
+
+COSTLY = {
+    Cause.MESH_TURNED,
+    Cause.MESH_UNIT,
+    Cause.WORLD,
+    Cause.TCP,
+    Cause.QUATERNIONS,
+    Cause.ZERO_MOVES,
+}
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Variant:
+    """A trial and its set-up as a hypothesis mends them, and the values of parameters that do.
+
+    `number`: what it is by how much, for the sentence.
+    """
+
+    trial: Trial
+    setup: Setup
+    remedy: Mapping[str, Value] = field(default_factory=dict)
+    number: float = 0.0
+    axis: int = 0
+
+
+Family = Callable[[Trial, Setup, Array], Variant]
+Mend = Callable[[Trial, Setup], Iterator[Variant]]
+
+
+def _as_given(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    yield Variant(trial=trial, setup=setup)
+
+
+@dataclass(frozen=True, kw_only=True)
+class Hypothesis:
+    """A cause: how it mends a trial, the numbers that it frees, and how much rarer it is, in units of the misfit."""
+
+    cause: Cause
+    free: tuple[str, ...] = ()
+    mend: Mend = _as_given
+    rarity: float = 0.0
+    family: Family | None = None
+    points: tuple[tuple[float, ...], ...] = ()
+    step: float = 0.0
+    searches_surface: bool = False
+
+    @property
+    def is_costly(self) -> bool:
+        """Whether the model's force is computed anew for many variants: only where no simple cause fits."""
+        return self.cause in COSTLY
+
+    def variants(self, trial: Trial, setup: Setup) -> list[Variant]:
+        """The variants of a trial that it mends; those of a family at its points."""
+        if self.family is None:
+            return list(self.mend(trial, setup))
+        return [self.family(trial, setup, np.array(point)) for point in self.points]
+
+
+def _rescaled(tool: Tool, factor: float) -> Tool:
+    """The tool of a mesh in another unit: it is `factor` times as large, about its frame's origin."""
+    rows = tool.plates.rows.copy()
+    rows[:3] *= factor
+    rows[AREA_ROW] *= factor**2
+    rows[CORNER_ROWS] *= factor
+    return replace(
+        tool,
+        frame=replace(tool.frame, scale=tool.frame.scale * factor),
+        plates=Plates.of_rows(rows),
+        corners=tool.corners * factor,
+    )
+
+
+AREA_ROW = 6
+CORNER_ROWS = slice(7, 13)
+"""Of `Plates.rows`."""
+
+
+def quaternion_of(turn: Rotation) -> tuple[float, float, float, float]:
+    """The quaternion xyzw of a turn, with w at least 0."""
+    x, y, z, w = turn.as_quat(canonical=True).tolist()
+    return x, y, z, w
+
+
+GROUP = [turn for turn in Rotation.create_group("O") if turn.magnitude() > 0.1]
+GROUP = sorted(GROUP, key=lambda turn: round(turn.magnitude(), 3))
+
+
+def _cell(setup: Setup, *, sign: float = 1.0, turn: Rotation | None = None) -> Setup:
+    quaternion = Rotation.from_quat(setup.cell.quaternion)
+    if turn is not None:
+        quaternion = quaternion * turn
+    cell = replace(setup.cell, sign=setup.cell.sign * sign, quaternion=quaternion_of(quaternion))
+    return replace(setup, cell=cell)
+
+
+def _sign(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    other = _cell(setup, sign=-1.0)
+    yield Variant(trial=trial, setup=other, remedy={"sensor.sign": other.cell.sign})
+
+
+def _turn(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    for turn in GROUP:
+        other = _cell(setup, turn=turn)
+        yield Variant(
+            trial=trial,
+            setup=other,
+            remedy={"sensor.quaternion": other.cell.quaternion},
+            number=float(np.degrees(turn.magnitude())),
+        )
+
+
+def _sign_and_turn(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    for turn in GROUP:
+        other = _cell(setup, sign=-1.0, turn=turn)
+        yield Variant(
+            trial=trial,
+            setup=other,
+            remedy={"sensor.sign": other.cell.sign, "sensor.quaternion": other.cell.quaternion},
+            number=float(np.degrees(turn.magnitude())),
+        )
+
+
+def _angle(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    """The turn that aligns the measured force best, by rounds of alignment."""
+    problem = Problem(trial, setup)
+    for turn in coarse(problem).aligned:
+        of_cell = Rotation.from_quat(setup.cell.quaternion)
+        in_cell = of_cell.inv() * turn * of_cell
+        if in_cell.magnitude() > np.radians(5.0):
+            other = _cell(setup, turn=in_cell)
+            yield Variant(
+                trial=trial,
+                setup=other,
+                remedy={"sensor.quaternion": other.cell.quaternion},
+                number=float(np.degrees(in_cell.magnitude())),
+            )
+
+
+def _axes_of_reading(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    source = "parameters" if setup.reads_in_world else "world"
+    yield Variant(
+        trial=trial,
+        setup=replace(setup, reads_in_world=not setup.reads_in_world),
+        remedy={"sensor.frame_source": source},
+    )
+
+
+def _torque_unit(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    for factor in (1e-3, 1e3):
+        yield Variant(trial=trial, setup=replace(setup, units=(1.0, factor)), number=factor)
+
+
+UNITS_N = {"kgf": 9.80665, "lbf": 4.44822, "kN": 1e3, "mN": 1e-3}
+
+
+def _unit(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    for newtons in UNITS_N.values():
+        yield Variant(trial=trial, setup=replace(setup, units=(newtons, newtons)), number=newtons)
+
+
+def _filter(trial: Trial, setup: Setup, at: Array) -> Variant:
+    lag = float(np.exp(at[0]))
+    return Variant(trial=trial, setup=replace(setup, lag=lag), number=1e3 * lag)
+
+
+def _mesh_turned(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    for turn in GROUP:
+        yield Variant(
+            trial=trial.posed(trial.position, trial.rotation * turn),
+            setup=_turned_poses(setup, turn),
+            remedy={
+                "mesh.quaternion": quaternion_of(
+                    turn * Rotation.from_matrix(setup.tool.frame.rotation)
+                )
+            },
+        )
+
+
+def _turned_poses(setup: Setup, turn: Rotation) -> Setup:
+    """The cell as seen from a tool frame that is turned: the mesh is, and the load cell stays."""
+    back = turn.inv()
+    position = tuple(back.apply(setup.cell.position).tolist())
+    quaternion = quaternion_of(back * Rotation.from_quat(setup.cell.quaternion))
+    return replace(setup, cell=replace(setup.cell, position=position, quaternion=quaternion))
+
+
+def _tcp(trial: Trial, setup: Setup, at: Array) -> Variant:
+    """The poses are those of another point of the tool: the mesh lies elsewhere in its frame, by `at` [m]."""
+    tool = setup.tool
+    shift = tool.frame.rotation @ at
+    place = trial.position + trial.rotation.apply(shift)
+    cell = replace(setup.cell, position=tuple((np.array(setup.cell.position) - shift).tolist()))
+    origin = np.array(tool.frame.origin) - at / tool.frame.scale
+    return Variant(
+        trial=trial.posed(place, trial.rotation),
+        setup=replace(setup, cell=cell),
+        remedy={"mesh.origin": tuple(np.round(origin, 3).tolist())},
+        number=1e3 * float(np.linalg.norm(at)),
+    )
+
+
+def _mesh_unit(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    for factor in (1e-3, 1.0 / 25.4, 25.4, 1e3):
+        tool = setup.tool
+        scale = tool.frame.scale * factor
+        yield Variant(
+            trial=trial,
+            setup=replace(setup, tool=_rescaled(tool, factor)),
+            remedy={"mesh.scale": float(f"{scale:.6g}")},
+            number=factor,
+        )
+
+
+def _w_first(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    quaternions = np.roll(trial.poses[:, QUATERNION], -1, axis=1)
+    yield Variant(trial=trial.posed(trial.position, Rotation.from_quat(quaternions)), setup=setup)
+
+
+def _world(trial: Trial, setup: Setup, at: Array) -> Variant:
+    """The world frame is turned by a rotation vector with no part along z [rad]."""
+    turn = Rotation.from_rotvec((at[0], at[1], 0.0))
+    return Variant(
+        trial=trial.posed(turn.apply(trial.position), turn * trial.rotation),
+        setup=setup,
+        number=float(np.degrees(np.linalg.norm(at))),
+    )
+
+
+def _stiffness(trial: Trial, setup: Setup, at: Array) -> Variant:
+    """The tool is where the arm yields to the measured force, by up to exp(`at`) [m]."""
+    raw = trial.readings_at(trial.time) - np.array(setup.cell.bias)
+    if setup.reads_in_world:
+        force = setup.cell.sign * raw[:, FORCE]
+    else:
+        force = trial.rotation.apply(raw[:, FORCE] @ setup.in_tool.T)
+    force = force + np.array((0.0, 0.0, GRAVITY * setup.cell.mass))
+    most = float(np.exp(at[0]))
+    peak = float(np.quantile(np.linalg.norm(force, axis=1), 0.99)) + 1e-9
+    place = trial.position + most / peak * force
+    return Variant(
+        trial=trial.posed(place, trial.rotation), setup=setup, number=1e-3 * peak / most
+    )
+
+
+def _step(trial: Trial, setup: Setup, at: Array) -> Variant:
+    """The zero steps at a share of the time."""
+    time = trial.time
+    begin = float(time[0] + at[0] * (time[-1] - time[0]))
+    course = np.eye(6) * (time > begin)[:, None, None]
+    return Variant(trial=trial, setup=replace(setup, course=course), number=begin)
+
+
+def _drift(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    share = (trial.time - trial.time[0]) / max(trial.time[-1] - trial.time[0], 1e-9)
+    course = np.eye(6) * share[:, None, None]
+    yield Variant(trial=trial, setup=replace(setup, course=course))
+
+
+def _friction(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    """The zero follows the direction of the motion along the vertical."""
+    sinking = np.gradient(trial.position[:, 2], trial.time)
+    limit = 0.2 * float(np.quantile(np.abs(sinking), 0.9))
+    way = np.where(np.abs(sinking) > limit, np.sign(sinking), 0.0)
+    course = np.zeros((len(trial), 6, 6))
+    course[:, FORCE, 0] = -way[:, None] * trial.down
+    yield Variant(trial=trial, setup=replace(setup, course=course))
+
+
+MIN_AT_LIMIT = 8
+NOISES_AT_LIMIT = 4.0
+NOISES_OF_RANGE = 15.0
+
+
+def _saturation(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    """The moments at which an axis is at its greatest reading do not count."""
+    force = trial.readings_at(trial.time)[:, FORCE]
+    height = trial.position[:, 2]
+    force = force - np.median(force[height >= np.quantile(height, 0.9)], axis=0)
+    for axis, side in product(range(3), (1.0, -1.0)):
+        reading = side * force[:, axis]
+        noise = float(trial.noise[axis])
+        limit = float(reading.max())
+        at_limit = reading >= limit - NOISES_AT_LIMIT * noise - 1e-9
+        is_limit = limit > max(NOISES_OF_RANGE * noise, 0.5 * float(np.abs(force).max()))
+        # also where it is none, so that the variants keep their numbers
+        left_out = at_limit & (is_limit and at_limit.sum() >= MIN_AT_LIMIT)
+        yield Variant(
+            trial=trial, setup=replace(setup, left_out=left_out), number=side * limit, axis=axis
+        )
+
+
+def _ways(angle: float, count: int) -> tuple[tuple[float, float], ...]:
+    """Rotation vectors of an angle [degrees] in some directions."""
+    ways = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
+    return tuple(
+        (np.radians(angle) * np.cos(way), np.radians(angle) * np.sin(way)) for way in ways
+    )
+
+
+WORLDS = (*_ways(180.0, 1), *_ways(90.0, 4), *_ways(12.0, 6), *_ways(25.0, 6))
+SHIFTS = tuple(
+    tuple(float(x) for x in way * far * axis)
+    for axis in np.eye(3)
+    for far in (0.015, 0.04)
+    for way in (1.0, -1.0)
+)
+
+
+HYPOTHESES = (
+    Hypothesis(cause=Cause.SURFACE, free=("surface",)),
+    Hypothesis(cause=Cause.BIAS, free=("force_bias", "torque_bias")),
+    Hypothesis(
+        cause=Cause.WEIGHT, free=("mass", "moment", "force_bias", "torque_bias"), rarity=3.0
+    ),
+    Hypothesis(cause=Cause.DELAY, free=("delay",)),
+    Hypothesis(cause=Cause.STRENGTH, free=("zeta",)),
+    Hypothesis(cause=Cause.LEVER, free=("lever",)),
+    Hypothesis(cause=Cause.SIGN, mend=_sign),
+    Hypothesis(cause=Cause.TURN, mend=_turn, rarity=3.0),
+    Hypothesis(cause=Cause.SIGN_AND_TURN, mend=_sign_and_turn, free=("moment",), rarity=6.0),
+    Hypothesis(cause=Cause.ANGLE, mend=_angle, free=("turn",), rarity=8.0),
+    Hypothesis(cause=Cause.AXES_OF_READING, mend=_axes_of_reading, rarity=1.0),
+    Hypothesis(cause=Cause.TORQUE_UNIT, mend=_torque_unit),
+    Hypothesis(cause=Cause.UNIT, mend=_unit, rarity=2.0),
+    Hypothesis(
+        cause=Cause.FILTER,
+        family=_filter,
+        points=tuple((float(np.log(lag)),) for lag in (0.02, 0.06, 0.15)),
+        step=0.4,
+        rarity=3.0,
+    ),
+    Hypothesis(cause=Cause.SATURATION, mend=_saturation, rarity=6.0),
+    Hypothesis(
+        cause=Cause.ZERO_MOVES,
+        family=_step,
+        points=tuple((float(at),) for at in np.linspace(0.06, 0.94, 18)),
+        step=0.02,
+        free=("course",),
+        rarity=4.0,
+    ),
+    Hypothesis(cause=Cause.ZERO_MOVES, mend=_drift, free=("course",), rarity=3.0),
+    Hypothesis(cause=Cause.ZERO_MOVES, mend=_friction, free=("course",), rarity=3.0),
+    Hypothesis(cause=Cause.MESH_TURNED, mend=_mesh_turned, rarity=3.0),
+    Hypothesis(cause=Cause.MESH_UNIT, mend=_mesh_unit),
+    Hypothesis(cause=Cause.TCP, family=_tcp, points=SHIFTS, step=0.01, rarity=4.0),
+    Hypothesis(cause=Cause.QUATERNIONS, mend=_w_first, rarity=2.0),
+    Hypothesis(
+        cause=Cause.WORLD,
+        family=_world,
+        points=WORLDS,
+        step=0.08,
+        free=("surface",),
+        rarity=3.0,
+        searches_surface=True,
+    ),
+    Hypothesis(
+        cause=Cause.STIFFNESS,
+        family=_stiffness,
+        points=tuple((float(np.log(most)),) for most in (0.0015, 0.004, 0.01)),
+        step=0.4,
+        rarity=4.0,
+    ),
+)
+
+COARSE_MOMENTS = 180
+DELAYS_S = (-0.25, -0.12, -0.06, -0.03, 0.0, 0.03, 0.06, 0.12, 0.25, 0.4)
+SURFACES = 14
+
+
+@dataclass(frozen=True, eq=False)
+class Coarse:
+    """The misfit of the force over a grid of surfaces, delays and orientations of the load cell.
+
+    `costs`, shape [surfaces, delays, 48]: the first orientation is the given one, then `GROUP`, then the 24 with the
+    other sign. `aligned`: the turns in tool axes that fit best at the best surface.
+    """
+
+    surfaces: Array
+    costs: Array
+    aligned: list[Rotation]
+
+
+def surfaces_of(problem: Problem) -> Array:
+    """Heights at which the surface may lie [m]: the given one first."""
+    low = problem.model.low
+    bottom = float(low.min())
+    top = float(low.max())
+    heights = bottom + (top - bottom) * np.linspace(0.03, 1.0, SURFACES)
+    return np.append(problem.setup.surface, heights)
+
+
+ORIENTATIONS = np.array(
+    [sign * turn.as_matrix() for sign in (1.0, -1.0) for turn in (Rotation.identity(), *GROUP)]
+)
+
+
+def coarse(problem: Problem, *, delays: bool = True) -> Coarse:
+    """The misfit of the force for all orientations at once, from sums over the moments that do not depend on them."""
+    setup = problem.setup
+    weight = problem.count_of / problem.error[:, 0] ** 2 / 3.0
+    gravity = GRAVITY * problem.down
+    given = problem.given()
+    scale = problem.scale
+    freedom = 10.0 if "force_bias" in setup.unknown else 3.0
+    of_bias = 1.0 / (freedom * scale[rows_of("force_bias")][0]) ** 2
+    of_mass = 1.0 / (freedom * scale[rows_of("mass")][0]) ** 2
+    surfaces = surfaces_of(problem)
+    to_tool = setup.in_tool
+    # an orientation turns the reading in the axes of the load cell
+    turns = np.einsum("ij,kjl,ml->kim", to_tool, ORIENTATIONS, to_tool)
+    least = 0.2 * setup.law.zeta
+    most = 5.0 * setup.law.zeta
+    bias = given[rows_of("force_bias")]
+    costs = np.full((len(surfaces), len(DELAYS_S), len(turns)), np.inf)
+    least_cost = np.inf
+    best_height = setup.surface
+    best_late = 0.0
+    for k, late in enumerate(DELAYS_S):
+        if not delays and late != 0.0:
+            continue
+        y = problem.reading(late)[:, FORCE] - bias
+        total = float(weight @ (y**2).sum(axis=1))
+        s_y = weight @ y
+        m_yw = np.einsum("n,ni,nj->ij", weight, y, gravity)
+        for j, height in enumerate(surfaces):
+            g = problem.basis(height, setup.length).wrench[:, FORCE]
+            s_w = weight @ gravity
+            s_g = weight @ g
+            n = np.zeros((5, 5))
+            n[:3, :3] = np.eye(3) * (weight.sum() + of_bias)
+            n[:3, 3] = n[3, :3] = s_w
+            n[:3, 4] = n[4, :3] = s_g
+            n[3, 3] = weight @ (gravity**2).sum(axis=1) + of_mass
+            n[3, 4] = n[4, 3] = weight @ (gravity * g).sum(axis=1)
+            n[4, 4] = weight @ (g**2).sum(axis=1) + 1e-9
+            m_yg = np.einsum("n,ni,nj->ij", weight, y, g)
+            mass = given[1]
+            right = np.empty((len(turns), 5))
+            # y turned, less the given weight
+            right[:, :3] = turns @ s_y - mass * s_w
+            right[:, 3] = np.einsum("kij,ji->k", turns, m_yw) - mass * (n[3, 3] - of_mass)
+            right[:, 4] = np.einsum("kij,ji->k", turns, m_yg) - mass * n[3, 4]
+            square = (
+                total
+                - 2.0 * mass * np.einsum("kij,ji->k", turns, m_yw)
+                + mass**2 * (n[3, 3] - of_mass)
+            )
+            found = np.linalg.solve(n, right.T).T
+            cost = square - np.einsum("kj,kj->k", found, right)
+            zeta = np.clip(found[:, 4], least, most)
+            off = np.flatnonzero(zeta != found[:, 4])
+            if len(off):
+                rest = right[off, :4] - n[:4, 4] * zeta[off, None]
+                sub = np.linalg.solve(n[:4, :4], rest.T).T
+                cost[off] = (
+                    square[off]
+                    - 2.0 * zeta[off] * right[off, 4]
+                    + zeta[off] ** 2 * n[4, 4]
+                    - np.einsum("kj,kj->k", sub, rest)
+                )
+            costs[j, k] = cost
+            if cost.min() < least_cost:
+                least_cost = float(cost.min())
+                best_height = float(height)
+                best_late = late
+    y = problem.reading(best_late)[:, FORCE] - bias
+    g = problem.basis(best_height, setup.length).wrench[:, FORCE]
+    aligned = list(_aligned(problem, y, g, weight, gravity, given[1]))
+    return Coarse(surfaces, costs, aligned)
+
+
+def _aligned(
+    problem: Problem, y: Array, g: Array, weight: Array, gravity: Array, mass: float
+) -> Iterator[Rotation]:
+    """The turn of the readings that aligns them with the model's force and weight, with ζ in turns."""
+    zeta = problem.setup.law.zeta
+    turn = Rotation.identity()
+    for _ in range(4):
+        expected = zeta * g + mass * gravity
+        expected = expected - np.average(expected, axis=0, weights=weight)
+        product = (weight[:, None] * (y - np.average(y, axis=0, weights=weight))).T @ expected
+        left, _, right = np.linalg.svd(product)
+        handed = np.diag((1.0, 1.0, float(np.sign(np.linalg.det(left @ right)))))
+        turn = Rotation.from_matrix(right.T @ handed @ left.T)
+        turned = turn.apply(y) - mass * gravity
+        turned = turned - np.average(turned, axis=0, weights=weight)
+        centred = g - np.average(g, axis=0, weights=weight)
+        zeta = float(weight @ (turned * centred).sum(axis=1)) / max(
+            float(weight @ (centred**2).sum(axis=1)), 1e-12
+        )
+        zeta = max(zeta, 0.1 * problem.setup.law.zeta)
+    yield turn
+
+
+@dataclass(frozen=True, eq=False)
+class Explanation:
+    """A hypothesis as it fits best: the mended variant, its fit, and the problem of that."""
+
+    hypothesis: Hypothesis
+    variant: Variant
+    problem: Problem
+    fit: Fit
+
+    @property
+    def cost(self) -> float:
+        """The misfit, with the rarity of the cause."""
+        return self.fit.misfit + self.hypothesis.rarity
+
+    @property
+    def cause(self) -> Cause:
+        """The cause."""
+        return self.hypothesis.cause
+
+
+@dataclass(frozen=True, eq=False)
+class _Candidate:
+    """A variant of a hypothesis that may fit: how it is made again for another trial, and where its fit starts."""
+
+    hypothesis: Hypothesis
+    again: Callable[[Trial, Setup], Variant]
+    start: Mapping[str, Any]
+    cost: float = 0.0
+
+
+def explained(trial: Trial, setup: Setup) -> list[Explanation]:
+    """The hypotheses that may be true, each as it fits best, the best one first.
+
+    All are fitted to few moments first. `trial`: followed, of at most `MOMENTS`.
+    """
+    few = trial.thinned(COARSE_MOMENTS)
+    few_setup = setup.thinned(COARSE_MOMENTS)
+    problem = Problem(few, few_setup)
+    base = coarse(problem)
+    tried: list[_Candidate] = []
+    enough = problem.usual * problem.count
+    for hypothesis in HYPOTHESES:
+        if hypothesis.is_costly and min(one.cost for one in tried) < enough:
+            continue
+        for candidate in _promising(hypothesis, few, few_setup, base):
+            result = _fitted(candidate, few, few_setup, problem, steps=6).fit
+            cost = result.misfit + hypothesis.rarity
+            tried.append(replace(candidate, start=result.values, cost=cost))
+    tried.sort(key=lambda one: one.cost)
+    limit = KEPT * tried[0].cost + KEPT_MORE
+    full = Problem(trial, setup)
+    found: dict[tuple[Cause, str], Explanation] = {}
+    for candidate in tried[:MOST_FITTED]:
+        if candidate.cost <= limit:
+            explanation = _fitted(candidate, trial, setup, full, steps=12)
+            key = explanation.cause, str(sorted(explanation.variant.remedy.items()))
+            if key not in found or explanation.cost < found[key].cost:
+                found[key] = explanation
+    return sorted(found.values(), key=lambda one: one.cost)
+
+
+def _fitted(
+    candidate: _Candidate, trial: Trial, setup: Setup, problem: Problem, *, steps: int
+) -> Explanation:
+    """The candidate, fitted. `problem`: that of the trial as it is."""
+    variant = candidate.again(trial, setup)
+    if variant.trial is not trial or variant.setup is not setup:
+        problem = Problem(variant.trial, variant.setup)
+    result = fit(problem, candidate.hypothesis.free, start=candidate.start, steps=steps)
+    return Explanation(candidate.hypothesis, variant, problem, result)
+
+
+KEPT = 1.6
+KEPT_MORE = 10.0
+MOST_FITTED = 6
+REFINEMENTS = 9
+
+
+def _promising(
+    hypothesis: Hypothesis, trial: Trial, setup: Setup, base: Coarse
+) -> Iterator[_Candidate]:
+    """The variants of a hypothesis that may fit."""
+    now = DELAYS_S.index(0.0)
+
+    def numbered(k: int, start: Mapping[str, Any]) -> _Candidate:
+        return _Candidate(hypothesis, lambda t, s: hypothesis.variants(t, s)[k], start)
+
+    if hypothesis.mend is _as_given and hypothesis.family is None:
+        yield numbered(0, {})
+        if "surface" in hypothesis.free:
+            height = float(base.surfaces[base.costs[:, now, 0].argmin()])
+            yield numbered(0, {"surface": height})
+        if "delay" in hypothesis.free:
+            yield numbered(0, {"delay": DELAYS_S[int(base.costs[0, :, 0].argmin())]})
+        return
+    variants = hypothesis.variants(trial, setup)
+    first = ORIENTATION_OF.get(hypothesis.cause)
+    if first is not None:
+        costs = base.costs[0, now, first : first + len(variants)]
+        for k in np.argsort(costs)[:3]:
+            yield numbered(int(k), {})
+        return
+
+    def cost_of(variant: Variant) -> tuple[float, Mapping[str, Any]]:
+        problem = Problem(variant.trial, variant.setup)
+        start: Mapping[str, Any] = {}
+        if hypothesis.searches_surface:
+            grid = coarse(problem, delays=False)
+            start = {"surface": float(grid.surfaces[grid.costs[:, now, 0].argmin()])}
+        return fit(problem, hypothesis.free, start=start, steps=2).misfit, start
+
+    if not variants:
+        return
+    found = [cost_of(variant) for variant in variants]
+    order = np.argsort([cost for cost, _ in found])[:2]
+    family = hypothesis.family
+    if family is None:
+        for k in order:
+            yield numbered(int(k), found[k][1])
+        return
+    point = np.array(hypothesis.points[order[0]])
+    simplex = point + hypothesis.step * np.vstack([np.zeros(len(point)), np.eye(len(point))])
+
+    def cost_at(at: Array) -> float:
+        return cost_of(family(trial, setup, at))[0]
+
+    best = fmin(
+        cost_at,
+        point,
+        maxfun=REFINEMENTS * len(point),
+        disp=False,
+        initial_simplex=simplex,
+    )
+    start = cost_of(family(trial, setup, best))[1]
+    yield _Candidate(hypothesis, lambda t, s: family(t, s, best), start)
+
+
+ORIENTATION_OF = {Cause.SIGN: 24, Cause.TURN: 1, Cause.SIGN_AND_TURN: 25}
+"""The first of the orientations of `Coarse` that belong to a cause."""

@@ -1,0 +1,226 @@
+"""Finds what is wrong with a cell: the hypotheses that explain its misfit, one after the other."""
+
+from dataclasses import dataclass, replace
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rft_ros.diagnosis.fit import NUISANCES, TOLERANCES, Fit, Problem, Setup, fit, rows_of
+from rft_ros.diagnosis.hypotheses import Cause, Explanation, explained, quaternion_of
+from rft_ros.diagnosis.trial import Trial
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """When a cause is told.
+
+    `max_off`: greatest deviation in tolerances of a cell that needs no search. `min_gain` of the misfit by any cause;
+    `min_gain_of_other` and `max_ratio` of the misfit by one that frees nothing, and `max_ratio_of_several` where there
+    are others. `told_off`: least deviation in tolerances of a number that is told, `told_ratio`: of ζ;
+    `min_tilt_degrees`: of a world that is tilted, since grains push plates up to 3° out of the model's direction. `tie`
+    and `tie_share` of the misfit: causes within this of the best one fit alike.
+    """
+
+    max_off: float = 1.0
+    min_gain: float = 5.0
+    min_gain_of_other: float = 12.0
+    max_ratio: float = 0.6
+    max_ratio_of_several: float = 0.9
+    told_off: float = 2.0
+    told_ratio: float = 2.1
+    min_tilt_degrees: float = 6.0
+    tie: float = 4.0
+    tie_share: float = 0.15
+
+
+LIMITS = Limits()
+MOST_CAUSES = 3
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """A cause that is told, and others that fit alike; `before`: the misfit without it."""
+
+    best: Explanation
+    alike: tuple[Explanation, ...]
+    before: Fit
+
+
+@dataclass(frozen=True, eq=False)
+class Diagnosis:
+    """The causes in the order of what they explain, and the cell as if they were mended, with its fit."""
+
+    found: tuple[Found, ...]
+    trial: Trial
+    setup: Setup
+    problem: Problem
+    fit: Fit
+
+    @property
+    def is_clean(self) -> bool:
+        """Whether the cell needs nothing more once the causes are mended, each by one value."""
+        return self.is_explainable and _needs_nothing(self.problem, self.fit)
+
+    @property
+    def is_explainable(self) -> bool:
+        """Whether further causes may be found: each so far is mended, by one value."""
+        return not any(
+            found.alike or not is_mended_by_parameters(found.best) for found in self.found
+        )
+
+
+def diagnose(trial: Trial, setup: Setup) -> Diagnosis:
+    """Find the causes of a cell's misfit. `trial`: followed, of at most `MOMENTS`.
+
+    Of several faults none explains much by itself: then causes that explain less are tried, and told if all of them
+    together leave no more misfit than a right cell has.
+    """
+    problem = Problem(trial, setup)
+    result = fit(problem)
+    if _needs_nothing(problem, result):
+        return Diagnosis((), trial, setup, problem, result)
+    candidates = explained(trial, setup)
+    alone = _found_along(trial, setup, result, candidates, max_ratio=LIMITS.max_ratio)
+    if alone.fit.per_stretch <= alone.problem.usual or not alone.is_explainable:
+        return alone
+    together = _found_along(
+        trial, setup, result, candidates, max_ratio=LIMITS.max_ratio_of_several
+    )
+    if together.fit.per_stretch <= together.problem.usual:
+        return together
+    return alone
+
+
+def _found_along(
+    trial: Trial, setup: Setup, result: Fit, candidates: list[Explanation], *, max_ratio: float
+) -> Diagnosis:
+    """The causes one after the other, each on the cell as if those before were mended. `candidates`: of the first."""
+    problem = Problem(trial, setup)
+    found: list[Found] = []
+    while len(found) < MOST_CAUSES:
+        told = [x for x in candidates if _is_told(x, result, max_ratio=max_ratio)]
+        if not told:
+            break
+        best, *others = told
+        limit = best.cost + LIMITS.tie + LIMITS.tie_share * best.fit.misfit
+        alike = tuple(x for x in others if x.cost <= limit and _is_other(x, best))
+        found.append(Found(best, alike, result))
+        trial = best.variant.trial
+        setup = mended(best)
+        problem = Problem(trial, setup)
+        result = fit(problem)
+        if alike or not is_mended_by_parameters(best) or _needs_nothing(problem, result):
+            break
+        candidates = explained(trial, setup)
+    return Diagnosis(tuple(found), trial, setup, problem, result)
+
+
+def is_mended_by_parameters(x: Explanation) -> bool:
+    """Whether values of parameters mend a cause: if none do, nothing more is known of the cell."""
+    return bool(x.variant.remedy) or x.cause in _BY_NUMBERS
+
+
+def _needs_nothing(problem: Problem, result: Fit) -> bool:
+    off = deviations(problem, result)
+    return result.per_stretch <= problem.usual and max(off.values(), default=0.0) <= LIMITS.max_off
+
+
+def deviations(problem: Problem, result: Fit) -> dict[str, float]:
+    """The greatest deviation of each number from its given value, in tolerances."""
+    given = problem.given()
+    return {
+        name: float(
+            np.abs(
+                (result.values[name] - given[rows_of(name)]) / problem.scale[rows_of(name)]
+            ).max()
+        )
+        for name in TOLERANCES
+        if name not in NUISANCES and name not in problem.setup.unknown
+    }
+
+
+def _is_told(x: Explanation, as_given: Fit, *, max_ratio: float) -> bool:
+    gain = as_given.misfit - x.cost
+    unknown = (*NUISANCES, *x.problem.setup.unknown)
+    free = [name for name in x.hypothesis.free if name not in unknown]
+    if x.cause in _BY_NUMBERS:
+        given = x.problem.given()
+        for name in free:
+            rows = rows_of(name)
+            off = np.abs(x.fit.values[name] - given[rows])
+            if name == "zeta":
+                ratio = float(x.fit.values[name][0] / given[rows][0])
+                if max(ratio, 1.0 / ratio) > LIMITS.told_ratio:
+                    return gain >= LIMITS.min_gain
+            elif np.any(off > LIMITS.told_off * x.problem.scale[rows]):
+                return gain >= LIMITS.min_gain
+        return False
+    if x.cause is Cause.WORLD and x.variant.number < LIMITS.min_tilt_degrees:
+        return False
+    return gain >= LIMITS.min_gain_of_other and x.fit.misfit <= max_ratio * as_given.misfit
+
+
+_BY_NUMBERS = {
+    Cause.SURFACE,
+    Cause.BIAS,
+    Cause.WEIGHT,
+    Cause.DELAY,
+    Cause.STRENGTH,
+    Cause.LEVER,
+}
+
+# causes of which the first contains the second: the rarer one is not told beside it
+_CONTAINS = {
+    (Cause.WEIGHT, Cause.BIAS),
+    (Cause.BIAS, Cause.WEIGHT),
+    (Cause.ANGLE, Cause.TURN),
+    (Cause.TURN, Cause.ANGLE),
+    (Cause.SURFACE, Cause.WORLD),
+}
+
+
+def _is_other(x: Explanation, best: Explanation) -> bool:
+    """Whether an explanation is another one than the best, and not one that contains it."""
+    if x.cause is best.cause:
+        return (
+            bool(x.variant.remedy)
+            and x.variant.remedy != best.variant.remedy
+            and x.cause is not Cause.TCP
+        )
+    return (best.cause, x.cause) not in _CONTAINS
+
+
+def mended(x: Explanation) -> Setup:
+    """The set-up with the numbers that an explanation frees."""
+    setup = x.variant.setup
+    cell = setup.cell
+    values = x.fit.values
+    free = x.hypothesis.free
+    into_sensor = setup.in_tool.T
+    if "force_bias" in free:
+        bias = np.append(into_sensor @ values["force_bias"], into_sensor @ values["torque_bias"])
+        fx, fy, fz, tx, ty, tz = bias.tolist()
+        cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
+    if "moment" in free:
+        mass = max(float(values["mass"][0]), 0.0) if "mass" in free else cell.mass
+        center = np.zeros(3)
+        if mass > 0.01:
+            center = cell.sign * (into_sensor @ values["moment"]) / mass
+        x_center, y_center, z_center = center.tolist()
+        cell = replace(cell, mass=mass, center_of_mass=(x_center, y_center, z_center))
+    if "lever" in free:
+        place = np.array(cell.position) + values["lever"]
+        cell = replace(cell, position=tuple(place.tolist()))
+    if "turn" in free:
+        turned = Rotation.from_rotvec(values["turn"]) * Rotation.from_quat(cell.quaternion)
+        cell = replace(cell, quaternion=quaternion_of(turned))
+    if "delay" in free:
+        cell = replace(cell, delay=cell.delay + float(values["delay"][0]))
+    law = setup.law
+    if "zeta" in free:
+        law = replace(law, zeta=float(values["zeta"][0]))
+    surface = setup.surface
+    if "surface" in free:
+        surface = float(values["surface"][0])
+    late = setup.late + float(values["delay"][0]) if "delay" in free else setup.late
+    return replace(setup, cell=cell, law=law, surface=surface, late=late)

@@ -1,0 +1,206 @@
+"""What is told of a cell: the findings of its diagnosis, each with a sentence, a remedy and what to do."""
+
+from collections.abc import Iterator, Mapping
+
+import numpy as np
+
+from rft_ros.diagnosis.evidence import Evidence
+from rft_ros.diagnosis.finding import Finding, in_words
+from rft_ros.diagnosis.fit import rows_of
+from rft_ros.diagnosis.hypotheses import UNITS_N, Cause, Explanation
+from rft_ros.diagnosis.residual import LEAST_ZETA, MOST_ZETA
+from rft_ros.diagnosis.search import Diagnosis, Found, mended
+from rft_ros.parameters import Value
+from rft_ros.rft import FORCE
+
+MIN_MASS_KG = 0.02
+"""A smaller negative mass is none."""
+
+ADVICE = {
+    Cause.DELAY: "fit it with rft calibrate",
+    Cause.FILTER: "raise the cut-off frequency in the load cell's driver",
+    Cause.TORQUE_UNIT: "the driver must give N m, and not N mm or kN m",
+    Cause.QUATERNIONS: "give the poses' quaternions as x y z w: as if w came first, the tool points elsewhere",
+    Cause.WORLD: "give the poses in a frame whose z points up",
+    Cause.STIFFNESS: "record poses as measured, and not as commanded",
+    Cause.ZERO_MOVES: "zero the load cell once, before the recording, and let it warm up; calibrate would trust it",
+    Cause.TCP: "check the TCP on the arm, too",
+    Cause.BIAS: "tare it there (~/tare, --tare)",
+    Cause.SATURATION: "set a larger range in the load cell or its driver, or press less",
+    Cause.NOT_TURNING: "publish the poses of a frame that turns with the tool",
+}
+"""What to do about a cause beside its remedy, or in place of it."""
+APART = "drag it along x and y, and push at another attitude, to see which"
+"""The motion that tells causes apart that fit alike."""
+
+
+def of_diagnosis(e: Evidence, diagnosis: Diagnosis) -> Iterator[Finding]:
+    """The causes of a cell's misfit, that of the greatest one first."""
+    for found in diagnosis.found:
+        yield _of_cause(e, found)
+
+
+def remedy_of(e: Evidence, x: Explanation) -> dict[str, Value]:
+    """The values of parameters that mend a cause."""
+    changes = dict(x.variant.remedy)
+    setup = mended(x)
+    cell = setup.cell
+    free = x.hypothesis.free
+    if "surface" in free and x.cause is Cause.SURFACE:
+        changes["surface_height"] = round(setup.surface, 4)
+    if "force_bias" in free:
+        changes["sensor.bias"] = cell.bias
+    if "mass" in free:
+        changes["sensor.mass"] = cell.mass
+    if "moment" in free and cell.mass > 0.0:
+        changes["sensor.center_of_mass"] = cell.center_of_mass
+    if "lever" in free:
+        changes["sensor.position"] = tuple(np.round(cell.position, 3).tolist())
+    if "turn" in free:
+        changes["sensor.quaternion"] = cell.quaternion
+    if "delay" in free:
+        changes["sensor.delay"] = round(cell.delay, 3)
+    if "zeta" in free:
+        zeta = setup.law.zeta
+        if LEAST_ZETA <= zeta <= MOST_ZETA:
+            changes["medium.zeta"] = float(f"{zeta:.4g}")
+    if e.place_parameter:
+        for name in ("sensor.quaternion", "sensor.position"):
+            changes.pop(name, None)
+    return changes
+
+
+def _of_cause(e: Evidence, found: Found) -> Finding:
+    x = found.best
+    cause = x.cause
+    said, evidence = _sentence(found)
+    remedy = remedy_of(e, x)
+    advice = list(filter(None, [_advice(e, x)]))
+    name = cause.title
+    if cause is Cause.WEIGHT and float(x.fit.values["mass"][0]) < -MIN_MASS_KG:
+        name = "payload"
+        excess = -float(x.fit.values["mass"][0])
+        said = f"the driver subtracts {excess:.2g} kg more than the tool weighs"
+        evidence = {"too_much": excess}
+        remedy = {}
+        advice = ["correct the payload in the driver"]
+    if found.alike:
+        advice += [a for other in found.alike if (a := _advice(e, other))]
+        advice.append(APART)
+    return Finding(
+        name=name,
+        said=said,
+        evidence=evidence,
+        remedy=remedy,
+        alike=tuple(remedy_of(e, other) for other in found.alike),
+        advice=", or ".join(dict.fromkeys(advice)),
+    )
+
+
+def _advice(e: Evidence, x: Explanation) -> str:
+    place = e.place_parameter
+    cell = mended(x).cell
+    if place and x.cause in (Cause.TURN, Cause.ANGLE, Cause.SIGN_AND_TURN):
+        return f"correct {place} to the quaternion {in_words(cell.quaternion)}"
+    if place and x.cause is Cause.LEVER:
+        return f"correct {place} to the position {in_words(tuple(np.round(cell.position, 3).tolist()))}"
+    if x.cause in (Cause.STRENGTH, Cause.UNIT):
+        ratio = x.fit.values["zeta"][0] / x.problem.setup.law.zeta
+        if x.cause is Cause.UNIT:
+            ratio = 1.0 / x.variant.number
+        unit = min(UNITS_N, key=lambda name: abs(np.log(max(ratio, 1e-9) * UNITS_N[name])))
+        like = f" (as if it were {unit})" if 0.4 < ratio * UNITS_N[unit] < 2.5 else ""
+        return f"check mesh.scale and the driver's unit, which is N{like}"
+    return ADVICE.get(x.cause, "")
+
+
+def _sentence(found: Found) -> tuple[str, Mapping[str, float]]:
+    """What is said of a cause, and the numbers that show it."""
+    x = found.best
+    values = x.fit.values
+    errors = x.fit.errors
+    number = x.variant.number
+    before = found.before.per_stretch
+    after = x.fit.per_stretch
+    misfit = f"the misfit falls from {before:.2g} to {after:.2g} with it"
+    evidence: dict[str, float] = {"own": before, "left": after}
+    match x.cause:
+        case Cause.SURFACE:
+            off = 1e3 * float(values["surface"][0] - x.problem.setup.surface)
+            error = 1e3 * float(errors["surface"][0])
+            side = "above" if off > 0.0 else "below"
+            said = f"the grains begin {abs(off):.1f} ± {error:.1g} mm {side} where they should"
+            said += f" with {x.problem.setup.surface:g} m"
+            evidence["millimetres"] = abs(off)
+        case Cause.BIAS:
+            off = float(
+                np.linalg.norm(values["force_bias"] - x.problem.given()[rows_of("force_bias")])
+            )
+            said = f"it reads {off:.3g} N more in the air than its bias and weight"
+            evidence["load"] = off
+        case Cause.WEIGHT:
+            said = f"it reads a weight of {values['mass'][0]:.3g} ± {errors['mass'][0]:.1g} kg"
+            evidence["mass"] = float(values["mass"][0])
+        case Cause.DELAY:
+            late = 1e3 * float(values["delay"][0])
+            side = "later" if late > 0.0 else "earlier"
+            error = 1e3 * float(errors["delay"][0])
+            said = f"the load cell's stamps are {abs(late):.0f} ± {error:.1g} ms {side} than its events"
+            evidence["delay"] = abs(late)
+        case Cause.FILTER:
+            said = f"the force follows the motion like a filter of {number:.0f} ms"
+            evidence["lag"] = number
+        case Cause.STRENGTH:
+            zeta = float(values["zeta"][0])
+            ratio = zeta / x.problem.setup.law.zeta
+            said = f"measured over predicted force {ratio:.3g}"
+            if not LEAST_ZETA <= zeta <= MOST_ZETA:
+                said += f", a ζ of {zeta:.2g}; dry grains have {LEAST_ZETA:g} to {MOST_ZETA:g}"
+            evidence["ratio"] = ratio
+        case Cause.UNIT:
+            said = f"measured over predicted force {1.0 / number:.3g}"
+            evidence["ratio"] = 1.0 / number
+        case Cause.LEVER:
+            far = 1e3 * float(np.linalg.norm(values["lever"]))
+            said = f"a sensor {far:.0f} mm away explains the torque"
+            evidence["millimetres"] = far
+        case Cause.TURN | Cause.SIGN_AND_TURN | Cause.ANGLE:
+            said = f"measured and predicted force do not agree, by {number:.0f} degrees"
+            evidence["angle"] = number
+        case Cause.WORLD:
+            said = f"the world frame's z points {number:.0f} degrees away from up"
+            evidence["angle"] = number
+        case Cause.ZERO_MOVES:
+            said, moved = _moved_zero(x)
+            evidence["moved"] = moved
+        case Cause.STIFFNESS:
+            said = f"the tool is not at the poses: the arm yields, with about {number:.2g} N/mm"
+            evidence["stiffness"] = number
+        case Cause.MESH_UNIT:
+            said = f"a mesh {number:.4g} times as large explains the force"
+        case Cause.TCP:
+            said = f"a mesh {number:.0f} mm elsewhere in its frame explains the force"
+            evidence["millimetres"] = number
+        case Cause.SATURATION:
+            said = f"the force along {'xyz'[x.variant.axis]} stays at {number:.3g} N where the model's grows on"
+            evidence["limit"] = number
+        case Cause.TORQUE_UNIT:
+            said = f"the torque is {1.0 / number:.3g} times that of the force at its lever"
+        case Cause.NOT_TURNING:
+            said = "the poses never turn, and the reading is that of a tool that does"
+        case _:
+            said = "measured and predicted force do not agree"
+    return f"{said} ({misfit})", evidence
+
+
+def _moved_zero(x: Explanation) -> tuple[str, float]:
+    course = x.problem.setup.course
+    moved = float(np.linalg.norm(x.fit.values["course"][FORCE]))
+    if x.variant.number > 0.0:
+        said = f"the zero of the load cell steps by {moved:.3g} N at {x.variant.number:.3g} s"
+    elif course is not None and course[-1, 1, 1] == 1.0:
+        said = f"the zero of the load cell drifts by {moved:.3g} N"
+    else:
+        moved *= 2.0
+        said = f"the reading depends on the motion: it changes by {moved:.3g} N where the motion turns back"
+    return said, moved

@@ -1,0 +1,136 @@
+"""A trial: n moments of a robot cell, each with the state of the tool, and the readings of its load cell.
+
+A trial knows nothing of what is above it: it comes from a bag, from live messages, or from the rows of estimates.
+"""
+
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+from rft_ros.rft import POSE, POSITION, QUATERNION, displacements_followed
+
+Array = NDArray[np.float64]
+Indices = NDArray[np.int64]
+
+STRETCH_M = 0.006
+"""Path over which errors of the model are alike: a stretch counts as one measurement."""
+STRETCH_S = 1.0
+"""The same at rest: the time over which errors of a load cell are alike."""
+_MIN_DEAD_BAND_M = 1e-5
+_MAX_DEAD_BAND_M = 1e-3
+_DEAD_BAND_OF_NOISE = 5.0
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
+class Trial:
+    """n moments of a cell and m readings of its load cell, each in the order of time.
+
+    `time` [s], shape [n], and `poses` of the tool frame in the world, position [m] and quaternion xyzw, shape [n, 7].
+    `wrench_time`, shape [m], on the clock of the poses and with the given delay removed, and `wrenches` [N], [N m],
+    shape [m, 6]: as the driver gave them, in its own axes and sign.
+    """
+
+    time: Array
+    poses: Array
+    wrench_time: Array
+    wrenches: Array
+
+    def __len__(self) -> int:
+        return len(self.time)
+
+    @property
+    def position(self) -> Array:
+        """Of the tool frame [m], shape [n, 3]."""
+        return self.poses[:, POSITION]
+
+    @cached_property
+    def rotation(self) -> Rotation:
+        """From the axes of the tool to those of the world. Of a trial with at least one moment."""
+        return Rotation.from_quat(self.poses[:, QUATERNION])
+
+    @cached_property
+    def matrices(self) -> Array:
+        """The same as matrices, shape [n, 3, 3]."""
+        return np.asarray(self.rotation.as_matrix())
+
+    @cached_property
+    def down(self) -> Array:
+        """The direction of gravity in the axes of the tool, shape [n, 3]."""
+        return -self.matrices[:, 2]
+
+    def path(self, reach: float) -> Array:
+        """How far the tool has gone, turns included, shape [n]; `reach` of its plates, all [m]."""
+        gone = np.linalg.norm(np.diff(self.position, axis=0), axis=1)
+        trace = np.einsum("nij,nij->n", self.matrices[1:], self.matrices[:-1])
+        turned = np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
+        return np.append(0.0, np.cumsum(gone + 0.5 * reach * turned))
+
+    def thinned(self, count: int) -> "Trial":
+        """At most `count` of its moments."""
+        rows = thin_rows(len(self), count)
+        return replace(self, time=self.time[rows], poses=self.poses[rows])
+
+    def posed(self, position: Array, rotation: Rotation) -> "Trial":
+        """The same readings at other poses."""
+        return replace(self, poses=np.hstack([position, rotation.as_quat()]))
+
+    def readings_at(self, time: Array) -> Array:
+        """The readings at other times, shape [k, 6]."""
+        return np.column_stack(
+            [np.interp(time, self.wrench_time, axis) for axis in self.wrenches.T]
+        )
+
+    @cached_property
+    def noise(self) -> Array:
+        """Standard deviation of the noise of each axis of the load cell [N], [N m], shape [6]."""
+        return noise_of(self.wrenches)
+
+    def followed(self, reach: float, count: int) -> "Trial":
+        """At most `count` moments of it, evenly over time and path, without the noise of the poses.
+
+        The tool is followed at the distance of a dead band, as by the estimator's memory; `reach` of its plates [m].
+        """
+        noise = float(noise_of(self.position).max())
+        band = float(np.clip(_DEAD_BAND_OF_NOISE * noise, _MIN_DEAD_BAND_M, _MAX_DEAD_BAND_M))
+        steps = np.maximum(np.diff(self.time), 1e-4)[:, None]
+        states = np.zeros((len(self), 13))
+        states[:, POSE] = self.poses
+        states[1:, 7:10] = np.diff(self.position, axis=0) / steps
+        states[1:, 10:] = (self.rotation[1:] * self.rotation[:-1].inv()).as_rotvec() / steps
+        moved = displacements_followed(states, reach=reach, dead_band=band)
+        poses = self.poses.copy()
+        poses[:, POSITION] = self.position[0] + np.cumsum(moved[:, :3], axis=0)
+        quiet = replace(self, poses=poses)
+        rows = _rows_along(self.time, quiet.path(reach), count)
+        return replace(quiet, time=self.time[rows], poses=poses[rows])
+
+
+def thin_rows(length: int, count: int) -> slice:
+    """Every k-th of some rows, so that at most `count` remain."""
+    return slice(None, None, max(1, -(-length // count)))
+
+
+def noise_of(series: Array) -> Array:
+    """Standard deviation of the noise of series, shape [n, k], by the median of their second differences."""
+    if len(series) < 3:
+        return np.zeros(series.shape[1])
+    steps = np.diff(series, 2, axis=0)
+    return np.asarray(1.48 * np.median(np.abs(steps), axis=0) / 6.0**0.5)
+
+
+def _rows_along(time: Array, path: Array, count: int) -> Indices:
+    """At most `count` rows, spread evenly over time and path alike."""
+    if len(time) <= count:
+        return np.arange(len(time))
+    course = (time - time[0]) / max(time[-1] - time[0], 1e-9) + path / max(path[-1], 1e-9)
+    return np.unique(np.searchsorted(course, np.linspace(0.0, course[-1], count)))
+
+
+def stretches(time: Array, path: Array) -> Array:
+    """How many independent stretches each moment stands for, shape [n]."""
+    gone = np.gradient(path) / STRETCH_M
+    waited = np.gradient(time) / STRETCH_S
+    return np.asarray(np.minimum(gone + waited, 1.0))
