@@ -60,7 +60,7 @@ def _all_right(found: list[Finding]) -> bool:
 
 
 def examine(e: Evidence) -> Iterator[Finding]:
-    """The findings on a cell: those of `judge`, as far as one fit of all its numbers (`examined`) does not know better."""
+    """The findings on a cell: those of `judge`, unless one fit of all its numbers knows better (module `examined`)."""
     yield from _examine(e, judge)
 
 

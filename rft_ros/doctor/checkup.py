@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.estimates import ReplayTable
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import opened_recording
-from rft_ros.diagnosis import Finding, evidence_of
+from rft_ros.diagnosis import Finding, evidence_of, examine
 from rft_ros.doctor.alternation import MIN_JUMPS, Alternation
 from rft_ros.estimator import (
     OF_TRANSFORMS,
