@@ -59,9 +59,12 @@ def _all_right(found: list[Finding]) -> bool:
     return all(finding.ok for finding in found)
 
 
-def examine(e: Evidence) -> Iterator[Finding]:
-    """The findings on a cell: those of `judge`, unless one fit of all its numbers knows better (module `examined`)."""
-    yield from _examine(e, judge)
+def examine(e: Evidence, *, has_search: bool = True) -> Iterator[Finding]:
+    """The findings on a cell: those of `judge`, unless one fit of all its numbers knows better (module `examined`).
+
+    `has_search`: whether the fit also searches for causes, which takes seconds.
+    """
+    yield from _examine(e, judge, has_search=has_search)
 
 
 def judge(e: Evidence) -> Iterator[Finding]:

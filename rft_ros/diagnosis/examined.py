@@ -22,8 +22,13 @@ _OF_SENDING = {"units", "mesh", "noise", "threshold", "sensor", "repeated poses"
 """Findings on what was sent, which need no model; but for the last two of them nothing more is known."""
 
 
-def examine(e: Evidence, judge: Callable[[Evidence], Iterable[Finding]]) -> Iterator[Finding]:
-    """The findings on a cell. `judge`: the searches that are decided between."""
+def examine(
+    e: Evidence, judge: Callable[[Evidence], Iterable[Finding]], *, has_search: bool
+) -> Iterator[Finding]:
+    """The findings on a cell. `judge`: the searches that are decided between.
+
+    `has_search`: whether the causes of a misfit are searched, which takes seconds.
+    """
     hidden = [*jumps(e), *dead_axes(e)]
     if hidden:
         yield from hidden
@@ -33,7 +38,7 @@ def examine(e: Evidence, judge: Callable[[Evidence], Iterable[Finding]]) -> Iter
     if len(e.time) < ENOUGH or not all(finding.ok for finding in of_sending):
         yield from found
         return
-    diagnosis = diagnose(followed(e), setup_of(e))
+    diagnosis = diagnose(followed(e), setup_of(e), has_search=has_search)
     if not _is_pushed(e, diagnosis) or not diagnosis.is_clean:
         yield from found
     elif diagnosis.found:

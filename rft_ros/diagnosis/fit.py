@@ -308,22 +308,21 @@ class Problem:
         self.usual = USUAL_MISFIT + float(self.count_of @ of_noise) / max(self.count, 1e-9)
         self.sigma = np.repeat(1.0 / self.error, 3, axis=1)
         scale = np.ones(NUMBERS)
-        of = _SLICES
         given = max(self.setup.law.zeta, 1e-6)
         for name, tolerance in TOLERANCES.items():
-            scale[of[name]] = tolerance.value
-        scale[of["zeta"]] *= given
-        scale[of["turn"]] = np.radians(TOLERANCES["turn"].value)
-        scale[of["force_bias"]] = max(TOLERANCES["force_bias"].value * self.peak, of_force)
-        scale[of["torque_bias"]] = max(
+            scale[_SLICES[name]] = tolerance.value
+        scale[_SLICES["zeta"]] *= given
+        scale[_SLICES["turn"]] = np.radians(TOLERANCES["turn"].value)
+        scale[_SLICES["force_bias"]] = max(TOLERANCES["force_bias"].value * self.peak, of_force)
+        scale[_SLICES["torque_bias"]] = max(
             TOLERANCES["torque_bias"].value * self.peak * half
-            + lever * scale[of["force_bias"]][0],
+            + lever * scale[_SLICES["force_bias"]][0],
             of_torque,
         )
-        scale[of["start"]] = TOLERANCES["start"].value * self.peak
-        scale[of["start"]][3:] *= half
-        scale[of["course"]] = np.repeat(
-            (scale[of["force_bias"]][0], scale[of["torque_bias"]][0]), 3
+        scale[_SLICES["start"]] = TOLERANCES["start"].value * self.peak
+        scale[_SLICES["start"]][3:] *= half
+        scale[_SLICES["course"]] = np.repeat(
+            (scale[_SLICES["force_bias"]][0], scale[_SLICES["torque_bias"]][0]), 3
         )
         self.scale = scale
 
@@ -366,27 +365,26 @@ class Problem:
 
     def residual(self, x: Array, *, jacobian: bool = False) -> tuple[Array, Array, Array | None]:
         """Misfit of force and torque about the tool's middle, shape [n, 6]; the model's wrench; and the derivatives."""
-        of = _SLICES
         n = len(self.time)
-        surface = float(x[of["surface"]][0])
-        length = float(np.exp(x[of["length"]][0]))
-        late = float(x[of["delay"]][0])
+        surface = float(x[_SLICES["surface"]][0])
+        length = float(np.exp(x[_SLICES["length"]][0]))
+        late = float(x[_SLICES["delay"]][0])
         basis = self.basis(surface, length)
         g = basis.wrench
-        turn = Rotation.from_rotvec(x[of["turn"]]).as_matrix()
-        lever = np.array(self.setup.cell.position) + x[of["lever"]] - self.middle
+        turn = Rotation.from_rotvec(x[_SLICES["turn"]]).as_matrix()
+        lever = np.array(self.setup.cell.position) + x[_SLICES["lever"]] - self.middle
         reading = self.reading(late)
         force = reading[:, FORCE] @ turn.T
         torque = reading[:, TORQUE] @ turn.T
         weight = GRAVITY * self.down
-        mass = x[of["mass"]][0]
-        grains = force - x[of["force_bias"]] - mass * weight
-        couple = torque - x[of["torque_bias"]] - crossed(x[of["moment"]], weight)
+        mass = x[_SLICES["mass"]][0]
+        grains = force - x[_SLICES["force_bias"]] - mass * weight
+        couple = torque - x[_SLICES["torque_bias"]] - crossed(x[_SLICES["moment"]], weight)
         about = couple + crossed(lever, grains)
         deep = np.log(np.clip(basis.depth / max(basis.depth.max(), 1e-3), 0.05, 1.0))
         kinds = self.kinds
-        zeta = x[of["zeta"]][0]
-        growth = 1.0 + x[of["power"]][0] * deep + kinds @ x[of["kinds"]]
+        zeta = x[_SLICES["zeta"]][0]
+        growth = 1.0 + x[_SLICES["power"]][0] * deep + kinds @ x[_SLICES["kinds"]]
         factor = zeta * growth
         model = factor[:, None] * g
         fading = np.zeros(n)
@@ -394,43 +392,45 @@ class Problem:
             leaves = np.flatnonzero(basis.depth <= 0.0)
             end = leaves[0] if len(leaves) else n
             fading[:end] = np.exp(-self.model.path[:end] / 0.004)
-        held = fading[:, None] * x[of["start"]]
+        held = fading[:, None] * x[_SLICES["start"]]
         e = np.hstack([grains, about]) - model - held
         if self.course is not None:
-            moved = self.course @ x[of["course"]]
+            moved = self.course @ x[_SLICES["course"]]
             e[:, FORCE] -= moved[:, FORCE]
             e[:, TORQUE] -= moved[:, TORQUE] + crossed(lever, moved[:, FORCE])
         if not jacobian:
             return e, model, None
         J = np.zeros((n, 6, NUMBERS))
-        J[:, :, of["zeta"]] = -(growth[:, None] * g)[:, :, None]
-        J[:, :3, of["mass"]] = -weight[:, :, None]
-        J[:, 3:, of["mass"]] = -crossed(lever, weight)[:, :, None]
-        J[:, 3:, of["moment"]] = -cross_matrices(weight)
-        J[:, :3, of["force_bias"]] = -np.eye(3)
-        J[:, 3:, of["force_bias"]] = cross_matrices(
+        J[:, :, _SLICES["zeta"]] = -(growth[:, None] * g)[:, :, None]
+        J[:, :3, _SLICES["mass"]] = -weight[:, :, None]
+        J[:, 3:, _SLICES["mass"]] = -crossed(lever, weight)[:, :, None]
+        J[:, 3:, _SLICES["moment"]] = -cross_matrices(weight)
+        J[:, :3, _SLICES["force_bias"]] = -np.eye(3)
+        J[:, 3:, _SLICES["force_bias"]] = cross_matrices(
             np.tile(lever, (1, 1))
         )  # -(lever x b) = b x lever
-        J[:, 3:, of["torque_bias"]] = -np.eye(3)
+        J[:, 3:, _SLICES["torque_bias"]] = -np.eye(3)
         by_turn = cross_matrices(force)
-        J[:, :3, of["turn"]] = by_turn
+        J[:, :3, _SLICES["turn"]] = by_turn
         across = -cross_matrices(lever[None])[0]  # lever x
-        J[:, 3:, of["turn"]] = cross_matrices(torque) + across @ by_turn
-        J[:, 3:, of["lever"]] = cross_matrices(grains)
-        J[:, :, of["power"]] = -(zeta * deep[:, None] * g)[:, :, None]
-        J[:, :, of["kinds"]] = -zeta * g[:, :, None] * kinds[:, None, :]
-        J[:, :, of["start"]] = -np.eye(6) * fading[:, None, None]
+        J[:, 3:, _SLICES["turn"]] = cross_matrices(torque) + across @ by_turn
+        J[:, 3:, _SLICES["lever"]] = cross_matrices(grains)
+        J[:, :, _SLICES["power"]] = -(zeta * deep[:, None] * g)[:, :, None]
+        J[:, :, _SLICES["kinds"]] = -zeta * g[:, :, None] * kinds[:, None, :]
+        J[:, :, _SLICES["start"]] = -np.eye(6) * fading[:, None, None]
         if self.course is not None:
-            J[:, FORCE, of["course"]] = -self.course[:, FORCE]
-            J[:, TORQUE, of["course"]] = -self.course[:, TORQUE] - across @ self.course[:, FORCE]
+            J[:, FORCE, _SLICES["course"]] = -self.course[:, FORCE]
+            J[:, TORQUE, _SLICES["course"]] = (
+                -self.course[:, TORQUE] - across @ self.course[:, FORCE]
+            )
         slopes = self._slopes_at(surface, length)
-        J[:, :, of["surface"]] = -(factor[:, None] * slopes.by_surface)[:, :, None]
-        J[:, :, of["length"]] = -(factor[:, None] * slopes.by_length)[:, :, None]
+        J[:, :, _SLICES["surface"]] = -(factor[:, None] * slopes.by_surface)[:, :, None]
+        J[:, :, _SLICES["length"]] = -(factor[:, None] * slopes.by_length)[:, :, None]
         span = 0.01
         slope = (self.reading(late + span) - self.reading(late - span)) / (2.0 * span)
         df = slope[:, FORCE] @ turn.T
         dt = slope[:, TORQUE] @ turn.T + crossed(lever, df)
-        J[:, :, of["delay"]] = np.hstack([df, dt])[:, :, None]
+        J[:, :, _SLICES["delay"]] = np.hstack([df, dt])[:, :, None]
         return e, model, J
 
     def _slopes_at(self, surface: float, length: float) -> "_Slopes":

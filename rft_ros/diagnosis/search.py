@@ -69,15 +69,17 @@ class Diagnosis:
         )
 
 
-def diagnose(trial: Trial, setup: Setup) -> Diagnosis:
-    """Find the causes of a cell's misfit. `trial`: followed, of at most `MOMENTS`.
+def diagnose(trial: Trial, setup: Setup, *, has_search: bool = True) -> Diagnosis:
+    """Find the causes of a cell's misfit; without a search, say only whether it has any.
+
+    `trial`: followed, of at most `MOMENTS`.
 
     Of several faults none explains much by itself: then causes that explain less are tried, and told if all of them
     together leave no more misfit than a right cell has.
     """
     problem = Problem(trial, setup)
     result = fit(problem)
-    if _needs_nothing(problem, result):
+    if not has_search or _needs_nothing(problem, result):
         return Diagnosis((), trial, setup, problem, result)
     candidates = explained(trial, setup)
     alone = _found_along(trial, setup, result, candidates, max_ratio=LIMITS.max_ratio)

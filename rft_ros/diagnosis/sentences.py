@@ -73,14 +73,14 @@ def remedy_of(e: Evidence, x: Explanation) -> dict[str, Value]:
 def _of_cause(e: Evidence, found: Found) -> Finding:
     x = found.best
     cause = x.cause
-    said, evidence = _sentence(found)
+    sentence, evidence = _sentence(found)
     remedy = remedy_of(e, x)
     advice = list(filter(None, [_advice(e, x)]))
     name = cause.title
     if cause is Cause.WEIGHT and float(x.fit.values["mass"][0]) < -MIN_MASS_KG:
         name = "payload"
         excess = -float(x.fit.values["mass"][0])
-        said = f"the driver subtracts {excess:.2g} kg more than the tool weighs"
+        sentence = f"the driver subtracts {excess:.2g} kg more than the tool weighs"
         evidence = {"too_much": excess}
         remedy = {}
         advice = ["correct the payload in the driver"]
@@ -89,7 +89,7 @@ def _of_cause(e: Evidence, found: Found) -> Finding:
         advice.append(APART)
     return Finding(
         name=name,
-        said=said,
+        said=sentence,
         evidence=evidence,
         remedy=remedy,
         alike=tuple(remedy_of(e, other) for other in found.alike),
@@ -129,78 +129,80 @@ def _sentence(found: Found) -> tuple[str, Mapping[str, float]]:
             off = 1e3 * float(values["surface"][0] - x.problem.setup.surface)
             error = 1e3 * float(errors["surface"][0])
             side = "above" if off > 0.0 else "below"
-            said = f"the grains begin {abs(off):.1f} ± {error:.1g} mm {side} where they should"
-            said += f" with {x.problem.setup.surface:g} m"
+            sentence = f"the grains begin {abs(off):.1f} ± {error:.1g} mm {side} where they should"
+            sentence += f" with {x.problem.setup.surface:g} m"
             evidence["millimetres"] = abs(off)
         case Cause.BIAS:
             off = float(
                 np.linalg.norm(values["force_bias"] - x.problem.given()[rows_of("force_bias")])
             )
-            said = f"it reads {off:.3g} N more in the air than its bias and weight"
+            sentence = f"it reads {off:.3g} N more in the air than its bias and weight"
             evidence["load"] = off
         case Cause.WEIGHT:
-            said = f"it reads a weight of {values['mass'][0]:.3g} ± {errors['mass'][0]:.1g} kg"
+            sentence = f"it reads a weight of {values['mass'][0]:.3g} ± {errors['mass'][0]:.1g} kg"
             evidence["mass"] = float(values["mass"][0])
         case Cause.DELAY:
             late = 1e3 * float(values["delay"][0])
             side = "later" if late > 0.0 else "earlier"
             error = 1e3 * float(errors["delay"][0])
-            said = f"the load cell's stamps are {abs(late):.0f} ± {error:.1g} ms {side} than its events"
+            sentence = f"the load cell's stamps are {abs(late):.0f} ± {error:.1g} ms {side} than its events"
             evidence["delay"] = abs(late)
         case Cause.FILTER:
-            said = f"the force follows the motion like a filter of {number:.0f} ms"
+            sentence = f"the force follows the motion like a filter of {number:.0f} ms"
             evidence["lag"] = number
         case Cause.STRENGTH:
             zeta = float(values["zeta"][0])
             ratio = zeta / x.problem.setup.law.zeta
-            said = f"measured over predicted force {ratio:.3g}"
+            sentence = f"measured over predicted force {ratio:.3g}"
             if not LEAST_ZETA <= zeta <= MOST_ZETA:
-                said += f", a ζ of {zeta:.2g}; dry grains have {LEAST_ZETA:g} to {MOST_ZETA:g}"
+                sentence += f", a ζ of {zeta:.2g}; dry grains have {LEAST_ZETA:g} to {MOST_ZETA:g}"
             evidence["ratio"] = ratio
         case Cause.UNIT:
-            said = f"measured over predicted force {1.0 / number:.3g}"
+            sentence = f"measured over predicted force {1.0 / number:.3g}"
             evidence["ratio"] = 1.0 / number
         case Cause.LEVER:
             far = 1e3 * float(np.linalg.norm(values["lever"]))
-            said = f"a sensor {far:.0f} mm away explains the torque"
+            sentence = f"a sensor {far:.0f} mm away explains the torque"
             evidence["millimetres"] = far
         case Cause.TURN | Cause.SIGN_AND_TURN | Cause.ANGLE:
-            said = f"measured and predicted force do not agree, by {number:.0f} degrees"
+            sentence = f"measured and predicted force do not agree, by {number:.0f} degrees"
             evidence["angle"] = number
         case Cause.WORLD:
-            said = f"the world frame's z points {number:.0f} degrees away from up"
+            sentence = f"the world frame's z points {number:.0f} degrees away from up"
             evidence["angle"] = number
         case Cause.ZERO_MOVES:
-            said, moved = _moved_zero(x)
+            sentence, moved = _moved_zero(x)
             evidence["moved"] = moved
         case Cause.STIFFNESS:
-            said = f"the tool is not at the poses: the arm yields, with about {number:.2g} N/mm"
+            sentence = (
+                f"the tool is not at the poses: the arm yields, with about {number:.2g} N/mm"
+            )
             evidence["stiffness"] = number
         case Cause.MESH_UNIT:
-            said = f"a mesh {number:.4g} times as large explains the force"
+            sentence = f"a mesh {number:.4g} times as large explains the force"
         case Cause.TCP:
-            said = f"a mesh {number:.0f} mm elsewhere in its frame explains the force"
+            sentence = f"a mesh {number:.0f} mm elsewhere in its frame explains the force"
             evidence["millimetres"] = number
         case Cause.SATURATION:
-            said = f"the force along {'xyz'[x.variant.axis]} stays at {number:.3g} N where the model's grows on"
+            sentence = f"the force along {'xyz'[x.variant.axis]} stays at {number:.3g} N where the model's grows on"
             evidence["limit"] = number
         case Cause.TORQUE_UNIT:
-            said = f"the torque is {1.0 / number:.3g} times that of the force at its lever"
+            sentence = f"the torque is {1.0 / number:.3g} times that of the force at its lever"
         case Cause.NOT_TURNING:
-            said = "the poses never turn, and the reading is that of a tool that does"
+            sentence = "the poses never turn, and the reading is that of a tool that does"
         case _:
-            said = "measured and predicted force do not agree"
-    return f"{said} ({misfit})", evidence
+            sentence = "measured and predicted force do not agree"
+    return f"{sentence} ({misfit})", evidence
 
 
 def _moved_zero(x: Explanation) -> tuple[str, float]:
     course = x.problem.setup.course
     moved = float(np.linalg.norm(x.fit.values["course"][FORCE]))
     if x.variant.number > 0.0:
-        said = f"the zero of the load cell steps by {moved:.3g} N at {x.variant.number:.3g} s"
+        sentence = f"the zero of the load cell steps by {moved:.3g} N at {x.variant.number:.3g} s"
     elif course is not None and course[-1, 1, 1] == 1.0:
-        said = f"the zero of the load cell drifts by {moved:.3g} N"
+        sentence = f"the zero of the load cell drifts by {moved:.3g} N"
     else:
         moved *= 2.0
-        said = f"the reading depends on the motion: it changes by {moved:.3g} N where the motion turns back"
-    return said, moved
+        sentence = f"the reading depends on the motion: it changes by {moved:.3g} N where the motion turns back"
+    return sentence, moved
