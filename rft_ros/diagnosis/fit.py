@@ -258,8 +258,10 @@ class _Slopes(NamedTuple):
         return abs(surface - self.surface) < 1e-3 and abs(np.log(length / self.length)) < 0.15
 
 
+TIED = ("lever", "turn", "moment")
 FREEDOM = 20.0
-"""How many times as far as its tolerance a free number may be off."""
+FREEDOM_OF_OTHERS = 300.0
+"""How many times as far as its tolerance a free number may be off; of `TIED`, a straight press tells only a part."""
 STEP_M = 5e-4
 STEP_OF_LENGTH = 1.1
 """Steps of the surface and of λ by which the derivatives are taken."""
@@ -513,7 +515,7 @@ def fit(
         x[_SLICES[name]] = value
     prior = 1.0 / problem.scale**2
     for name in {*free, *problem.setup.unknown}:
-        prior[_SLICES[name]] /= FREEDOM**2
+        prior[_SLICES[name]] /= (FREEDOM if name in TIED else FREEDOM_OF_OTHERS) ** 2
     is_free = np.ones(NUMBERS, dtype=bool)
     for name in fixed:
         is_free[_SLICES[name]] = False
