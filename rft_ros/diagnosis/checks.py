@@ -9,9 +9,9 @@ from rft_ros.diagnosis.finding import Finding
 from rft_ros.rft import FORCE, POSITION
 
 MIN_JUMP_M = 0.01
-MIN_JUMP_OF_STEP = 30.0
+MIN_JUMP_FACTOR = 30.0
 """Least jump of a pose, and that over the steps of a moving tool."""
-MIN_GAP_OF_STEP = 5.0
+MIN_GAP_FACTOR = 5.0
 """Time between two poses over the usual one, after which the tool may be elsewhere."""
 DEAD_SHARE = 1e-3
 """Of the changes of the other axes: those of a dead axis are smaller."""
@@ -24,14 +24,14 @@ def jumps(e: Evidence) -> Iterator[Finding]:
     if len(steps) < ENOUGH or not (steps > 0.0).any():
         return
     usual = float(np.quantile(steps[steps > 0.0], 0.9))
-    at = int(steps.argmax())
-    far = float(steps[at])
+    row = int(steps.argmax())
+    far = float(steps[row])
     # after a gap the tool is elsewhere
-    is_gap = seconds[at] > MIN_GAP_OF_STEP * np.median(seconds)
-    if far > max(MIN_JUMP_M, MIN_JUMP_OF_STEP * usual) and not is_gap:
+    is_gap = seconds[row] > MIN_GAP_FACTOR * np.median(seconds)
+    if far > max(MIN_JUMP_M, MIN_JUMP_FACTOR * usual) and not is_gap:
         yield Finding(
             name="jump",
-            said=f"the pose jumps by {1e3 * far:.0f} mm between two messages, {e.pose_time[at]:.2f} s after the start",
+            said=f"the pose jumps by {1e3 * far:.0f} mm between two messages, {e.pose_time[row]:.2f} s after the start",
             evidence={"millimetres": 1e3 * far},
             advice="do not change the TCP within a recording, and take the parts with --start and --end",
         )

@@ -12,13 +12,13 @@ import numpy as np
 from rft_ros.diagnosis.checks import dead_axes, jumps
 from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Evidence
 from rft_ros.diagnosis.finding import Finding
-from rft_ros.diagnosis.fit import MOMENTS, TOLERANCE_OF_TOOL, Setup
+from rft_ros.diagnosis.fit import MOMENTS_COUNT, TOOL_TOLERANCE_SHARE, Setup
 from rft_ros.diagnosis.search import Diagnosis, diagnose
 from rft_ros.diagnosis.sentences import of_diagnosis
 from rft_ros.diagnosis.trial import Trial
 from rft_ros.rft import FORCE, POSE
 
-_OF_SENDING = {"units", "mesh", "noise", "threshold", "sensor", "repeated poses"}
+_SENDING_NAMES = {"units", "mesh", "noise", "threshold", "sensor", "repeated poses"}
 """Findings on what was sent, which need no model; but for the last two of them nothing more is known."""
 
 
@@ -33,35 +33,35 @@ def examine(
     if hidden:
         yield from hidden
         return
-    found = list(judge(e))
-    of_sending = [finding for finding in found if finding.name in _OF_SENDING]
-    if len(e.time) < ENOUGH or not all(finding.ok for finding in of_sending):
-        yield from found
+    findings = list(judge(e))
+    sending_findings = [finding for finding in findings if finding.name in _SENDING_NAMES]
+    if len(e.time) < ENOUGH or not all(finding.ok for finding in sending_findings):
+        yield from findings
         return
     diagnosis = diagnose(followed(e), setup_of(e), has_search=has_search)
     causes = list(of_diagnosis(e, diagnosis))
-    names = {finding.name for finding in found if not finding.ok}
+    names = {finding.name for finding in findings if not finding.ok}
     if not _is_pushed(e, diagnosis) or not diagnosis.is_clean:
-        yield from found
+        yield from findings
     elif {cause.name for cause in causes} == names:
         # they agree, and a search knows its own numbers better, such as a bias from the air alone
-        yield from found
+        yield from findings
     elif causes:
-        yield from of_sending
+        yield from sending_findings
         yield from causes
     else:
-        yield from (finding for finding in found if finding.ok)
+        yield from (finding for finding in findings if finding.ok)
 
 
 def _is_pushed(e: Evidence, diagnosis: Diagnosis) -> bool:
     """Whether grains push the tool, in the load cell and in the model of the cell as it is mended."""
-    measured = np.abs(e.raw[:, FORCE] - np.median(e.raw[:, FORCE], axis=0)).max()
-    modelled = np.abs(diagnosis.fit.model[:, FORCE]).max(initial=0.0)
-    return bool(measured >= LEAST_FORCE and modelled > 0.0)
+    measured_force = np.abs(e.raw[:, FORCE] - np.median(e.raw[:, FORCE], axis=0)).max()
+    modelled_force = np.abs(diagnosis.fit.model[:, FORCE]).max(initial=0.0)
+    return bool(measured_force >= LEAST_FORCE and modelled_force > 0.0)
 
 
 def followed(e: Evidence) -> Trial:
-    """The trial of a cell, without the noise of its poses, at `MOMENTS`."""
+    """The trial of a cell, without the noise of its poses, at `MOMENTS_COUNT`."""
     readings = e.load_cell.sign * e.raw
     if e.settings.sensor_source == "world":
         to_world = e.cell_along.to_world
@@ -70,7 +70,7 @@ def followed(e: Evidence) -> Trial:
     trial = Trial(
         time=e.time, poses=e.state[:, POSE], wrench_time=e.time, wrenches=np.asarray(readings)
     )
-    return trial.followed(e.tool.plates.reach, MOMENTS)
+    return trial.followed(e.tool.plates.reach, MOMENTS_COUNT)
 
 
 def setup_of(e: Evidence) -> Setup:
@@ -83,7 +83,7 @@ def setup_of(e: Evidence) -> Setup:
         cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
     return Setup(
         cell=cell,
-        tool=e.tool.reduced(TOLERANCE_OF_TOOL),
+        tool=e.tool.reduced(TOOL_TOLERANCE_SHARE),
         law=e.law,
         surface=e.settings.surface_height,
         reads_in_world=e.settings.sensor_source == "world",

@@ -69,29 +69,35 @@ TOLERANCES = {
 
 NUISANCES = ("power", "kinds", "start", "course")
 
-MODEL_ERROR = 0.06
+MODEL_ERROR_SHARE = 0.06
 """Error of the model's force over the force, where all parameters are right."""
-FLOOR = 0.015
+FLOOR_SHARE = 0.015
 """The same over the greatest force, and the drift of a load cell."""
 LEAST_LENGTH_M = 5e-4
 MOST_LENGTH_M = 0.03
-ROBUST = 3.0
+ROBUST_FACTOR = 3.0
 """Standard errors beyond which a residual counts linearly."""
-USUAL_MISFIT = 0.5
+USUAL_MISFIT_RATIO = 0.5
 """Misfit per stretch of right cells by errors of the model, beside that by the noise of the load cell."""
-LEAST_ZETA = 1e-6
+MIN_ZETA_RATIO = 1e-6
 REST_M = 1e-6
 """Path between two moments below which the tool rests."""
-BLOCK = 100
-MOMENTS = 600
-TOLERANCE_OF_TOOL = 0.05
+BLOCK_COUNT = 100
+MOMENTS_COUNT = 600
+TOOL_TOLERANCE_SHARE = 0.05
 
-_SLICES = {}
-_begin = 0
-for _name, _tolerance in TOLERANCES.items():
-    _SLICES[_name] = slice(_begin, _begin + _tolerance.size)
-    _begin += _tolerance.size
-NUMBERS = _begin
+
+def _slices() -> dict[str, slice]:
+    """Where the numbers of each name lie among all of them."""
+    ends = np.cumsum([tolerance.size for tolerance in TOLERANCES.values()]).tolist()
+    return {
+        name: slice(end - tolerance.size, end)
+        for (name, tolerance), end in zip(TOLERANCES.items(), ends, strict=True)
+    }
+
+
+_SLICES = _slices()
+NUMBERS = _SLICES["course"].stop
 
 
 def crossed(a: Array, b: Array) -> Array:
@@ -178,30 +184,34 @@ class Model:
         states = np.zeros((n, len(STATE)))
         states[:, POSE] = trial.poses
         self._moved = displacements_between(np.vstack([np.zeros(len(STATE)), states[:-1]]), states)
-        moved = self._moved
+        displacement = self._moved
         span = np.maximum(np.diff(trial.time, prepend=trial.time[0] - 1.0), 1e-4)[:, None]
         turn = 0.5 * np.column_stack(
-            [moved[:, 10] - moved[:, 8], moved[:, 5] - moved[:, 9], moved[:, 6] - moved[:, 4]]
+            [
+                displacement[:, 10] - displacement[:, 8],
+                displacement[:, 5] - displacement[:, 9],
+                displacement[:, 6] - displacement[:, 4],
+            ]
         )
-        states[:, VELOCITY] = moved[:, POSITION] / span
+        states[:, VELOCITY] = displacement[:, POSITION] / span
         states[:, ANGULAR_VELOCITY] = turn / span
         self._states = states
         self._into_tool = np.swapaxes(trial.matrices, 1, 2)
         self._middle = np.array(self._tool.middle)
         self.low = self._tool.lowest_points(states)[0]
-        going = moved[:, POSITION] + crossed(turn, trial.matrices @ self._middle)
-        turned = 0.5 * self._tool.size * np.linalg.norm(turn, axis=1)
-        gone = np.linalg.norm(going, axis=1) + turned
+        going = displacement[:, POSITION] + crossed(turn, trial.matrices @ self._middle)
+        angle = 0.5 * self._tool.size * np.linalg.norm(turn, axis=1)
+        distance = np.linalg.norm(going, axis=1) + angle
         self.kinds = [
             "rest" if distance < REST_M else kind_of_motion(x, y, z, angle)
             for (x, y, z), angle, distance in zip(
-                going.tolist(), turned.tolist(), gone.tolist(), strict=True
+                going.tolist(), angle.tolist(), distance.tolist(), strict=True
             )
         ]
-        self.path = np.cumsum(gone)
+        self.path = np.cumsum(distance)
         self._found: dict[tuple[float, float], Basis] = {}
 
-    def at(self, surface: float, length: float) -> Basis:
+    def values_tried(self, surface: float, length: float) -> Basis:
         """The model's wrench with a surface height and a λ [m]."""
         key = round(surface, 7), round(length, 7)
         if key not in self._found:
@@ -250,20 +260,20 @@ class _Slopes(NamedTuple):
 
     surface: float
     length: float
-    by_surface: Array
-    by_length: Array
+    surface_slope: Array
+    length_slope: Array
 
     def is_near(self, surface: float, length: float) -> bool:
         """Whether they hold at another surface and λ [m], too."""
         return abs(surface - self.surface) < 1e-3 and abs(np.log(length / self.length)) < 0.15
 
 
-TIED = ("lever", "turn", "moment")
-FREEDOM = 20.0
-FREEDOM_OF_OTHERS = 300.0
+TIED_NUMBERS = ("lever", "turn", "moment")
+FREEDOM_FACTOR = 20.0
+OTHER_FREEDOM_FACTOR = 300.0
 """How many times as far as its tolerance a free number may be off; of `TIED`, a straight press tells only a part."""
 STEP_M = 5e-4
-STEP_OF_LENGTH = 1.1
+LENGTH_STEP_FACTOR = 1.1
 """Steps of the surface and of λ by which the derivatives are taken."""
 
 
@@ -298,28 +308,34 @@ class Problem:
         size = np.linalg.norm((reading - zero)[:, FORCE], axis=1)
         self.peak = float(np.quantile(size, 0.99)) + 1e-9
         noise = np.repeat(self.setup.units, 3) * self.trial.noise
-        of_force = float(noise[FORCE].max())
-        of_torque = float(noise[TORQUE].max())
+        force_noise = float(noise[FORCE].max())
+        torque_noise = float(noise[TORQUE].max())
         lever = float(np.linalg.norm(np.array(self.setup.cell.position) - self.middle))
         half = 0.5 * self.tool.size
         self.half = half
-        error = np.sqrt((MODEL_ERROR * size) ** 2 + (FLOOR * self.peak) ** 2 + of_force**2)
-        twist = np.sqrt((half * 0.5 * error) ** 2 + (lever * of_force) ** 2 + of_torque**2)
+        error = np.sqrt(
+            (MODEL_ERROR_SHARE * size) ** 2 + (FLOOR_SHARE * self.peak) ** 2 + force_noise**2
+        )
+        twist = np.sqrt((half * 0.5 * error) ** 2 + (lever * force_noise) ** 2 + torque_noise**2)
         self.error = np.column_stack([error, twist])
-        of_noise = (of_force / error) ** 2 + ((lever * of_force) ** 2 + of_torque**2) / twist**2
-        self.usual = USUAL_MISFIT + float(self.count_of @ of_noise) / max(self.count, 1e-9)
+        noise_share = (force_noise / error) ** 2 + (
+            (lever * force_noise) ** 2 + torque_noise**2
+        ) / twist**2
+        self.usual = USUAL_MISFIT_RATIO + float(self.count_of @ noise_share) / max(
+            self.count, 1e-9
+        )
         self.sigma = np.repeat(1.0 / self.error, 3, axis=1)
         scale = np.ones(NUMBERS)
-        given = max(self.setup.law.zeta, 1e-6)
+        given_values = max(self.setup.law.zeta, 1e-6)
         for name, tolerance in TOLERANCES.items():
             scale[_SLICES[name]] = tolerance.value
-        scale[_SLICES["zeta"]] *= given
+        scale[_SLICES["zeta"]] *= given_values
         scale[_SLICES["turn"]] = np.radians(TOLERANCES["turn"].value)
-        scale[_SLICES["force_bias"]] = max(TOLERANCES["force_bias"].value * self.peak, of_force)
+        scale[_SLICES["force_bias"]] = max(TOLERANCES["force_bias"].value * self.peak, force_noise)
         scale[_SLICES["torque_bias"]] = max(
             TOLERANCES["torque_bias"].value * self.peak * half
             + lever * scale[_SLICES["force_bias"]][0],
-            of_torque,
+            torque_noise,
         )
         scale[_SLICES["start"]] = TOLERANCES["start"].value * self.peak
         scale[_SLICES["start"]][3:] *= half
@@ -344,12 +360,12 @@ class Problem:
         parts = raw.reshape(-1, 2, 3)
         if self.setup.reads_in_world:
             to_tool = np.swapaxes(self.trial.matrices, 1, 2)
-            turned = self.setup.cell.sign * np.einsum("nij,nkj->nki", to_tool, parts)
+            angle = self.setup.cell.sign * np.einsum("nij,nkj->nki", to_tool, parts)
         else:
-            turned = parts @ self.setup.in_tool.T
-        return np.asarray(turned.reshape(-1, 6))
+            angle = parts @ self.setup.in_tool.T
+        return np.asarray(angle.reshape(-1, 6))
 
-    def given(self) -> Array:
+    def given_values(self) -> Array:
         """The given numbers; bias in tool axes."""
         cell = self.setup.cell
         x = np.zeros(NUMBERS)
@@ -394,12 +410,12 @@ class Problem:
             leaves = np.flatnonzero(basis.depth <= 0.0)
             end = leaves[0] if len(leaves) else n
             fading[:end] = np.exp(-self.model.path[:end] / 0.004)
-        held = fading[:, None] * x[_SLICES["start"]]
-        e = np.hstack([grains, about]) - model - held
+        start_wrench = fading[:, None] * x[_SLICES["start"]]
+        e = np.hstack([grains, about]) - model - start_wrench
         if self.course is not None:
-            moved = self.course @ x[_SLICES["course"]]
-            e[:, FORCE] -= moved[:, FORCE]
-            e[:, TORQUE] -= moved[:, TORQUE] + crossed(lever, moved[:, FORCE])
+            displacement = self.course @ x[_SLICES["course"]]
+            e[:, FORCE] -= displacement[:, FORCE]
+            e[:, TORQUE] -= displacement[:, TORQUE] + crossed(lever, displacement[:, FORCE])
         if not jacobian:
             return e, model, None
         J = np.zeros((n, 6, NUMBERS))
@@ -412,10 +428,10 @@ class Problem:
             np.tile(lever, (1, 1))
         )  # -(lever x b) = b x lever
         J[:, 3:, _SLICES["torque_bias"]] = -np.eye(3)
-        by_turn = cross_matrices(force)
-        J[:, :3, _SLICES["turn"]] = by_turn
-        across = -cross_matrices(lever[None])[0]  # lever x
-        J[:, 3:, _SLICES["turn"]] = cross_matrices(torque) + across @ by_turn
+        turn_slope = cross_matrices(force)
+        J[:, :3, _SLICES["turn"]] = turn_slope
+        lever_matrix = -cross_matrices(lever[None])[0]  # lever x
+        J[:, 3:, _SLICES["turn"]] = cross_matrices(torque) + lever_matrix @ turn_slope
         J[:, 3:, _SLICES["lever"]] = cross_matrices(grains)
         J[:, :, _SLICES["power"]] = -(zeta * deep[:, None] * g)[:, :, None]
         J[:, :, _SLICES["kinds"]] = -zeta * g[:, :, None] * kinds[:, None, :]
@@ -423,11 +439,11 @@ class Problem:
         if self.course is not None:
             J[:, FORCE, _SLICES["course"]] = -self.course[:, FORCE]
             J[:, TORQUE, _SLICES["course"]] = (
-                -self.course[:, TORQUE] - across @ self.course[:, FORCE]
+                -self.course[:, TORQUE] - lever_matrix @ self.course[:, FORCE]
             )
         slopes = self._slopes_at(surface, length)
-        J[:, :, _SLICES["surface"]] = -(factor[:, None] * slopes.by_surface)[:, :, None]
-        J[:, :, _SLICES["length"]] = -(factor[:, None] * slopes.by_length)[:, :, None]
+        J[:, :, _SLICES["surface"]] = -(factor[:, None] * slopes.surface_slope)[:, :, None]
+        J[:, :, _SLICES["length"]] = -(factor[:, None] * slopes.length_slope)[:, :, None]
         span = 0.01
         slope = (self.reading(late + span) - self.reading(late - span)) / (2.0 * span)
         df = slope[:, FORCE] @ turn.T
@@ -441,22 +457,24 @@ class Problem:
         if last is None or not last.is_near(surface, length):
             g = self.basis(surface, length).wrench
             higher = self.basis(surface + STEP_M, length).wrench
-            longer = self.basis(surface, length * STEP_OF_LENGTH).wrench
+            longer = self.basis(surface, length * LENGTH_STEP_FACTOR).wrench
             last = _Slopes(
                 surface,
                 length,
                 (higher - g) / STEP_M,
-                (longer - g) / np.log(STEP_OF_LENGTH),
+                (longer - g) / np.log(LENGTH_STEP_FACTOR),
             )
             self._slopes = last
         return last
 
     def basis(self, surface: float, length: float) -> Basis:
         """The model's wrench as the load cell's driver would give it: behind its filter."""
-        found = self.model.at(surface, length)
+        basis_by_values = self.model.at(surface, length)
         if self.setup.lag > 0.0:
-            return Basis(filtered(self.time, found.wrench, self.setup.lag), found.depth)
-        return found
+            return Basis(
+                filtered(self.time, basis_by_values.wrench, self.setup.lag), basis_by_values.depth
+            )
+        return basis_by_values
 
     def misfit(self, e: Array) -> tuple[float, Array]:
         """The robust sum of squares over the independent stretches, and the weight of each moment and part."""
@@ -469,8 +487,8 @@ class Problem:
             )
             / 3.0
         )
-        root = np.sqrt(1.0 + square / ROBUST**2)
-        cost = 2.0 * ROBUST**2 * (root - 1.0) * self.count_of[:, None]
+        root = np.sqrt(1.0 + square / ROBUST_FACTOR**2)
+        cost = 2.0 * ROBUST_FACTOR**2 * (root - 1.0) * self.count_of[:, None]
         weight = self.count_of[:, None] / root / 3.0
         return float(cost.sum()), np.repeat(weight, 3, axis=1)
 
@@ -490,10 +508,10 @@ def _normal_equations(rows: Array, values: Array) -> tuple[Array, Array]:
     """The normal matrix and the right side, by blocks so small that no library starts threads for them."""
     normal = np.zeros((rows.shape[1], rows.shape[1]))
     right = np.zeros(rows.shape[1])
-    for k in range(0, len(rows), BLOCK):
-        part = rows[k : k + BLOCK]
+    for k in range(0, len(rows), BLOCK_COUNT):
+        part = rows[k : k + BLOCK_COUNT]
         normal += part.T @ part
-        right += part.T @ values[k : k + BLOCK]
+        right += part.T @ values[k : k + BLOCK_COUNT]
     return normal, right
 
 
@@ -501,7 +519,7 @@ def fit(
     problem: Problem,
     free: Collection[str] = (),
     *,
-    fixed: Collection[str] = (),
+    fixed_names: Collection[str] = (),
     start: Mapping[str, float] | None = None,
     steps: int = 12,
 ) -> Fit:
@@ -509,23 +527,25 @@ def fit(
 
     `start`: first values of some numbers.
     """
-    given = problem.given()
-    x = given.copy()
+    given_values = problem.given()
+    x = given_values.copy()
     for name, value in (start or {}).items():
         x[_SLICES[name]] = value
     prior = 1.0 / problem.scale**2
     for name in {*free, *problem.setup.unknown}:
-        prior[_SLICES[name]] /= (FREEDOM if name in TIED else FREEDOM_OF_OTHERS) ** 2
+        prior[_SLICES[name]] /= (
+            FREEDOM_FACTOR if name in TIED_NUMBERS else OTHER_FREEDOM_FACTOR
+        ) ** 2
     is_free = np.ones(NUMBERS, dtype=bool)
-    for name in fixed:
+    for name in fixed_names:
         is_free[_SLICES[name]] = False
     low = np.log(LEAST_LENGTH_M)
     high = np.log(MOST_LENGTH_M)
 
-    def cost_at(at: Array) -> tuple[float, Array, Array, Array]:
-        e, model, _ = problem.residual(at)
+    def cost_at(values_tried: Array) -> tuple[float, Array, Array, Array]:
+        e, model, _ = problem.residual(values_tried)
         cost, weight = problem.misfit(e)
-        return cost + float(prior @ (at - given) ** 2), e, weight, model
+        return cost + float(prior @ (values_tried - given_values) ** 2), e, weight, model
 
     total, e, weight, model = cost_at(x)
     covariance = np.zeros(NUMBERS)
@@ -538,16 +558,16 @@ def fit(
             (root[:, :, None] * J).reshape(-1, NUMBERS), (root * e).reshape(-1)
         )
         normal += np.diag(prior)
-        gradient += prior * (x - given)
+        gradient += prior * (x - given_values)
         # in units of the tolerances, so that it is well conditioned
         s = problem.scale
         normal = normal * s[:, None] * s[None, :]
-        chosen = np.flatnonzero(is_free)
-        sub = normal[np.ix_(chosen, chosen)] + 1e-9 * np.eye(len(chosen))
+        rows = np.flatnonzero(is_free)
+        sub = normal[np.ix_(rows, rows)] + 1e-9 * np.eye(len(rows))
         move = np.zeros(NUMBERS)
-        move[chosen] = -np.linalg.solve(sub, (gradient * s)[chosen]) * s[chosen]
+        move[rows] = -np.linalg.solve(sub, (gradient * s)[rows]) * s[rows]
         inverse = np.linalg.inv(sub)
-        covariance[chosen] = np.diag(inverse) * s[chosen] ** 2
+        covariance[rows] = np.diag(inverse) * s[rows] ** 2
         # bounded steps of what is not linear
         limit = np.full(NUMBERS, np.inf)
         limit[_SLICES["surface"]] = 0.01
@@ -555,22 +575,22 @@ def fit(
         limit[_SLICES["length"]] = 0.7
         limit[_SLICES["turn"]] = 0.3
         share = float(min(1.0, (limit / np.maximum(np.abs(move), 1e-12)).min()))
-        improved = False
+        has_gain = False
         for _ in range(5):
             new = x + share * move
-            new[_SLICES["zeta"]] = np.maximum(new[_SLICES["zeta"]], LEAST_ZETA)
+            new[_SLICES["zeta"]] = np.maximum(new[_SLICES["zeta"]], MIN_ZETA_RATIO)
             new[_SLICES["length"]] = np.clip(new[_SLICES["length"]], low, high)
             trial_cost, *_ = cost_at(new)
             if trial_cost < total:
-                improved = True
+                has_gain = True
                 break
             share *= 0.4
-        if not improved:
+        if not has_gain:
             break
-        gained = total - trial_cost
+        gain = total - trial_cost
         x = new
         total = trial_cost
-        if gained < 1e-3 * total + 1e-3:
+        if gain < 1e-3 * total + 1e-3:
             break
     total, e, weight, model = cost_at(x)
     data, _ = problem.misfit(e)

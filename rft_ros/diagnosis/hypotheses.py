@@ -19,6 +19,7 @@ from rft_ros.diagnosis.trial import Array, Trial
 from rft_ros.estimator import GRAVITY
 from rft_ros.parameters import Value
 from rft_ros.rft import FORCE, QUATERNION, Plates
+from rft_ros.rft.plates import AREA, FIRST_CORNER, SECOND_CORNER
 from rft_ros.tool import Tool
 
 
@@ -121,19 +122,15 @@ def _rescaled(tool: Tool, factor: float) -> Tool:
     """The tool of a mesh in another unit: it is `factor` times as large, about its frame's origin."""
     rows = tool.plates.rows.copy()
     rows[:3] *= factor
-    rows[AREA_ROW] *= factor**2
-    rows[CORNER_ROWS] *= factor
+    rows[AREA] *= factor**2
+    rows[FIRST_CORNER] *= factor
+    rows[SECOND_CORNER] *= factor
     return replace(
         tool,
         frame=replace(tool.frame, scale=tool.frame.scale * factor),
         plates=Plates.of_rows(rows),
         corners=tool.corners * factor,
     )
-
-
-AREA_ROW = 6
-CORNER_ROWS = slice(7, 13)
-"""Of `Plates.rows`."""
 
 
 def quaternion_of(turn: Rotation) -> tuple[float, float, float, float]:
@@ -155,28 +152,31 @@ def _cell(setup: Setup, *, sign: float = 1.0, turn: Rotation | None = None) -> S
 
 
 def _sign(trial: Trial, setup: Setup) -> Iterator[Variant]:
-    other = _cell(setup, sign=-1.0)
-    yield Variant(trial=trial, setup=other, remedy={"sensor.sign": other.cell.sign})
+    other_setup = _cell(setup, sign=-1.0)
+    yield Variant(trial=trial, setup=other_setup, remedy={"sensor.sign": other_setup.cell.sign})
 
 
 def _turn(trial: Trial, setup: Setup) -> Iterator[Variant]:
     for turn in GROUP:
-        other = _cell(setup, turn=turn)
+        other_setup = _cell(setup, turn=turn)
         yield Variant(
             trial=trial,
-            setup=other,
-            remedy={"sensor.quaternion": other.cell.quaternion},
+            setup=other_setup,
+            remedy={"sensor.quaternion": other_setup.cell.quaternion},
             number=float(np.degrees(turn.magnitude())),
         )
 
 
 def _sign_and_turn(trial: Trial, setup: Setup) -> Iterator[Variant]:
     for turn in GROUP:
-        other = _cell(setup, sign=-1.0, turn=turn)
+        other_setup = _cell(setup, sign=-1.0, turn=turn)
         yield Variant(
             trial=trial,
-            setup=other,
-            remedy={"sensor.sign": other.cell.sign, "sensor.quaternion": other.cell.quaternion},
+            setup=other_setup,
+            remedy={
+                "sensor.sign": other_setup.cell.sign,
+                "sensor.quaternion": other_setup.cell.quaternion,
+            },
             number=float(np.degrees(turn.magnitude())),
         )
 
@@ -184,15 +184,15 @@ def _sign_and_turn(trial: Trial, setup: Setup) -> Iterator[Variant]:
 def _angle(trial: Trial, setup: Setup) -> Iterator[Variant]:
     """The turn that aligns the measured force best, by rounds of alignment."""
     problem = Problem(trial, setup)
-    for turn in coarse(problem).aligned:
-        of_cell = Rotation.from_quat(setup.cell.quaternion)
-        in_cell = of_cell.inv() * turn * of_cell
+    for turn in coarse(problem).best_turns:
+        cell_turn = Rotation.from_quat(setup.cell.quaternion)
+        in_cell = cell_turn.inv() * turn * cell_turn
         if in_cell.magnitude() > np.radians(5.0):
-            other = _cell(setup, turn=in_cell)
+            other_setup = _cell(setup, turn=in_cell)
             yield Variant(
                 trial=trial,
-                setup=other,
-                remedy={"sensor.quaternion": other.cell.quaternion},
+                setup=other_setup,
+                remedy={"sensor.quaternion": other_setup.cell.quaternion},
                 number=float(np.degrees(in_cell.magnitude())),
             )
 
@@ -219,8 +219,8 @@ def _unit(trial: Trial, setup: Setup) -> Iterator[Variant]:
         yield Variant(trial=trial, setup=replace(setup, units=(newtons, newtons)), number=newtons)
 
 
-def _filter(trial: Trial, setup: Setup, at: Array) -> Variant:
-    lag = float(np.exp(at[0]))
+def _filter(trial: Trial, setup: Setup, point: Array) -> Variant:
+    lag = float(np.exp(point[0]))
     return Variant(trial=trial, setup=replace(setup, lag=lag), number=1e3 * lag)
 
 
@@ -245,18 +245,18 @@ def _turned_poses(setup: Setup, turn: Rotation) -> Setup:
     return replace(setup, cell=replace(setup.cell, position=position, quaternion=quaternion))
 
 
-def _tcp(trial: Trial, setup: Setup, at: Array) -> Variant:
+def _tcp(trial: Trial, setup: Setup, point: Array) -> Variant:
     """The poses are those of another point of the tool: the mesh lies elsewhere in its frame, by `at` [m]."""
     tool = setup.tool
-    shift = tool.frame.rotation @ at
+    shift = tool.frame.rotation @ point
     place = trial.position + trial.rotation.apply(shift)
     cell = replace(setup.cell, position=tuple((np.array(setup.cell.position) - shift).tolist()))
-    origin = np.array(tool.frame.origin) - at / tool.frame.scale
+    origin = np.array(tool.frame.origin) - point / tool.frame.scale
     return Variant(
         trial=trial.posed(place, trial.rotation),
         setup=replace(setup, cell=cell),
         remedy={"mesh.origin": tuple(np.round(origin, 3).tolist())},
-        number=1e3 * float(np.linalg.norm(at)),
+        number=1e3 * float(np.linalg.norm(point)),
     )
 
 
@@ -277,17 +277,17 @@ def _w_first(trial: Trial, setup: Setup) -> Iterator[Variant]:
     yield Variant(trial=trial.posed(trial.position, Rotation.from_quat(quaternions)), setup=setup)
 
 
-def _world(trial: Trial, setup: Setup, at: Array) -> Variant:
+def _world(trial: Trial, setup: Setup, point: Array) -> Variant:
     """The world frame is turned by a rotation vector with no part along z [rad]."""
-    turn = Rotation.from_rotvec((at[0], at[1], 0.0))
+    turn = Rotation.from_rotvec((point[0], point[1], 0.0))
     return Variant(
         trial=trial.posed(turn.apply(trial.position), turn * trial.rotation),
         setup=setup,
-        number=float(np.degrees(np.linalg.norm(at))),
+        number=float(np.degrees(np.linalg.norm(point))),
     )
 
 
-def _stiffness(trial: Trial, setup: Setup, at: Array) -> Variant:
+def _stiffness(trial: Trial, setup: Setup, point: Array) -> Variant:
     """The tool is where the arm yields to the measured force, by up to exp(`at`) [m]."""
     raw = trial.readings_at(trial.time) - np.array(setup.cell.bias)
     if setup.reads_in_world:
@@ -295,7 +295,7 @@ def _stiffness(trial: Trial, setup: Setup, at: Array) -> Variant:
     else:
         force = trial.rotation.apply(raw[:, FORCE] @ setup.in_tool.T)
     force = force + np.array((0.0, 0.0, GRAVITY * setup.cell.mass))
-    most = float(np.exp(at[0]))
+    most = float(np.exp(point[0]))
     peak = float(np.quantile(np.linalg.norm(force, axis=1), 0.99)) + 1e-9
     place = trial.position + most / peak * force
     return Variant(
@@ -303,10 +303,10 @@ def _stiffness(trial: Trial, setup: Setup, at: Array) -> Variant:
     )
 
 
-def _step(trial: Trial, setup: Setup, at: Array) -> Variant:
+def _step(trial: Trial, setup: Setup, point: Array) -> Variant:
     """The zero steps at a share of the time."""
     time = trial.time
-    begin = float(time[0] + at[0] * (time[-1] - time[0]))
+    begin = float(time[0] + point[0] * (time[-1] - time[0]))
     course = np.eye(6) * (time > begin)[:, None, None]
     return Variant(trial=trial, setup=replace(setup, course=course), number=begin)
 
@@ -329,7 +329,7 @@ def _friction(trial: Trial, setup: Setup) -> Iterator[Variant]:
 
 MIN_AT_LIMIT = 8
 NOISES_AT_LIMIT = 4.0
-NOISES_OF_RANGE = 15.0
+MIN_LIMIT_NOISES_FACTOR = 15.0
 
 
 def _saturation(trial: Trial, setup: Setup) -> Iterator[Variant]:
@@ -342,7 +342,7 @@ def _saturation(trial: Trial, setup: Setup) -> Iterator[Variant]:
         noise = float(trial.noise[axis])
         limit = float(reading.max())
         at_limit = reading >= limit - NOISES_AT_LIMIT * noise - 1e-9
-        is_limit = limit > max(NOISES_OF_RANGE * noise, 0.5 * float(np.abs(force).max()))
+        is_limit = limit > max(MIN_LIMIT_NOISES_FACTOR * noise, 0.5 * float(np.abs(force).max()))
         # also where it is none, so that the variants keep their numbers
         left_out = at_limit & (is_limit and at_limit.sum() >= MIN_AT_LIMIT)
         yield Variant(
@@ -394,7 +394,7 @@ HYPOTHESES = (
     Hypothesis(
         cause=Cause.ZERO_MOVES,
         family=_step,
-        points=tuple((float(at),) for at in np.linspace(0.06, 0.94, 18)),
+        points=tuple((float(point),) for point in np.linspace(0.06, 0.94, 18)),
         step=0.02,
         free=("course",),
         rarity=4.0,
@@ -423,9 +423,9 @@ HYPOTHESES = (
     ),
 )
 
-COARSE_MOMENTS = 180
+COARSE_MOMENTS_COUNT = 180
 DELAYS_S = (-0.25, -0.12, -0.06, -0.03, 0.0, 0.03, 0.06, 0.12, 0.25, 0.4)
-SURFACES = 14
+SURFACES_COUNT = 14
 
 
 @dataclass(frozen=True, eq=False)
@@ -438,7 +438,7 @@ class Coarse:
 
     surfaces: Array
     costs: Array
-    aligned: list[Rotation]
+    best_turns: list[Rotation]
 
 
 def surfaces_of(problem: Problem) -> Array:
@@ -446,7 +446,7 @@ def surfaces_of(problem: Problem) -> Array:
     low = problem.model.low
     bottom = float(low.min())
     top = float(low.max())
-    heights = bottom + (top - bottom) * np.linspace(0.03, 1.0, SURFACES)
+    heights = bottom + (top - bottom) * np.linspace(0.03, 1.0, SURFACES_COUNT)
     return np.append(problem.setup.surface, heights)
 
 
@@ -460,18 +460,18 @@ def coarse(problem: Problem, *, delays: bool = True) -> Coarse:
     setup = problem.setup
     weight = problem.count_of / problem.error[:, 0] ** 2 / 3.0
     gravity = GRAVITY * problem.down
-    given = problem.given()
+    given_values = problem.given()
     scale = problem.scale
     freedom = 10.0 if "force_bias" in setup.unknown else 3.0
-    of_bias = 1.0 / (freedom * scale[rows_of("force_bias")][0]) ** 2
-    of_mass = 1.0 / (freedom * scale[rows_of("mass")][0]) ** 2
+    bias_prior = 1.0 / (freedom * scale[rows_of("force_bias")][0]) ** 2
+    mass_prior = 1.0 / (freedom * scale[rows_of("mass")][0]) ** 2
     surfaces = surfaces_of(problem)
     to_tool = setup.in_tool
     # an orientation turns the reading in the axes of the load cell
     turns = np.einsum("ij,kjl,ml->kim", to_tool, ORIENTATIONS, to_tool)
     least = 0.2 * setup.law.zeta
     most = 5.0 * setup.law.zeta
-    bias = given[rows_of("force_bias")]
+    bias = given_values[rows_of("force_bias")]
     costs = np.full((len(surfaces), len(DELAYS_S), len(turns)), np.inf)
     least_cost = np.inf
     best_height = setup.surface
@@ -488,28 +488,28 @@ def coarse(problem: Problem, *, delays: bool = True) -> Coarse:
             s_w = weight @ gravity
             s_g = weight @ g
             n = np.zeros((5, 5))
-            n[:3, :3] = np.eye(3) * (weight.sum() + of_bias)
+            n[:3, :3] = np.eye(3) * (weight.sum() + bias_prior)
             n[:3, 3] = n[3, :3] = s_w
             n[:3, 4] = n[4, :3] = s_g
-            n[3, 3] = weight @ (gravity**2).sum(axis=1) + of_mass
+            n[3, 3] = weight @ (gravity**2).sum(axis=1) + mass_prior
             n[3, 4] = n[4, 3] = weight @ (gravity * g).sum(axis=1)
             n[4, 4] = weight @ (g**2).sum(axis=1) + 1e-9
             m_yg = np.einsum("n,ni,nj->ij", weight, y, g)
-            mass = given[1]
+            mass = given_values[1]
             right = np.empty((len(turns), 5))
             # y turned, less the given weight
             right[:, :3] = turns @ s_y - mass * s_w
-            right[:, 3] = np.einsum("kij,ji->k", turns, m_yw) - mass * (n[3, 3] - of_mass)
+            right[:, 3] = np.einsum("kij,ji->k", turns, m_yw) - mass * (n[3, 3] - mass_prior)
             right[:, 4] = np.einsum("kij,ji->k", turns, m_yg) - mass * n[3, 4]
             square = (
                 total
                 - 2.0 * mass * np.einsum("kij,ji->k", turns, m_yw)
-                + mass**2 * (n[3, 3] - of_mass)
+                + mass**2 * (n[3, 3] - mass_prior)
             )
-            found = np.linalg.solve(n, right.T).T
-            cost = square - np.einsum("kj,kj->k", found, right)
-            zeta = np.clip(found[:, 4], least, most)
-            off = np.flatnonzero(zeta != found[:, 4])
+            results = np.linalg.solve(n, right.T).T
+            cost = square - np.einsum("kj,kj->k", results, right)
+            zeta = np.clip(results[:, 4], least, most)
+            off = np.flatnonzero(zeta != results[:, 4])
             if len(off):
                 rest = right[off, :4] - n[:4, 4] * zeta[off, None]
                 sub = np.linalg.solve(n[:4, :4], rest.T).T
@@ -526,8 +526,8 @@ def coarse(problem: Problem, *, delays: bool = True) -> Coarse:
                 best_late = late
     y = problem.reading(best_late)[:, FORCE] - bias
     g = problem.basis(best_height, setup.length).wrench[:, FORCE]
-    aligned = list(_aligned(problem, y, g, weight, gravity, given[1]))
-    return Coarse(surfaces, costs, aligned)
+    best_turns = list(_aligned(problem, y, g, weight, gravity, given_values[1]))
+    return Coarse(surfaces, costs, best_turns)
 
 
 def _aligned(
@@ -537,17 +537,19 @@ def _aligned(
     zeta = problem.setup.law.zeta
     turn = Rotation.identity()
     for _ in range(4):
-        expected = zeta * g + mass * gravity
-        expected = expected - np.average(expected, axis=0, weights=weight)
-        product = (weight[:, None] * (y - np.average(y, axis=0, weights=weight))).T @ expected
-        left, _, right = np.linalg.svd(product)
-        handed = np.diag((1.0, 1.0, float(np.sign(np.linalg.det(left @ right)))))
-        turn = Rotation.from_matrix(right.T @ handed @ left.T)
-        turned = turn.apply(y) - mass * gravity
-        turned = turned - np.average(turned, axis=0, weights=weight)
-        centred = g - np.average(g, axis=0, weights=weight)
-        zeta = float(weight @ (turned * centred).sum(axis=1)) / max(
-            float(weight @ (centred**2).sum(axis=1)), 1e-12
+        expected_force = zeta * g + mass * gravity
+        expected_force = expected_force - np.average(expected_force, axis=0, weights=weight)
+        product = (
+            weight[:, None] * (y - np.average(y, axis=0, weights=weight))
+        ).T @ expected_force
+        left_vectors, _, right = np.linalg.svd(product)
+        handedness = np.diag((1.0, 1.0, float(np.sign(np.linalg.det(left_vectors @ right)))))
+        turn = Rotation.from_matrix(right.T @ handedness @ left_vectors.T)
+        turned_force = turn.apply(y) - mass * gravity
+        turned_force = turned_force - np.average(turned_force, axis=0, weights=weight)
+        centred_force = g - np.average(g, axis=0, weights=weight)
+        zeta = float(weight @ (turned_force * centred_force).sum(axis=1)) / max(
+            float(weight @ (centred_force**2).sum(axis=1)), 1e-12
         )
         zeta = max(zeta, 0.1 * problem.setup.law.zeta)
     yield turn
@@ -586,32 +588,32 @@ class _Candidate:
 def explained(trial: Trial, setup: Setup) -> list[Explanation]:
     """The hypotheses that may be true, each as it fits best, the best one first.
 
-    All are fitted to few moments first. `trial`: followed, of at most `MOMENTS`.
+    All are fitted to few moments first. `trial`: followed, of at most `MOMENTS_COUNT`.
     """
-    few = trial.thinned(COARSE_MOMENTS)
-    few_setup = setup.thinned(COARSE_MOMENTS)
-    problem = Problem(few, few_setup)
+    few_moments = trial.thinned(COARSE_MOMENTS_COUNT)
+    few_setup = setup.thinned(COARSE_MOMENTS_COUNT)
+    problem = Problem(few_moments, few_setup)
     base = coarse(problem)
-    tried: list[_Candidate] = []
+    candidates: list[_Candidate] = []
     enough = problem.usual * problem.count
     for hypothesis in HYPOTHESES:
-        if hypothesis.is_costly and min(one.cost for one in tried) < enough:
+        if hypothesis.is_costly and min(one.cost for one in candidates) < enough:
             continue
-        for candidate in _promising(hypothesis, few, few_setup, base):
-            result = _fitted(candidate, few, few_setup, problem, steps=6).fit
+        for candidate in _promising(hypothesis, few_moments, few_setup, base):
+            result = _fitted(candidate, few_moments, few_setup, problem, steps=6).fit
             cost = result.misfit + hypothesis.rarity
-            tried.append(replace(candidate, start=result.values, cost=cost))
-    tried.sort(key=lambda one: one.cost)
-    limit = KEPT * tried[0].cost + KEPT_MORE
+            candidates.append(replace(candidate, start=result.values, cost=cost))
+    candidates.sort(key=lambda one: one.cost)
+    limit = KEPT_FACTOR * candidates[0].cost + KEPT_MISFIT_COUNT
     full = Problem(trial, setup)
-    found: dict[tuple[Cause, str], Explanation] = {}
-    for candidate in tried[:MOST_FITTED]:
+    results: dict[tuple[Cause, str], Explanation] = {}
+    for candidate in candidates[:FITTED_COUNT]:
         if candidate.cost <= limit:
             explanation = _fitted(candidate, trial, setup, full, steps=12)
             key = explanation.cause, str(sorted(explanation.variant.remedy.items()))
-            if key not in found or explanation.cost < found[key].cost:
-                found[key] = explanation
-    return sorted(found.values(), key=lambda one: one.cost)
+            if key not in results or explanation.cost < results[key].cost:
+                results[key] = explanation
+    return sorted(results.values(), key=lambda one: one.cost)
 
 
 def _fitted(
@@ -625,10 +627,10 @@ def _fitted(
     return Explanation(candidate.hypothesis, variant, problem, result)
 
 
-KEPT = 1.6
-KEPT_MORE = 10.0
-MOST_FITTED = 6
-REFINEMENTS = 9
+KEPT_FACTOR = 1.6
+KEPT_MISFIT_COUNT = 10.0
+FITTED_COUNT = 6
+REFINEMENTS_COUNT = 9
 
 
 def _promising(
@@ -666,23 +668,23 @@ def _promising(
 
     if not variants:
         return
-    found = [cost_of(variant) for variant in variants]
-    order = np.argsort([cost for cost, _ in found])[:2]
+    results = [cost_of(variant) for variant in variants]
+    order = np.argsort([cost for cost, _ in results])[:2]
     family = hypothesis.family
     if family is None:
         for k in order:
-            yield numbered(int(k), found[k][1])
+            yield numbered(int(k), results[k][1])
         return
     point = np.array(hypothesis.points[order[0]])
     simplex = point + hypothesis.step * np.vstack([np.zeros(len(point)), np.eye(len(point))])
 
-    def cost_at(at: Array) -> float:
-        return cost_of(family(trial, setup, at))[0]
+    def cost_at(point: Array) -> float:
+        return cost_of(family(trial, setup, point))[0]
 
     best = fmin(
         cost_at,
         point,
-        maxfun=REFINEMENTS * len(point),
+        maxfun=REFINEMENTS_COUNT * len(point),
         disp=False,
         initial_simplex=simplex,
     )

@@ -34,7 +34,7 @@ class Limits:
 
 
 LIMITS = Limits()
-MOST_CAUSES = 3
+CAUSES_COUNT = 3
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,15 +42,15 @@ class Found:
     """A cause that is told, and others that fit alike; `before`: the misfit without it."""
 
     best: Explanation
-    alike: tuple[Explanation, ...]
-    before: Fit
+    ties: tuple[Explanation, ...]
+    fit_before: Fit
 
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
     """The causes in the order of what they explain, and the cell as if they were mended, with its fit."""
 
-    found: tuple[Found, ...]
+    causes: tuple[Found, ...]
     trial: Trial
     setup: Setup
     problem: Problem
@@ -65,14 +65,14 @@ class Diagnosis:
     def is_explainable(self) -> bool:
         """Whether further causes may be found: each so far is mended, by one value."""
         return not any(
-            found.alike or not is_mended_by_parameters(found.best) for found in self.found
+            causes.ties or not is_mended_by_parameters(causes.best) for causes in self.causes
         )
 
 
 def diagnose(trial: Trial, setup: Setup, *, has_search: bool = True) -> Diagnosis:
     """Find the causes of a cell's misfit; without a search, say only whether it has any.
 
-    `trial`: followed, of at most `MOMENTS`.
+    `trial`: followed, of at most `MOMENTS_COUNT`.
 
     Of several faults none explains much by itself: then causes that explain less are tried, and told if all of them
     together leave no more misfit than a right cell has.
@@ -98,28 +98,28 @@ def _found_along(
 ) -> Diagnosis:
     """The causes one after the other, each on the cell as if those before were mended. `candidates`: of the first."""
     problem = Problem(trial, setup)
-    found: list[Found] = []
-    while len(found) < MOST_CAUSES:
-        told = [x for x in candidates if _is_told(x, result, max_ratio=max_ratio)]
-        if not told:
+    causes: list[Found] = []
+    while len(causes) < CAUSES_COUNT:
+        told_causes = [x for x in candidates if _is_told(x, result, max_ratio=max_ratio)]
+        if not told_causes:
             break
-        best, *others = told
+        best, *other_causes = told_causes
         limit = best.cost + LIMITS.tie + LIMITS.tie_share * best.fit.misfit
-        alike = tuple(x for x in others if x.cost <= limit and _is_other(x, best))
-        found.append(Found(best, alike, result))
+        ties = tuple(x for x in other_causes if x.cost <= limit and _is_other(x, best))
+        causes.append(Found(best, ties, result))
         trial = best.variant.trial
         setup = mended(best)
         problem = Problem(trial, setup)
         result = fit(problem)
-        if alike or not is_mended_by_parameters(best) or _needs_nothing(problem, result):
+        if ties or not is_mended_by_parameters(best) or _needs_nothing(problem, result):
             break
         candidates = explained(trial, setup)
-    return Diagnosis(tuple(found), trial, setup, problem, result)
+    return Diagnosis(tuple(causes), trial, setup, problem, result)
 
 
 def is_mended_by_parameters(x: Explanation) -> bool:
     """Whether values of parameters mend a cause: if none do, nothing more is known of the cell."""
-    return bool(x.variant.remedy) or x.cause in _BY_NUMBERS
+    return bool(x.variant.remedy) or x.cause in _NUMBER_CAUSES
 
 
 def _needs_nothing(problem: Problem, result: Fit) -> bool:
@@ -129,11 +129,11 @@ def _needs_nothing(problem: Problem, result: Fit) -> bool:
 
 def deviations(problem: Problem, result: Fit) -> dict[str, float]:
     """The greatest deviation of each number from its given value, in tolerances."""
-    given = problem.given()
+    given_values = problem.given()
     return {
         name: float(
             np.abs(
-                (result.values[name] - given[rows_of(name)]) / problem.scale[rows_of(name)]
+                (result.values[name] - given_values[rows_of(name)]) / problem.scale[rows_of(name)]
             ).max()
         )
         for name in TOLERANCES
@@ -145,13 +145,15 @@ def _is_told(x: Explanation, as_given: Fit, *, max_ratio: float) -> bool:
     gain = as_given.misfit - x.cost
     unknown = (*NUISANCES, *x.problem.setup.unknown)
     free = [name for name in x.hypothesis.free if name not in unknown]
-    if x.cause in _BY_NUMBERS:
-        given = x.problem.given()
+    if x.cause is Cause.LEVER and x.fit.misfit > max_ratio * as_given.misfit:
+        return False
+    if x.cause in _NUMBER_CAUSES:
+        given_values = x.problem.given()
         for name in free:
             rows = rows_of(name)
-            off = np.abs(x.fit.values[name] - given[rows])
+            off = np.abs(x.fit.values[name] - given_values[rows])
             if name == "zeta":
-                ratio = float(x.fit.values[name][0] / given[rows][0])
+                ratio = float(x.fit.values[name][0] / given_values[rows][0])
                 if max(ratio, 1.0 / ratio) > LIMITS.told_ratio:
                     return gain >= LIMITS.min_gain
             elif np.any(off > LIMITS.told_off * x.problem.scale[rows]):
@@ -162,7 +164,7 @@ def _is_told(x: Explanation, as_given: Fit, *, max_ratio: float) -> bool:
     return gain >= LIMITS.min_gain_of_other and x.fit.misfit <= max_ratio * as_given.misfit
 
 
-_BY_NUMBERS = {
+_NUMBER_CAUSES = {
     Cause.SURFACE,
     Cause.BIAS,
     Cause.WEIGHT,
@@ -214,8 +216,8 @@ def mended(x: Explanation) -> Setup:
         place = np.array(cell.position) + values["lever"]
         cell = replace(cell, position=tuple(place.tolist()))
     if "turn" in free:
-        turned = Rotation.from_rotvec(values["turn"]) * Rotation.from_quat(cell.quaternion)
-        cell = replace(cell, quaternion=quaternion_of(turned))
+        turned_axes = Rotation.from_rotvec(values["turn"]) * Rotation.from_quat(cell.quaternion)
+        cell = replace(cell, quaternion=quaternion_of(turned_axes))
     if "delay" in free:
         cell = replace(cell, delay=cell.delay + float(values["delay"][0]))
     law = setup.law

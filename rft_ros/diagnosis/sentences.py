@@ -36,8 +36,8 @@ APART = "drag it along x and y, and push at another attitude, to see which"
 
 def of_diagnosis(e: Evidence, diagnosis: Diagnosis) -> Iterator[Finding]:
     """The causes of a cell's misfit, that of the greatest one first."""
-    for found in diagnosis.found:
-        yield _of_cause(e, found)
+    for cause_found in diagnosis.causes:
+        yield _of_cause(e, cause_found)
 
 
 def remedy_of(e: Evidence, x: Explanation) -> dict[str, Value]:
@@ -70,10 +70,10 @@ def remedy_of(e: Evidence, x: Explanation) -> dict[str, Value]:
     return changes
 
 
-def _of_cause(e: Evidence, found: Found) -> Finding:
-    x = found.best
+def _of_cause(e: Evidence, cause_found: Found) -> Finding:
+    x = cause_found.best
     cause = x.cause
-    sentence, evidence = _sentence(found)
+    sentence, evidence = _sentence(cause_found)
     remedy = remedy_of(e, x)
     advice = list(filter(None, [_advice(e, x)]))
     name = cause.title
@@ -84,15 +84,15 @@ def _of_cause(e: Evidence, found: Found) -> Finding:
         evidence = {"too_much": excess}
         remedy = {}
         advice = ["correct the payload in the driver"]
-    if found.alike:
-        advice += [a for other in found.alike if (a := _advice(e, other))]
+    if cause_found.ties:
+        advice += [a for other_cause in cause_found.ties if (a := _advice(e, other_cause))]
         advice.append(APART)
     return Finding(
         name=name,
         said=sentence,
         evidence=evidence,
         remedy=remedy,
-        alike=tuple(remedy_of(e, other) for other in found.alike),
+        alike=tuple(remedy_of(e, other_cause) for other_cause in cause_found.ties),
         advice=", or ".join(dict.fromkeys(advice)),
     )
 
@@ -114,16 +114,16 @@ def _advice(e: Evidence, x: Explanation) -> str:
     return ADVICE.get(x.cause, "")
 
 
-def _sentence(found: Found) -> tuple[str, Mapping[str, float]]:
+def _sentence(cause_found: Found) -> tuple[str, Mapping[str, float]]:
     """What is said of a cause, and the numbers that show it."""
-    x = found.best
+    x = cause_found.best
     values = x.fit.values
     errors = x.fit.errors
     number = x.variant.number
-    before = found.before.per_stretch
-    after = x.fit.per_stretch
-    misfit = f"the misfit falls from {before:.2g} to {after:.2g} with it"
-    evidence: dict[str, float] = {"own": before, "left": after}
+    misfit_before = cause_found.fit_before.per_stretch
+    misfit_after = x.fit.per_stretch
+    misfit = f"the misfit falls from {misfit_before:.2g} to {misfit_after:.2g} with it"
+    evidence: dict[str, float] = {"own": misfit_before, "left": misfit_after}
     match x.cause:
         case Cause.SURFACE:
             off = 1e3 * float(values["surface"][0] - x.problem.setup.surface)
@@ -171,8 +171,8 @@ def _sentence(found: Found) -> tuple[str, Mapping[str, float]]:
             sentence = f"the world frame's z points {number:.0f} degrees away from up"
             evidence["angle"] = number
         case Cause.ZERO_MOVES:
-            sentence, moved = _moved_zero(x)
-            evidence["moved"] = moved
+            sentence, change = _moved_zero(x)
+            evidence["moved"] = change
         case Cause.STIFFNESS:
             sentence = (
                 f"the tool is not at the poses: the arm yields, with about {number:.2g} N/mm"
@@ -197,12 +197,12 @@ def _sentence(found: Found) -> tuple[str, Mapping[str, float]]:
 
 def _moved_zero(x: Explanation) -> tuple[str, float]:
     course = x.problem.setup.course
-    moved = float(np.linalg.norm(x.fit.values["course"][FORCE]))
+    change = float(np.linalg.norm(x.fit.values["course"][FORCE]))
     if x.variant.number > 0.0:
-        sentence = f"the zero of the load cell steps by {moved:.3g} N at {x.variant.number:.3g} s"
+        sentence = f"the zero of the load cell steps by {change:.3g} N at {x.variant.number:.3g} s"
     elif course is not None and course[-1, 1, 1] == 1.0:
-        sentence = f"the zero of the load cell drifts by {moved:.3g} N"
+        sentence = f"the zero of the load cell drifts by {change:.3g} N"
     else:
-        moved *= 2.0
-        sentence = f"the reading depends on the motion: it changes by {moved:.3g} N where the motion turns back"
-    return sentence, moved
+        change *= 2.0
+        sentence = f"the reading depends on the motion: it changes by {change:.3g} N where the motion turns back"
+    return sentence, change

@@ -21,7 +21,7 @@ STRETCH_S = 1.0
 """The same at rest: the time over which errors of a load cell are alike."""
 _MIN_DEAD_BAND_M = 1e-5
 _MAX_DEAD_BAND_M = 1e-3
-_DEAD_BAND_OF_NOISE = 5.0
+_DEAD_BAND_FACTOR = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -63,10 +63,10 @@ class Trial:
 
     def path(self, reach: float) -> Array:
         """How far the tool has gone, turns included, shape [n]; `reach` of its plates, all [m]."""
-        gone = np.linalg.norm(np.diff(self.position, axis=0), axis=1)
+        distance = np.linalg.norm(np.diff(self.position, axis=0), axis=1)
         trace = np.einsum("nij,nij->n", self.matrices[1:], self.matrices[:-1])
-        turned = np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
-        return np.append(0.0, np.cumsum(gone + 0.5 * reach * turned))
+        angle = np.arccos(np.clip(0.5 * (trace - 1.0), -1.0, 1.0))
+        return np.append(0.0, np.cumsum(distance + 0.5 * reach * angle))
 
     def thinned(self, count: int) -> "Trial":
         """At most `count` of its moments."""
@@ -94,15 +94,15 @@ class Trial:
         The tool is followed at the distance of a dead band, as by the estimator's memory; `reach` of its plates [m].
         """
         noise = float(noise_of(self.position).max())
-        band = float(np.clip(_DEAD_BAND_OF_NOISE * noise, _MIN_DEAD_BAND_M, _MAX_DEAD_BAND_M))
+        band = float(np.clip(_DEAD_BAND_FACTOR * noise, _MIN_DEAD_BAND_M, _MAX_DEAD_BAND_M))
         steps = np.maximum(np.diff(self.time), 1e-4)[:, None]
         states = np.zeros((len(self), 13))
         states[:, POSE] = self.poses
         states[1:, 7:10] = np.diff(self.position, axis=0) / steps
         states[1:, 10:] = (self.rotation[1:] * self.rotation[:-1].inv()).as_rotvec() / steps
-        moved = displacements_followed(states, reach=reach, dead_band=band)
+        displacement = displacements_followed(states, reach=reach, dead_band=band)
         poses = self.poses.copy()
-        poses[:, POSITION] = self.position[0] + np.cumsum(moved[:, :3], axis=0)
+        poses[:, POSITION] = self.position[0] + np.cumsum(displacement[:, :3], axis=0)
         quiet = replace(self, poses=poses)
         rows = _rows_along(self.time, quiet.path(reach), count)
         return replace(quiet, time=self.time[rows], poses=poses[rows])
@@ -131,6 +131,6 @@ def _rows_along(time: Array, path: Array, count: int) -> Indices:
 
 def stretches(time: Array, path: Array) -> Array:
     """How many independent stretches each moment stands for, shape [n]."""
-    gone = np.gradient(path) / STRETCH_M
-    waited = np.gradient(time) / STRETCH_S
-    return np.asarray(np.minimum(gone + waited, 1.0))
+    distance = np.gradient(path) / STRETCH_M
+    rest = np.gradient(time) / STRETCH_S
+    return np.asarray(np.minimum(distance + rest, 1.0))

@@ -262,8 +262,8 @@ class Checkup:
         mixed = list(self._of_publishers())
         has_clock_step = any(finding.name == "clock" for finding in late)
         judged = [] if mixed or has_clock_step else list(examine(evidence))
-        is_told = any(finding.name in ("units", "jump") for finding in judged)
-        jumps = [] if is_told else self._of_jumps()
+        has_jump = any(finding.name in ("units", "jump") for finding in judged)
+        jumps = [] if has_jump else self._of_jumps()
         of_inputs = [*late, *inputs, *mixed, *jumps, *self._of_axes()]
         found = [*of_inputs, *self._of_frames(), *judged]
         if whole:
