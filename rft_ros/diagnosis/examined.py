@@ -1,7 +1,7 @@
 """Examines a cell twice: by the searches of `judge`, and by one fit of all its numbers, which decides between them.
 
-A cell that fits as it is given has no fault, whatever a single search says. Where one cause after the other mends the
-whole misfit, these are what is told. Otherwise the searches stand as they are.
+A cell that fits as it is given has no fault, whatever a single search says. Where one cause mends the whole
+misfit, it is what is told. Otherwise the searches stand as they are.
 """
 
 from collections.abc import Callable, Iterable, Iterator
@@ -41,7 +41,8 @@ def examine(
     diagnosis = diagnose(followed(e), setup_of(e), has_search=has_search)
     causes = list(of_diagnosis(e, diagnosis))
     names = {finding.name for finding in findings if not finding.ok}
-    if not _is_pushed(e, diagnosis) or not diagnosis.is_clean:
+    is_single = len(causes) <= 1
+    if not (is_single and diagnosis.is_clean and _is_pushed(e, diagnosis)):
         yield from findings
     elif {cause.name for cause in causes} == names:
         # they agree, and a search knows its own numbers better, such as a bias from the air alone

@@ -211,7 +211,7 @@ class Model:
         self.path = np.cumsum(distance)
         self._found: dict[tuple[float, float], Basis] = {}
 
-    def values_tried(self, surface: float, length: float) -> Basis:
+    def at(self, surface: float, length: float) -> Basis:
         """The model's wrench with a surface height and a λ [m]."""
         key = round(surface, 7), round(length, 7)
         if key not in self._found:
@@ -365,7 +365,7 @@ class Problem:
             angle = parts @ self.setup.in_tool.T
         return np.asarray(angle.reshape(-1, 6))
 
-    def given_values(self) -> Array:
+    def given(self) -> Array:
         """The given numbers; bias in tool axes."""
         cell = self.setup.cell
         x = np.zeros(NUMBERS)
