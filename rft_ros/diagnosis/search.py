@@ -15,8 +15,7 @@ class Limits:
     """When a cause is told.
 
     `max_off`: greatest deviation in tolerances of a cell that needs no search. `min_gain` of the misfit by any cause;
-    `min_gain_of_other` and `max_ratio` of the misfit by one that frees nothing, and `max_ratio_of_several` where there
-    are others. `told_off`: least deviation in tolerances of a number that is told, `told_ratio`: of ζ;
+    `min_gain_of_other` and `max_ratio` of the misfit by one that frees nothing. `told_off`: least deviation in tolerances of a number that is told, `told_ratio`: of ζ;
     `min_tilt_degrees`: of a world that is tilted, since grains push plates up to 3° out of the model's direction. `tie`
     and `tie_share` of the misfit: causes within this of the best one fit alike.
     """
@@ -25,7 +24,6 @@ class Limits:
     min_gain: float = 5.0
     min_gain_of_other: float = 12.0
     max_ratio: float = 0.6
-    max_ratio_of_several: float = 0.9
     told_off: float = 2.0
     told_ratio: float = 2.1
     min_tilt_degrees: float = 6.0
@@ -34,12 +32,13 @@ class Limits:
 
 
 LIMITS = Limits()
-CAUSES_COUNT = 3
+CAUSES_COUNT = 1
+"""Causes that are searched: of several faults at once the fit is no better than the searches of `judge`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A cause that is told, and others that fit alike; `before`: the misfit without it."""
+    """A cause that is told, and others that fit alike; `fit_before`: without it."""
 
     best: Explanation
     ties: tuple[Explanation, ...]
@@ -58,49 +57,30 @@ class Diagnosis:
 
     @property
     def is_clean(self) -> bool:
-        """Whether the cell needs nothing more once the causes are mended, each by one value."""
-        return self.is_explainable and _needs_nothing(self.problem, self.fit)
-
-    @property
-    def is_explainable(self) -> bool:
-        """Whether further causes may be found: each so far is mended, by one value."""
-        return not any(
-            causes.ties or not is_mended_by_parameters(causes.best) for causes in self.causes
-        )
+        """Whether the cell needs nothing more once the causes are mended, of which none fits alike another one."""
+        has_ties = any(cause.ties for cause in self.causes)
+        return not has_ties and _needs_nothing(self.problem, self.fit)
 
 
 def diagnose(trial: Trial, setup: Setup, *, has_search: bool = True) -> Diagnosis:
     """Find the causes of a cell's misfit; without a search, say only whether it has any.
 
     `trial`: followed, of at most `MOMENTS_COUNT`.
-
-    Of several faults none explains much by itself: then causes that explain less are tried, and told if all of them
-    together leave no more misfit than a right cell has.
     """
     problem = Problem(trial, setup)
     result = fit(problem)
     if not has_search or _needs_nothing(problem, result):
         return Diagnosis((), trial, setup, problem, result)
-    candidates = explained(trial, setup)
-    alone = _found_along(trial, setup, result, candidates, max_ratio=LIMITS.max_ratio)
-    if alone.fit.per_stretch <= alone.problem.usual or not alone.is_explainable:
-        return alone
-    together = _found_along(
-        trial, setup, result, candidates, max_ratio=LIMITS.max_ratio_of_several
-    )
-    if together.fit.per_stretch <= together.problem.usual:
-        return together
-    return alone
+    return _found_along(trial, setup, result)
 
 
-def _found_along(
-    trial: Trial, setup: Setup, result: Fit, candidates: list[Explanation], *, max_ratio: float
-) -> Diagnosis:
-    """The causes one after the other, each on the cell as if those before were mended. `candidates`: of the first."""
+def _found_along(trial: Trial, setup: Setup, result: Fit) -> Diagnosis:
+    """The causes one after the other, each as if those before were mended. `result`: of the cell as given."""
     problem = Problem(trial, setup)
     causes: list[Found] = []
     while len(causes) < CAUSES_COUNT:
-        told_causes = [x for x in candidates if _is_told(x, result, max_ratio=max_ratio)]
+        candidates = explained(trial, setup)
+        told_causes = [x for x in candidates if _is_told(x, result)]
         if not told_causes:
             break
         best, *other_causes = told_causes
@@ -113,7 +93,6 @@ def _found_along(
         result = fit(problem)
         if ties or not is_mended_by_parameters(best) or _needs_nothing(problem, result):
             break
-        candidates = explained(trial, setup)
     return Diagnosis(tuple(causes), trial, setup, problem, result)
 
 
@@ -141,11 +120,11 @@ def deviations(problem: Problem, result: Fit) -> dict[str, float]:
     }
 
 
-def _is_told(x: Explanation, as_given: Fit, *, max_ratio: float) -> bool:
+def _is_told(x: Explanation, as_given: Fit) -> bool:
     gain = as_given.misfit - x.cost
     unknown = (*NUISANCES, *x.problem.setup.unknown)
     free = [name for name in x.hypothesis.free if name not in unknown]
-    if x.cause is Cause.LEVER and x.fit.misfit > max_ratio * as_given.misfit:
+    if x.cause is Cause.LEVER and x.fit.misfit > LIMITS.max_ratio * as_given.misfit:
         return False
     if x.cause in _NUMBER_CAUSES:
         given_values = x.problem.given()
@@ -161,7 +140,7 @@ def _is_told(x: Explanation, as_given: Fit, *, max_ratio: float) -> bool:
         return False
     if x.cause is Cause.WORLD and x.variant.number < LIMITS.min_tilt_degrees:
         return False
-    return gain >= LIMITS.min_gain_of_other and x.fit.misfit <= max_ratio * as_given.misfit
+    return gain >= LIMITS.min_gain_of_other and x.fit.misfit <= LIMITS.max_ratio * as_given.misfit
 
 
 _NUMBER_CAUSES = {
