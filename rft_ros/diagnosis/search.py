@@ -15,9 +15,10 @@ class Limits:
     """When a cause is told.
 
     `max_off`: greatest deviation in tolerances of a cell that needs no search. `min_gain` of the misfit by any cause;
-    `min_gain_of_other` and `max_ratio` of the misfit by one that frees nothing. `told_off`: least deviation in tolerances of a number that is told, `told_ratio`: of ζ;
-    `min_tilt_degrees`: of a world that is tilted, since grains push plates up to 3° out of the model's direction. `tie`
-    and `tie_share` of the misfit: causes within this of the best one fit alike.
+    `min_gain_of_other` and `max_ratio` of the misfit by one that frees nothing. `told_off`: least deviation in
+    tolerances of a number that is told, `told_ratio`: of ζ; `min_tilt_degrees`: of a world that is tilted, since grains
+    push plates up to 3° out of the model's direction. `tie` and `tie_share` of the misfit: causes within this of the
+    best one fit alike.
     """
 
     max_off: float = 1.0
