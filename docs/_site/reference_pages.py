@@ -1,4 +1,4 @@
-"""``python docs/_site/reference_pages.py`` writes config/default.yaml and the lists of docs/reasons.md."""
+"""``python docs/_site/reference_pages.py`` writes config/default.yaml, and lists and tables of docs."""
 
 import argparse
 import math
@@ -6,10 +6,18 @@ from pathlib import Path
 
 from rft_ros.cli import parser
 from rft_ros.commands.options import BAG
+from rft_ros.diagnosis.fit import NUISANCES, TOLERANCES
 from rft_ros.estimator import QualityFlag, Reason, Trust, sentences, trust
 from rft_ros.parameters import PARAMETERS, Parameter, Value
 
-__all__ = ["commands_page", "default_yaml", "main", "parameters_table", "reasons_page"]
+__all__ = [
+    "check_page",
+    "commands_page",
+    "default_yaml",
+    "main",
+    "parameters_table",
+    "reasons_page",
+]
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -192,9 +200,22 @@ def reasons_page() -> str:
     return _with_tables(ROOT / "docs" / "reasons.md", tables)
 
 
+def check_page() -> str:
+    """docs/check-a-cell.md with its table of tolerances."""
+    rows = [
+        f"| {name.replace('_', ' ')} | {t.value:g} | {t.unit} | {t.reason} |"
+        for name, t in TOLERANCES.items()
+        if name not in NUISANCES
+    ]
+    head = ("| given value | tolerance | unit | what for |", "|---|---|---|---|")
+    table = {"tolerances": _table(*head, *rows)}
+    return _with_tables(ROOT / "docs" / "check-a-cell.md", table)
+
+
 def main() -> None:
     """Rewrite all of them in the checkout."""
     pages = {
+        "docs/check-a-cell.md": check_page(),
         "docs/reasons.md": reasons_page(),
         "config/default.yaml": default_yaml(),
     }

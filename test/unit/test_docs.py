@@ -22,6 +22,7 @@ ROOT = Path(__file__).resolve().parents[2]
 PAGES = sorted([ROOT / "README.md", *(ROOT / "docs").glob("*.md")])
 MAKER = ROOT / "docs" / "_site" / "reference_pages.py"
 GENERATED = {
+    "docs/check-a-cell.md": "check_page",
     "docs/reasons.md": "reasons_page",
     "config/default.yaml": "default_yaml",
 }
