@@ -35,7 +35,10 @@ def examine(
         return
     findings = list(judge(e))
     sending_findings = [finding for finding in findings if finding.name in _SENDING_NAMES]
-    if len(e.time) < ENOUGH or not all(finding.ok for finding in sending_findings):
+    # the force held in the grains at the start is not known, and would explain much
+    has_start_in_grains = len(e.time) > 0 and e.depth[0] > 0.0
+    is_sent_right = all(finding.ok for finding in sending_findings)
+    if len(e.time) < ENOUGH or has_start_in_grains or not is_sent_right:
         yield from findings
         return
     diagnosis = diagnose(followed(e), setup_of(e), has_search=has_search)
