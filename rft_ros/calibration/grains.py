@@ -95,7 +95,7 @@ class _Bed:
         turns = [turn.again(self.values) for turn in self.turns]
         values = self.values
         if turns:
-            values = values._replace(log_length=_mean(turns))
+            values = values._replace(log_length=_length(turns).mean)
         contacts = [contact.again(values) for contact in self.contacts]
         if contacts:
             values = values._replace(surface=_mean(contacts))
@@ -105,7 +105,7 @@ class _Bed:
     def own_errors(self) -> tuple[float, float]:
         """Standard errors of the surface height [m] and of log λ without those of each other."""
         surface = _own_error(self.contacts) if self.contacts else self.given.surface_error
-        return surface, _own_error(self.turns) if self.turns else self.length_error
+        return surface, _length(self.turns).error if self.turns else self.length_error
 
     @cached_property
     def changes(self) -> Array:
@@ -115,10 +115,13 @@ class _Bed:
         """
         slopes = np.zeros((2, 2))
         by_causes = np.zeros((2, 2 + _SHARED))
+        weights = (None, _length(self.turns).weights if self.turns else None)
         for row, phases in enumerate((self.contacts, self.turns)):
             if phases:
-                slopes[row] = np.mean([self._slopes(phase) for phase in phases], axis=0)
-                by_causes[row] = np.mean([self._by_causes(phase) for phase in phases], axis=0)
+                of_phases = [self._slopes(phase) for phase in phases]
+                slopes[row] = np.average(of_phases, axis=0, weights=weights[row])
+                of_causes = [self._by_causes(phase) for phase in phases]
+                by_causes[row] = np.average(of_causes, axis=0, weights=weights[row])
             by_causes[row, row] = self.own_errors[row]
         return np.asarray(np.linalg.solve(np.eye(2) - slopes, by_causes))
 
@@ -172,7 +175,7 @@ def fit_grains(
                 "the tool never turns in the grains, and no recording begins with it at rest there"
             )
             turns = _fitted(turn_for_length, turns_in_grains, coarse, begin, none=none)
-            begin = begin._replace(log_length=_mean(turns))
+            begin = begin._replace(log_length=_length(turns).mean)
         except NotIdentifiable as reason:
             result.not_identifiable["medium.mobilization_length"] = str(reason)
             if isinstance(reason, TooShortToResolve):
@@ -219,6 +222,29 @@ def _fitted(
 
 def _mean(phases: Sequence[Phase]) -> float:
     return float(np.mean([phase.value for phase in phases]))
+
+
+class _Length(NamedTuple):
+    """log λ of several turns: their mean, its standard error, and the weights of the turns, shape [n], of sum 1."""
+
+    mean: float
+    error: float
+    weights: Array
+
+
+def _length(turns: Sequence[Phase]) -> _Length:
+    """The mean of log λ, in which a turn that hardly determines it counts little.
+
+    Each turn has its own error and a scatter that all share, by the moments of DerSimonian and Laird (1986).
+    """
+    values = np.array([turn.value for turn in turns])
+    precisions = 1.0 / np.square([turn.fit.error for turn in turns])
+    share = precisions / precisions.sum()
+    excess = precisions @ (values - share @ values) ** 2 - (len(turns) - 1)
+    scatter = max(excess, 0.0) / (precisions.sum() - precisions @ share) if len(turns) > 1 else 0.0
+    weights = 1.0 / (1.0 / precisions + scatter)
+    error = weights.sum() ** -0.5
+    return _Length(float(weights @ values / weights.sum()), float(error), weights / weights.sum())
 
 
 def _settled(bed: _Bed) -> _Bed:

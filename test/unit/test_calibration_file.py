@@ -287,13 +287,14 @@ def test_wrong_options_are_a_sentence(cell, tmp_path, capsys, more, sentence):
 
 
 def test_bags_of_one_name_have_meshes_of_their_own_by_path(cell, tmp_path, monkeypatch):
-    def stopped(bag, values, _):
-        meshes[bag.parent.name] = values["mesh.file"]
+    def stopped(bag, config, _):
+        meshes[bag.parent.name] = config.mesh.file
         if len(meshes) == 3:
             raise InputError("enough")
 
     meshes = {}
     monkeypatch.setattr("rft_ros.commands.calibrate.read_track", stopped)
+    monkeypatch.setattr("rft_ros.commands.calibrate.check_recordings", lambda *_, **__: None)
     bags = [str(tmp_path / folder / "rec") for folder in "abc"]
     given = ("--mesh", "rec=sphere", "--mesh", f"{bags[1]}=scoop")
     command = ["calibrate", *bags, "--params", str(cell / "cell.yaml"), *given]
