@@ -75,12 +75,9 @@ FAULTS = {
     "tared at the wrong height": ("set surface_height: 0.1", {"surface_height": SURFACE - 0.03}),
     "no tare, learning": ("or tare it there (~/tare, --tare)", LEARNING, False),
     "sign": (" %: check the set-up with rft doctor", {"sensor.sign": -1.0}),
-    "sign, learning": (
-        "the measured force points against the model",
-        LEARNING | {"sensor.sign": -1.0},
-    ),
+    "sign, learning": ("set sensor.sign: 1", LEARNING | {"sensor.sign": -1.0}),
     "turned, learning": (
-        "turned by over 45",
+        "set sensor.quaternion: [0, 0, 0.7071, 0.7071]",
         LEARNING | {"sensor.quaternion": [0.0, 0.0, 0.0, 1.0]},
     ),
     "surface": (
