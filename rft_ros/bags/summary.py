@@ -99,8 +99,8 @@ class Summary(Group):
         else:
             median = f"median error {100.0 * self.median_relative_error:.1f} % of the force"
             errors = f"Residual: {median}, RMS {100.0 * self.rms_over_peak:.1f} % of the peak"
-        doubt = self.damage or next(iter(self.warnings), "no warning")
-        return f"{errors}; {doubt}"
+        doubt = self.damage or next(iter(self.warnings), "")
+        return f"{errors}; {doubt}" if doubt else errors
 
     def flag_rows(self) -> list[tuple[str, str]]:
         """Each quality flag that a pose in the grains has, with the share of these poses."""

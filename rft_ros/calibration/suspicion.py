@@ -68,11 +68,15 @@ def refuse_implausible(track: Track) -> None:
 def cut_off(track: Track) -> list[str]:
     """Sentences on components of the force that stop at a limit of the load cell or its driver.
 
-    There they have no noise: the greatest reading repeats more often than others come near it.
+    There they have no noise while the tool moves: the greatest reading repeats more often than others come near it. A
+    simulated recording has no noise either, and repeats its readings where the tool rests.
     """
     found = []
+    moves = np.append((np.diff(track.states[:, POSE], axis=0) != 0.0).any(axis=1), False)
     for axis, side in product(range(FORCE.stop), (1.0, -1.0)):
-        readings = side * track.readings[:, axis]
+        readings = side * track.readings[moves, axis]
+        if not len(readings):
+            continue
         limit = readings.max()
         at_limit = int((readings == limit).sum())
         noise = 1.48 * np.median(np.abs(np.diff(readings[readings < limit], 2))) / 6.0**0.5
