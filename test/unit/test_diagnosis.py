@@ -316,9 +316,13 @@ def test_quaternions_with_w_first_are_named_and_no_chain_of_remedies_follows():
 
 
 @pytest.mark.parametrize("signs", [(-1, 1, 1), (1, -1, 1), (1, 1, -1)], ids="xyz")
-def test_left_handed_axes_are_named_as_such(signs):
-    (said,) = faults(readings=(LOADS + NOISE) * (signs * 2))
-    assert said.name == "left-handed axes" and "no quaternion" in said.text and not said.remedy
+def test_a_mirrored_axis_is_a_wrong_sign_and_a_turn_and_both_together_mend_it(signs):
+    readings = (LOADS + NOISE) * (signs * 2)
+    (said,) = faults(readings=readings)
+    assert said.name == "sign and turn"
+    mended = {name.replace(".", "__"): value for name, value in said.remedy.items()}
+    assert mended.keys() >= {"sensor__sign", "sensor__quaternion"}
+    assert faults(readings=readings, **mended) == []
 
 
 def test_axes_that_only_a_drag_shows_are_named_although_the_press_is_far_stronger():
