@@ -340,7 +340,8 @@ def _says_why(command: str, text: str) -> bool:
     return (
         "has no estimate" in text
         if command == "replay"
-        else command in ("doctor", "calibrate") and not text
+        else command in ("doctor", "calibrate")
+        and all(line.startswith("refused: ") for line in text.splitlines())
     )
 
 

@@ -75,11 +75,12 @@ def cut_off(track: Track) -> list[str]:
     moves = np.append((np.diff(track.states[:, POSE], axis=0) != 0.0).any(axis=1), False)
     for axis, side in product(range(FORCE.stop), (1.0, -1.0)):
         readings = side * track.readings[moves, axis]
-        if not len(readings):
+        limit = readings.max(initial=-np.inf)
+        below = readings[readings < limit]
+        if len(below) <= 2:  # of which there are no second differences
             continue
-        limit = readings.max()
         at_limit = int((readings == limit).sum())
-        noise = 1.48 * np.median(np.abs(np.diff(readings[readings < limit], 2))) / 6.0**0.5
+        noise = 1.48 * np.median(np.abs(np.diff(below, 2))) / 6.0**0.5
         near = int((readings >= limit - MIN_NOISES_BELOW_LIMIT * noise).sum()) - at_limit
         if noise > 0.0 and at_limit >= MIN_AT_LIMIT and at_limit > near:
             stops = (
