@@ -81,6 +81,7 @@ class FeedForward:
         self.config = config
         self._publisher = node.create_publisher(WrenchStamped, "~/wrench_feedforward", OUTPUTS)
         self._clock = node.get_clock()
+        self._context = node.context
         self._estimator = estimator
         self._ramp = Ramp()
         self._moved = -math.inf  # times of `time.monotonic` [s]
@@ -102,7 +103,7 @@ class FeedForward:
             self._publish(target, estimate.stamp)
 
     def _watch(self) -> None:
-        while not self._ended.wait(_PERIOD):
+        while not self._ended.wait(_PERIOD) and self._context.ok():
             self._without_estimate()
 
     def _without_estimate(self) -> None:
@@ -117,10 +118,13 @@ class FeedForward:
     def end(self) -> None:
         """Ramp to zero in at most 0.25 s, and wait until the subscribers have received it.
 
-        On a machine so busy that the ramp takes twice as long, the last wrench is zero all the same.
+        On a machine so busy that the ramp takes twice as long, the last wrench is zero all the same. Once ROS is shut
+        down, nothing can be published any more.
         """
         self._ended.set()
         self._watchdog.join()
+        if not self._context.ok():
+            return
         rise_time = min(self.config.rise_time, _END)
         self.config = replace(self.config, gain=0.0, rise_time=rise_time)
         latest = time.monotonic() + 2.0 * _END
