@@ -54,7 +54,8 @@ class Harness:
     """A node, and a peer that feeds it and collects its answers: here both in this process.
 
     The node's diagnostics come ten times a second, so that no test waits for them. `reliable`: its inputs' QoS is, as a
-    user may set it. No two nodes of a process have one name: /rosout would lose one's log when the other ends.
+    user may set it. No two nodes of a process have one name, the peers neither: when one ends, /rosout loses the log of
+    the other, and the graph its publishers' node.
     """
 
     def __init__(self, *arguments: str, reliable: bool = False, as_shipped: bool = False) -> None:
@@ -87,7 +88,7 @@ class Harness:
     def _open(self, executor: Executor) -> None:
         """The peer, its inputs and the outputs that it receives."""
         self._stamp = 0
-        self.node = rclpy.create_node("peer")
+        self.node = rclpy.create_node("peer", namespace=self.name.rpartition("/")[0])
         self.executor = executor
         self.executor.add_node(self.node)
         qos = QoSProfile(depth=1000)
