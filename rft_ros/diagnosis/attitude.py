@@ -239,7 +239,7 @@ def _tilted_world(e: Evidence) -> Iterator[_Explanation]:
 
     ways = np.linspace(0.0, 2.0 * np.pi, 6, endpoint=False)
     tilts = np.column_stack([np.cos(ways), np.sin(ways)])
-    # 7 degrees apart: the refinement finds no tilt that lies between two that are farther apart
+    # from 7 and 20 degrees alone, the refinement ended at 6 where the tilt was 15
     start = min([*(0.12 * tilts), *(0.23 * tilts), *(0.35 * tilts)], key=misfit)
     simplex = start + np.array([(0.0, 0.0), (0.1, 0.0), (0.0, 0.1)])
     tilt = fmin(
