@@ -40,10 +40,14 @@ def examined(rft: Harness, tmp_path: Path, send, parameters) -> list[str]:
 
 
 def listening(rft, tmp_path, send, parameters, *options) -> tuple[list[str], list[str], int]:
-    """The doctor's lines on stdout and on stderr, and its exit status, while `send(state, load, time)` is called."""
+    """The doctor's lines on stdout and on stderr, and its exit status, while `send(state, load, time)` is called.
+
+    The motion repeats from where it ended: back at its start, the pose would jump.
+    """
     states = motion(_FINE / _HASTE)
     states[:, VELOCITY] *= _HASTE
-    sent = list(zip(states.tolist(), loads(states).tolist(), strict=True))
+    felt = loads(states).tolist()
+    way = states[-1, POSITION] - states[0, POSITION]
     file = tmp_path / "doctor.yaml"
     file.write_text(yaml.safe_dump({"/**": {"ros__parameters": parameters}}))
     command = [
@@ -65,7 +69,10 @@ def listening(rft, tmp_path, send, parameters, *options) -> tuple[list[str], lis
         begin = rft.node.get_clock().now().nanoseconds
         while doctor.poll() is None:
             now = rft.node.get_clock().now().nanoseconds
-            send(*sent[round(1e-9 * (now - begin) * _FINE) % len(sent)], now)
+            repeats, k = divmod(round(1e-9 * (now - begin) * _FINE), len(states))
+            state = states[k].copy()
+            state[POSITION] += repeats * way
+            send(state.tolist(), felt[k], now)
             rft.spin(1.0 / _RATE)
         said, errors = doctor.communicate(timeout=WAIT)
     finally:
