@@ -27,8 +27,9 @@ demo: $(DEMO)
 
 test: lint pytest
 
+# without make's own variables: tests call make, too
 pytest: venv
-	$(BIN)/python -m pytest $(TESTS) -n $$((2 * $$(nproc))) --dist worksteal -q
+	env -u MAKEFLAGS -u MAKELEVEL $(BIN)/python -m pytest $(TESTS) -n $$((2 * $$(nproc))) --dist worksteal -q
 
 # Ubuntu 24.04's own versions, and the least ones that setup.py allows.
 test-target:

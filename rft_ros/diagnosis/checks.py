@@ -15,6 +15,8 @@ MIN_GAP_FACTOR = 5.0
 """Time between two poses over the usual one, after which the tool may be elsewhere."""
 DEAD_SHARE = 1e-3
 """Of the changes of the other axes: those of a dead axis are smaller."""
+MIN_TURN_SHARE = 0.25
+"""Of the changes of a reading, the share that reverses the one before: two thirds of white noise, none of a simulation."""
 
 
 def jumps(e: Evidence) -> Iterator[Finding]:
@@ -31,20 +33,23 @@ def jumps(e: Evidence) -> Iterator[Finding]:
     if far > max(MIN_JUMP_M, MIN_JUMP_FACTOR * usual) and not is_gap:
         yield Finding(
             name="jump",
-            said=f"the pose jumps by {1e3 * far:.0f} mm between two messages, {e.pose_time[row]:.2f} s after the start",
+            said=f"a pose jumps by {1e3 * far:.0f} mm in {1e3 * seconds[row]:.3g} ms, {e.pose_time[row + 1]:.1f} s after"
+            " the first one: faster than a tool can move",
             evidence={"millimetres": 1e3 * far},
             advice="do not change the TCP within a recording, and take the parts with --start and --end",
         )
 
 
 def dead_axes(e: Evidence) -> Iterator[Finding]:
-    """An axis of the force that always reads the same while others do not."""
+    """An axis of the force that always reads the same while another has noise: without noise, symmetry does that."""
     force = e.raw[:, FORCE]
     if len(force) < ENOUGH:
         return
     changes = np.ptp(force, axis=0)
     dead = np.flatnonzero(changes <= DEAD_SHARE * changes.max())
-    if changes.max() > 0.0 and len(dead):
+    steps = np.diff(force[:, changes.argmax()])
+    turn_share = float(np.mean(steps[1:] * steps[:-1] < 0.0))
+    if turn_share > MIN_TURN_SHARE and len(dead):
         which = " and ".join("xyz"[axis] for axis in dead)
         yield Finding(
             name="dead axis",

@@ -60,7 +60,7 @@ def wrenches(
     states = numbers("states", states, _ROW)
     n = len(states)
     result = _result(states, sensitivities)
-    workers = 1 if threads == 1 else _workers(threads, n, len(plates))
+    workers = _workers(threads, n, len(plates))
     if workers <= 1:
         loop(*arguments, states, NO_MEMORY, result)
         return result
