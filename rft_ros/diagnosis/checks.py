@@ -16,7 +16,7 @@ MIN_GAP_FACTOR = 5.0
 DEAD_SHARE = 1e-3
 """Of the changes of the other axes: those of a dead axis are smaller."""
 MIN_TURN_SHARE = 0.25
-"""Of the changes of a reading, the share that reverses the one before: two thirds of white noise, none of a simulation."""
+"""Of the changes of a reading, the share that reverses the one before: two thirds with white noise, none without."""
 
 
 def jumps(e: Evidence) -> Iterator[Finding]:
@@ -33,8 +33,8 @@ def jumps(e: Evidence) -> Iterator[Finding]:
     if far > max(MIN_JUMP_M, MIN_JUMP_FACTOR * usual) and not is_gap:
         yield Finding(
             name="jump",
-            said=f"a pose jumps by {1e3 * far:.0f} mm in {1e3 * seconds[row]:.3g} ms, {e.pose_time[row + 1]:.1f} s after"
-            " the first one: faster than a tool can move",
+            said=f"a pose jumps by {1e3 * far:.0f} mm in {1e3 * seconds[row]:.3g} ms,"
+            f" {e.pose_time[row + 1]:.1f} s after the first one: faster than a tool can move",
             evidence={"millimetres": 1e3 * far},
             advice="do not change the TCP within a recording, and take the parts with --start and --end",
         )

@@ -39,7 +39,8 @@ class Evidence:
     in the air; `speed` of the fastest plate [m/s]; `predicted` and `measured` (compensated) wrenches [n, 6], [N, N m],
     in the axes of the load cell about its origin. `pose_time` [s], shape [m], and `poses` [m, 7]: every pose, also
     those without an estimate. `place_on_tf`: of the sensor in the tool, by fixed transforms; `links`: their names.
-    `named`: the parameters that the user has set. `tare`: the length of a replay's tare [s]. `complete`: no message is
+    `has_torque`: whether the load cell gives torques; without it they are 0. `named`: the parameters that the user has
+    set. `tare`: the length of a replay's tare [s]. `complete`: no message is
     missing. `above`: how far above the surface the measured force begins [m], within the errors of the surface.
     """
 
@@ -57,6 +58,7 @@ class Evidence:
     poses: Array
     place_on_tf: Placement | None = None
     links: str = ""
+    has_torque: bool = True
     named: Collection[str] = field(default=("surface_height",))
     tare: float | None = None
     complete: bool = True
@@ -227,6 +229,7 @@ def evidence_of(
         measured=np.where(is_unknown, 0.0, rows["compensated"]),
         place_on_tf=transforms.fixed(s.tool_frame, s.sensor_frame),
         links=", ".join(links),
+        has_torque=not is_unknown[:, TORQUE].any(),
     )
 
 

@@ -37,7 +37,7 @@ def examine(
     sending_findings = [finding for finding in findings if finding.name in _SENDING_NAMES]
     # the force held in the grains at the start is not known, and would explain much
     has_start_in_grains = len(e.time) > 0 and e.depth[0] > 0.0
-    is_sent_right = all(finding.ok for finding in sending_findings)
+    is_sent_right = e.has_torque and all(finding.ok for finding in sending_findings)
     if len(e.time) < ENOUGH or has_start_in_grains or not is_sent_right:
         yield from findings
         return
