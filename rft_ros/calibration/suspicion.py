@@ -77,7 +77,8 @@ def cut_off(track: Track) -> list[str]:
         readings = side * track.readings[moves, axis]
         limit = readings.max(initial=-np.inf)
         below = readings[readings < limit]
-        if len(below) <= 2:  # of which there are no second differences
+        is_unloaded = side * track.readings[0, axis] == limit
+        if is_unloaded or len(below) <= 2:  # too few for second differences
             continue
         at_limit = int((readings == limit).sum())
         noise = 1.48 * np.median(np.abs(np.diff(below, 2))) / 6.0**0.5
