@@ -114,7 +114,7 @@ FAULTS = {
     "load cell 80 ms late": Fault(named="set sensor.delay: 0.0", late=80_000_000),
     "friction in the air": Fault(named="zero that moves", friction=0.3),
     "load cell clipped": Fault(named="saturation", clipped=0.5),
-    "poses repeated": Fault(named="each pose is sent", repeated=5),
+    "poses repeated": Fault(named="each pose is sent", repeated=5, noise=3e-6),
     "poses with noise": Fault(named="the poses have a noise", noise=2e-4),
     "torque in N mm": Fault(named="not N mm", torque=1e3),
     "sensor 150 mm away": Fault(

@@ -27,9 +27,11 @@ from rft_ros.diagnosis.poses import (
     noise_of_poses,
     repeated_poses,
     repeats,
+    rounded_poses,
     size_of_tool,
     surface,
     unit_of_poses,
+    without_repeats,
 )
 from rft_ros.diagnosis.readings import push, saturation, strength, torque
 from rft_ros.diagnosis.zero import threshold, zero, zero_that_moves
@@ -73,11 +75,15 @@ def judge(e: Evidence) -> Iterator[Finding]:
     yield from lengths
     if not _all_right(lengths):
         return
-    repeated = list(repeated_poses(e))
-    noise = [] if repeated else list(noise_of_poses(e))
-    yield from (*repeated, *noise, *mount(e))
-    if not _all_right(noise):
+    coarse = list(rounded_poses(e))
+    repeated = [] if coarse else list(repeated_poses(e))
+    if not coarse and not repeated:
+        coarse = list(noise_of_poses(e))
+    yield from (*repeated, *coarse, *mount(e))
+    if coarse:
         return
+    if repeated:
+        e = without_repeats(e)
     if len(e.time):
         yield from _of_forces(e)
     else:

@@ -18,7 +18,15 @@ from rft_ros.diagnosis.sentences import of_diagnosis
 from rft_ros.diagnosis.trial import Trial
 from rft_ros.rft import FORCE, POSE
 
-_SENDING_NAMES = {"units", "mesh", "noise", "threshold", "sensor", "repeated poses"}
+_SENDING_NAMES = {
+    "units",
+    "mesh",
+    "noise",
+    "threshold",
+    "sensor",
+    "rounded poses",
+    "repeated poses",
+}
 """Findings on what was sent, which need no model; but for the last two of them nothing more is known."""
 
 

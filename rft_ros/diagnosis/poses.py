@@ -9,13 +9,15 @@ from rft_ros.diagnosis.contact import Contact
 from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence
 from rft_ros.diagnosis.finding import Finding
 from rft_ros.estimator import NOISY, PoseNoise, PoseSample, sentence_on
-from rft_ros.rft import POSITION
+from rft_ros.rft import POSE, POSITION
 
 _FASTEST = 5.0  # m/s: no arm moves a tool faster
 _FAR = 10.0  # m: no arm exceeds both this extent and the next mean speed [m/s] in grains
 _FAST = 1.0
 _USUAL_SIZE = 0.05  # m, of a tool
 _APART = 0.1  # s between two changes of the pose; a longer time is a rest
+MIN_ROUNDING_M = 5e-4
+"""Resolution of positions from which on velocity and depth are too coarse."""
 REPEATED = 1.5
 """Poses per new pose of a moving tool, from which on they are sent more often than measured."""
 
@@ -73,8 +75,36 @@ def size_of_tool(e: Evidence) -> Iterator[Finding]:
     yield Finding(name="mesh", ok=True, said=said)
 
 
-def noise_of_poses(e: Evidence) -> Iterator[Finding]:
-    """Noise of the poses at which the model's memory no longer follows the motion."""
+def rounded_poses(e: Evidence) -> Iterator[Finding]:
+    """Positions written with too few decimals: they lie on a grid, and repeat or jitter in its steps."""
+    grid = resolution(e.poses[:, POSITION])
+    if grid < MIN_ROUNDING_M:
+        return
+    *_, often = repeats(e.pose_time, e.poses)
+    if often > REPEATED or noise_at_tip(e) > NOISY:
+        millimetres = 1e3 * grid
+        yield Finding(
+            name="rounded poses",
+            said=f"the positions are rounded to {millimetres:g} mm, too coarse for a velocity and a depth",
+            evidence={"millimetres": millimetres},
+            advice="write them with 5 decimals or more (0.01 mm), in the driver or the logger",
+        )
+
+
+def resolution(positions: Array) -> float:
+    """The largest of 10, 1, 0.1 and 0.01 mm of which all positions are multiples [m]; 0 if they are finer.
+
+    `positions`: shape [n, 3] [m].
+    """
+    for grid in (1e-2, 1e-3, 1e-4, 1e-5):
+        steps = positions / grid
+        if np.abs(steps - np.round(steps)).max(initial=0.0) < 1e-3:
+            return grid
+    return 0.0
+
+
+def noise_at_tip(e: Evidence) -> float:
+    """Noise of the poses at the tool's farthest point [m], by the median of the estimator's; 0 if it is not known."""
     follower = PoseNoise()
     reach = e.tool.plates.reach
     gap = round(1e9 * e.settings.max_input_age)
@@ -85,7 +115,12 @@ def noise_of_poses(e: Evidence) -> Iterator[Finding]:
         stamp = 1 + round(1e9 * seconds)
         if follower.add(PoseSample(stamp, "", (x, y, z), tuple(quaternion)), gap=gap):
             found.append(follower.at_tip(reach))
-    noise = float(np.median(found)) if found else 0.0
+    return float(np.median(found)) if found else 0.0
+
+
+def noise_of_poses(e: Evidence) -> Iterator[Finding]:
+    """Noise of the poses at which the model's memory no longer follows the motion."""
+    noise = noise_at_tip(e)
     if noise > NOISY:
         millimetres = 1e3 * noise
         said = f"the poses have a noise of {millimetres:.2g} mm at the tool's farthest point"
@@ -108,7 +143,7 @@ def repeats(time: Array, poses: Array) -> tuple[NDArray[np.int64], NDArray[np.bo
 def repeated_poses(e: Evidence) -> Iterator[Finding]:
     """A driver that publishes faster than it measures: while the tool moves, most poses equal the one before."""
     changed, moving, often = repeats(e.pose_time, e.poses)
-    if moving.sum() < ENOUGH or often <= REPEATED:
+    if moving.sum() < ENOUGH or often <= REPEATED or _is_step_of_grid(e.poses[changed]):
         return
     rate = float(1.0 / np.diff(e.pose_time[changed])[moving].mean())
     said = f"each pose is sent {often:.1f} times while the tool moves: they are measured at {rate:.0f} Hz"
@@ -116,9 +151,27 @@ def repeated_poses(e: Evidence) -> Iterator[Finding]:
         name="repeated poses",
         said=f"{said} and sent at {often * rate:.0f} Hz, and repeats are left out of the velocity",
         evidence={"rate": rate},
-        remedy={"max_rate": float(round(rate))},
         advice="let the driver send each once",
     )
+
+
+def _is_step_of_grid(poses: Array) -> bool:
+    """Whether poses that differ lie one step of their resolution apart, as those of a slow tool that are rounded."""
+    grid = resolution(poses[:, POSITION])
+    steps = np.abs(np.diff(poses[:, POSITION], axis=0)).max(axis=1)
+    return grid > 0.0 and float(np.median(steps)) < 1.5 * grid
+
+
+def without_repeats(e: Evidence) -> Evidence:
+    """The moments without those at which a moving tool has the pose of the moment before: nobody measured it there."""
+    changed, moving, _ = repeats(e.time, e.state[:, POSE])
+    if not moving.any():
+        return e
+    interval = float(np.diff(e.time[changed])[moving].max())
+    is_new = np.zeros(len(e.time), dtype=np.bool_)
+    is_new[changed] = True
+    last_change = np.maximum.accumulate(np.where(is_new, e.time, -np.inf))
+    return e.at(is_new | (e.time - last_change > interval))
 
 
 def surface(e: Evidence, contact: Contact | None, height: float) -> Finding:

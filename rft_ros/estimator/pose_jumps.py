@@ -37,7 +37,7 @@ class PoseJumps:
         self.longest: Jump | None = None
         self._last: PoseSample | None = None
         self._before_last: Vector | None = None
-        self._jumped_at = 0  # stamp of the last jump [ns]
+        self._jumped_at: int | None = None  # stamp of the last jump [ns]
         # of the jumps that follow each other within `_RECENT_NS`
         self._count = 0
         self._returns = 0
@@ -54,7 +54,7 @@ class PoseJumps:
         seconds = 1e-9 * (pose.stamp - last.stamp)
         if length <= _MIN_JUMP_M or length <= FASTEST_M_S * seconds:
             return
-        if pose.stamp - self._jumped_at > _RECENT_NS:
+        if not self._is_recent(pose.stamp):
             self._count = 0
             self._returns = 0
         self._jumped_at = pose.stamp
@@ -67,9 +67,13 @@ class PoseJumps:
     @property
     def sentence(self) -> str:
         """What the last jumps show; "" if none was recent. It has no numbers, so that it is one problem in a log."""
-        if self._last is None or self._last.stamp - self._jumped_at > _RECENT_NS:
+        if self._last is None or not self._is_recent(self._last.stamp):
             return ""
         if self._returns >= _MANY:
             return TWO_PUBLISHERS
         is_to_and_fro = 2 * self._returns >= self._count
         return IN_MILLIMETRES if self._count >= _MANY and not is_to_and_fro else A_JUMP
+
+    def _is_recent(self, stamp: int) -> bool:
+        """Whether the last jump is recent at a stamp [ns], which may be near 0, as in a simulation."""
+        return self._jumped_at is not None and stamp - self._jumped_at <= _RECENT_NS

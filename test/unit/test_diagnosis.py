@@ -111,7 +111,6 @@ WRONG = {
     "mesh.quaternion": st.sampled_from(
         [[0.5**0.5, 0.0, 0.0, 0.5**0.5], [0.0, 0.5**0.5, 0.0, 0.5**0.5]]
     ),
-    "max_rate": st.integers(2, 6),
 }
 RIGHT = {
     **PARAMETERS,
@@ -135,13 +134,6 @@ def test_a_parameter_that_is_wrong_beyond_its_tolerance_is_named_with_the_value_
     parameter, data
 ):
     value = data.draw(WRONG[parameter])
-    if parameter == "max_rate":  # each pose is sent so often
-        found = faults(
-            poses=STATES[np.arange(len(STATES)) // value * value, :3],
-            twist_source=data.draw(SOURCES),
-        )
-        assert found[0].remedy["max_rate"] == pytest.approx(100.0 / value, abs=1.0)
-        return
     found = faults(readings=LOADS + NOISE, **{parameter.replace(".", "__"): value})
     remedies = [
         remedy
@@ -420,6 +412,37 @@ def test_a_straight_push_cannot_tell_a_sign_from_a_turned_cell():
 def test_noise_of_poses_is_named_and_nothing_is_blamed_on_the_load_cell(sigma, source):
     noise = np.random.default_rng(1).normal(0.0, sigma, (len(STATES), 3))
     assert named(faults(poses=STATES[:, POSITION] + noise, twist_source=source)) == ["noise"]
+
+
+@given(st.integers(3, 6), SOURCES)
+@few
+def test_poses_that_are_sent_more_often_than_measured_are_the_only_fault(count, source):
+    measured = STATES[:, POSITION] + np.random.default_rng(1).normal(0.0, 3e-6, (len(STATES), 3))
+    held = measured[np.arange(len(STATES)) // count * count]
+    (found,) = faults(poses=held, twist_source=source)
+    assert found.name == "repeated poses"
+    assert found.evidence["rate"] == pytest.approx(100.0 / count, abs=1.0)
+    assert not found.remedy  # no parameter makes them measured more often
+
+
+@pytest.mark.parametrize("source", ["topic", "pose_difference"])
+def test_positions_with_three_decimals_are_named_as_rounded_and_those_with_four_are_none(source):
+    turn = Rotation.from_euler("z", 25, degrees=True)  # so that no axis moves by whole steps
+    states = STATES.copy()
+    states[:, POSITION] = turn.apply(states[:, POSITION])
+    states[:, VELOCITY] = turn.apply(states[:, VELOCITY])
+    states[:, QUATERNION] = turn.as_quat()
+    found = {
+        decimals: faults(
+            states=states,
+            poses=np.round(states[:, POSITION], decimals),
+            twist_source=source,
+        )
+        for decimals in (3, 4)
+    }
+    assert named(found[3]) == ["rounded poses"]
+    assert found[3][0].evidence["millimetres"] == 1.0
+    assert found[4] == []
 
 
 @given(seeds, SOURCES)

@@ -18,11 +18,11 @@ STEP = 8 * MS
 NAN = math.nan
 
 
-def issues_after(places, *, step=STEP):
+def issues_after(places, *, step=STEP, start=START):
     """The issues after poses at these places [m]."""
     e = estimator(twist_source="pose_difference")
     for k, place in enumerate(places):
-        push(e, pose(START + k * step, place))
+        push(e, pose(start + k * step, place))
     return e.issues()
 
 
@@ -36,6 +36,11 @@ def test_a_pose_that_jumps_60_mm_in_8_ms_is_named_as_a_jump_and_not_for_ever():
     assert issues_after(before) == []
     assert A_JUMP in issues_after(before + after[:10])
     assert A_JUMP not in issues_after(before + after)
+
+
+def test_stamps_that_begin_near_0_are_no_jump():
+    """As of a table, a simulation, or a bag of them."""
+    assert issues_after(sinking(50), start=1_000_000_000) == []
 
 
 @pytest.mark.parametrize("speed", [0.02, 1.0, 4.0])
