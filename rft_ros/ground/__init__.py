@@ -3,14 +3,14 @@
 Without a map the ground is the level plane at `surface_height`.
 """
 
-from rft_ros.ground.height_map import MOST_CELLS, HeightMap, read_height_map, write_height_map
+from rft_ros.ground.height_map import MAX_CELL_COUNT, HeightMap, read_height_map, write_height_map
 from rft_ros.ground.mapper import DELAY, Cloud, GroundMapper, ToolPlace
 from rft_ros.ground.support import LAST_SURFACE, Footing, LocalSurface, Support
 
 __all__ = [
     "DELAY",
     "LAST_SURFACE",
-    "MOST_CELLS",
+    "MAX_CELL_COUNT",
     "Cloud",
     "Footing",
     "GroundMapper",

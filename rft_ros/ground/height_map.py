@@ -18,17 +18,17 @@ Array = NDArray[np.float64]
 Numbers = NDArray[np.floating]
 _Tool = tuple[Array, Array, Array]  # as for `HeightMap.with_points`
 
-MOST_CELLS = 1 << 21
+MAX_CELL_COUNT = 1 << 21
 """Greatest number of cells of a map, such as 8 m² of 2 mm cells (8 MB). Points that would enlarge it are left out."""
 
-_FARTHEST = 1e8  # cells from the origin
-_HIGHEST = 1e6  # greatest |height| [m]
-_MARGIN = 2.0  # cells around the tool in which points may be the tool's own
-_REACH = 700.0  # cells; points further from the tool are left out, so that a stray one does not use up `MOST_CELLS`
-_JUMP = 3.0  # cells; grains cannot be this steep, so a cell that differs more from its neighbours is an outlier
+_MAX_DISTANCE_CELLS = 1e8  # from the origin
+_MAX_HEIGHT_M = 1e6
+_MARGIN_CELLS = 2.0  # around the tool in which points may be the tool's own
+_REACH_CELLS = 700.0  # points further from the tool are left out, so that a stray one does not use up `MAX_CELL_COUNT`
+_MAX_STEP_CELLS = 3.0  # grains cannot be this steep, so a cell that differs more from its neighbours is an outlier
 # cells; the plane around a tool is fitted to the known cells within this radius, or more
-_CLOSE = 2
-_LEFT_OUT = np.iinfo(np.int64).min
+_FIT_RADIUS_CELLS = 2
+_NO_CELL = np.iinfo(np.int64).min
 _COLUMNS = ("x", "y", "h")
 
 
@@ -49,9 +49,9 @@ class HeightMap:
 
     def __post_init__(self) -> None:
         number("cell", self.cell, positive=True)
-        if not (abs(numbers("corner", self.corner, rows=2)) <= _FARTHEST).all():
+        if not (abs(numbers("corner", self.corner, rows=2)) <= _MAX_DISTANCE_CELLS).all():
             raise ValueError(
-                f"corner is {self.corner}; it must be two numbers of at most {_FARTHEST:g} cells"
+                f"corner is {self.corner}; it must be two numbers of at most {_MAX_DISTANCE_CELLS:g} cells"
             )
         with np.errstate(over="ignore"):
             heights = np.array(self.heights, dtype=np.float32, order="C")
@@ -59,9 +59,9 @@ class HeightMap:
             raise ValueError(
                 f"heights has shape {list(heights.shape)}; it must be [n, m], with at least one cell"
             )
-        if (np.abs(heights) > _HIGHEST).any():
+        if (np.abs(heights) > _MAX_HEIGHT_M).any():
             raise ValueError(
-                f"heights has values beyond {_HIGHEST:g} m; give NaN where nothing is known"
+                f"heights has values beyond {_MAX_HEIGHT_M:g} m; give NaN where nothing is known"
             )
         object.__setattr__(self, "heights", heights)
 
@@ -70,12 +70,12 @@ class HeightMap:
         """A map without any known height; `cell` [m]."""
         return cls(cell=cell, corner=corner, heights=np.full((1, 1), np.nan, dtype=np.float32))
 
-    def points(self, *, at_most: int = MOST_CELLS) -> Array:
+    def points(self, *, at_most: int = MAX_CELL_COUNT) -> Array:
         """Centres of the known cells, or of every nth, and their heights: x, y, h [m], shape [k, 3]."""
-        known = np.argwhere(~np.isnan(self.heights))
-        known = known[:: max(1, math.ceil(len(known) / at_most))]
+        cells = np.argwhere(~np.isnan(self.heights))
+        cells = cells[:: max(1, math.ceil(len(cells) / at_most))]
         return np.column_stack(
-            [self.cell * (known + self.corner + 0.5), self.heights[tuple(known.T)]]
+            [self.cell * (cells + self.corner + 0.5), self.heights[tuple(cells.T)]]
         )
 
     def filled(self) -> "HeightMap":
@@ -96,12 +96,12 @@ class HeightMap:
 
     def heights_at(self, x: Array, y: Array) -> Array:
         """Height of the cell at each place [m], shape as `x` and `y` [m]; NaN where it is unknown."""
-        around = np.pad(self.heights, 1, constant_values=np.nan)
+        padded_heights = np.pad(self.heights, 1, constant_values=np.nan)
         first_i, first_j = self.corner
-        n, m = around.shape
+        n, m = padded_heights.shape
         i = np.floor(x / self.cell - first_i).astype(int) + 1
         j = np.floor(y / self.cell - first_j).astype(int) + 1
-        return np.asarray(around[i.clip(0, n - 1), j.clip(0, m - 1)], dtype=np.float64)
+        return np.asarray(padded_heights[i.clip(0, n - 1), j.clip(0, m - 1)], dtype=np.float64)
 
     def with_points(
         self, x: Numbers, y: Numbers, z: Numbers, tool: _Tool | None = None
@@ -110,7 +110,7 @@ class HeightMap:
 
         `x`, `y`, `z` [m], shape [n] each. `tool`: position [m], rotation to world, shape [3, 3], and corners in its own
         frame [m], shape [k, 3]. Some points are left out: those that are not finite, that lie in the box of the tool's
-        corners or within two cells of it, or that would enlarge the map over `MOST_CELLS`. Outliers are left out, too:
+        corners or within two cells of it, or that would enlarge the map over `MAX_CELL_COUNT`. Outliers are left out:
         cells whose height differs from the median of their neighbours by more than three sides of a cell.
         """
         # distance of the cells from multiples of `cell`, in cells
@@ -129,9 +129,9 @@ class HeightMap:
             i, j = first - (i0, j0)
             n, m = self.heights.shape
             heights[i : i + n, j : j + m] = self.heights
-        seen = np.full_like(heights, np.nan)
-        _medians(p[2], index, i0, j0, seen)
-        _take_plausible(seen, heights, _JUMP * self.cell)
+        new_heights = np.full_like(heights, np.nan)
+        _medians(p[2], index, i0, j0, new_heights)
+        _take_plausible(new_heights, heights, _MAX_STEP_CELLS * self.cell)
         corner = i0 + float(phase[0]), j0 + float(phase[1])
         return HeightMap(cell=self.cell, corner=corner, heights=heights)
 
@@ -155,15 +155,15 @@ _NO_BOX = _Box(np.zeros(3), np.zeros((3, 3)), np.full(3, np.inf), np.full(3, np.
 
 
 def _box_of(tool: _Tool, offset: Array, cell: float) -> _Box:
-    """The box around a tool, `_MARGIN` larger. `offset`: of the cells from multiples of `cell` [m]."""
+    """The box around a tool, `_MARGIN_CELLS` larger. `offset`: of the cells from multiples of `cell` [m]."""
     position, rotation, corners = tool
-    margin = _MARGIN * cell
+    margin = _MARGIN_CELLS * cell
     return _Box(
         position=position - offset,
         axes=np.ascontiguousarray(rotation.T),
         lowest=corners.min(axis=0) - margin,
         highest=corners.max(axis=0) + margin,
-        reach=_REACH * cell,
+        reach=_REACH_CELLS * cell,
     )
 
 
@@ -175,8 +175,8 @@ def _is_left_out(box, x, y, z):
     dz = z - box.position[2]
     inside = True
     for c in range(3):
-        along = box.axes[c, 0] * dx + box.axes[c, 1] * dy + box.axes[c, 2] * dz
-        inside = inside and box.lowest[c] <= along <= box.highest[c]
+        coordinate = box.axes[c, 0] * dx + box.axes[c, 1] * dy + box.axes[c, 2] * dz
+        inside = inside and box.lowest[c] <= coordinate <= box.highest[c]
     return inside or max(abs(dx), abs(dy)) > box.reach
 
 
@@ -184,15 +184,15 @@ def _is_left_out(box, x, y, z):
 def _cells_of(p, cell, box, first, end):
     """The cell of each point, shape [2, n], and the first and end cells i0, j0, i1, j1 of the new map.
 
-    Row 0 is `_LEFT_OUT` for a point that is left out. `first`, `end`: cells of the map so far.
+    Row 0 is `_NO_CELL` for a point that is left out. `first`, `end`: cells of the map so far.
     """
-    index = np.full((2, p.shape[1]), _LEFT_OUT)
+    index = np.full((2, p.shape[1]), _NO_CELL)
     i0, j0 = first
     i1, j1 = end
-    farthest = _FARTHEST * cell
+    farthest = _MAX_DISTANCE_CELLS * cell
     for k in range(p.shape[1]):
         x, y, z = p[0, k], p[1, k], p[2, k]
-        is_possible = abs(x) < farthest and abs(y) < farthest and abs(z) < _HIGHEST
+        is_possible = abs(x) < farthest and abs(y) < farthest and abs(z) < _MAX_HEIGHT_M
         if not is_possible or _is_left_out(box, x, y, z):  # the first also for NaN
             continue
         i = int(np.floor(x / cell))
@@ -202,7 +202,7 @@ def _cells_of(p, cell, box, first, end):
             i1, j1 = i, j
         low_i, low_j = min(i0, i), min(j0, j)
         high_i, high_j = max(i1, i + 1), max(j1, j + 1)
-        if (high_i - low_i) * (high_j - low_j) <= MOST_CELLS:
+        if (high_i - low_i) * (high_j - low_j) <= MAX_CELL_COUNT:
             i0, j0 = low_i, low_j
             i1, j1 = high_i, high_j
             index[0, k] = i
@@ -227,51 +227,51 @@ def _median(values, n):
 
 
 @compiled
-def _medians(z, index, i0, j0, seen):
-    """Write the median height of the points in each cell to `seen`. The points are sorted by cell (counting sort)."""
-    m = seen.shape[1]
-    end = np.zeros(seen.size, dtype=np.int64)
+def _medians(z, index, i0, j0, new_heights):
+    """Write the median height of the points in each cell to `new_heights`: counting sort by cell."""
+    m = new_heights.shape[1]
+    end = np.zeros(new_heights.size, dtype=np.int64)
     for k in range(z.shape[0]):
-        if index[0, k] != _LEFT_OUT:
+        if index[0, k] != _NO_CELL:
             end[(index[0, k] - i0) * m + index[1, k] - j0] += 1
-    for c in range(1, seen.size):
+    for c in range(1, new_heights.size):
         end[c] += end[c - 1]
-    ordered = np.empty(end[-1])
+    sorted_z = np.empty(end[-1])
     for k in range(z.shape[0]):
-        if index[0, k] != _LEFT_OUT:
+        if index[0, k] != _NO_CELL:
             c = (index[0, k] - i0) * m + index[1, k] - j0
             # a cell is filled from its end, so that this becomes the index of its first point
             end[c] -= 1
-            ordered[end[c]] = z[k]
-    for c in range(seen.size):
-        n = (end[c + 1] if c + 1 < seen.size else len(ordered)) - end[c]
+            sorted_z[end[c]] = z[k]
+    for c in range(new_heights.size):
+        n = (end[c + 1] if c + 1 < new_heights.size else len(sorted_z)) - end[c]
         if n > 0:
-            seen[c // m, c % m] = _median(ordered[end[c] :], n)
+            new_heights[c // m, c % m] = _median(sorted_z[end[c] :], n)
 
 
 @compiled
-def _take_plausible(seen, heights, jump):
-    """Copy the cells of `seen` to `heights`, except those further than `jump` from the median around them."""
-    around = np.empty(8)
-    for i in range(seen.shape[0]):
-        for j in range(seen.shape[1]):
-            if np.isnan(seen[i, j]):
+def _take_plausible(new_heights, heights, jump):
+    """Copy the cells of `new_heights` to `heights`, except those further than `jump` from the median around them."""
+    neighbours = np.empty(8)
+    for i in range(new_heights.shape[0]):
+        for j in range(new_heights.shape[1]):
+            if np.isnan(new_heights[i, j]):
                 continue
             count = 0
-            for a in range(max(i - 1, 0), min(i + 2, seen.shape[0])):
-                for b in range(max(j - 1, 0), min(j + 2, seen.shape[1])):
-                    if not np.isnan(seen[a, b]) and (a != i or b != j):
-                        around[count] = seen[a, b]
+            for a in range(max(i - 1, 0), min(i + 2, new_heights.shape[0])):
+                for b in range(max(j - 1, 0), min(j + 2, new_heights.shape[1])):
+                    if not np.isnan(new_heights[a, b]) and (a != i or b != j):
+                        neighbours[count] = new_heights[a, b]
                         count += 1
-            if count == 0 or abs(seen[i, j] - _median(around, count)) <= jump:
-                heights[i, j] = seen[i, j]
+            if count == 0 or abs(new_heights[i, j] - _median(neighbours, count)) <= jump:
+                heights[i, j] = new_heights[i, j]
 
 
 def read_height_map(file: Path | str, cell: float) -> HeightMap:
     """A height map with cells of side `cell` [m] from a CSV file with the columns x, y, h [m], or an NPZ file of these.
 
     The arrays of an NPZ file have one shape, or form a grid: x shape [n], y [m], h [n, m], NaN where h is unknown.
-    Raises InputError for a file that cannot be used or does not fit in `MOST_CELLS`.
+    Raises InputError for a file that cannot be used or does not fit in `MAX_CELL_COUNT`.
     """
     what = f"ground.file '{file}'"
     number("ground.cell", cell, positive=True)
@@ -281,7 +281,7 @@ def read_height_map(file: Path | str, cell: float) -> HeightMap:
         raise InputError(
             f"{what} has {counts}; it needs the same number of each, and at least one"
         )
-    limit = min(_FARTHEST * cell, _HIGHEST)
+    limit = min(_MAX_DISTANCE_CELLS * cell, _MAX_HEIGHT_M)
     if not np.less(np.abs([x, y, h]), limit).all():  # NaN, too
         raise InputError(
             f"{what} has values that are not finite or not below {limit:g} m; remove their rows"
@@ -291,9 +291,9 @@ def read_height_map(file: Path | str, cell: float) -> HeightMap:
     first_i, first_j = corner
     n = np.ptp(np.floor(x / cell - first_i)) + 1.0
     m = np.ptp(np.floor(y / cell - first_j)) + 1.0
-    if n * m > MOST_CELLS:
+    if n * m > MAX_CELL_COUNT:
         raise InputError(
-            f"{what} spans {n:.0f} x {m:.0f} cells of ground.cell {cell:g} m; the limit is {MOST_CELLS:,}"
+            f"{what} spans {n:.0f} x {m:.0f} cells of ground.cell {cell:g} m; the limit is {MAX_CELL_COUNT:,}"
         )
     ground = HeightMap.unknown(cell, corner).with_points(x, y, h)
     return replace(ground, issue=_issue_of(ground, what))
@@ -320,13 +320,15 @@ def _issue_of(ground: HeightMap, what: str) -> str:
     """A sentence on a map most of whose known cells have no other one so close that a plane is fitted to both."""
     from scipy.ndimage import uniform_filter
 
-    known = ~np.isnan(ground.heights)
-    count = int(known.sum())
-    width = 2 * _CLOSE + 1
-    around = uniform_filter(known.astype(np.float32), width, mode="constant")[known] * width**2
-    if count < 2 or np.mean(around < 1.5) < 0.5:
+    is_known = ~np.isnan(ground.heights)
+    count = int(is_known.sum())
+    width = 2 * _FIT_RADIUS_CELLS + 1
+    neighbour_count = (
+        uniform_filter(is_known.astype(np.float32), width, mode="constant")[is_known] * width**2
+    )
+    if count < 2 or np.mean(neighbour_count < 1.5) < 0.5:
         return ""
-    spacing = ground.cell * math.sqrt(known.size / count)
+    spacing = ground.cell * math.sqrt(is_known.size / count)
     sparse = f"has heights about {spacing:.2g} m apart, sparser than ground.cell {ground.cell:g} m"
     return (
         f"{what} {sparse}: between them surface_height is used; set ground.cell to {spacing:.2g}"

@@ -20,8 +20,9 @@ Live and in a replay the same stamps then give the same results. No pose has to 
 hundredths of a second to compute.
 """
 
-_CLOUDS = 16  # that wait for a pose
-_PLACES = 2048  # poses kept to look up the tool's place at the stamp of a cloud: 2 s at 1 kHz, four times `DELAY`
+_MAX_CLOUD_COUNT = 16  # that wait for a pose
+# poses kept to look up the tool's place at the stamp of a cloud: 2 s at 1 kHz, four times `DELAY`
+_MAX_PLACE_COUNT = 2048
 
 
 class Cloud(NamedTuple):
@@ -55,8 +56,8 @@ class GroundMapper:
         self._merged = start  # with all clouds that were given to the thread, which alone uses it
         # A thread computes the maps. numba's loops release the GIL, so that a tick does not wait for them.
         self._thread = ThreadPoolExecutor(1)
-        self._clouds: deque[tuple[Cloud, Placement | None]] = deque(maxlen=_CLOUDS)
-        self._places: deque[ToolPlace] = deque(maxlen=_PLACES)
+        self._clouds: deque[tuple[Cloud, Placement | None]] = deque(maxlen=_MAX_CLOUD_COUNT)
+        self._places: deque[ToolPlace] = deque(maxlen=_MAX_PLACE_COUNT)
         # the stamp at which a map is due, and the map
         self._waiting: deque[tuple[int, Future[HeightMap]]] = deque()
         self.cloud_stamp = 0

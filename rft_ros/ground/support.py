@@ -33,11 +33,13 @@ LAST_SURFACE = np.dtype(
 )
 """The last surface of one body; zeros: none is known."""
 
-_LEAST_RADIUS = 2.0  # cells, so that a slope can be fitted
-_WEDGE = 2.0  # over the tool's depth: length of the wedge, and how far the disc lies ahead at most
-_ROUNDS = 4  # radius and depth depend on each other; the fourth round changes the height by less than 1 %
-_DIRECTIONS = 96  # in which the outermost corners of a tool are kept
-_MOVED = 1e-4  # m; a body that has moved less keeps its surface
+_MIN_RADIUS_CELLS = 2.0  # so that a slope can be fitted
+_WEDGE_RATIO = (
+    2.0  # over the tool's depth: length of the wedge, and how far the disc lies ahead at most
+)
+_ROUND_COUNT = 4  # radius and depth depend on each other; the fourth round changes the height by less than 1 %
+_DIRECTION_COUNT = 96  # in which the outermost corners of a tool are kept
+_MIN_MOTION_M = 1e-4  # a body that has moved less keeps its surface
 
 
 class LocalSurface(NamedTuple):
@@ -139,29 +141,29 @@ def _fit(grid, x, y, radius):
     vh -= mean_v * h_sum
     hh -= mean_h * h_sum
     determinant = uu * vv - uv * uv
-    by_u = 0.0
-    by_v = 0.0
+    slope_u = 0.0
+    slope_v = 0.0
     # it is 0.06 of the square of `whole` for a disc that is known everywhere
     if determinant > 0.01 * whole * whole:
-        by_u = (vv * uh - uv * vh) / determinant
-        by_v = (uu * vh - uv * uh) / determinant
-    rest = max(hh - by_u * uh - by_v * vh, 0.0) / whole
-    centre = grid.default_height + mean_h - by_u * mean_u - by_v * mean_v
-    return centre, by_u / radius, by_v / radius, np.sqrt(rest)
+        slope_u = (vv * uh - uv * vh) / determinant
+        slope_v = (uu * vh - uv * uh) / determinant
+    rest = max(hh - slope_u * uh - slope_v * vh, 0.0) / whole
+    centre = grid.default_height + mean_h - slope_u * mean_u - slope_v * mean_v
+    return centre, slope_u / radius, slope_v / radius, np.sqrt(rest)
 
 
 @inlined
 def _placed(corners, quaternion):
     """The corners from the tool frame's origin, in world axes."""
     axes = attitude(quaternion)
-    placed = np.empty_like(corners)
+    world_corners = np.empty_like(corners)
     for k in range(len(corners)):
         # number by number: for an assignment of arrays numba also compiles an error message, which takes 2 s
         x, y, z = from_frame(axes, corners[k, 0], corners[k, 1], corners[k, 2])
-        placed[k, 0] = x
-        placed[k, 1] = y
-        placed[k, 2] = z
-    return placed
+        world_corners[k, 0] = x
+        world_corners[k, 1] = y
+        world_corners[k, 2] = z
+    return world_corners
 
 
 @inlined
@@ -177,14 +179,14 @@ def _way(last, position, quaternion, reach):
 
 
 @inlined
-def _submerged_region(placed, height, slope_x, slope_y, bottom):
+def _submerged_region(world_corners, height, slope_x, slope_y, bottom):
     """The part of a tool in the grains: mean place by depth, from the tool frame's origin; depth; radius [m].
 
     The surface is at `height` there, but over z = `bottom` everywhere.
     """
     whole = mx = my = mz = square = deepest = 0.0
-    for k in range(len(placed)):
-        x, y, z = placed[k, 0], placed[k, 1], placed[k, 2]
+    for k in range(len(world_corners)):
+        x, y, z = world_corners[k, 0], world_corners[k, 1], world_corners[k, 2]
         surface = max(height + slope_x * x + slope_y * y, bottom)
         depth = max(surface - z, 0.0)
         deepest = max(deepest, depth)
@@ -221,8 +223,8 @@ def _horizontal_direction(velocity, spin, x, y, z):
     vy = (velocity[1] + turn_y) / fastest
     vz = (velocity[2] + turn_z) / fastest
     travel = _length(velocity[0] / fastest, velocity[1] / fastest, velocity[2] / fastest)
-    turned = _length(turn_x / fastest, turn_y / fastest, turn_z / fastest)
-    size = max(_length(vx, vy, vz), travel, turned)
+    rotation_size = _length(turn_x / fastest, turn_y / fastest, turn_z / fastest)
+    size = max(_length(vx, vy, vz), travel, rotation_size)
     return vx / size, vy / size
 
 
@@ -232,33 +234,33 @@ def _length(x, y, z):
 
 
 @inlined
-def _find_plane(grid, placed, state, last):
-    """Fit the plane that resists a tool, and write it to the last surface. `placed`: its corners."""
+def _find_plane(grid, world_corners, state, last):
+    """Fit the plane that resists a tool, and write it to the last surface. `world_corners`: its corners."""
     position, quaternion, velocity, spin = parts_of_state(state)
     px, py, pz = position[0], position[1], position[2]
     lowest = 0
-    for k in range(len(placed)):
-        if placed[k, 2] < placed[lowest, 2]:
+    for k in range(len(world_corners)):
+        if world_corners[k, 2] < world_corners[lowest, 2]:
             lowest = k
-    x = placed[lowest, 0]
-    y = placed[lowest, 1]
-    least = _LEAST_RADIUS * grid.cell
-    fitted, slope_x, slope_y, roughness = _fit(grid, px + x, py + y, least)
-    height = fitted - slope_x * x - slope_y * y  # at the tool frame's origin
+    x = world_corners[lowest, 0]
+    y = world_corners[lowest, 1]
+    least = _MIN_RADIUS_CELLS * grid.cell
+    plane_height, slope_x, slope_y, roughness = _fit(grid, px + x, py + y, least)
+    height = plane_height - slope_x * x - slope_y * y  # at the tool frame's origin
     # in the air the disc is placed by the lowest part of the tool
-    bottom = placed[lowest, 2] + least
-    for _ in range(_ROUNDS):
+    bottom = world_corners[lowest, 2] + least
+    for _ in range(_ROUND_COUNT):
         mx, my, mz, deepest, wide = _submerged_region(
-            placed, height - pz, slope_x, slope_y, bottom
+            world_corners, height - pz, slope_x, slope_y, bottom
         )
         radius = max(wide, deepest, least)
         along_x, along_y = _horizontal_direction(velocity, spin, mx, my, mz)
-        ahead = min(radius, max(_WEDGE * deepest, least))
+        ahead = min(radius, max(_WEDGE_RATIO * deepest, least))
         x = px + mx + ahead * along_x
         y = py + my + ahead * along_y
-        fitted, slope_x, slope_y, roughness = _fit(grid, x, y, radius)
+        plane_height, slope_x, slope_y, roughness = _fit(grid, x, y, radius)
         # fitted ahead of the tool, but its height at the tool's middle is used
-        height = fitted - slope_x * mx - slope_y * my
+        height = plane_height - slope_x * mx - slope_y * my
     last.known = 1
     last.default_height = grid.default_height
     for k in range(3):
@@ -276,21 +278,21 @@ def _local_plane(grid, corners, reach, state, lasts):
     """Update the last surface, one record of `LAST_SURFACE`, if the body has moved; returns the `LocalSurface`."""
     last = lasts[0]
     position, quaternion, _, _ = parts_of_state(state)
-    placed = _placed(corners, quaternion)
+    world_corners = _placed(corners, quaternion)
     rests = (
         last.known == 1
         and last.default_height == grid.default_height
-        and _way(last, position, quaternion, reach) <= _MOVED
+        and _way(last, position, quaternion, reach) <= _MIN_MOTION_M
     )
     if not rests:
-        _find_plane(grid, placed, state, last)
+        _find_plane(grid, world_corners, state, last)
     slope = last.slope[0], last.slope[1]
     deepest = -np.inf
-    for k in range(len(placed)):
-        x = position[0] + placed[k, 0]
-        y = position[1] + placed[k, 1]
+    for k in range(len(world_corners)):
+        x = position[0] + world_corners[k, 0]
+        y = position[1] + world_corners[k, 1]
         surface = last.height + slope[0] * x + slope[1] * y
-        deepest = max(deepest, surface - position[2] - placed[k, 2])
+        deepest = max(deepest, surface - position[2] - world_corners[k, 2])
     return LocalSurface(last.height, slope, last.roughness, deepest)
 
 
@@ -299,7 +301,7 @@ class Support:
 
     def __init__(self, corners: Array) -> None:
         # Only the outermost corners in many directions are kept, since a fine hull has thousands.
-        area, x, y = _spiral(_DIRECTIONS)
+        area, x, y = _spiral(_DIRECTION_COUNT)
         z = 1.0 - 2.0 * area
         flat = np.sqrt(1.0 - z * z)
         directions = np.column_stack([flat * x, flat * y, z])

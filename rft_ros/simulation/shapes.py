@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.errors import InputError
-from rft_ros.ground import MOST_CELLS, HeightMap
+from rft_ros.ground import MAX_CELL_COUNT, HeightMap
 from rft_ros.simulation.mechanism import import_mujoco
 from rft_ros.tool import Tool, solids, tool_of_mesh
 
@@ -157,7 +157,7 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
     """The height map of a geom of type hfield, for bodies of these shapes.
 
     The surface at a body is fitted over at least two cells of the map. So a field of larger cells is divided, as far as
-    `MOST_CELLS` allows. Raises InputError for another geom, and for one that moves or leans.
+    `MAX_CELL_COUNT` allows. Raises InputError for another geom, and for one that moves or leans.
     """
     from scipy.interpolate import RegularGridInterpolator
 
@@ -185,8 +185,8 @@ def ground_of_field(model: Any, name: str, tools: list[Tool]) -> HeightMap:
         middle[2] + height * values.reshape(rows, columns).astype(np.float64),
         bounds_error=False,
     )
-    finest = 2.0 * np.sqrt(half_x * half_y / MOST_CELLS)
-    smallest = min(tool.size for tool in tools) / solids.CELLS
+    finest = 2.0 * np.sqrt(half_x * half_y / MAX_CELL_COUNT)
+    smallest = min(tool.size for tool in tools) / solids.EDGE_COUNT
     own_cell = min(2.0 * half_x / (columns - 1), 2.0 * half_y / (rows - 1))
     cell = max(min(own_cell, smallest), finest)
     turn = axes[:2, :2]

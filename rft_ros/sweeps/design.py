@@ -26,8 +26,8 @@ _PARTS = ("tools", "motions", "media")
 _TOOL_NAMES = tuple(parameter.option for parameter in parameter_fields(MeshConfig).values())
 _MEDIUM_NAMES = tuple(name for name in OPTIONS if name not in _TOOL_NAMES)
 _VECTORS = ("origin", "rotate")  # a list of numbers is one value of these
-_MOST = 1_000_000  # variants, values in a range, samples, and the greatest number in a motion
-_LARGEST_SEED = 10**18 - 1  # YAML readers round integers of more digits
+_MAX_COUNT = 1_000_000  # variants, values in a range, samples, and the greatest number in a motion
+_SEED_LIMIT = 10**18 - 1  # YAML readers round integers of more digits
 _LEAST = {"samples": 2, "speed": 1e-9, "travel": 1e-9, "pitch": 1e-9}
 
 
@@ -53,8 +53,8 @@ class Design(NamedTuple):
 
     def contents(self) -> tuple["Content", ...]:
         """What the results depend on beside the variants: the release of rft_ros, and each of `files`."""
-        named: list[tuple[Kind, str]] = [("release", "rft_ros"), *sorted(self._named())]
-        return tuple(Content(kind, name, checksum_of(kind, name)) for kind, name in named)
+        sources: list[tuple[Kind, str]] = [("release", "rft_ros"), *sorted(self._named())]
+        return tuple(Content(kind, name, checksum_of(kind, name)) for kind, name in sources)
 
     def fingerprint(self) -> int:
         """Checksum of the study and its `contents`."""
@@ -63,14 +63,14 @@ class Design(NamedTuple):
         )
 
     def _named(self) -> set[tuple[Kind, str]]:
-        found = set[tuple[Kind, str]]()
+        sources = set[tuple[Kind, str]]()
         for tool, motion, medium in self.variants:
-            found.add(("mesh", tool["mesh"]))
+            sources.add(("mesh", tool["mesh"]))
             if "states_file" in motion:
-                found.add(("file", motion["states_file"]))
+                sources.add(("file", motion["states_file"]))
             if is_medium_file(str(medium.get("medium", ""))):
-                found.add(("file", medium["medium"]))
-        return found
+                sources.add(("file", medium["medium"]))
+        return sources
 
 
 class Content(NamedTuple):
@@ -102,19 +102,19 @@ def motion_of(entry: Mapping[str, Any]) -> tuple[Trajectory, int]:
         )
     _check_names(numbers, ("family", "samples", *signature(FAMILIES[family]).parameters))
     for name, value in numbers.items():
-        least = _LEAST.get(name, -_MOST)
-        if type(value) not in (int, float) or not least <= value <= _MOST:
+        least = _LEAST.get(name, -_MAX_COUNT)
+        if type(value) not in (int, float) or not least <= value <= _MAX_COUNT:
             raise InputError(
-                f"{name} is {shown(value)}; it must be a number from {least:g} to {_MOST:,}"
+                f"{name} is {shown(value)}; it must be a number from {least:g} to {_MAX_COUNT:,}"
             )
-    samples = whole_number("samples", numbers.pop("samples"), least=2, most=_MOST)
+    samples = whole_number("samples", numbers.pop("samples"), least=2, most=_MAX_COUNT)
     return FAMILIES[family](**numbers), samples
 
 
-def _check_names(entry: Mapping[str, Any], known: Collection[str]) -> None:
+def _check_names(entry: Mapping[str, Any], allowed: Collection[str]) -> None:
     for name in entry:
-        if name not in known:
-            raise InputError(f"there is no '{name}'; use {', '.join(known)}")
+        if name not in allowed:
+            raise InputError(f"there is no '{name}'; use {', '.join(allowed)}")
 
 
 def read_design(file: Path) -> Design:
@@ -126,15 +126,15 @@ def read_design(file: Path) -> Design:
         _check_names(content, (*_PARTS, "sample", "seed"))
         parts = [list(_expanded(name, content.get(name))) for name in _PARTS]
         total = math.prod(map(len, parts))
-        if total > _MOST:
-            raise InputError(f"it has {total:,} variants; the limit is {_MOST:,}")
+        if total > _MAX_COUNT:
+            raise InputError(f"it has {total:,} variants; the limit is {_MAX_COUNT:,}")
         sample = whole_number("sample", content.get("sample", total), most=total)
-        seed = whole_number("seed", content.get("seed", 0), least=0, most=_LARGEST_SEED)
+        seed = whole_number("seed", content.get("seed", 0), least=0, most=_SEED_LIMIT)
     except ValueError as error:
         raise InputError(f"study '{file}': {error}") from None
     variants = list(itertools.starmap(Variant, itertools.product(*parts)))
-    chosen = np.random.default_rng(seed).permutation(total)[:sample]
-    return Design(file, [variants[k] for k in sorted(chosen)])
+    picks = np.random.default_rng(seed).permutation(total)[:sample]
+    return Design(file, [variants[k] for k in sorted(picks)])
 
 
 def _expanded(name: str, entries: object) -> Iterator[dict[str, Any]]:
@@ -169,12 +169,12 @@ def _check_point(name: str, point: Mapping[str, Any]) -> None:
 def _values(key: str, value: object) -> list[Any]:
     if isinstance(value, Mapping):
         try:
-            count = whole_number("count", value["count"], most=_MOST)
+            count = whole_number("count", value["count"], most=_MAX_COUNT)
             first = number("from", value["from"])
             last = number("to", value["to"])
             return list(np.linspace(first, last, count).tolist())
         except (KeyError, TypeError, ValueError):
-            needed = f"a range has from, to and count, of 1 to {_MOST:,}"
+            needed = f"a range has from, to and count, of 1 to {_MAX_COUNT:,}"
             raise InputError(f"{key} is {shown(dict(value))}; {needed}") from None
     if not isinstance(value, list) or (
         key in _VECTORS and not any(isinstance(v, list) for v in value)

@@ -40,11 +40,15 @@ RESULTS = (
 """Columns of results: wrench on the tool [N], [N m], world axes, peaks by magnitude, signed; work on the grains [J];
 path of the tool frame's origin [m]; number of plates."""
 
-_CHUNKS = 32  # enough to share among workers, few enough for a scheduler (1 ms for each)
-_MOST_ROWS = 100  # of a chunk
-_PATIENCE = 10.0  # s to wait for a scheduler
-_SAME = "give an absolute path, and copy the file to all machines"
-_ADVICE = {"mesh": _SAME, "file": _SAME, "release": "install the same release on all machines"}
+_CHUNK_COUNT = 32  # enough to share among workers, few enough for a scheduler (1 ms for each)
+_MAX_ROW_COUNT = 100  # of a chunk
+_SCHEDULER_TIMEOUT_S = 10.0  # to wait for a scheduler
+_SAME_FILE_ADVICE = "give an absolute path, and copy the file to all machines"
+_ADVICE = {
+    "mesh": _SAME_FILE_ADVICE,
+    "file": _SAME_FILE_ADVICE,
+    "release": "install the same release on all machines",
+}
 
 
 def evaluate(variant: Variant) -> dict[str, float]:
@@ -52,7 +56,7 @@ def evaluate(variant: Variant) -> dict[str, float]:
     from scipy.integrate import trapezoid  # takes 0.3 s, and only this command needs it
 
     config = config_of_options({**variant.tool, **variant.medium})
-    model = config.model({name: _LOADED[name](part) for name, part in config.parts().items()})
+    model = config.model({name: _LOADERS[name](part) for name, part in config.parts().items()})
     times, states = _motion(tuple(variant.motion.items()))
     if (np.diff(times) < 0.0).any():
         raise InputError(
@@ -80,7 +84,7 @@ def _load(part: Part) -> Any:
     return part.load()
 
 
-_LOADED = {
+_LOADERS = {
     part: lru_cache(maxsize=size)(_load)
     for part, size in {"tool": 4, "ground": 4, "medium": 16, "table": 16}.items()
 }
@@ -123,8 +127,8 @@ def _check_contents(contents: tuple[Content, ...]) -> None:
             raise InputError(
                 f"a worker ({there}) has another {kind} '{name}' than this process; {_ADVICE[kind]}"
             )
-    for cached in (*_LOADED.values(), _motion):
-        cached.cache_clear()
+    for cache in (*_LOADERS.values(), _motion):
+        cache.cache_clear()
 
 
 def _cells(variant: Variant) -> dict[str, Any]:
@@ -152,7 +156,7 @@ def run(
     names = [name for variant in design.variants for name in _cells(variant)]
     columns = [*dict.fromkeys(names), *RESULTS, "reason"]
     folder = out / f"chunks_{design.fingerprint():08x}"
-    size = min(-(-len(design.variants) // _CHUNKS), _MOST_ROWS)
+    size = min(-(-len(design.variants) // _CHUNK_COUNT), _MAX_ROW_COUNT)
     chunks = {
         folder / f"{k:06d}.json": design.variants[k : k + size]
         for k in range(0, len(design.variants), size)
@@ -166,8 +170,8 @@ def run(
         before_workers()
         with _workers(scheduler, workers) as pool:
             _compute(design, missing, columns, pool)
-    failed = _write_table(out / "results.csv", columns, chunks)
-    return sum(map(len, missing.values())), failed
+    failures = _write_table(out / "results.csv", columns, chunks)
+    return sum(map(len, missing.values())), failures
 
 
 def _is_finished(file: Path, chunk: Sequence[Variant], columns: Sequence[str]) -> bool:
@@ -188,8 +192,8 @@ def _rows_in(file: Path, chunk: Sequence[Variant], columns: Sequence[str]) -> li
         rows = None
     is_whole = isinstance(rows, list) and len(rows) == len(chunk)
     if not is_whole or any(not _is_row(row, columns) for row in rows):
-        wanted = f"the rows of {len(chunk)} variants"
-        raise InputError(f"results '{file}' are not {wanted}; run the study again")
+        needed_rows = f"the rows of {len(chunk)} variants"
+        raise InputError(f"results '{file}' are not {needed_rows}; run the study again")
     return list(rows)
 
 
@@ -202,15 +206,15 @@ def _write_table(
 ) -> int:
     """Write the rows of all chunks; returns the number of those without results. Raises InputError."""
     reason = columns.index("reason")
-    failed = 0
+    failures = 0
     with whole(file) as part, part.open("w", encoding="utf-8", newline="") as out:
         table = csv.writer(out, lineterminator="\n")
         table.writerow(columns)
         for chunk_file, chunk in chunks.items():
             rows = _rows_in(chunk_file, chunk, columns)
             table.writerows(rows)
-            failed += sum(1 for row in rows if row[reason])
-    return failed
+            failures += sum(1 for row in rows if row[reason])
+    return failures
 
 
 def _compute(
@@ -222,7 +226,7 @@ def _compute(
     """Compute chunks, and write each to its file when it is finished."""
     name = design.file.stem
     total = len(design.variants)
-    done = total - sum(map(len, chunks.values()))
+    finished_rows = total - sum(map(len, chunks.values()))
     contents = design.contents()
     with bar(name, total) as update:
         try:
@@ -239,8 +243,8 @@ def _compute(
             rows = future.result()
             with whole(futures[future]) as part:
                 part.write_text(json.dumps(rows), encoding="utf-8")
-            done += len(rows)
-            update(done, f"{name}: {done:,} of {total:,}")
+            finished_rows += len(rows)
+            update(finished_rows, f"{name}: {finished_rows:,} of {total:,}")
 
 
 @contextmanager
@@ -262,7 +266,7 @@ def _workers(scheduler: str | None, count: int | None) -> Iterator[Executor]:
     except ImportError:
         raise InputError("--scheduler needs Dask: pip install 'dask[distributed]'") from None
     try:
-        client = Client(scheduler, timeout=_PATIENCE)  # type: ignore[no-untyped-call]
+        client = Client(scheduler, timeout=_SCHEDULER_TIMEOUT_S)  # type: ignore[no-untyped-call]
     except (OSError, ValueError) as error:
         raise InputError(f"no Dask scheduler answers at '{scheduler}': {error}") from None
     with client:

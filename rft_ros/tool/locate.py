@@ -44,19 +44,19 @@ def locate_mesh(file: str | os.PathLike[str]) -> Path:
         return Path(unquote(f"/{path}"))
     if is_mesh_path(place):
         return expanded(place)
-    shipped = _shipped()
-    if place not in shipped:
+    meshes = _shipped()
+    if place not in meshes:
         raise InputError(
-            f"mesh.file '{place}' is not a shipped mesh ({', '.join(shipped)}); a path needs its suffix"
+            f"mesh.file '{place}' is not a shipped mesh ({', '.join(meshes)}); a path needs its suffix"
         )
-    return shipped[place]
+    return meshes[place]
 
 
 def _in_package(uri: str) -> Path:
-    package, _, quoted = uri.removeprefix("package://").partition("/")
+    package, _, quoted_path = uri.removeprefix("package://").partition("/")
     with file_errors(f"mesh.file '{uri}'", "read"):
         share = share_directory(package)
-    path = Path(unquote(quoted))
+    path = Path(unquote(quoted_path))
     if ".." in path.parts or path.is_absolute():
         raise InputError(f"mesh.file '{uri}' leaves its package; give the path of the file itself")
     return share / path

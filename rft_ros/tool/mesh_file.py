@@ -26,16 +26,18 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-_MILLIMETRE = 0.001  # the unit [m] of a mesh file that declares none
+_DEFAULT_UNIT_M = 0.001  # unit of a mesh file that declares none
 _SUFFIXES = ".stl", ".obj", ".ply", ".glb", ".dae"
 _POLYGONS = ".obj", ".ply", ".dae"
-_MOST_FACETS = 2_000_000
-_MOST_PARTS = 10_000  # of a scene; trimesh takes a millisecond to read each
-_FOLDED = math.pi - 1e-3  # rad; neighbours whose normals differ by more lie on each other
-_SLIVER = 1e-6  # of the largest facet's area; rounding may have turned a smaller facet over
+_MAX_FACET_COUNT = 2_000_000
+_MAX_PART_COUNT = 10_000  # of a scene; trimesh takes a millisecond to read each
+_FOLD_ANGLE_RAD = math.pi - 1e-3  # neighbours whose normals differ by more lie on each other
+_SLIVER_AREA_RATIO = (
+    1e-6  # of the largest facet's area; rounding may have turned a smaller facet over
+)
 # greatest |origin| over the farthest vertex; further away, rounding deforms the mesh
-_FARTHEST = 1e6
-_TOO_BIG = 1e60  # m; squared areas of larger tools overflow
+_MAX_ORIGIN_RATIO = 1e6
+_MAX_SIZE_M = 1e60  # squared areas of larger tools overflow
 
 # Without a handler, Python prints trimesh's warnings (of textures, for example) on stderr with a traceback.
 logging.getLogger("trimesh").addHandler(logging.NullHandler())
@@ -60,17 +62,17 @@ class MeshFrame:
         """From `mesh.scale`, `mesh.origin` and `mesh.quaternion`. Raises ValueError that names the parameter."""
         unit = number("mesh.scale", scale, least=0.0)
         shift = numbers("mesh.origin", origin, rows=3)
-        given = numbers("mesh.quaternion", quaternion, rows=4)
-        turn = unit_quaternion(*given.tolist())
+        components = numbers("mesh.quaternion", quaternion, rows=4)
+        turn = unit_quaternion(*components.tolist())
         if turn is None:
             raise InputError(
-                f"mesh.quaternion is {given.tolist()}, of norm {np.linalg.norm(given):g}; it must be 1"
+                f"mesh.quaternion is {components.tolist()}, of norm {np.linalg.norm(components):g}; it must be 1"
             )
         return cls(unit, shift, rotation_matrix(turn))
 
-    def for_file(self, declared: float | None) -> "MeshFrame":
+    def for_file(self, declared_unit: float | None) -> "MeshFrame":
         """The frame with the unit [m] that a file declares, or None, in place of a scale of 0."""
-        return self if self.scale > 0.0 else replace(self, scale=declared or _MILLIMETRE)
+        return self if self.scale > 0.0 else replace(self, scale=declared_unit or _DEFAULT_UNIT_M)
 
     def placed(self, points: Array) -> Array:
         """Points of the file, shape [n, 3], in the tool frame [m]."""
@@ -120,9 +122,9 @@ def _load_link(urdf: Path, link: str) -> "trimesh.Trimesh":
         else:
             part = trimesh.Trimesh(**trimesh.triangles.to_kwargs(shape.source))
         parts.append(part.apply_transform(shape.to_link))  # a mirror keeps the facets outward
-    joined = trimesh.util.concatenate(parts)
-    joined.units = "meters"
-    return joined
+    link_mesh = trimesh.util.concatenate(parts)
+    link_mesh.units = "meters"
+    return link_mesh
 
 
 def _parts_of_glb(data: bytes) -> int:
@@ -140,12 +142,12 @@ def _load(path: Path) -> "trimesh.Trimesh":
     suffix = path.suffix.lower()
     data = read_file(checked_mesh(path), "mesh file")
     if suffix not in _SUFFIXES:
-        supported = ", ".join([*_SUFFIXES, ".urdf#LINK"])
-        raise InputError(f"{name} has no supported suffix; these are {supported}")
+        suffixes = ", ".join([*_SUFFIXES, ".urdf#LINK"])
+        raise InputError(f"{name} has no supported suffix; these are {suffixes}")
     parts = _parts_of_glb(data) if suffix == ".glb" else 0
-    if parts > _MOST_PARTS:
+    if parts > _MAX_PART_COUNT:
         raise InputError(
-            f"{name} has {parts:,} parts; the limit is {_MOST_PARTS:,}; export it as one mesh"
+            f"{name} has {parts:,} parts; the limit is {_MAX_PART_COUNT:,}; export it as one mesh"
         )
     try:
         mesh = _parsed(data, suffix)
@@ -158,8 +160,10 @@ def _load(path: Path) -> "trimesh.Trimesh":
             f"{name} is not a valid {suffix[1:].upper()} file: "
             "it may be empty, cut short or without facets"
         ) from None
-    if len(mesh.faces) > _MOST_FACETS:
-        raise InputError(f"{name} has {len(mesh.faces):,} facets; the limit is {_MOST_FACETS:,}")
+    if len(mesh.faces) > _MAX_FACET_COUNT:
+        raise InputError(
+            f"{name} has {len(mesh.faces):,} facets; the limit is {_MAX_FACET_COUNT:,}"
+        )
     folds = _folds(mesh) if suffix in _POLYGONS else 0
     if folds > 0:
         raise InputError(
@@ -202,8 +206,8 @@ def _folds(mesh: "trimesh.Trimesh") -> int:
     corners = np.sort(mesh.faces, axis=1)
     is_sheet = (corners[a] == corners[b]).all(axis=1)
     smaller = np.minimum(mesh.area_faces[a], mesh.area_faces[b])
-    is_sliver = smaller < _SLIVER * mesh.area_faces.max()
-    is_folded = mesh.face_adjacency_angles > _FOLDED
+    is_sliver = smaller < _SLIVER_AREA_RATIO * mesh.area_faces.max()
+    is_folded = mesh.face_adjacency_angles > _FOLD_ANGLE_RAD
     return int((is_folded & ~is_sheet & ~is_sliver).sum())
 
 
@@ -212,16 +216,16 @@ def _in_tool_frame(
 ) -> "trimesh.Trimesh":
     import trimesh
 
-    is_bad = ~(np.abs(corners) < _TOO_BIG / frame.scale).all(axis=1)  # NaN, too
+    is_bad = ~(np.abs(corners) < _MAX_SIZE_M / frame.scale).all(axis=1)  # NaN, too
     if is_bad.any():
         raise InputError(
             f"mesh file '{path}' has {is_bad.sum():,} of {len(corners):,} vertices that are NaN or infinite"
         )
-    farthest = _FARTHEST * np.abs(corners).max()
+    farthest = _MAX_ORIGIN_RATIO * np.abs(corners).max()
     if not (np.abs(frame.origin) <= farthest).all():
         raise InputError(
             f"mesh.origin is {frame.origin.tolist()}; it must be "
-            f"near mesh file '{path}', in its units (within {_FARTHEST:,.0f} times its farthest vertex)"
+            f"near mesh file '{path}', in its units (within {_MAX_ORIGIN_RATIO:,.0f} times its farthest vertex)"
         )
     mesh = trimesh.Trimesh(frame.placed(corners), faces, process=False)
     with_area(mesh, f"mesh file '{path}' at mesh.scale {frame.scale}")

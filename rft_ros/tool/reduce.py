@@ -39,16 +39,17 @@ _GENERIC = MEDIA["generic"]
 _LAWS = [treers2021(_GENERIC, alpha_y_model(name, _GENERIC)) for name in ("constant", "linear")]
 """The error is the worse of these two laws: plates chosen with one α_y model have errors of 2 % with the other."""
 
-_STATES = 2000  # random motions; the percentile scatters by about 4 % of itself
-_SHALLOWEST = 0.25  # depth of the lowest point over the tool's height
-_DEEPEST = 2.0  # likewise
-_FEEBLE = 0.01  # of the median force: a relative error is taken over at least this force
+_STATE_COUNT = 2000  # random motions; the percentile scatters by about 4 % of itself
+_MIN_DEPTH_RATIO = 0.25  # depth of the lowest point over the tool's height
+_MAX_DEPTH_RATIO = 2.0  # likewise
+_MIN_FORCE_RATIO = 0.01  # of the median force: a relative error is taken over at least this force
 
 _COUNTS = np.unique(np.geomspace(4, 4096, 142).astype(int))  # numbers of plates that are tried
-_WORTH = 0.7  # of the facets; a reduction that needs more plates saves too little, and the full tool is kept
-_DRAWN = 4096  # plates drawn for k-means
-_ROUNDS = 10  # of k-means; further ones change the error by less than its scatter
-_CANCELLED = 1e-6  # a shorter mean normal has no direction: the normals cancel, as those of the two sides of a sheet
+_MAX_PLATES_SHARE = 0.7  # of the facets; a reduction that needs more plates saves too little, and the full tool is kept
+_SAMPLE_COUNT = 4096  # plates drawn for k-means
+_ROUND_COUNT = 10  # of k-means; further ones change the error by less than its scatter
+# a shorter mean normal has no direction: the normals cancel, as those of the two sides of a sheet
+_MIN_MEAN_NORMAL_RATIO = 1e-6
 
 
 def reduced_for_any_motion(plates: Plates, corners: Array, tolerance: float) -> tuple[Plates, str]:
@@ -56,17 +57,18 @@ def reduced_for_any_motion(plates: Plates, corners: Array, tolerance: float) -> 
 
     `corners`: of the tool's convex hull [m], shape [k, 3]. `tolerance`: error over the force of the same state.
     """
-    error_of = _error_over(random_motions(corners, _STATES, seed=1), plates)
+    error_of = _error_over(random_motions(corners, _STATE_COUNT, seed=1), plates)
 
     def within(count: int) -> bool:
         return error_of(merged_plates(plates, count)) <= tolerance
 
-    counts = _COUNTS[_WORTH * len(plates) >= _COUNTS].tolist()
+    counts = _COUNTS[_MAX_PLATES_SHARE * len(plates) >= _COUNTS].tolist()
     best = bisect_left(counts, True, key=within)
-    few = merged_plates(plates, counts[best]) if best < len(counts) else plates
-    percent = 100.0 * error_of(few)
-    said = f"{len(plates):,} facets -> {len(few):,} plates, {percent:.1f} % at the 95th percentile of any motion"
-    return few, said
+    reduced_plates = merged_plates(plates, counts[best]) if best < len(counts) else plates
+    percent = 100.0 * error_of(reduced_plates)
+    counts_text = f"{len(plates):,} facets -> {len(reduced_plates):,} plates"
+    reduction = f"{counts_text}, {percent:.1f} % at the 95th percentile of any motion"
+    return reduced_plates, reduction
 
 
 def _error_over(states: Array, plates: Plates) -> Callable[[Plates], float]:
@@ -80,14 +82,14 @@ def _error_over(states: Array, plates: Plates) -> Callable[[Plates], float]:
 
     full = wrenches_of(plates)
     force = np.linalg.norm(full[..., FORCE], axis=2)
-    least = _FEEBLE * float(np.median(force[force > 0.0])) if force.any() else 1.0
+    least = _MIN_FORCE_RATIO * float(np.median(force[force > 0.0])) if force.any() else 1.0
     scale = np.maximum(force, least)
 
-    def error_of(few: Plates) -> float:
-        off = wrenches_of(few) - full
-        of_force = np.linalg.norm(off[..., FORCE], axis=2)
-        of_torque = np.linalg.norm(off[..., TORQUE], axis=2) / plates.reach
-        error = np.maximum(of_force, of_torque) / scale
+    def error_of(reduced_plates: Plates) -> float:
+        off = wrenches_of(reduced_plates) - full
+        force_error = np.linalg.norm(off[..., FORCE], axis=2)
+        torque_error = np.linalg.norm(off[..., TORQUE], axis=2) / plates.reach
+        error = np.maximum(force_error, torque_error) / scale
         return float(np.percentile(error, 95.0, axis=1).max())
 
     return error_of
@@ -105,12 +107,12 @@ def merged_plates(plates: Plates, count: int) -> Plates:
     place = plates.centroids - (plates.centroids @ plates.areas / total)[:, None]
     radius = float(np.linalg.norm(place, axis=0).max())
     features = np.vstack([place / (radius or 1.0), plates.normals]).T
-    most = min(len(features), _DRAWN)
+    most = min(len(features), _SAMPLE_COUNT)
     random = np.random.default_rng(0)
-    drawn = random.choice(features, most, replace=False, p=plates.areas / total)
+    samples = random.choice(features, most, replace=False, p=plates.areas / total)
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")  # of empty groups, which equal centres lead to
-        centres, _ = kmeans2(drawn, drawn[:count], iter=_ROUNDS, minit="matrix")
+        centres, _ = kmeans2(samples, samples[:count], iter=_ROUND_COUNT, minit="matrix")
     _, nearest = KDTree(centres).query(features)
     _, groups = np.unique(nearest, return_inverse=True)
     return Plates(_united(plates.rows, groups))
@@ -128,7 +130,7 @@ def _united(rows: Array, groups: Labels) -> Array:
     centroids = _means(groups, areas, rows[CENTROID])
     normals = _means(groups, areas, rows[NORMAL])
     length = np.linalg.norm(normals, axis=0)
-    is_cancelled = length < _CANCELLED
+    is_cancelled = length < _MIN_MEAN_NORMAL_RATIO
     _, one = np.unique(groups, return_index=True)  # a plate of each group
     normals[:, is_cancelled] = rows[NORMAL, one[is_cancelled]]
     normals /= np.linalg.norm(normals, axis=0)
@@ -184,14 +186,14 @@ def random_motions(corners: Array, count: int, *, seed: int) -> Array:
         return np.asarray(vectors / np.linalg.norm(vectors, axis=1)[:, None])
 
     center = 0.5 * (corners.min(axis=0) + corners.max(axis=0))
-    from_center = corners - center
-    radius = float(np.linalg.norm(from_center, axis=1).max())
+    arms = corners - center
+    radius = float(np.linalg.norm(arms, axis=1).max())
     attitude = directions(4)
     rotations = Rotation.from_quat(attitude)
     # one state at a time: the heights of all corners in all states could fill the memory
-    heights = (from_center @ up for up in rotations.as_matrix()[:, 2])
+    heights = (arms @ up for up in rotations.as_matrix()[:, 2])
     bottom, top = np.array([(z.min(), z.max()) for z in heights]).T
-    depth = (top - bottom) * random.uniform(_SHALLOWEST, _DEEPEST, count)
+    depth = (top - bottom) * random.uniform(_MIN_DEPTH_RATIO, _MAX_DEPTH_RATIO, count)
     lever = rotations.apply(center)
     position = -lever
     position[:, 2] -= depth + bottom

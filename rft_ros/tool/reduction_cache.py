@@ -18,7 +18,7 @@ from rft_ros.rft import Plates
 from rft_ros.rft.kernel.compilation import digest, sources
 from rft_ros.tool import reduce
 
-_MOST_FILES = 128  # of at most half a megabyte each; the least recently used are removed first
+_MAX_FILE_COUNT = 128  # of at most half a megabyte each; the least recently used are removed first
 
 
 def cache_folder() -> Path:
@@ -41,14 +41,14 @@ def reduced_once(
         rows, sentence = read_arrays(file, "reduced tool", ("rows", "sentence"))
         with suppress(OSError):
             os.utime(file)  # it is the most recently used one now
-        kept = Plates.of_rows(rows) if rows.size else plates
-        return kept, str(sentence)
-    few, reduction = reduce.reduced_for_any_motion(plates, corners, tolerance)
+        cached_plates = Plates.of_rows(rows) if rows.size else plates
+        return cached_plates, str(sentence)
+    reduced_plates, reduction = reduce.reduced_for_any_motion(plates, corners, tolerance)
     with suppress(OSError):
-        rows = few.rows if few is not plates else np.empty(0)
+        rows = reduced_plates.rows if reduced_plates is not plates else np.empty(0)
         with replacing(file) as part, part.open("wb") as stream:
             np.savez(stream, rows=rows, sentence=np.array(reduction))
-        by_age = sorted(file.parent.glob("*.npz"), key=lambda one: one.stat().st_mtime)
-        for old in by_age[:-_MOST_FILES]:
+        cached_files = sorted(file.parent.glob("*.npz"), key=lambda one: one.stat().st_mtime)
+        for old in cached_files[:-_MAX_FILE_COUNT]:
             old.unlink(missing_ok=True)
-    return few, reduction
+    return reduced_plates, reduction

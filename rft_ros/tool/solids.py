@@ -18,7 +18,7 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-CELLS = 8
+EDGE_COUNT = 8
 """Edges along the longest side of a solid."""
 
 _OBLIQUE = rotation_matrix(np.array([0.1, 0.3, 0.5, math.sqrt(0.65)]))
@@ -29,7 +29,7 @@ def box(half_sides: Sequence[float]) -> Array:
     from trimesh.creation import box as box_of
 
     mesh = box_of(2.0 * np.array(half_sides))
-    for _ in range(3):  # which makes `CELLS` edges of each
+    for _ in range(3):  # which makes `EDGE_COUNT` edges of each
         mesh = mesh.subdivide()
     return np.asarray(mesh.triangles)
 
@@ -43,12 +43,14 @@ def ellipsoid(half_axes: Sequence[float]) -> Array:
 
 def cylinder(radius: float, half_length: float) -> Array:
     """A cylinder about the origin whose axis is z."""
-    return _turned(np.linspace(0.0, radius, CELLS // 2 + 1), np.zeros(CELLS // 2 + 1), half_length)
+    return _turned(
+        np.linspace(0.0, radius, EDGE_COUNT // 2 + 1), np.zeros(EDGE_COUNT // 2 + 1), half_length
+    )
 
 
 def capsule(radius: float, half_length: float) -> Array:
     """A cylinder of this half length about the origin, whose axis is z, with a half sphere at each end."""
-    angle = np.linspace(0.0, 0.5 * np.pi, CELLS // 2 + 1)
+    angle = np.linspace(0.0, 0.5 * np.pi, EDGE_COUNT // 2 + 1)
     return _turned(radius * np.sin(angle), radius * np.cos(angle), half_length)
 
 
@@ -56,10 +58,10 @@ def _turned(radii: Array, heights: Array, half_length: float) -> Array:
     """A cylinder about the z axis with a cap at each end: its radii from 0 outwards, and heights above the end."""
     from trimesh.creation import revolve
 
-    side = np.linspace(-half_length, half_length, CELLS + 1)[1:-1]
-    along = np.concatenate([-half_length - heights, side, half_length + heights[::-1]])
-    across = np.concatenate([radii, np.full(len(side), radii[-1]), radii[::-1]])
-    return np.asarray(revolve(np.column_stack([across, along]), sections=4 * CELLS).triangles)
+    side = np.linspace(-half_length, half_length, EDGE_COUNT + 1)[1:-1]
+    axial = np.concatenate([-half_length - heights, side, half_length + heights[::-1]])
+    radial = np.concatenate([radii, np.full(len(side), radii[-1]), radii[::-1]])
+    return np.asarray(revolve(np.column_stack([radial, axial]), sections=4 * EDGE_COUNT).triangles)
 
 
 def convex_hull(points: Array) -> "trimesh.Trimesh":
@@ -100,12 +102,14 @@ def crossings(points: Array, triangles: Array) -> Iterator[tuple[Array, Array]]:
 
 
 def _crossings_of_axis(triangles: Array) -> tuple[Array, Array]:
-    after = np.roll(triangles, -1, axis=1)
+    next_corners = np.roll(triangles, -1, axis=1)
     opposite = np.roll(triangles, -2, axis=1)
     # twice the areas of the axis and each edge, seen from above
-    weights = np.cross(after, opposite)[..., 2]
+    weights = np.cross(next_corners, opposite)[..., 2]
     turns = np.sign(weights).sum(axis=1) / 3.0
     is_met = np.abs(turns) == 1.0
-    met = weights[is_met]
-    heights = (met * triangles[is_met, :, 2]).sum(axis=1) / met.sum(axis=1)
+    crossing_weights = weights[is_met]
+    heights = (crossing_weights * triangles[is_met, :, 2]).sum(axis=1) / crossing_weights.sum(
+        axis=1
+    )
     return heights, turns[is_met]

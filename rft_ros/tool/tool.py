@@ -31,8 +31,8 @@ from rft_ros.tool.solids import convex_hull
 if TYPE_CHECKING:
     import trimesh
 
-_MOST_HEIGHTS = 1_000_000  # of corners that are computed at once: 8 MB
-_SAME_AREA = 1e-4  # relative difference of areas that is rounding
+_MAX_HEIGHT_COUNT = 1_000_000  # of corners that are computed at once: 8 MB
+_AREA_ROUNDING_RATIO = 1e-4  # relative difference of areas that is rounding
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -109,9 +109,9 @@ class Tool:
 
         `states`: shape [n, 13], columns `rft_ros.rft.STATE`.
         """
-        parts = 1 + len(states) * len(self.corners) // _MOST_HEIGHTS
-        found = [self._lowest(part) for part in np.array_split(states, parts)]
-        heights, sinking = np.concatenate(found, axis=1)
+        parts = 1 + len(states) * len(self.corners) // _MAX_HEIGHT_COUNT
+        blocks = [self._lowest(part) for part in np.array_split(states, parts)]
+        heights, sinking = np.concatenate(blocks, axis=1)
         return heights, sinking
 
     def _lowest(self, states: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -217,9 +217,9 @@ def tool_of_mesh(
 def centroid_plates(vertices: NDArray[np.float64], faces: NDArray[np.int64]) -> Plates:
     """Plates for the published rule, one per face. `vertices` [m]: shape [n, 3]. `faces`: indices of them, [m, 3]."""
     triangles = vertices[faces]
-    doubled = doubled_areas(triangles)
-    areas = 0.5 * np.linalg.norm(doubled, axis=1)
-    return Plates.from_arrays(triangles.sum(axis=1) / 3.0, doubled, areas)
+    double_areas = doubled_areas(triangles)
+    areas = 0.5 * np.linalg.norm(double_areas, axis=1)
+    return Plates.from_arrays(triangles.sum(axis=1) / 3.0, double_areas, areas)
 
 
 def describe_tool(tool: Tool) -> list[str]:
@@ -229,15 +229,15 @@ def describe_tool(tool: Tool) -> list[str]:
         lines.append(f"reduced: {tool.reduction}")
     for axis, (low, high) in zip("xyz", 1e3 * tool.bounds.T, strict=True):
         lines.append(f"{axis}: {low:.3f} to {high:.3f} mm (extent {high - low:.3f} mm)")
-    below = -1e3 * tool.lowest_point(np.eye(3))
-    side = "below" if below >= 0.0 else "above"
+    drop = -1e3 * tool.lowest_point(np.eye(3))
+    side = "below" if drop >= 0.0 else "above"
     lines.append(
-        f"lowest point: {abs(below):.3f} mm {side} the tool frame's origin (mesh.origin, --origin)"
+        f"lowest point: {abs(drop):.3f} mm {side} the tool frame's origin (mesh.origin, --origin)"
     )
     lines.append(f"mesh unit: {tool.frame.scale:g} m (mesh.scale, --scale)")
-    of_facets = centroid_plates(tool.vertices, tool.faces).area
-    area = f"area: {1e6 * of_facets:.1f} mm²"
-    if abs(tool.facets.area - of_facets) > _SAME_AREA * of_facets:
+    facet_area = centroid_plates(tool.vertices, tool.faces).area
+    area = f"area: {1e6 * facet_area:.1f} mm²"
+    if abs(tool.facets.area - facet_area) > _AREA_ROUNDING_RATIO * facet_area:
         area += (
             " of facets; forces are computed with the "
             f"{1e6 * tool.facets.area:.1f} mm² of the curved surface that they approximate"

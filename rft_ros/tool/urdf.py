@@ -29,7 +29,7 @@ _SOLIDS: dict[str, tuple[Callable[..., Array], dict[str, float]]] = {
 }
 """By the element of a solid: what makes its triangles, and of which attributes [m], each times a factor."""
 
-_XACRO_SECONDS = 60.0
+_XACRO_TIMEOUT_S = 60.0
 
 
 class LinkShape(NamedTuple):
@@ -56,27 +56,27 @@ def shapes_of_link(urdf: Path, link: str) -> list[LinkShape]:
     A file that ends in .xacro is expanded by the program xacro. Other links are not looked at: their meshes may be in
     packages that are not installed.
     """
-    named = f"mesh file '{urdf}'"
+    source_name = f"mesh file '{urdf}'"
     try:
-        links = list(ElementTree.fromstring(_text(urdf, named)).iter("link"))
+        links = list(ElementTree.fromstring(_text(urdf, source_name)).iter("link"))
     except ElementTree.ParseError as error:
         raise InputError(
-            f"{named} is not XML: {reason_of(error)}; give a URDF file (xacro writes one)"
+            f"{source_name} is not XML: {reason_of(error)}; give a URDF file (xacro writes one)"
         ) from None
     shapes = {str(element.get("name")): _shapes(element) for element in links}
     if not shapes.get(link):
         usable = ", ".join(name for name, its in shapes.items() if its) or "none"
         raise InputError(
-            f"{named} has no link '{link}' with a shape; write {urdf.name}#LINK, with one of its links that have one: "
-            f"{usable}"
+            f"{source_name} has no link '{link}' with a shape; write {urdf.name}#LINK, "
+            f"with one of its links that have one: {usable}"
         )
     return [
-        _placed(shape, geometry, urdf, f"{named} has in its link '{link}'")
+        _placed(shape, geometry, urdf, f"{source_name} has in its link '{link}'")
         for shape, geometry in shapes[link]
     ]
 
 
-def _text(urdf: Path, named: str) -> str:
+def _text(urdf: Path, source_name: str) -> str:
     """The URDF as text, expanded if it is a xacro file."""
     text = read_text(checked_mesh(urdf), "mesh file")
     if urdf.suffix.lower() != ".xacro":
@@ -86,32 +86,34 @@ def _text(urdf: Path, named: str) -> str:
             ["xacro", str(urdf)],
             capture_output=True,
             text=True,
-            timeout=_XACRO_SECONDS,
+            timeout=_XACRO_TIMEOUT_S,
             check=True,
         ).stdout
     except FileNotFoundError:
-        expanded = urdf.with_suffix("").name
+        urdf_name = urdf.with_suffix("").name
         raise InputError(
-            f"{named} needs xacro, which is not installed; expand it with xacro: xacro FILE -o {expanded}"
+            f"{source_name} needs xacro, which is not installed; expand it with xacro: xacro FILE -o {urdf_name}"
         ) from None
     except subprocess.CalledProcessError as error:
         raise InputError(
-            f"{named} cannot be expanded by xacro: {shown(error.stderr.strip())}"
+            f"{source_name} cannot be expanded by xacro: {shown(error.stderr.strip())}"
         ) from None
     except (OSError, subprocess.TimeoutExpired) as error:
-        raise InputError(f"{named} cannot be expanded by xacro: {reason_of(error)}") from None
+        raise InputError(
+            f"{source_name} cannot be expanded by xacro: {reason_of(error)}"
+        ) from None
 
 
 def _shapes(link: ElementTree.Element) -> list[tuple[ElementTree.Element, ElementTree.Element]]:
     """The collision shapes of a link, each with its mesh or solid: what touches; or else the visual ones."""
-    known = ("mesh", *_SOLIDS)
+    known_tags = ("mesh", *_SOLIDS)
     for kind in ("collision", "visual"):
         shapes = [
-            (shape, found)
+            (shape, part_geometry)
             for shape in link.findall(kind)
-            for found in shape.iterfind("geometry/*")
+            for part_geometry in shape.iterfind("geometry/*")
         ]
-        usable = [(shape, geometry) for shape, geometry in shapes if geometry.tag in known]
+        usable = [(shape, geometry) for shape, geometry in shapes if geometry.tag in known_tags]
         if usable:
             return usable
     return []
@@ -164,8 +166,8 @@ def _located(name: str, urdf: Path) -> Path:
         return locate_mesh(uri)
     except InputError:
         scheme, _, place = uri.partition("://")
-        package, _, quoted = place.partition("/")
-        path = Path(unquote(quoted))
+        package, _, quoted_path = place.partition("/")
+        path = Path(unquote(quoted_path))
         if scheme != "package" or not package.strip(".") or not _stays_inside(path):
             raise
         for folder in resolved(urdf).parents:

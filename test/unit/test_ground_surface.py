@@ -9,7 +9,7 @@ from numpy.testing import assert_allclose, assert_array_equal
 from rft_ros.errors import InputError
 from rft_ros.ground import (
     LAST_SURFACE,
-    MOST_CELLS,
+    MAX_CELL_COUNT,
     HeightMap,
     Support,
     read_height_map,
@@ -82,7 +82,7 @@ def test_the_map_is_bounded_whatever_the_points():
     for k in range(20):
         x, y = rng.uniform(-50.0, 50.0, size=(2, 1000))
         ground = ground.with_points(x + 10.0 * k, y, 0.0 * x)
-    assert ground.heights.size <= MOST_CELLS
+    assert ground.heights.size <= MAX_CELL_COUNT
 
 
 def test_some_of_many_points_are_spread_over_the_map():

@@ -102,7 +102,7 @@ def test_where_nothing_can_be_written_a_tool_is_reduced_each_time(reductions, tm
 
 
 def test_the_cache_stays_small_and_keeps_what_was_used_last(reductions, monkeypatch):
-    monkeypatch.setattr(reduction_cache, "_MOST_FILES", 3)
+    monkeypatch.setattr(reduction_cache, "_MAX_FILE_COUNT", 3)
     tool()
     (first,) = kept()
     for k in range(5):

@@ -397,7 +397,7 @@ def test_a_cluster_gives_the_same_table_and_survives_the_loss_of_a_worker(tmp_pa
 
 def test_a_scheduler_that_does_not_answer_is_named(tmp_path, monkeypatch):
     pytest.importorskip("distributed")
-    monkeypatch.setattr(runs, "_PATIENCE", 1.0)
+    monkeypatch.setattr(runs, "_SCHEDULER_TIMEOUT_S", 1.0)
     with pytest.raises(InputError, match=r"127\.0\.0\.1:9"):
         run(read_design(study(tmp_path, SMALL)), tmp_path / "out", scheduler="tcp://127.0.0.1:9")
 

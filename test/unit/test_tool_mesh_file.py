@@ -217,7 +217,7 @@ def test_vertices_whose_areas_overflow_are_refused(tmp_path):
 
 
 def test_a_mesh_over_the_facet_limit_is_refused(tmp_path, monkeypatch):
-    monkeypatch.setattr(mesh_file, "_MOST_FACETS", 79)
+    monkeypatch.setattr(mesh_file, "_MAX_FACET_COUNT", 79)
     assert refused(written(tmp_path)).endswith("has 80 facets; the limit is 79")
 
 

@@ -152,7 +152,7 @@ def test_a_xacro_file_is_expanded_where_xacro_is_installed_and_else_is_told_what
     assert len(load_tool(file).faces) == len(BOX.faces)
     program.write_text("#!/bin/sh\necho undefined property 1>&2\nexit 1\n")
     assert_says(refusal(load_tool, file), "robot.urdf.xacro", "'undefined property'")
-    monkeypatch.setattr("rft_ros.tool.urdf._XACRO_SECONDS", 0.2)
+    monkeypatch.setattr("rft_ros.tool.urdf._XACRO_TIMEOUT_S", 0.2)
     program.write_text("#!/bin/sh\necho still at work 1>&2\nexec /bin/sleep 5\n")
     assert_says(refusal(load_tool, file), "robot.urdf.xacro", "timed out after 0.2 seconds")
 
