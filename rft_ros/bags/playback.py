@@ -10,7 +10,7 @@ from rft_ros.bags.estimates import ESTIMATE, ReplayTable, Rows
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.reading import Recording, bag_name, opened_recording
 from rft_ros.errors import InputError
-from rft_ros.estimator import Answer, Estimator, PoseSample, Reason, Sample
+from rft_ros.estimator import Answer, Estimator, PoseSample, Sample
 from rft_ros.parameters import Config, Model, Values
 from rft_ros.progress import bar
 from rft_ros.report import DrawnMotion
@@ -35,7 +35,7 @@ def play(recording: Recording, estimator: Estimator) -> Iterator[tuple[Sample, A
                 update(recording.time - recording.first, label)
     estimator.finish()
     if recording.unreadable:
-        estimator.counts[Reason.MESSAGE_UNREADABLE] += recording.unreadable
+        estimator.count_unreadable(recording.unreadable)
 
 
 def reasons(recording: Recording, estimator: Estimator) -> str:
@@ -97,7 +97,7 @@ def tared(bag: Path, config: Config, model: Model, options: ReplayOptions) -> Co
         estimator = Estimator(recording.config.settings, model)
         rows = played(recording, estimator)
         with_velocity = rows["stamp"][~np.isnan(rows["depth"])]
-        last_reading = estimator.run.readings.last
+        last_reading = estimator.last_reading
         window = seconds
         if len(with_velocity) and last_reading and with_velocity[0] < last_reading.stamp:
             window = 1e-9 * (last_reading.stamp - with_velocity[0])

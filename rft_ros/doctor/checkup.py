@@ -349,7 +349,7 @@ class Checkup:
 
     def _of_jumps(self) -> Iterator[Finding]:
         """A pose that is farther from the one before than a tool can move; two publishers are another finding."""
-        jump = self._estimator.run.jumps.longest
+        jump = self._estimator.longest_jump
         if jump is None or self._alternations["pose"].is_found:
             return
         length = f"{1e3 * jump.length:.0f} mm in {1e3 * jump.seconds:.3g} ms"

@@ -75,5 +75,5 @@ class SeenMotion:
 
     def is_enough(self, seconds: float) -> bool:
         """Whether to stop after listening for `seconds` [s]: all was seen, or nothing that can be used comes."""
-        is_blind = not (self._estimator.estimates and self._estimator.run.readings)
+        is_blind = not (self._estimator.estimates and self._estimator.last_reading)
         return not self.missing or (is_blind and seconds >= _MAX_WAIT_S)

@@ -2,8 +2,8 @@
 
 from collections import Counter
 
+from rft_ros.estimator.lifetimes import Lifetimes
 from rft_ros.estimator.load_cell import Prediction
-from rft_ros.estimator.run import Run
 from rft_ros.estimator.samples import Measurement, Reason
 from rft_ros.estimator.timeline import interpolated, patience
 from rft_ros.rft.frames import Wrench
@@ -13,34 +13,34 @@ _MOST_PENDING = 4096
 
 
 class Comparison:
-    """Compares each prediction of a `Run` with the load cell, once the readings around its stamp have come.
+    """Compares each prediction with the load cell, once the readings around its stamp have come.
 
     The reading is interpolated linearly between those on both sides of the stamp, each within `max_age`. If no reading
     follows within that, the last one before the stamp is used. A prediction waits for a later reading until another
     input has a stamp that is later by `patience`. Reasons for predictions without a measurement are counted in
-    `counts`. Each compensated wrench updates the run's mean in the air and its filter, in the order of the estimates.
+    `counts`. Each compensated wrench updates the mean in the air and the filter, in the order of the estimates.
     """
 
     def __init__(self, counts: Counter[Reason]) -> None:
         self._counts = counts
         self._final: list[Measurement] = []
 
-    def add(self, prediction: Prediction, run: Run) -> None:
+    def add(self, prediction: Prediction, kept: Lifetimes) -> None:
         """Add a prediction."""
-        if len(run.pending) >= _MOST_PENDING:
-            self._compare_oldest(run)
-        run.pending.append(prediction)
-        self.settle(prediction.pose.stamp, run)
+        if len(kept.inputs.pending) >= _MOST_PENDING:
+            self._compare_oldest(kept)
+        kept.inputs.pending.append(prediction)
+        self.settle(prediction.pose.stamp, kept)
 
-    def settle(self, now: float, run: Run) -> None:
+    def settle(self, now: float, kept: Lifetimes) -> None:
         """Compare the predictions that need not wait. `now` [ns]: the stamp of the sample that has just come."""
-        while run.pending:
-            oldest = run.pending[0]
+        while kept.inputs.pending:
+            oldest = kept.inputs.pending[0]
             stamp = oldest.pose.stamp
-            newest = run.readings.last.stamp if run.readings.last else 0
+            newest = kept.inputs.readings.last.stamp if kept.inputs.readings.last else 0
             if newest < stamp and now <= stamp + patience(oldest.max_age):
                 break
-            self._compare_oldest(run)
+            self._compare_oldest(kept)
 
     def measurements(self) -> list[Measurement]:
         """The measurements that became final since the last call, in the order of the estimates."""
@@ -48,13 +48,13 @@ class Comparison:
         self._final = []
         return final
 
-    def _compare_oldest(self, run: Run) -> None:
-        self._final.append(self._measured(run.pending.popleft(), run))
+    def _compare_oldest(self, kept: Lifetimes) -> None:
+        self._final.append(self._measured(kept.inputs.pending.popleft(), kept))
 
-    def _measured(self, prediction: Prediction, run: Run) -> Measurement:
+    def _measured(self, prediction: Prediction, kept: Lifetimes) -> Measurement:
         pose = prediction.pose
         cell = prediction.cell
-        before, after, share = run.readings.around(pose.stamp)
+        before, after, share = kept.inputs.readings.around(pose.stamp)
         if before is None or pose.stamp - before.stamp > prediction.max_age:
             reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
             self._counts[reason] += 1
@@ -67,21 +67,25 @@ class Comparison:
         ):
             fx, fy, fz, tx, ty, tz = interpolated(before.wrench, after.wrench, share)
             raw = before._replace(wrench=(fx, fy, fz, tx, ty, tz))
-        is_repeated = raw.wrench == run.last_raw
-        run.last_raw = raw.wrench
+        is_repeated = raw.wrench == kept.inputs.last_raw
+        kept.inputs.last_raw = raw.wrench
         compensated = _difference(cell.sign, cell.in_own_axes(raw, pose), prediction.offset)
-        _learn(prediction, compensated, run, repeated=is_repeated)
+        _learn(prediction, compensated, kept, repeated=is_repeated)
         return Measurement(
             pose.stamp, compensated, _difference(1.0, compensated, prediction.wrench), None
         )
 
 
-def _learn(prediction: Prediction, compensated: Wrench, run: Run, *, repeated: bool) -> None:
+def _learn(
+    prediction: Prediction, compensated: Wrench, kept: Lifetimes, *, repeated: bool
+) -> None:
     """Update the mean in the air and the filter. `repeated`: the raw reading equals the one before, bit by bit."""
-    run.air.add(prediction, compensated)
-    if run.learning is not None:
+    kept.air.add(prediction, compensated)
+    if kept.learning is not None:
         force = prediction.force_in_world(compensated)
-        run.learning.learn(prediction.pose.stamp, force, repeated=repeated, air_load=run.air.load)
+        kept.learning.learn(
+            prediction.pose.stamp, force, repeated=repeated, air_load=kept.air.load
+        )
 
 
 def _difference(factor: float, a: Wrench, b: Wrench) -> Wrench:

@@ -11,12 +11,21 @@ from rft_ros.estimator import samples
 from rft_ros.estimator.comparison import Comparison
 from rft_ros.estimator.intake import Intake
 from rft_ros.estimator.learning import UNEXPLAINED, Learning
+from rft_ros.estimator.lifetimes import TABLE, Change, Lifetimes, changes, compared
 from rft_ros.estimator.load_cell import LoadCellFrame, Prediction
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Motion
+from rft_ros.estimator.pose_jumps import Jump
 from rft_ros.estimator.pose_noise import NOISY, NOISY_SENTENCE
 from rft_ros.estimator.quality import sentence_on
-from rft_ros.estimator.run import RESTARTS, Change, Run, changes, compared
-from rft_ros.estimator.samples import Answer, Estimate, PoseSample, Reason, RefusedError
+from rft_ros.estimator.samples import (
+    Answer,
+    Estimate,
+    PoseSample,
+    Reason,
+    RefusedError,
+    TransformSample,
+    WrenchSample,
+)
 from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.estimator.tare import TarePose, mean_in_air
 from rft_ros.estimator.timeline import NEW_RUN, patience
@@ -52,19 +61,19 @@ class Estimator:
         self.estimates = 0
         self.settings = settings
         self.model = model
-        self.run = Run(settings, model)
-        """What the estimator has followed since the last change that restarts it."""
+        self._kept = Lifetimes.begin(settings, model)
         self._law = packed_law(model.law)
         self._comparison = Comparison(self.counts)
         self._intake = Intake(settings, self.counts, self._comparison)
         self.transforms = self._intake.transforms
+        self._compared = self._values_compared()
         self._result = np.zeros((1, WIDTH))
 
     # --- queries
 
     def depth(self) -> float:
         """Depth of the lowest point at the last pose below `surface` [m]: negative above it, NaN before any pose."""
-        pose = self.run.pose
+        pose = self._kept.motion.pose
         if pose is None:
             return math.nan
         height, (sx, sy), *_ = self.surface
@@ -78,17 +87,20 @@ class Estimator:
 
         Zeros in a new run, and with other frames, before there is one.
         """
-        return self.run.state
+        return self._kept.motion.state
 
     @property
     def surface(self) -> LocalSurface:
         """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
-        return self.run.surface
+        ground = self._kept.ground
+        if ground.mapper is None or ground.surface is None:
+            return LocalSurface(self.settings.surface_height)
+        return ground.surface
 
     @property
     def learning(self) -> Learning | None:
         """The filter of the medium's strength; None while `learning_mode` is off."""
-        return self.run.learning
+        return self._kept.learning
 
     @property
     def load_cell(self) -> LoadCell:
@@ -98,7 +110,8 @@ class Estimator:
     @property
     def ground(self) -> HeightMap | None:
         """The map of the ground that the last pose was evaluated on; None if the ground is a level plane."""
-        return None if self.run.mapper is None else self.run.mapper.map
+        mapper = self._kept.ground.mapper
+        return None if mapper is None else mapper.map
 
     def issues(self) -> list[str]:
         """The current issues of the inputs, the ground and the calibration, each a sentence.
@@ -111,8 +124,9 @@ class Estimator:
         found = []
         if self.ground is not None and self.ground.issue:
             found.append(self.ground.issue)
-        if self.run.jumps.sentence:
-            found.append(self.run.jumps.sentence)
+        jumps = self._kept.motion.jumps.sentence
+        if jumps:
+            found.append(jumps)
         elif self.pose_noise > NOISY and not sentence_on(
             self.model.tool, depth=self.depth(), force=0.0
         ):
@@ -120,15 +134,15 @@ class Estimator:
         if self._intake.unknown_axes:
             axes = ", ".join(self._intake.unknown_axes)
             found.append(f"the load cell gives no number on {axes}: check its driver and cable")
-        found += self.run.unseen.sentences(self.settings.calibrated_motions)
+        found += self._kept.contact.unseen.sentences(self.settings.calibrated_motions)
         if self.learning is not None and self.learning.excludes_readings:
             found.append(UNEXPLAINED)
-        return found + self.run.air.issues()
+        return found + self._kept.air.issues()
 
     @property
     def pose_noise(self) -> float:
         """Standard deviation of a coordinate of the tool's farthest point, by the noise of the poses [m]."""
-        return self.run.kinematics.noise.at_tip(self.model.tool.plates.reach)
+        return self._kept.motion.kinematics.noise.at_tip(self.model.tool.plates.reach)
 
     @property
     def wrench_frame(self) -> str:
@@ -142,6 +156,21 @@ class Estimator:
             if self._intake.sensor_is_in_world
             else self.settings.sensor_frame
         )
+
+    @property
+    def waits_for_readings(self) -> bool:
+        """Whether predictions wait for load-cell samples; `finish` ends their wait."""
+        return bool(self._kept.inputs.pending)
+
+    @property
+    def last_reading(self) -> WrenchSample | None:
+        """The load-cell sample with the latest stamp, at the stamp of its event; None before there is one."""
+        return self._kept.inputs.readings.last
+
+    @property
+    def longest_jump(self) -> Jump | None:
+        """The longest jump of the poses that no tool can follow; None if there was none."""
+        return self._kept.motion.jumps.longest
 
     def unknown_frames(self) -> dict[Reason, str]:
         """For each reason that concerns frames, a sentence that names the frame refused last, and says what to do.
@@ -167,7 +196,6 @@ class Estimator:
         load-cell samples; another `world_frame` or `tool_frame` drops all other samples, the path and the changes of
         the ground. Another tool keeps the learned strength of the bed; another medium, law or `zeta_error` resets it.
         """
-        before = compared(self.settings, self.load_cell, self.model)
         if settings is not None:
             number("surface_height", settings.surface_height)
             self.settings = settings
@@ -175,28 +203,48 @@ class Estimator:
         if model is not None:
             self._law = packed_law(model.law)
             self.model = model
-        self._restart(changes(before, compared(self.settings, self.load_cell, self.model)))
+        self._follow_changes()
         if self.learning is not None:
-            self.learning.lag = self.settings.learning_lag
-            self.learning.reach = self.model.tool.plates.reach
+            self.learning.use(lag=self.settings.learning_lag, reach=self.model.tool.plates.reach)
 
     def level_ground(self) -> bool:
         """Reset the map to the ground at the start. Returns False if the ground is a level plane, which has no map."""
-        if self.run.mapper is None:
+        if self._kept.ground.mapper is None:
             return False
-        self._restart(Change.GROUND)
+        self._end(Change.GROUND)
         return True
 
     def forget(self) -> None:
         """Go back to the calibration: forget the strength of the grains that was learned."""
-        self._restart(Change.PRIOR)
+        self._end(Change.PRIOR)
 
-    def _restart(self, changed: Change) -> None:
-        if changed & RESTARTS["pending"]:
-            self._comparison.settle(math.inf, self.run)
-        self.run.restart(changed, self.settings, self.model)
+    def _values_compared(self) -> dict[Change, object]:
+        return compared(
+            self.settings,
+            self.load_cell,
+            self.model,
+            readings_in_world=self._intake.readings_are_in_world,
+        )
+
+    def _follow_changes(self) -> None:
+        """End what ends with the changes since the last call: of the settings, the model, or the sensor's place."""
+        before = self._compared
+        self._compared = self._values_compared()
+        self._end(changes(before, self._compared))
+
+    def _end(self, changed: Change) -> None:
+        """Make anew what ends with these changes."""
+        if not changed:
+            return
+        if changed & (TABLE["inputs"].ends_with | Change.JUMP):
+            self._comparison.settle(math.inf, self._kept)
+        self._kept = self._kept.after(changed, self.settings, self.model)
 
     # --- samples
+
+    def count_unreadable(self, number_of_messages: int = 1) -> None:
+        """Count messages that could not be decoded, and so gave no sample."""
+        self.counts[Reason.MESSAGE_UNREADABLE] += number_of_messages
 
     def push(self, sample: samples.Sample) -> Answer | None:
         """Push a sample of any kind; returns the answer to a pose. An unusable sample is counted by its reason.
@@ -208,9 +256,11 @@ class Estimator:
         parts = (sample,) if isinstance(sample, samples.Stamped) else sample
         for one in parts:
             try:
-                self._intake.add(one, self.run)
+                self._intake.add(one, self._kept)
             except RefusedError as refused:
                 self.counts[refused.reason] += 1
+            if isinstance(one, TransformSample) and one.fixed:
+                self._follow_changes()
         return None
 
     def answers(self, sample: samples.Sample) -> Iterator[tuple[PoseSample, Answer]]:
@@ -232,8 +282,8 @@ class Estimator:
 
     def finish(self) -> None:
         """Make the measurements final that still wait for load-cell samples: after the last sample, or in a pause."""
-        self._comparison.settle(math.inf, self.run)
-        self.run.air.settle(math.inf)
+        self._comparison.settle(math.inf, self._kept)
+        self._kept.air.settle(math.inf)
 
     def tare(self, window: float) -> Wrench:
         """The bias that makes the mean compensated wrench of the last `window` [s] zero, in the driver's sign.
@@ -244,10 +294,10 @@ class Estimator:
         """
         frame = LoadCellFrame(self.load_cell)
         mean = mean_in_air(
-            self.run.readings,
-            self.run.poses,
+            self._kept.inputs.readings,
+            self._kept.motion.poses,
             frame,
-            newest_pose=self.run.pose_stamp,
+            newest_pose=self._intake.pose_stamp,
             longest_gap=patience(self.settings.max_age),
             window=window,
             rest_speed=self.settings.rest_speed,
@@ -268,7 +318,7 @@ class Estimator:
         except RefusedError as refused:
             self.counts[refused.reason] += 1
             if refused.reason in UNKNOWN_VELOCITY:
-                self.run.poses.append(
+                self._kept.motion.poses.append(
                     TarePose(sample, f"the tool's velocity was unknown ({refused.reason})")
                 )
             return samples.NoEstimate(sample.stamp, refused.reason)
@@ -278,47 +328,52 @@ class Estimator:
     def _estimate(self, sample: PoseSample) -> Estimate:
         """The estimate at a pose, in the steps of docs/architecture.md; `RefusedError` if a step has no result."""
         pose = self._accepted(sample)
-        run = self.run
+        kept = self._kept
+        contact = kept.contact
         settings = self.settings
         max_age = settings.max_age
-        run.air.settle(pose.stamp - patience(max_age))
-        velocity = run.kinematics.velocity(pose, run.twists, settings)
+        kept.air.settle(pose.stamp - patience(max_age))
+        velocity = kept.motion.kinematics.velocity(pose, kept.inputs.twists, settings)
         frame = self._intake.load_cell_frame
         if frame is None:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
         motion = self._motion(pose, velocity)
         state = motion.state[0]
-        if run.mapper is not None:
-            run.surface = run.footing.surface(
-                run.mapper.map, state, default_height=settings.surface_height
+        ground = kept.ground
+        if ground.mapper is not None:
+            ground.surface = contact.footing.surface(
+                ground.mapper.map, state, default_height=settings.surface_height
             )
-        row, force, area = self._model_wrench(motion)
+        surface = self.surface
+        row, force, area = self._model_wrench(motion, surface)
         in_grains = area > 0.0
-        run.poses.append(TarePose(pose, "the tool was in the grains" if in_grains else None))
-        run.withdrawal.follow(motion, force, in_grains=in_grains)
-        run.unseen.follow(motion, in_grains=in_grains)
+        kept.motion.poses.append(
+            TarePose(pose, "the tool was in the grains" if in_grains else None)
+        )
+        contact.withdrawal.follow(motion, force, in_grains=in_grains)
+        contact.unseen.follow(motion, in_grains=in_grains)
         with_sigma = self._corrected(motion, row)
-        run.withdrawal.widen(with_sigma)
-        run.state = state
+        contact.withdrawal.widen(with_sigma)
+        kept.motion.state = state
         if in_grains and motion.rests and not self.model.law.has_memory:
             # refused only here: a tare and the phases need the state, and late readings still update the filter
             raise RefusedError(Reason.AT_REST)
         wrench, offset, sigma = frame.into_sensor(state[QUATERNION], with_sigma)
         # the reading at this pose may have come already; it decides flags
         prediction = Prediction(pose, wrench, offset, frame, in_air=not in_grains, max_age=max_age)
-        self._comparison.add(prediction, run)
-        learning = run.learning
-        flags = run.quality.flags(
+        self._comparison.add(prediction, kept)
+        learning = kept.learning
+        flags = contact.quality.flags(
             motion,
-            run.surface,
+            surface,
             settings,
             self.model.law.speed_limits,
             force=force,
             in_grains=in_grains,
             depth=self.depth,
-            withdrawn=run.withdrawal.active,
+            withdrawn=contact.withdrawal.active,
             surprises=learning is not None and learning.change != "",
-            disagrees=run.air.is_offset or (learning is not None and learning.excludes_readings),
+            disagrees=kept.air.is_offset or (learning is not None and learning.excludes_readings),
         )
         return Estimate(
             stamp=pose.stamp,
@@ -332,44 +387,42 @@ class Estimator:
 
     def _accepted(self, sample: PoseSample) -> PoseSample:
         """The pose in world axes, checked, and passed to ground and comparison; it may be the first of a new run."""
-        run = self.run
-        pose, follows = self._intake.pose(sample, run)
+        pose, follows = self._intake.pose(sample)
         if follows is NEW_RUN:
             self.counts[Reason.TIME_JUMP] += 1
-            self._restart(Change.RUN)
-            run.twists.start_run(pose.stamp)
-            run.readings.start_run(pose.stamp)
-        run.pose_stamp = pose.stamp
-        run.pose = pose
-        run.jumps.follow(pose)
-        if run.mapper is not None:
-            run.mapper.add_place(
+            self._end(Change.JUMP)
+            self._kept.inputs.begin_run(pose.stamp)
+        kept = self._kept
+        kept.motion.pose = pose
+        kept.motion.jumps.follow(pose)
+        if kept.ground.mapper is not None:
+            kept.ground.mapper.add_place(
                 ToolPlace(pose.stamp, pose.position, pose.quaternion, self.model.tool.corners)
             )
-        self._comparison.settle(pose.stamp, run)
+        self._comparison.settle(pose.stamp, kept)
         return pose
 
     def _motion(self, pose: PoseSample, velocity: tuple[float, ...] | Reason) -> Motion:
         """The motion to a pose. Raises `RefusedError` without a velocity, or if `max_rate` allows no estimate yet."""
-        run = self.run
-        if not run.pace.allows(pose.stamp):
+        tool_motion = self._kept.motion
+        max_rate = self.settings.max_rate
+        if not tool_motion.pace.allows(pose.stamp, max_rate):
             raise RefusedError(Reason.POSE_RATE_LIMITED)
         if isinstance(velocity, Reason):
             raise RefusedError(velocity)
-        run.pace.count(pose.stamp)
+        tool_motion.pace.count(pose.stamp, max_rate)
         reach = self.model.tool.plates.reach
-        return run.kinematics.motion(
+        return tool_motion.kinematics.motion(
             pose, velocity, reach=reach, rest_speed=self.settings.rest_speed
         )
 
-    def _model_wrench(self, motion: Motion) -> tuple[Array, Vector, float]:
+    def _model_wrench(self, motion: Motion, surface: LocalSurface) -> tuple[Array, Vector, float]:
         """Evaluate the model: its result, shape [19], its force [N] and the submerged area [m²]. Advances the memory.
 
         The result (wrench, area, sensitivities) is overwritten at the next pose.
         """
-        surface = self.surface
         state = motion.with_direction if self.model.law.has_memory else motion.state
-        self.run.step(
+        self._kept.contact.step(
             self._law, state, surface.height, surface.slope, motion.displacement, self._result
         )
         row: Array = self._result[0]
@@ -397,6 +450,6 @@ class Estimator:
             motion.pose.stamp,
             row,
             step=motion.path,
-            passing=self.run.withdrawal.active or is_fast,
+            passing=self._kept.contact.withdrawal.active or is_fast,
             apply=self.settings.learning_mode == "apply",
         )

@@ -5,8 +5,8 @@ from collections import Counter, deque
 
 from rft_ros.estimator import samples
 from rft_ros.estimator.comparison import Comparison
+from rft_ros.estimator.lifetimes import Lifetimes
 from rft_ros.estimator.load_cell import LoadCellFrame
-from rft_ros.estimator.run import Run
 from rft_ros.estimator.samples import (
     ABSURD,
     PoseSample,
@@ -48,7 +48,7 @@ _UNKNOWN = {
 
 
 class Intake:
-    """Checks samples, and keeps them in a `Run`. Raises `RefusedError` with the reason for one that cannot be used.
+    """Checks samples, and keeps them. Raises `RefusedError` with the reason for one that cannot be used.
 
     The first sample of a new run (`Succession`) drops the earlier ones of its input. With `pose_source` tf, `counts`
     counts the reasons for which transforms give no pose. `load_cell_frame`: None until transforms give the sensor's
@@ -61,6 +61,8 @@ class Intake:
         self.transforms = Transforms()
         self._counts = counts
         self._comparison = comparison
+        self.pose_stamp = 0
+        """Of the last pose that was accepted [ns]."""
         self._wanted: deque[int] = deque()  # stamps whose poses wait for transforms
         self._scheduled = 0  # stamp up to which poses were scheduled
         # the frame refused last, and those expected
@@ -94,9 +96,14 @@ class Intake:
             self.load_cell = s.load_cell.at(on_tool)
         self.load_cell_frame = LoadCellFrame(self.load_cell)
 
+    @property
+    def readings_are_in_world(self) -> bool:
+        """Whether readings are kept in world axes: the sensor does not turn with the tool, or the settings say so."""
+        return self.sensor_is_in_world or self._settings.sensor_source == "world"
+
     # --- samples
 
-    def pose(self, sample: PoseSample, run: Run) -> tuple[PoseSample, Succession]:
+    def pose(self, sample: PoseSample) -> tuple[PoseSample, Succession]:
         """The pose in world axes, its quaternion of unit length, and whether it is the next one or begins a new run."""
         stamp = sample.stamp
         world = self._settings.world_frame
@@ -109,21 +116,24 @@ class Intake:
             raise RefusedError(Reason.POSE_NOT_FINITE)
         if quaternion is None:
             raise RefusedError(Reason.POSE_QUATERNION_NOT_UNIT)
-        follows = succession(stamp, after=run.pose_stamp)
+        follows = succession(stamp, after=self.pose_stamp)
         if follows is REPEATED:
             raise RefusedError(Reason.POSE_REPEATED)
         if follows is LATE:
             raise RefusedError(Reason.POSE_OUT_OF_ORDER)
+        self.pose_stamp = stamp
         return PoseSample(stamp, world, position, quaternion), follows
 
-    def add(self, sample: TwistSample | WrenchSample | Cloud | TransformSample, run: Run) -> None:
+    def add(
+        self, sample: TwistSample | WrenchSample | Cloud | TransformSample, kept: Lifetimes
+    ) -> None:
         """Keep a sample that is no pose."""
         if isinstance(sample, TwistSample):
-            self._add_twist(sample, run)
+            self._add_twist(sample, kept)
         elif isinstance(sample, WrenchSample):
-            self._add_wrench(sample, run)
+            self._add_wrench(sample, kept)
         elif isinstance(sample, Cloud):
-            self._add_cloud(sample, run)
+            self._add_cloud(sample, kept)
         else:
             reason = self.transforms.push(sample)
             if sample.fixed:
@@ -131,7 +141,7 @@ class Intake:
             if reason is not None:  # also TF_TWO_PARENTS, although that transform is used
                 raise RefusedError(reason)
 
-    def _add_twist(self, sample: TwistSample, run: Run) -> None:
+    def _add_twist(self, sample: TwistSample, kept: Lifetimes) -> None:
         """Keep a twist, in the axes of the world or the tool frame."""
         if self._settings.twist_source != "topic":
             return  # a replay does not read this topic either, so that both give the same result
@@ -145,9 +155,9 @@ class Intake:
             sample = TwistSample(
                 sample.stamp, into, axes.rotate(sample.linear), axes.rotate(sample.angular)
             )
-        self._keep(sample, run.twists, run, late=Reason.TWIST_OUT_OF_ORDER)
+        self._keep(sample, kept.inputs.twists, kept, late=Reason.TWIST_OUT_OF_ORDER)
 
-    def _add_wrench(self, sample: WrenchSample, run: Run) -> None:
+    def _add_wrench(self, sample: WrenchSample, kept: Lifetimes) -> None:
         """Keep a reading of the load cell at the stamp of its event, in the axes of the sensor or the world frame."""
         s = self._settings
         stamp = sample.stamp - self._delay
@@ -155,7 +165,7 @@ class Intake:
         if self.sensor_is_in_world:
             into = s.world_frame
             there = self.transforms.fixed(s.world_frame, sample.frame)
-        in_world = s.sensor_source == "world" or into == s.world_frame
+        in_world = self.readings_are_in_world or into == s.world_frame
         wrench = self._with_known_axes(sample.wrench)
         if there is not None:
             if in_world:  # the torque is about the sensor's origin, not that of its frame
@@ -163,7 +173,7 @@ class Intake:
             wrench = there.wrench(wrench)
         reading = WrenchSample(stamp, s.world_frame if in_world else s.sensor_frame, wrench)
         # of several with one stamp the first one is kept, also if a pose came between them
-        self._keep(reading, run.readings, run, late=Reason.WRENCH_OUT_OF_ORDER)
+        self._keep(reading, kept.inputs.readings, kept, late=Reason.WRENCH_OUT_OF_ORDER)
 
     def _with_known_axes(self, wrench: Wrench) -> Wrench:
         """The wrench, with NaN for a torque that is no number. Raises `RefusedError` if a force is none."""
@@ -181,20 +191,20 @@ class Intake:
         )
         return fx, fy, fz, tx, ty, tz
 
-    def _keep(self, sample: S, timeline: Timeline[S], run: Run, *, late: Reason) -> None:
+    def _keep(self, sample: S, timeline: Timeline[S], kept: Lifetimes, *, late: Reason) -> None:
         """Keep a sample if it is not late, and compare the predictions that have waited for it."""
         follows = timeline.follows(sample.stamp)
         if follows in (REPEATED, LATE):
             raise RefusedError(late)
         if follows is NEW_RUN:  # the predictions belong to the run before
-            self._comparison.settle(math.inf, run)
+            self._comparison.settle(math.inf, kept)
             timeline.clear()
         timeline.append(sample)
-        self._comparison.settle(sample.stamp, run)
+        self._comparison.settle(sample.stamp, kept)
 
-    def _add_cloud(self, cloud: Cloud, run: Run) -> None:
+    def _add_cloud(self, cloud: Cloud, kept: Lifetimes) -> None:
         """Pass points of the ground to the mapper, with their frame's placement in the world if that is another one."""
-        mapper = run.mapper
+        mapper = kept.ground.mapper
         if mapper is None:
             raise RefusedError(Reason.SURFACE_OFF)
         _, camera = self._linked("surface", cloud.stamp, cloud.frame, self._settings.world_frame)

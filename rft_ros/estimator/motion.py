@@ -49,20 +49,28 @@ class Motion(NamedTuple):
 
 
 class Pace:
-    """Limits the rate of estimates to `max_rate` [Hz]; 0: no limit."""
+    """Limits the rate of estimates."""
 
-    def __init__(self, max_rate: float) -> None:
-        self._period = round(min(1e9 / max_rate, 1e18)) if max_rate > 0.0 else 0
-        self._due = 0
+    def __init__(self) -> None:
+        self._last_due = -math.inf  # [ns]
 
-    def allows(self, stamp: int) -> bool:
-        """Whether a pose with this stamp [ns] may have an estimate."""
+    def allows(self, stamp: int, max_rate: float) -> bool:
+        """Whether a pose with this stamp [ns] may have an estimate. `max_rate` [Hz]; 0: no limit."""
+        if max_rate == 0.0:
+            return True
+        period = _period(max_rate)
         # a tenth of a period lets a 125 Hz stream with jittering stamps pass a limit of 125 Hz
-        return stamp + self._period // 10 >= self._due
+        return stamp + period // 10 >= self._last_due + period
 
-    def count(self, stamp: int) -> None:
+    def count(self, stamp: int, max_rate: float) -> None:
         """Count an estimate at a stamp [ns]."""
-        self._due = max(self._due, stamp) + self._period
+        period = _period(max_rate) if max_rate > 0.0 else 0
+        self._last_due = max(self._last_due + period, stamp)
+
+
+def _period(rate: float) -> int:
+    """The period of a rate [Hz], in ns."""
+    return round(min(1e9 / rate, 1e18))
 
 
 class Kinematics:

@@ -16,7 +16,7 @@ from rclpy.time import Time
 from sensor_msgs.msg import JointState
 
 from rft_ros.errors import InputError
-from rft_ros.estimator import Estimate, Estimator, Reason, Sample, Stamped
+from rft_ros.estimator import Estimate, Estimator, Sample, Stamped
 from rft_ros.estimator.timeline import patience
 from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder, stamped_cdr
 from rft_ros.node.arrivals import POLL_PERIOD, Arrivals
@@ -147,7 +147,7 @@ class RftNode(Node):
         try:
             sample = self._decode[role](data)
         except UNREADABLE:
-            self.estimator.counts[Reason.MESSAGE_UNREADABLE] += 1
+            self.estimator.count_unreadable()
             return
         if isinstance(sample, Stamped) and role != "pose":
             self._diagnostics.received(role, sample.stamp)
@@ -210,7 +210,7 @@ class RftNode(Node):
         """Publish the last measurements of a run once poses and readings have ended: no stamp will end their wait."""
         self._arrivals.count_quiet_time()
         longest_wait = 1e-9 * patience(self.estimator.settings.max_age)
-        if self.estimator.run.pending and self._arrivals.quiet_time >= longest_wait:
+        if self.estimator.waits_for_readings and self._arrivals.quiet_time >= longest_wait:
             self.estimator.finish()
             self._publish_measurements()
 

@@ -122,6 +122,11 @@ class Learning:
         self._learn: Any = machine_code(_add_reading, (*arrays, self._y, 0, False, 0.0))
         start(self._state, strength_error)
 
+    def use(self, *, lag: float, reach: float) -> None:
+        """Use another lag or reach from the next pose on."""
+        self.lag = lag
+        self.reach = reach
+
     def forget_place(self) -> None:
         """Keep the strength, and reset surface and turn: the tool moved elsewhere or is another one, or time jumped."""
         state = self._state

@@ -84,9 +84,26 @@ def machine_code(function: Any, arguments: tuple[object, ...]) -> Callable[..., 
 
     The caller must pass exactly these types, including array layouts: nothing checks them.
     """
-    signature = tuple(numba.typeof(a) for a in arguments)
-    function.compile(signature)
-    return function.get_overload(signature)
+    # numba's own description of a record takes a millisecond to make
+    key = function, *(_type_of(a) for a in arguments)
+    if key not in _machine_codes:
+        signature = tuple(numba.typeof(a) for a in arguments)
+        function.compile(signature)
+        _machine_codes[key] = function.get_overload(signature)
+    return _machine_codes[key]
+
+
+_machine_codes: dict[tuple[object, ...], Any] = {}
+"""What `machine_code` has found, by function and types."""
+
+
+def _type_of(argument: object) -> object:
+    """What decides the compiled code for an argument: of an array the layout, otherwise the type."""
+    if isinstance(argument, np.ndarray):
+        return argument.dtype, argument.ndim, argument.flags.num
+    if isinstance(argument, tuple):
+        return type(argument), *map(_type_of, argument)
+    return type(argument)
 
 
 class _Cache(NullCache):
