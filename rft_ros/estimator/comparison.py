@@ -25,22 +25,24 @@ class Comparison:
         self._counts = counts
         self._final: list[Measurement] = []
 
-    def add(self, prediction: Prediction, kept: Lifetimes) -> None:
+    def add(self, prediction: Prediction, lifetimes: Lifetimes) -> None:
         """Add a prediction."""
-        if len(kept.inputs.pending) >= _MOST_PENDING:
-            self._compare_oldest(kept)
-        kept.inputs.pending.append(prediction)
-        self.settle(prediction.pose.stamp, kept)
+        if len(lifetimes.readings.pending) >= _MOST_PENDING:
+            self._compare_oldest(lifetimes)
+        lifetimes.readings.pending.append(prediction)
+        self.settle(prediction.pose.stamp, lifetimes)
 
-    def settle(self, now: float, kept: Lifetimes) -> None:
+    def settle(self, now: float, lifetimes: Lifetimes) -> None:
         """Compare the predictions that need not wait. `now` [ns]: the stamp of the sample that has just come."""
-        while kept.inputs.pending:
-            oldest = kept.inputs.pending[0]
+        while lifetimes.readings.pending:
+            oldest = lifetimes.readings.pending[0]
             stamp = oldest.pose.stamp
-            newest = kept.inputs.readings.last.stamp if kept.inputs.readings.last else 0
+            newest = (
+                lifetimes.readings.samples.last.stamp if lifetimes.readings.samples.last else 0
+            )
             if newest < stamp and now <= stamp + patience(oldest.max_age):
                 break
-            self._compare_oldest(kept)
+            self._compare_oldest(lifetimes)
 
     def measurements(self) -> list[Measurement]:
         """The measurements that became final since the last call, in the order of the estimates."""
@@ -48,13 +50,13 @@ class Comparison:
         self._final = []
         return final
 
-    def _compare_oldest(self, kept: Lifetimes) -> None:
-        self._final.append(self._measured(kept.inputs.pending.popleft(), kept))
+    def _compare_oldest(self, lifetimes: Lifetimes) -> None:
+        self._final.append(self._measured(lifetimes.readings.pending.popleft(), lifetimes))
 
-    def _measured(self, prediction: Prediction, kept: Lifetimes) -> Measurement:
+    def _measured(self, prediction: Prediction, lifetimes: Lifetimes) -> Measurement:
         pose = prediction.pose
         cell = prediction.cell
-        before, after, share = kept.inputs.readings.around(pose.stamp)
+        before, after, share = lifetimes.readings.samples.around(pose.stamp)
         if before is None or pose.stamp - before.stamp > prediction.max_age:
             reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
             self._counts[reason] += 1
@@ -67,24 +69,24 @@ class Comparison:
         ):
             fx, fy, fz, tx, ty, tz = interpolated(before.wrench, after.wrench, share)
             raw = before._replace(wrench=(fx, fy, fz, tx, ty, tz))
-        is_repeated = raw.wrench == kept.inputs.last_raw
-        kept.inputs.last_raw = raw.wrench
+        is_repeated = raw.wrench == lifetimes.readings.last_raw
+        lifetimes.readings.last_raw = raw.wrench
         compensated = _difference(cell.sign, cell.in_own_axes(raw, pose), prediction.offset)
-        _learn(prediction, compensated, kept, repeated=is_repeated)
+        _learn(prediction, compensated, lifetimes, repeated=is_repeated)
         return Measurement(
             pose.stamp, compensated, _difference(1.0, compensated, prediction.wrench), None
         )
 
 
 def _learn(
-    prediction: Prediction, compensated: Wrench, kept: Lifetimes, *, repeated: bool
+    prediction: Prediction, compensated: Wrench, lifetimes: Lifetimes, *, repeated: bool
 ) -> None:
     """Update the mean in the air and the filter. `repeated`: the raw reading equals the one before, bit by bit."""
-    kept.air.add(prediction, compensated)
-    if kept.learning is not None:
+    lifetimes.air.add(prediction, compensated)
+    if lifetimes.learning is not None:
         force = prediction.force_in_world(compensated)
-        kept.learning.learn(
-            prediction.pose.stamp, force, repeated=repeated, air_load=kept.air.load
+        lifetimes.learning.learn(
+            prediction.pose.stamp, force, repeated=repeated, air_load=lifetimes.air.load
         )
 
 

@@ -61,7 +61,7 @@ class Estimator:
         self.estimates = 0
         self.settings = settings
         self.model = model
-        self._kept = Lifetimes.begin(settings, model)
+        self._lifetimes = Lifetimes.begin(settings, model)
         self._law = packed_law(model.law)
         self._comparison = Comparison(self.counts)
         self._intake = Intake(settings, self.counts, self._comparison)
@@ -73,7 +73,7 @@ class Estimator:
 
     def depth(self) -> float:
         """Depth of the lowest point at the last pose below `surface` [m]: negative above it, NaN before any pose."""
-        pose = self._kept.motion.pose
+        pose = self._lifetimes.motion.pose
         if pose is None:
             return math.nan
         height, (sx, sy), *_ = self.surface
@@ -87,12 +87,12 @@ class Estimator:
 
         Zeros in a new run, and with other frames, before there is one.
         """
-        return self._kept.motion.state
+        return self._lifetimes.motion.state
 
     @property
     def surface(self) -> LocalSurface:
         """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
-        ground = self._kept.ground
+        ground = self._lifetimes.ground
         if ground.mapper is None or ground.surface is None:
             return LocalSurface(self.settings.surface_height)
         return ground.surface
@@ -100,7 +100,7 @@ class Estimator:
     @property
     def learning(self) -> Learning | None:
         """The filter of the medium's strength; None while `learning_mode` is off."""
-        return self._kept.learning
+        return self._lifetimes.learning
 
     @property
     def load_cell(self) -> LoadCell:
@@ -110,7 +110,7 @@ class Estimator:
     @property
     def ground(self) -> HeightMap | None:
         """The map of the ground that the last pose was evaluated on; None if the ground is a level plane."""
-        mapper = self._kept.ground.mapper
+        mapper = self._lifetimes.ground.mapper
         return None if mapper is None else mapper.map
 
     def issues(self) -> list[str]:
@@ -124,7 +124,7 @@ class Estimator:
         found = []
         if self.ground is not None and self.ground.issue:
             found.append(self.ground.issue)
-        jumps = self._kept.motion.jumps.sentence
+        jumps = self._lifetimes.motion.jumps.sentence
         if jumps:
             found.append(jumps)
         elif self.pose_noise > NOISY and not sentence_on(
@@ -134,15 +134,15 @@ class Estimator:
         if self._intake.unknown_axes:
             axes = ", ".join(self._intake.unknown_axes)
             found.append(f"the load cell gives no number on {axes}: check its driver and cable")
-        found += self._kept.contact.unseen.sentences(self.settings.calibrated_motions)
+        found += self._lifetimes.contact.unseen.sentences(self.settings.calibrated_motions)
         if self.learning is not None and self.learning.excludes_readings:
             found.append(UNEXPLAINED)
-        return found + self._kept.air.issues()
+        return found + self._lifetimes.air.issues()
 
     @property
     def pose_noise(self) -> float:
         """Standard deviation of a coordinate of the tool's farthest point, by the noise of the poses [m]."""
-        return self._kept.motion.kinematics.noise.at_tip(self.model.tool.plates.reach)
+        return self._lifetimes.motion.kinematics.noise.at_tip(self.model.tool.plates.reach)
 
     @property
     def wrench_frame(self) -> str:
@@ -160,17 +160,17 @@ class Estimator:
     @property
     def waits_for_readings(self) -> bool:
         """Whether predictions wait for load-cell samples; `finish` ends their wait."""
-        return bool(self._kept.inputs.pending)
+        return bool(self._lifetimes.readings.pending)
 
     @property
     def last_reading(self) -> WrenchSample | None:
         """The load-cell sample with the latest stamp, at the stamp of its event; None before there is one."""
-        return self._kept.inputs.readings.last
+        return self._lifetimes.readings.samples.last
 
     @property
     def longest_jump(self) -> Jump | None:
         """The longest jump of the poses that no tool can follow; None if there was none."""
-        return self._kept.motion.jumps.longest
+        return self._lifetimes.motion.jumps.longest
 
     def unknown_frames(self) -> dict[Reason, str]:
         """For each reason that concerns frames, a sentence that names the frame refused last, and says what to do.
@@ -192,9 +192,9 @@ class Estimator:
     def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
         """Apply new settings or a new model from the next sample on.
 
-        Earlier samples are kept, unless their frame changes: another `sensor_frame`, `world_frame` or delay drops the
-        load-cell samples; another `world_frame` or `tool_frame` drops all other samples, the path and the changes of
-        the ground. Another tool keeps the learned strength of the bed; another medium, law or `zeta_error` resets it.
+        Earlier samples are kept, unless their frame changes: another `sensor_frame` or delay drops the load-cell
+        samples; another `world_frame` or `tool_frame` drops all samples, the path and the changes of the ground.
+        Another tool keeps the learned strength of the bed; another medium, law or `zeta_error` resets it.
         """
         if settings is not None:
             number("surface_height", settings.surface_height)
@@ -209,7 +209,7 @@ class Estimator:
 
     def level_ground(self) -> bool:
         """Reset the map to the ground at the start. Returns False if the ground is a level plane, which has no map."""
-        if self._kept.ground.mapper is None:
+        if self._lifetimes.ground.mapper is None:
             return False
         self._end(Change.GROUND)
         return True
@@ -236,9 +236,9 @@ class Estimator:
         """Make anew what ends with these changes."""
         if not changed:
             return
-        if changed & (TABLE["inputs"].ends_with | Change.JUMP):
-            self._comparison.settle(math.inf, self._kept)
-        self._kept = self._kept.after(changed, self.settings, self.model)
+        if changed & (TABLE["readings"].ends_with | Change.JUMP):
+            self._comparison.settle(math.inf, self._lifetimes)
+        self._lifetimes = self._lifetimes.after(changed, self.settings, self.model)
 
     # --- samples
 
@@ -256,7 +256,7 @@ class Estimator:
         parts = (sample,) if isinstance(sample, samples.Stamped) else sample
         for one in parts:
             try:
-                self._intake.add(one, self._kept)
+                self._intake.add(one, self._lifetimes)
             except RefusedError as refused:
                 self.counts[refused.reason] += 1
             if isinstance(one, TransformSample) and one.fixed:
@@ -282,8 +282,8 @@ class Estimator:
 
     def finish(self) -> None:
         """Make the measurements final that still wait for load-cell samples: after the last sample, or in a pause."""
-        self._comparison.settle(math.inf, self._kept)
-        self._kept.air.settle(math.inf)
+        self._comparison.settle(math.inf, self._lifetimes)
+        self._lifetimes.air.settle(math.inf)
 
     def tare(self, window: float) -> Wrench:
         """The bias that makes the mean compensated wrench of the last `window` [s] zero, in the driver's sign.
@@ -294,8 +294,8 @@ class Estimator:
         """
         frame = LoadCellFrame(self.load_cell)
         mean = mean_in_air(
-            self._kept.inputs.readings,
-            self._kept.motion.poses,
+            self._lifetimes.readings.samples,
+            self._lifetimes.motion.poses,
             frame,
             newest_pose=self._intake.pose_stamp,
             longest_gap=patience(self.settings.max_age),
@@ -318,7 +318,7 @@ class Estimator:
         except RefusedError as refused:
             self.counts[refused.reason] += 1
             if refused.reason in UNKNOWN_VELOCITY:
-                self._kept.motion.poses.append(
+                self._lifetimes.motion.poses.append(
                     TarePose(sample, f"the tool's velocity was unknown ({refused.reason})")
                 )
             return samples.NoEstimate(sample.stamp, refused.reason)
@@ -328,18 +328,18 @@ class Estimator:
     def _estimate(self, sample: PoseSample) -> Estimate:
         """The estimate at a pose, in the steps of docs/architecture.md; `RefusedError` if a step has no result."""
         pose = self._accepted(sample)
-        kept = self._kept
-        contact = kept.contact
+        lifetimes = self._lifetimes
+        contact = lifetimes.contact
         settings = self.settings
         max_age = settings.max_age
-        kept.air.settle(pose.stamp - patience(max_age))
-        velocity = kept.motion.kinematics.velocity(pose, kept.inputs.twists, settings)
+        lifetimes.air.settle(pose.stamp - patience(max_age))
+        velocity = lifetimes.motion.kinematics.velocity(pose, lifetimes.twists, settings)
         frame = self._intake.load_cell_frame
         if frame is None:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
         motion = self._motion(pose, velocity)
         state = motion.state[0]
-        ground = kept.ground
+        ground = lifetimes.ground
         if ground.mapper is not None:
             ground.surface = contact.footing.surface(
                 ground.mapper.map, state, default_height=settings.surface_height
@@ -347,22 +347,22 @@ class Estimator:
         surface = self.surface
         row, force, area = self._model_wrench(motion, surface)
         in_grains = area > 0.0
-        kept.motion.poses.append(
+        lifetimes.motion.poses.append(
             TarePose(pose, "the tool was in the grains" if in_grains else None)
         )
         contact.withdrawal.follow(motion, force, in_grains=in_grains)
         contact.unseen.follow(motion, in_grains=in_grains)
         with_sigma = self._corrected(motion, row)
         contact.withdrawal.widen(with_sigma)
-        kept.motion.state = state
+        lifetimes.motion.state = state
         if in_grains and motion.rests and not self.model.law.has_memory:
             # refused only here: a tare and the phases need the state, and late readings still update the filter
             raise RefusedError(Reason.AT_REST)
         wrench, offset, sigma = frame.into_sensor(state[QUATERNION], with_sigma)
         # the reading at this pose may have come already; it decides flags
         prediction = Prediction(pose, wrench, offset, frame, in_air=not in_grains, max_age=max_age)
-        self._comparison.add(prediction, kept)
-        learning = kept.learning
+        self._comparison.add(prediction, lifetimes)
+        learning = lifetimes.learning
         flags = contact.quality.flags(
             motion,
             surface,
@@ -373,7 +373,8 @@ class Estimator:
             depth=self.depth,
             withdrawn=contact.withdrawal.active,
             surprises=learning is not None and learning.change != "",
-            disagrees=kept.air.is_offset or (learning is not None and learning.excludes_readings),
+            disagrees=lifetimes.air.is_offset
+            or (learning is not None and learning.excludes_readings),
         )
         return Estimate(
             stamp=pose.stamp,
@@ -391,20 +392,20 @@ class Estimator:
         if follows is NEW_RUN:
             self.counts[Reason.TIME_JUMP] += 1
             self._end(Change.JUMP)
-            self._kept.inputs.begin_run(pose.stamp)
-        kept = self._kept
-        kept.motion.pose = pose
-        kept.motion.jumps.follow(pose)
-        if kept.ground.mapper is not None:
-            kept.ground.mapper.add_place(
+            self._lifetimes.begin_run(pose.stamp)
+        lifetimes = self._lifetimes
+        lifetimes.motion.pose = pose
+        lifetimes.motion.jumps.follow(pose)
+        if lifetimes.ground.mapper is not None:
+            lifetimes.ground.mapper.add_place(
                 ToolPlace(pose.stamp, pose.position, pose.quaternion, self.model.tool.corners)
             )
-        self._comparison.settle(pose.stamp, kept)
+        self._comparison.settle(pose.stamp, lifetimes)
         return pose
 
     def _motion(self, pose: PoseSample, velocity: tuple[float, ...] | Reason) -> Motion:
         """The motion to a pose. Raises `RefusedError` without a velocity, or if `max_rate` allows no estimate yet."""
-        tool_motion = self._kept.motion
+        tool_motion = self._lifetimes.motion
         max_rate = self.settings.max_rate
         if not tool_motion.pace.allows(pose.stamp, max_rate):
             raise RefusedError(Reason.POSE_RATE_LIMITED)
@@ -422,7 +423,7 @@ class Estimator:
         The result (wrench, area, sensitivities) is overwritten at the next pose.
         """
         state = motion.with_direction if self.model.law.has_memory else motion.state
-        self._kept.contact.step(
+        self._lifetimes.contact.step(
             self._law, state, surface.height, surface.slope, motion.displacement, self._result
         )
         row: Array = self._result[0]
@@ -450,6 +451,6 @@ class Estimator:
             motion.pose.stamp,
             row,
             step=motion.path,
-            passing=self._kept.contact.withdrawal.active or is_fast,
+            passing=self._lifetimes.contact.withdrawal.active or is_fast,
             apply=self.settings.learning_mode == "apply",
         )

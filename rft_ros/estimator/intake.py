@@ -125,15 +125,15 @@ class Intake:
         return PoseSample(stamp, world, position, quaternion), follows
 
     def add(
-        self, sample: TwistSample | WrenchSample | Cloud | TransformSample, kept: Lifetimes
+        self, sample: TwistSample | WrenchSample | Cloud | TransformSample, lifetimes: Lifetimes
     ) -> None:
         """Keep a sample that is no pose."""
         if isinstance(sample, TwistSample):
-            self._add_twist(sample, kept)
+            self._add_twist(sample, lifetimes)
         elif isinstance(sample, WrenchSample):
-            self._add_wrench(sample, kept)
+            self._add_wrench(sample, lifetimes)
         elif isinstance(sample, Cloud):
-            self._add_cloud(sample, kept)
+            self._add_cloud(sample, lifetimes)
         else:
             reason = self.transforms.push(sample)
             if sample.fixed:
@@ -141,7 +141,7 @@ class Intake:
             if reason is not None:  # also TF_TWO_PARENTS, although that transform is used
                 raise RefusedError(reason)
 
-    def _add_twist(self, sample: TwistSample, kept: Lifetimes) -> None:
+    def _add_twist(self, sample: TwistSample, lifetimes: Lifetimes) -> None:
         """Keep a twist, in the axes of the world or the tool frame."""
         if self._settings.twist_source != "topic":
             return  # a replay does not read this topic either, so that both give the same result
@@ -155,9 +155,9 @@ class Intake:
             sample = TwistSample(
                 sample.stamp, into, axes.rotate(sample.linear), axes.rotate(sample.angular)
             )
-        self._keep(sample, kept.inputs.twists, kept, late=Reason.TWIST_OUT_OF_ORDER)
+        self._keep(sample, lifetimes.twists, lifetimes, late=Reason.TWIST_OUT_OF_ORDER)
 
-    def _add_wrench(self, sample: WrenchSample, kept: Lifetimes) -> None:
+    def _add_wrench(self, sample: WrenchSample, lifetimes: Lifetimes) -> None:
         """Keep a reading of the load cell at the stamp of its event, in the axes of the sensor or the world frame."""
         s = self._settings
         stamp = sample.stamp - self._delay
@@ -172,8 +172,8 @@ class Intake:
                 there = there._replace(position=(0.0, 0.0, 0.0))
             wrench = there.wrench(wrench)
         reading = WrenchSample(stamp, s.world_frame if in_world else s.sensor_frame, wrench)
-        # of several with one stamp the first one is kept, also if a pose came between them
-        self._keep(reading, kept.inputs.readings, kept, late=Reason.WRENCH_OUT_OF_ORDER)
+        # of several with one stamp the first one is lifetimes, also if a pose came between them
+        self._keep(reading, lifetimes.readings.samples, lifetimes, late=Reason.WRENCH_OUT_OF_ORDER)
 
     def _with_known_axes(self, wrench: Wrench) -> Wrench:
         """The wrench, with NaN for a torque that is no number. Raises `RefusedError` if a force is none."""
@@ -191,20 +191,22 @@ class Intake:
         )
         return fx, fy, fz, tx, ty, tz
 
-    def _keep(self, sample: S, timeline: Timeline[S], kept: Lifetimes, *, late: Reason) -> None:
+    def _keep(
+        self, sample: S, timeline: Timeline[S], lifetimes: Lifetimes, *, late: Reason
+    ) -> None:
         """Keep a sample if it is not late, and compare the predictions that have waited for it."""
         follows = timeline.follows(sample.stamp)
         if follows in (REPEATED, LATE):
             raise RefusedError(late)
         if follows is NEW_RUN:  # the predictions belong to the run before
-            self._comparison.settle(math.inf, kept)
+            self._comparison.settle(math.inf, lifetimes)
             timeline.clear()
         timeline.append(sample)
-        self._comparison.settle(sample.stamp, kept)
+        self._comparison.settle(sample.stamp, lifetimes)
 
-    def _add_cloud(self, cloud: Cloud, kept: Lifetimes) -> None:
+    def _add_cloud(self, cloud: Cloud, lifetimes: Lifetimes) -> None:
         """Pass points of the ground to the mapper, with their frame's placement in the world if that is another one."""
-        mapper = kept.ground.mapper
+        mapper = lifetimes.ground.mapper
         if mapper is None:
             raise RefusedError(Reason.SURFACE_OFF)
         _, camera = self._linked("surface", cloud.stamp, cloud.frame, self._settings.world_frame)

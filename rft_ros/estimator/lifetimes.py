@@ -53,17 +53,11 @@ class Change(Flag):
     PRIOR = auto()  # of learning: the law, its error, on or off; or the filter forgets
 
 
-class Inputs:
-    """The samples of twist and load cell, and the predictions that wait for readings.
-
-    A jump of the poses' stamps ends those samples whose own stamps belong to the time before (`begin_run`): samples of
-    the new run may have come before its first pose.
-    """
+class Readings:
+    """The samples of the load cell, and the predictions that wait for them."""
 
     def __init__(self) -> None:
-        self.twists = Timeline[TwistSample](maxlen=_TWIST_COUNT)
-        self.readings = Timeline[WrenchSample](maxlen=HISTORY)
-        """Of the load cell."""
+        self.samples = Timeline[WrenchSample](maxlen=HISTORY)
         self.pending = deque[Prediction]()
         """Those that wait for their readings. Compare them before they end."""
         self.last_raw: Wrench | None = None
@@ -71,8 +65,7 @@ class Inputs:
 
     def begin_run(self, stamp: int) -> None:
         """Drop what belongs to the run before the one that begins at a pose with this stamp [ns]."""
-        self.twists.start_run(stamp)
-        self.readings.start_run(stamp)
+        self.samples.start_run(stamp)
         self.pending.clear()
         self.last_raw = None
 
@@ -118,10 +111,13 @@ class Contact:
 class Lifetimes:
     """The estimator's state: one value for each lifetime. `TABLE` says which change ends which.
 
-    A change makes anew the values that it ends and leaves the others as they are.
+    A change makes anew the values that it ends and leaves the others as they are. A jump of the poses' stamps ends
+    those samples whose own stamps belong to the time before (`begin_run`): samples of the new run may have come before
+    its first pose.
     """
 
-    inputs: Inputs
+    twists: Timeline[TwistSample]
+    readings: Readings
     motion: ToolMotion
     ground: GroundAround
     contact: Contact
@@ -137,12 +133,17 @@ class Lifetimes:
         """The values after changes. `settings` and `model`: the new ones. Compare what waits for readings before."""
         if changed & PLACE and self.learning is not None:
             self.learning.forget_place()
-        ended = {
+        made_anew = {
             name: part.made(settings, model)
             for name, part in TABLE.items()
             if changed & part.ends_with
         }
-        return replace(self, **ended)
+        return replace(self, **made_anew)
+
+    def begin_run(self, stamp: int) -> None:
+        """Drop the samples of the run before the one that begins at a pose with this stamp [ns]."""
+        self.twists.start_run(stamp)
+        self.readings.begin_run(stamp)
 
 
 class Lifetime(NamedTuple):
@@ -165,7 +166,8 @@ def _learning(settings: Settings, model: Model) -> Learning | None:
 _MOTION = Change.JUMP | Change.FRAMES
 
 TABLE = {
-    "inputs": Lifetime(lambda _, __: Inputs(), Change.FRAMES | Change.READINGS),
+    "twists": Lifetime(lambda _, __: Timeline(maxlen=_TWIST_COUNT), Change.FRAMES),
+    "readings": Lifetime(lambda _, __: Readings(), Change.FRAMES | Change.READINGS),
     "motion": Lifetime(lambda _, __: ToolMotion(), _MOTION),
     "ground": Lifetime(lambda _, model: GroundAround(model.ground), _MOTION | Change.GROUND),
     "contact": Lifetime(

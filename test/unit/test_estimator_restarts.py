@@ -28,8 +28,8 @@ MODEL = replace(plate_model(mobilization_length=0.003), ground=HeightMap.unknown
 ALL_OF_MOTION = {"motion", "ground", "contact", "air", "place"}
 TABLE_OF_CHANGES = {
     "a jump back in time": ALL_OF_MOTION,
-    "another world_frame": {*ALL_OF_MOTION, "inputs"},
-    "another tool_frame": {*ALL_OF_MOTION, "inputs"},
+    "another world_frame": {*ALL_OF_MOTION, "twists", "readings"},
+    "another tool_frame": {*ALL_OF_MOTION, "twists", "readings"},
     "another tool": {"contact", "air", "place"},
     "another map": {"ground", "place"},
     "a levelled map": {"ground", "place"},
@@ -40,9 +40,9 @@ TABLE_OF_CHANGES = {
     "no learning": {"learning"},
     "a forgotten strength": {"learning"},
     "another bias": {"air"},
-    "another delay": {"air", "inputs"},
-    "another sensor_frame": {"inputs"},
-    "readings in world axes": {"inputs"},
+    "another delay": {"air", "readings"},
+    "another sensor_frame": {"readings"},
+    "readings in world axes": {"readings"},
     "another max_rate": set(),
     "observe in place of apply, another lag": set(),
     "another max_input_age": set(),
@@ -107,7 +107,7 @@ def pressed():
 
 
 def values_of(e):
-    return {name: getattr(e._kept, name) for name in TABLE}
+    return {name: getattr(e._lifetimes, name) for name in TABLE}
 
 
 @pytest.mark.parametrize("change", TABLE_OF_CHANGES)
@@ -130,8 +130,8 @@ def test_a_jump_of_the_poses_keeps_the_samples_of_the_new_run_and_drops_the_othe
     e = pressed()
     earlier = START - 10 * SECOND
     push(e, wrench(earlier, (1.0,) * 6), twist(earlier), pose(earlier))
-    assert [reading.stamp for reading in e._kept.inputs.readings] == [earlier]
-    assert [sample.stamp for sample in e._kept.inputs.twists] == [earlier]
+    assert [reading.stamp for reading in e._lifetimes.readings.samples] == [earlier]
+    assert [sample.stamp for sample in e._lifetimes.twists] == [earlier]
 
 
 def test_each_change_ends_something_and_each_value_ends():
