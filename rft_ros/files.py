@@ -78,7 +78,7 @@ def read_file(file: Path, what: str, *, limit: int = MAX_BYTES) -> bytes:
     """The bytes of a `checked_file`."""
     path = checked_file(file, what, limit=limit)
     with file_errors(f"{what} '{file}'", "read"), path.open("rb") as stream:
-        return stream.read(MAX_BYTES)
+        return stream.read(limit)
 
 
 def read_text(file: Path, what: str, *, limit: int = MAX_BYTES) -> str:

@@ -1,6 +1,6 @@
 """Four passes of an upright plate through the same place: a level plane, and the ground as a camera sees it.
 
-A height map of the simulated bed before each pass stands for what a camera sees; ``test/data/dem/README.md`` says how
+A height map of the simulated bed before each pass stands for what a camera sees (``test/data/dem/README.md``).
 """
 
 from dataclasses import replace

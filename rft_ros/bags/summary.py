@@ -70,7 +70,7 @@ class Summary(Group):
     `messages`: number read for each role. `reasons`, `quality_flags`, `trust`: how many samples, poses or estimates
     have each. `in_grains`: how many estimates have the tool below the surface; `flag_shares`: of these, the share with
     each quality flag. `unknown_frames`: for each reason a sentence on the frame_id. `duration`: receive time covered
-    [s]. `learning`: the statistics without learning ("off") and for each lag. No prediction uses its own
+    [s]. `learning`: the statistics without learning ("off") and with it ("apply"). No prediction uses its own
     load-cell sample.
     """
 

@@ -90,17 +90,19 @@ def predict(arguments: argparse.Namespace) -> int:
 
 
 _SHARED_FOR_STATES = (*options.PLACED, *options.OF_LAW, *_OF_EVALUATION)
-_FOR_STATES = ("--mesh", "--mobilization-length", *_SHARED_FOR_STATES)
+_FOR_STATES = ("--columns", "--mesh", "--mobilization-length", *_SHARED_FOR_STATES)
+_FOR_BAG = tuple(option for option in options.OF_RECORDING if option != "--columns")
 
 
 def view_options(command: argparse.ArgumentParser) -> None:
     source = f"states as for rft predict, or a {options.BAG}"
     command.add_argument("source", type=Path, metavar="STATES.csv|BAG", help=source)
     states = command.add_argument_group("for states")
+    options.share(states, "--columns")
     states.add_argument("--mesh", metavar="FILE", help=MESH)
     options.share(states, *_SHARED_FOR_STATES)
     _add_memory(states)
-    options.share(command.add_argument_group("for a bag"), *options.OF_RECORDING)
+    options.share(command.add_argument_group("for a bag"), *_FOR_BAG)
     command.add_argument(
         "-o", "--output", type=Path, required=True, metavar="OUT.html", help="page to write"
     )
@@ -115,7 +117,7 @@ def view(arguments: argparse.Namespace) -> int:
     if output.suffix != ".html":
         raise InputError(f"'{output}' must end in .html")
     of_states = source.suffix.lower() == ".csv"
-    for option in options.OF_RECORDING if of_states else _FOR_STATES:
+    for option in _FOR_BAG if of_states else _FOR_STATES:
         if getattr(arguments, option.strip("-").replace("-", "_")) not in (None, []):
             raise InputError(
                 f"{option} is for {'a bag' if of_states else 'states'}, not for '{source}'"
@@ -133,7 +135,7 @@ def _figure_of_states(arguments: argparse.Namespace) -> Figure:
     config = _config_for_states(arguments)
     options.refuse_inputs(arguments, arguments.output, also=named_files(config))
     model = _model_for_states(config)
-    times, states = read_states(file)
+    times, states = read_states(file, parse_columns(arguments.columns or ""))
     height = config.settings.surface_height
     where = f"states file '{file}'"
     with busy("computing"):

@@ -39,9 +39,10 @@ class UnseenMotion:
         """A sentence for each kind of motion that is not among the calibrated ones; none if these are not known."""
         if not calibrated:
             return []
+        known_kinds = {kind.strip() for kind in calibrated.split(",")}
         return [
             f"this {kind} is a kind of motion that the calibration did not have (medium.calibrated_motions:"
             f" {calibrated}): medium.zeta may be wrong for it, calibrate with a recording that has it"
             for kind, path in self._paths.items()
-            if path > LEAST_PATH and kind not in calibrated
+            if path > LEAST_PATH and kind not in known_kinds
         ]

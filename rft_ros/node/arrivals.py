@@ -21,7 +21,7 @@ class Arrivals:
     def add(self, role: str) -> None:
         """Add a message of a role that has arrived now."""
         self._times[role] = perf_counter()
-        if role != "twist":  # which ends no wait for a reading
+        if role in ("pose", "wrench"):  # after the other roles nothing is published
             self.quiet_time = 0.0
 
     def silence(self, role: str) -> float:

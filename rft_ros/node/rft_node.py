@@ -210,8 +210,9 @@ class RftNode(Node):
         """Publish the last measurements of a run once poses and readings have ended: no stamp will end their wait."""
         self._arrivals.count_quiet_time()
         longest_wait = 1e-9 * patience(self.estimator.settings.max_age)
-        if self.estimator.waits_for_readings and self._arrivals.quiet_time >= longest_wait:
-            self.estimator.finish()
+        if self._arrivals.quiet_time >= longest_wait:
+            if self.estimator.waits_for_readings:
+                self.estimator.finish()
             self._publish_measurements()
 
     # --- parameters and swaps

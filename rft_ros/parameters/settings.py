@@ -196,8 +196,8 @@ class Settings:
     rest_speed: float = setting(
         "rest_speed",
         2e-4,
-        "A tool that is slower than this is at rest. The filter is then not updated. If the model has no memory "
-        "and the tool is in the grains, there is no estimate either.",
+        "A tool that is slower than this is at rest, and may be tared. If the model has no memory and the tool is "
+        "in the grains, there is no estimate.",
         "m/s",
         (0.0, 1e3),
     )

@@ -2,10 +2,12 @@
 
 import itertools
 from array import array
+from functools import cache
 
 import numpy as np
 import pytest
 import rclpy
+from distribution import free_domain
 from hostile_parameters import hostile_file
 from rclpy.node import Node
 from refusals import assert_says, refusal
@@ -15,6 +17,12 @@ from rft_ros.node.node_parameters import NodeParameters, given_sections
 from rft_ros.parameters import defaults, read_parameter_file, read_sections
 
 
+@cache
+def own_domain_id():
+    """Beside the participant of the other tests, Fast DDS may deadlock when the next of these contexts is destroyed."""
+    return free_domain()
+
+
 def as_a_node(file, node="/rft", *more):
     """The values that the parameters of a real node have, or why they are refused. `more`: further ROS arguments."""
     arguments = ["--ros-args", "--params-file", str(file), *more]
@@ -22,7 +30,7 @@ def as_a_node(file, node="/rft", *more):
     context = rclpy.Context()
     try:
         list(given_sections(arguments))  # as the node's `main` does, before ROS reads them
-        rclpy.init(args=arguments, context=context)
+        rclpy.init(args=arguments, context=context, domain_id=own_domain_id())
         made = Node(
             name,
             namespace=namespace,

@@ -108,12 +108,17 @@ def without_ros() -> dict[str, str]:
 @cache
 def own_domain() -> dict[str, str]:
     """Variables for a ROS domain on loopback that no other test process of this machine is in."""
+    return {"ROS_DOMAIN_ID": str(free_domain()), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+
+
+def free_domain() -> int:
+    """A ROS domain that no other test process of this machine is in, and that this one has not been given yet."""
     for domain in range(10, 100):
         lock = (Path(tempfile.gettempdir()) / f"rft_ros_domain_{domain}.lock").open("w")
         with contextlib.suppress(BlockingIOError):
             fcntl.flock(lock, fcntl.LOCK_EX | fcntl.LOCK_NB)
             _LOCKS.append(lock)
-            return {"ROS_DOMAIN_ID": str(domain), "ROS_AUTOMATIC_DISCOVERY_RANGE": "LOCALHOST"}
+            return domain
     raise AssertionError("all ROS domains are taken")
 
 

@@ -136,16 +136,18 @@ def test_a_log_of_franka_is_read_by_its_matrices(tmp_path, motion):
     np.testing.assert_allclose(states[:, :7], poses, atol=1e-12)
 
 
-def test_single_columns_are_mapped_with_their_unit(tmp_path, motion):
+@pytest.mark.parametrize(("command", "output"), [("predict", "out.csv"), ("view", "out.html")])
+def test_single_columns_are_mapped_with_their_unit(tmp_path, motion, command, output):
     t, poses = motion
     headings = ["clock", "x_mm", "y_mm", "z_mm", *POSE[3:]]
     scaled = np.column_stack([t, 1e3 * poses[:, :3], poses[:, 3:]])
     file = write_columns(tmp_path / "log.csv", headings, scaled)
-    out = tmp_path / "out.csv"
+    out = tmp_path / output
     columns = "t=clock,px [mm]=x_mm,py [mm]=y_mm,pz [mm]=z_mm"
-    arguments = ["predict", str(file), "--columns", columns, "--mesh", "sphere", "-o", str(out)]
+    arguments = [command, str(file), "--columns", columns, "--mesh", "sphere", "-o", str(out)]
     assert main(arguments) == 0
-    assert len(out.read_text().splitlines()) == len(t) + 1
+    if command == "predict":
+        assert len(out.read_text().splitlines()) == len(t) + 1
 
 
 @pytest.mark.parametrize(
