@@ -46,18 +46,20 @@ class Run:
 
 
 class Driver:
-    """Publishes the three inputs and times the answers."""
+    """Publishes the three inputs of a node of this name and times the answers."""
 
-    def __init__(self) -> None:
-        self.node = rclpy.create_node("driver")
+    def __init__(self, name: str = "rft") -> None:
+        self.node = rclpy.create_node(f"driver_of_{name}")
         qos = QoSProfile(
             history=HistoryPolicy.KEEP_LAST, depth=1000, reliability=ReliabilityPolicy.RELIABLE
         )
-        self._pose = self.node.create_publisher(PoseStamped, "/rft/pose", qos)
-        self._twist = self.node.create_publisher(TwistStamped, "/rft/twist", qos)
-        self._wrench = self.node.create_publisher(WrenchStamped, "/rft/wrench_measured", qos)
+        self._pose = self.node.create_publisher(PoseStamped, f"/{name}/pose", qos)
+        self._twist = self.node.create_publisher(TwistStamped, f"/{name}/twist", qos)
+        self._wrench = self.node.create_publisher(WrenchStamped, f"/{name}/wrench_measured", qos)
         self.arrived: dict[int, int] = {}
-        self.node.create_subscription(WrenchStamped, "/rft/wrench_predicted", self._on_answer, qos)
+        self.node.create_subscription(
+            WrenchStamped, f"/{name}/wrench_predicted", self._on_answer, qos
+        )
         self._epoch = time.time_ns()
         self.messages = PoseStamped(), TwistStamped(), WrenchStamped()
         pose, twist, wrench = self.messages
@@ -73,7 +75,7 @@ class Driver:
 
     def wait_for_node(self) -> None:
         """Until it answers."""
-        end = time.monotonic() + 60.0
+        end = time.monotonic() + 120.0
         asked: list[int] = []
         while not any(
             stamp in self.arrived for stamp in asked

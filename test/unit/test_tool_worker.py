@@ -190,6 +190,15 @@ def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker):
     assert pending.prepared.config.settings.learning_mode == "observe"
 
 
+def test_a_change_that_loads_nothing_waits_for_no_other_thread(worker, monkeypatch):
+    """On a busy machine a thread starts tens of milliseconds late, and the poses would wait meanwhile."""
+    config = Config.of({"tolerance": 0.0})
+    pending = Swap(worker, config, on_cold_cache=lambda: None)
+    monkeypatch.setattr(pending, "_check_thread", None)
+    change = {"medium.zeta": 0.5, "learning.mode": "apply", "surface_height": 0.1}
+    assert pending.prepare(config.changed(change)).model.law.zeta == 0.5
+
+
 def test_a_tool_that_cannot_be_used_undoes_its_own_parameters_and_no_others(worker, tmp_path):
     bad = tmp_path / "bad.stl"
     bad.write_text("solid nothing\nendsolid nothing\n")
