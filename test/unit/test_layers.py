@@ -11,7 +11,8 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / "rft_ros"
 ALLOWED = {
     "errors": "",
-    "child_process": "",
+    "time_slice": "",
+    "child_process": "time_slice",
     "progress": "",
     "rft": "",
     "files": "errors",
@@ -31,8 +32,8 @@ ALLOWED = {
     " logged_columns table_file yaml_file",
     "calibration": "diagnosis files bags estimator parameters ground tool rft errors yaml_file",
     "sweeps": "parameters tool rft states_file installation progress errors files yaml_file",
-    "node": "messages bags estimator parameters ground tool rft report files installation child_process progress"
-    " errors",
+    "node": "messages bags estimator parameters ground tool rft report files installation child_process time_slice"
+    " progress errors",
     "diagnosis": "estimator parameters tool rft",
     "doctor": "diagnosis node bags messages estimator parameters ground tool rft files installation progress errors",
     "demo": "node bags estimator parameters simulation sweeps tool rft files errors",
