@@ -10,7 +10,8 @@ from rft_ros.logged_columns import parse_columns
 from rft_ros.messages import TOPICS, Role
 from rft_ros.parameters import NODE, Config, Values, section_parameters
 
-_SECTION = "rft_replay"
+REPLAY_SECTION = "rft_replay"
+"""The section of a parameter file that has the options of a replay."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -51,7 +52,7 @@ class ReplayOptions:
 
 def read_replay_options(file: Path) -> ReplayOptions:
     """The options under ``rft_replay: ros__parameters:`` of a parameter file, if any; the node ignores them."""
-    section: dict[str, Any] = {**section_parameters(file, _SECTION)}
+    section: dict[str, Any] = {**section_parameters(file, REPLAY_SECTION)}
     try:
         for name, value in section.items():
             if name not in ("remap", "columns", "tare", "start", "end"):
@@ -60,7 +61,17 @@ def read_replay_options(file: Path) -> ReplayOptions:
                 )
         return ReplayOptions(**section)
     except InputError as error:
-        raise InputError(f"parameter file '{file}': {_SECTION} {error}") from None
+        raise InputError(f"parameter file '{file}': {REPLAY_SECTION} {error}") from None
+
+
+def merged_rules(rules: Sequence[str], later_rules: Sequence[str]) -> list[str]:
+    """The rules of both, but for those that a later one overrides."""
+    by_topic: dict[str, str] = {}
+    for rule in (*rules, *later_rules):
+        left = rule.partition(":=")[0].strip()
+        by_topic.pop(left, None)
+        by_topic[left] = rule
+    return list(by_topic.values())
 
 
 def topics_of(

@@ -28,6 +28,7 @@ from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder, unreadabl
 from rft_ros.parameters import Config, Values
 
 _OPTIONAL: tuple[Role, ...] = ("wrench", "surface")
+_PROPOSED: tuple[Role, ...] = ("pose", "wrench")  # a topic of twists may be one of commands
 _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
 _INSTEAD: dict[Role, str] = {
     "pose": "pose_source: tf, or ",
@@ -138,6 +139,8 @@ class Recording:
         self.mistyped: dict[Role, str] = {}
         self.missing: dict[Role, str] = {}
         """For each role whose topic the bag does not have: which option helps, and what the bag has."""
+        self.proposals: dict[Role, str] = {}
+        """For poses and load cell, if their topic is missing: the only one of their type that the bag has."""
         self._decoders: dict[Role, Callable[[bytes], Sample]] = {}
         self._check_topics(strict=strict, needs_wrench=needs_wrench)
         self.shift = self._sources[0].shift
@@ -258,6 +261,8 @@ class Recording:
                 )
             else:
                 self.missing[role] = f"use {remap}; {there}"
+                if role in _PROPOSED and len(candidates) == 1:
+                    self.proposals[role] = candidates[0]
                 is_meant = role == "wrench" and (needs_wrench or bool(candidates))
                 if strict and (is_meant or role not in _OPTIONAL):
                     raise InputError(self._without(role, topic, remedy))

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.estimates import AIR_PHASE, PHASES, Rows
 from rft_ros.errors import InputError, shown
 from rft_ros.estimator import OFFSET_SENTENCE, QualityFlag, Reason, Trust, begins_in_grains, trust
+from rft_ros.estimator.samples import DOCTOR_ON_FRAMES
 from rft_ros.messages import Role
 from rft_ros.parameters import Value
 from rft_ros.parameters.sections import flat
@@ -115,7 +116,9 @@ class Summary(Group):
             f"  {self.estimates} estimates of {self.messages['pose']} poses, {self.in_grains} in the grains",
         ]
         for reason, n in self.reasons.items():
-            frame = f" ({self.unknown_frames[reason]})" if reason in self.unknown_frames else ""
+            frame = ""
+            if reason in self.unknown_frames:
+                frame = f" ({self.unknown_frames[reason]}; {DOCTOR_ON_FRAMES})"
             text.append(f"  not used or unanswered: {reason} {n}{frame}")
         flags = ", ".join(f"{name} {share}" for name, share in self.flag_rows())
         if flags:

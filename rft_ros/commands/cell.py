@@ -5,7 +5,13 @@ import shlex
 from collections.abc import Sequence
 from pathlib import Path
 
-from rft_ros.bags.options import ReplayOptions, topics_of
+from rft_ros.bags.options import (
+    REPLAY_SECTION,
+    ReplayOptions,
+    merged_rules,
+    read_replay_options,
+    topics_of,
+)
 from rft_ros.bags.replay import replay
 from rft_ros.commands import options
 from rft_ros.diagnosis import Finding
@@ -79,7 +85,10 @@ def _label(finding: Finding) -> str:
 def _write_remedies(
     arguments: argparse.Namespace, findings: Sequence[Finding], *, node: str
 ) -> None:
-    """Write the parameter file with the remedies, but for those beside which other explanations fit alike."""
+    """Write the parameter file with the remedies, but for those beside which other explanations fit alike.
+
+    Rules of topics, also those of the command line, are written for replay and calibration.
+    """
     changes: dict[str, Value] = {}
     unsure = []
     for finding in findings:
@@ -87,13 +96,18 @@ def _write_remedies(
             unsure.append(finding.name)
         else:
             changes |= finding.remedy
-    write_changed(arguments.output, arguments.params, changes, node=node)
-    said = f"-> {arguments.output} with {', '.join(changes) or 'no change'}"
+    rules = [*arguments.remap, *(finding.remap for finding in findings if finding.remap)]
+    others = {}
+    if rules:
+        written = read_replay_options(arguments.params).remap
+        others[REPLAY_SECTION] = {"remap": merged_rules(written, rules)}
+    write_changed(arguments.output, arguments.params, changes, node=node, others=others)
+    sentence = f"-> {arguments.output} with {', '.join([*changes, *rules]) or 'no change'}"
     if unsure:
-        said += (
+        sentence += (
             f"; nothing was written for {', '.join(unsure)}, which several causes explain alike"
         )
-    print(said)
+    print(sentence)
 
 
 def demo_options(command: argparse.ArgumentParser) -> None:

@@ -22,7 +22,8 @@ class Finding:
 
     `said`: a sentence. `evidence`: by name the numbers that show it. `remedy`: by name the values of parameters that
     mend it; `alike`: the remedies of other explanations that leave as small a residual, {} for one that no parameter
-    mends. `advice`: what to do beside or in place of them. `is_note`: for the reader only, neither right nor wrong.
+    mends. `remap`: the rule of a replay that mends it, or "". `advice`: what to do beside or in place of them.
+    `is_note`: for the reader only, neither right nor wrong.
     """
 
     name: str
@@ -31,6 +32,7 @@ class Finding:
     evidence: Mapping[str, float] = field(default_factory=dict)
     remedy: Mapping[str, Value] = field(default_factory=dict)
     alike: tuple[Mapping[str, Value], ...] = ()
+    remap: str = ""
     advice: str = ""
     is_note: bool = False
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.estimates import ReplayTable
 from rft_ros.bags.options import ReplayOptions
-from rft_ros.bags.reading import opened_recording
+from rft_ros.bags.reading import Recording, opened_recording
 from rft_ros.diagnosis import Finding, evidence_of, examine
 from rft_ros.doctor.alternation import MIN_JUMPS, Alternation
 from rft_ros.estimator import (
@@ -47,20 +47,20 @@ class Cell:
     topics: dict[Role, str]
 
 
-_SOONEST = 0.02  # quantile of the ages at arrival: due to clocks and drivers alone, without delays on the way
+SOONEST_QUANTILE = 0.02  # quantile of the ages at arrival: due to clocks and drivers alone, without delays on the way
 # ns on both sides of a step of the clock: a busy machine stands still for less
-_LEAST_SPAN = 1_500_000_000
-_RARE = 0.01  # share of poses: rarer reasons are not reported
-_AHEAD = 1.5  # s: senders of transforms that change slowly date them ahead by up to this
-_PLAYED = 60.0  # s: stamps in a recording that are older come from one that was played
-_START = 1_000_000_000  # ns in which the first transforms and twists may be missing
-_EXPECTED = {
+MIN_SPAN_NS = 1_500_000_000
+MIN_REPORTED_SHARE = 0.01  # share of poses: rarer reasons are not reported
+MAX_AHEAD_S = 1.5  # s: senders of transforms that change slowly date them ahead by up to this
+MIN_PLAYED_AGE_S = 60.0  # s: stamps in a recording that are older come from one that was played
+START_NS = 1_000_000_000  # ns in which the first transforms and twists may be missing
+_EXPECTED_REASONS = {
     Reason.AT_REST,
     Reason.POSE_HISTORY_SHORT,
     Reason.POSE_RATE_LIMITED,
     Reason.SURFACE_RATE_LIMITED,
 }
-_OF_SENSOR = {
+_SENSOR_REASONS = {
     Reason.WRENCH_FRAME_UNKNOWN,
     Reason.SENSOR_FRAME_UNKNOWN,
     Reason.TF_FRAME_UNKNOWN,
@@ -100,7 +100,7 @@ class _Arrivals:
 
 def _age_of(ages: NDArray[np.float64]) -> float:
     """The age [s] of messages that were not delayed on their way: the difference of the clocks."""
-    return float(np.quantile(ages, _SOONEST)) if len(ages) else 0.0
+    return float(np.quantile(ages, SOONEST_QUANTILE)) if len(ages) else 0.0
 
 
 def delayed(ages: NDArray[np.float64], limit: float) -> bool:
@@ -123,7 +123,7 @@ class _Words(NamedTuple):
 
 
 _IN_STEP = "keep the clocks in step (NTP, PTP) from before the start"
-_OF_LIVE = _Words(
+_LIVE_WORDS = _Words(
     name="machine",
     clock="this machine's clock",
     in_step=_IN_STEP,
@@ -131,7 +131,7 @@ _OF_LIVE = _Words(
     busy="this machine is too busy to judge",
     again="end other work, and run again",
 )
-_OF_RECORDING = _Words(
+_RECORDING_WORDS = _Words(
     name="recording",
     clock="the recorder's clock",
     in_step=f"{_IN_STEP}, or use the part before or after it with --start or --end",
@@ -151,13 +151,13 @@ def _clock_findings(arrivals: _Arrivals, *, limit: float, words: _Words) -> Iter
         parts = [ages[:row], ages[row:]]
         step = _age_of(parts[0]) - _age_of(parts[1])
         after = 1e-9 * (arrivals.arrival[row] - arrivals.arrival[0])
-        said = f"the stamps on {topic} step by {step:+.3g} s against {words.clock}, {after:.1f} s after the start"
-        yield Finding(name="clock", said=said, advice=words.in_step)
+        sentence = f"the stamps on {topic} step by {step:+.3g} s against {words.clock}, {after:.1f} s after the start"
+        yield Finding(name="clock", said=sentence, advice=words.in_step)
     if any(delayed(part, limit) for part in parts):
         spread = f"{1e3 * ages.min():.0f} to {1e3 * ages.max():.0f} ms after their stamps"
         late = f"messages on {topic} {words.arrive} {spread}"
-        said = f"{late}: {words.busy}, or the driver sends in bursts"
-        yield Finding(name=words.name, said=said, advice=words.again)
+        sentence = f"{late}: {words.busy}, or the driver sends in bursts"
+        yield Finding(name=words.name, said=sentence, advice=words.again)
 
 
 def _clock_step(arrivals: _Arrivals, limit: float) -> int | None:
@@ -168,7 +168,7 @@ def _clock_step(arrivals: _Arrivals, limit: float) -> int | None:
         return None
     row = int(np.abs(np.diff(ages)).argmax()) + 1
     spans = arrival[row - 1] - arrival[0], arrival[-1] - arrival[row]
-    if min(spans) < _LEAST_SPAN or abs(_age_of(ages[:row]) - _age_of(ages[row:])) <= limit:
+    if min(spans) < MIN_SPAN_NS or abs(_age_of(ages[:row]) - _age_of(ages[row:])) <= limit:
         return None
     return row
 
@@ -238,7 +238,7 @@ class Checkup:
         for pose, answer in e.answers(sample):
             self._poses.append((pose.stamp, *pose.position, *pose.quaternion))
             self._table.add(answer)
-            if e.estimates == 1 and time - self._began <= _START:
+            if e.estimates == 1 and time - self._began <= START_NS:
                 self._at_start = self._at_start or Counter(e.counts)
 
     def findings(self, *, complete: bool = True) -> list[Finding]:
@@ -255,23 +255,23 @@ class Checkup:
         evidence = evidence_of(rows, self._estimator, poses=poses)
         evidence = replace(evidence, named=self._cell.named, tare=self._tare, complete=whole)
         inputs = [
-            self._of_input(role, of_role)
-            for role, of_role in arrivals.items()
+            self._of_input(role, role_arrivals)
+            for role, role_arrivals in arrivals.items()
             if role != "tf_static"  # which `_of_frames` judges
         ]
-        mixed = list(self._of_publishers())
+        mixed_findings = list(self._of_publishers())
         has_clock_step = any(finding.name == "clock" for finding in late)
-        judged = [] if mixed or has_clock_step else list(examine(evidence))
-        has_jump = any(finding.name in ("units", "jump") for finding in judged)
+        judged_findings = [] if mixed_findings or has_clock_step else list(examine(evidence))
+        has_jump = any(finding.name in ("units", "jump") for finding in judged_findings)
         jumps = [] if has_jump else self._of_jumps()
-        of_inputs = [*late, *inputs, *mixed, *jumps, *self._of_axes()]
-        found = [*of_inputs, *self._of_frames(), *judged]
+        input_findings = [*late, *inputs, *mixed_findings, *jumps, *self._of_axes()]
+        found = [*input_findings, *self._of_frames(), *judged_findings]
         if whole:
             found += self._of_reasons(len(rows))
         made = self._estimator.estimates
         advice = "" if made else "fix the findings above first"
-        said = f"{made} at {len(rows)} poses"
-        return [*found, Finding(name="estimates", ok=made > 0, said=said, advice=advice)]
+        sentence = f"{made} at {len(rows)} poses"
+        return [*found, Finding(name="estimates", ok=made > 0, said=sentence, advice=advice)]
 
     def _arrivals(self, role: Role) -> dict[str, _Arrivals]:
         """The messages of a role that have a stamp, by the frame that they place: "" but for transforms."""
@@ -286,14 +286,14 @@ class Checkup:
 
     def _of_clocks(self, arrivals: Mapping[Role, Mapping[str, _Arrivals]]) -> Iterator[Finding]:
         limit = self._estimator.settings.max_input_age
-        words = _OF_LIVE if self._live else _OF_RECORDING
-        for role, of_role in arrivals.items():
+        words = _LIVE_WORDS if self._live else _RECORDING_WORDS
+        for role, role_arrivals in arrivals.items():
             if role != "surface":
-                for sent in of_role.values():
+                for sent in role_arrivals.values():
                     yield from _clock_findings(sent, limit=limit, words=words)
 
-    def _of_input(self, role: Role, of_role: Mapping[str, _Arrivals]) -> Finding:
-        """Whether the messages of a role arrive with stamps near their times. `of_role`: of `_arrivals`."""
+    def _of_input(self, role: Role, role_arrivals: Mapping[str, _Arrivals]) -> Finding:
+        """Whether the messages of a role arrive with stamps near their times. `role_arrivals`: of `_arrivals`."""
         topic = self._cell.topics[role]
         heard = self._heard[role]
         if not heard:
@@ -304,20 +304,20 @@ class Checkup:
                 remedy={"twist_source": "pose_difference"} if role == "twist" else {},
                 advice=self._advice[role],
             )
-        unstamped = sum(1 for message in heard if message.stamp <= 0)
-        if unstamped:
-            said = f"{unstamped} messages on {topic} have no stamp"
-            return Finding(name=role, said=said, advice="the driver must set it")
+        unstamped_count = sum(1 for message in heard if message.stamp <= 0)
+        if unstamped_count:
+            sentence = f"{unstamped_count} messages on {topic} have no stamp"
+            return Finding(name=role, said=sentence, advice="the driver must set it")
         limit = self._estimator.settings.max_input_age
         ahead = ""
-        for child, sent in of_role.items():
+        for child, sent in role_arrivals.items():
             age = _age_of(sent.ages)
             of = f" of '{child}'" if child else ""
             if abs(age) > limit and not self._is_harmless(role, age):
                 side = "old" if age > 0.0 else "ahead"
                 off = f"stamps{of} on {topic} are {abs(age):.3g} s {side} when they arrive"
-                said = f"{off}, over max_input_age {limit:g} s"
-                return Finding(name=role, said=said, advice="synchronise the clocks")
+                sentence = f"{off}, over max_input_age {limit:g} s"
+                return Finding(name=role, said=sentence, advice="synchronise the clocks")
             if child and abs(age) > limit:
                 ahead += f"; '{child}' is dated {-age:.2g} s ahead, as it may be"
         seconds = (heard[-1].arrival - heard[0].arrival) * 1e-9
@@ -325,16 +325,16 @@ class Checkup:
         rate = f"{(count - 1) / seconds:.0f} Hz" if seconds > 0.0 else "1 message"
         named = " and ".join(sorted({message.frame for message in heard}))
         frame = f", frame {named}" if named else ""
-        old = 1e3 * np.median(np.concatenate([sent.ages for sent in of_role.values()]))
-        said = f"{rate} on {topic}{frame}, stamps {old:.0f} ms old{ahead}"
-        return Finding(name=role, ok=True, said=said)
+        old = 1e3 * np.median(np.concatenate([sent.ages for sent in role_arrivals.values()]))
+        sentence = f"{rate} on {topic}{frame}, stamps {old:.0f} ms old{ahead}"
+        return Finding(name=role, ok=True, said=sentence)
 
     def _is_harmless(self, role: Role, age: float) -> bool:
         """Whether an offset of stamps against the times of arrival [s] changes no estimate."""
         # as of localisation with a tolerance
-        is_ahead = role == "tf" and -_AHEAD < age < 0.0
+        is_ahead = role == "tf" and -MAX_AHEAD_S < age < 0.0
         # all messages of a recording that was played and recorded again
-        is_played = not self._live and age > _PLAYED
+        is_played = not self._live and age > MIN_PLAYED_AGE_S
         return role == "surface" or is_ahead or is_played
 
     def _of_publishers(self) -> Iterator[Finding]:
@@ -343,9 +343,11 @@ class Checkup:
             if alternation.is_found:
                 topic = self._cell.topics.get(role, TOPICS[role])
                 jump = f"{alternation.jump:.3g} {alternation.unit}"
-                said = f"the messages on {topic} jump to and fro by {jump}, as of two publishers"
+                sentence = (
+                    f"the messages on {topic} jump to and fro by {jump}, as of two publishers"
+                )
                 again = "" if self._live else ", and record again"
-                yield Finding(name=role, said=said, advice=f"stop one of them{again}")
+                yield Finding(name=role, said=sentence, advice=f"stop one of them{again}")
 
     def _of_jumps(self) -> Iterator[Finding]:
         """A pose that is farther from the one before than a tool can move; two publishers are another finding."""
@@ -354,42 +356,42 @@ class Checkup:
             return
         length = f"{1e3 * jump.length:.0f} mm in {1e3 * jump.seconds:.3g} ms"
         after = 1e-9 * (jump.stamp - self._poses[0][0])
-        said = f"a pose jumps by {length}, {after:.1f} s after the first one: faster than a tool can move"
+        sentence = f"a pose jumps by {length}, {after:.1f} s after the first one: faster than a tool can move"
         advice = "look for a reset of the poses' origin or lost messages"
-        yield Finding(name="jump", said=said, advice=advice)
+        yield Finding(name="jump", said=sentence, advice=advice)
 
     def _of_axes(self) -> Iterator[Finding]:
         """Axes on which the load cell gives no number."""
         if self._unknown_axes:
             axes = ", ".join(self._unknown_axes)
-            said = f"no number on {axes} of {self._cell.topics['wrench']}, but NaN or infinity"
+            sentence = f"no number on {axes} of {self._cell.topics['wrench']}, but NaN or infinity"
             advice = "check its driver and cable; the other axes are used if all forces are there"
-            yield Finding(name="wrench", said=said, advice=advice)
+            yield Finding(name="wrench", said=sentence, advice=advice)
 
     def _of_frames(self) -> Iterator[Finding]:
         unknown = self._estimator.unknown_frames()
         world = self._estimator.settings.world_frame
-        of_poses = {message.frame for message in self._heard.get("pose", ())}
-        of_twists = {message.frame for message in self._heard.get("twist", ())}
+        pose_frames = {message.frame for message in self._heard.get("pose", ())}
+        twist_frames = {message.frame for message in self._heard.get("twist", ())}
         if (
             unknown.keys() >= {Reason.POSE_FRAME_UNKNOWN, Reason.TWIST_FRAME_UNKNOWN}
-            and of_poses == of_twists
+            and pose_frames == twist_frames
         ):
             del unknown[Reason.POSE_FRAME_UNKNOWN], unknown[Reason.TWIST_FRAME_UNKNOWN]
-            named = " and ".join(map(repr, sorted(of_poses)))
+            named = " and ".join(map(repr, sorted(pose_frames)))
             yield Finding(
                 name="frames",
                 said=f"poses and twists have frame_id {named}, which is not world_frame {world!r}",
-                remedy={"world_frame": min(of_poses)},
+                remedy={"world_frame": min(pose_frames)},
                 advice="publish the transform between the two on /tf_static",
             )
-        proposal = self._proposed_frames() if _OF_SENSOR & unknown.keys() else None
+        proposal = self._proposed_frames() if _SENSOR_REASONS & unknown.keys() else None
         if proposal:
             yield proposal
             unknown = {
                 reason: sentence
                 for reason, sentence in unknown.items()
-                if reason not in _OF_SENSOR
+                if reason not in _SENSOR_REASONS
             }
         for reason, sentence in unknown.items():
             if reason in OF_TRANSFORMS and self._transforms_unstamped():
@@ -398,8 +400,8 @@ class Checkup:
                 yield Finding(name="frames", said=sentence)
         frames = self._estimator.transforms.frames()
         if frames:
-            said = ", ".join(frames)
-            yield Finding(name="frames", ok=True, said=f"{said}{self._place_of_sensor()}")
+            sentence = ", ".join(frames)
+            yield Finding(name="frames", ok=True, said=f"{sentence}{self._place_of_sensor()}")
 
     def _place_of_sensor(self) -> str:
         """The sensor's place by the transforms, as parameters, for a node that reads no transforms; "" if not known."""
@@ -425,20 +427,20 @@ class Checkup:
             return None
         (sensor,) = frames
         remedy: dict[str, Value] = {}
-        said = f"the load cell's readings are in the frame '{sensor}'"
+        sentence = f"the load cell's readings are in the frame '{sensor}'"
         advice = ""
         if sensor != s.sensor_frame:
             remedy["sensor_frame"] = sensor
-            said += f", which is not sensor_frame '{s.sensor_frame}'"
+            sentence += f", which is not sensor_frame '{s.sensor_frame}'"
         carriers = self._estimator.transforms.carriers(sensor)
         if carriers and s.tool_frame not in carriers:
-            of_twists = {message.frame for message in self._heard.get("twist", ())}
-            by_twists = [name for name in carriers if name in of_twists]
-            by_convention = [name for name in carriers if name == "tool0"]
-            tool = [*by_twists, *by_convention, *carriers][0]
+            twist_frames = {message.frame for message in self._heard.get("twist", ())}
+            twist_carriers = [name for name in carriers if name in twist_frames]
+            named_carriers = [name for name in carriers if name == "tool0"]
+            tool = [*twist_carriers, *named_carriers, *carriers][0]
             remedy["tool_frame"] = tool
             links = ", ".join(self._estimator.transforms.links(tool, sensor))
-            said += f"; the transforms place it on '{tool}' ({links}), and not on tool_frame '{s.tool_frame}'"
+            sentence += f"; the transforms place it on '{tool}' ({links}), and not on tool_frame '{s.tool_frame}'"
             others = " or ".join(repr(name) for name in carriers if name != tool)
             if others:
                 advice = (
@@ -448,7 +450,7 @@ class Checkup:
             return None
         if carriers and not {"sensor.position", "sensor.quaternion"} & set(self._cell.named):
             remedy["sensor.frame_source"] = "tf"
-        return Finding(name="frames", said=said, remedy=remedy, advice=advice)
+        return Finding(name="frames", said=sentence, remedy=remedy, advice=advice)
 
     def _transforms_unstamped(self) -> bool:
         """Whether most transforms have no stamp, which the finding on their topic reports."""
@@ -457,32 +459,57 @@ class Checkup:
 
     def _of_reasons(self, poses: int) -> Iterator[Finding]:
         named = self._estimator.unknown_frames().keys() - {Reason.TF_OUT_OF_ORDER}
+        if _SENSOR_REASONS & named or not self._heard.get("wrench"):
+            named |= {Reason.WRENCH_MISSING}  # the findings on frames or on the topic say why
         counts = self._estimator.counts
         for reason in Reason:
-            told = reason in _EXPECTED or reason in named or reason in STAMP_ZERO
-            told |= reason in OF_TRANSFORMS and self._transforms_unstamped()
+            is_explained = reason in _EXPECTED_REASONS or reason in named or reason in STAMP_ZERO
+            is_explained |= reason in OF_TRANSFORMS and self._transforms_unstamped()
             count = counts[reason] - self._at_start[reason]
             if reason is Reason.WRENCH_MISSING:  # of the poses before the first reading
-                count -= sum(1 for stamp, *_ in self._poses if stamp - self._poses[0][0] < _START)
-            if not told and count > _RARE * max(poses, 1):
+                count -= sum(
+                    1 for stamp, *_ in self._poses if stamp - self._poses[0][0] < START_NS
+                )
+            if not is_explained and count > MIN_REPORTED_SHARE * max(poses, 1):
                 yield Finding(
                     name=reason.value, said=f"{count} times at {poses} poses: {reason.sentence}"
                 )
 
 
 def examine_bag(cell: Cell, bag: Path, options: ReplayOptions) -> list[Finding]:
-    """The findings on a recording of the cell. Raises InputError for a bag that cannot be used."""
+    """The findings on a recording of the cell. Raises InputError for a bag that cannot be used.
+
+    Where the topic of poses or load cell is missing, and the bag has one other of its type, it is judged with that one.
+    """
     with opened_recording(bag, cell.config, options, strict=False) as recording:
-        as_recorded = replace(cell, config=recording.config, topics=recording.topics)
-        advice: dict[Role, str] = dict.fromkeys(_ADVICE, _NOT_IN_PART)
-        checkup = Checkup(
-            as_recorded,
-            tare=options.tare,
-            live=False,
-            advice={**advice, **recording.missing},
+        if not recording.proposals:
+            return _findings_on(recording, cell, options)
+    missing = [
+        Finding(
+            name=role,
+            said=f"nothing on {recording.topics[role]}",
+            remap=f"{TOPICS[role]}:={topic}",
+            advice=f"{recording.missing[role]}; what follows is judged with it",
         )
-        for sample in recording:
-            checkup.push(sample, recording.time)
+        for role, topic in recording.proposals.items()
+    ]
+    rules = [finding.remap for finding in missing]
+    remapped_options = replace(options, remap=(*options.remap, *rules))
+    return [*missing, *examine_bag(cell, bag, remapped_options)]
+
+
+def _findings_on(recording: Recording, cell: Cell, options: ReplayOptions) -> list[Finding]:
+    """The findings on an open recording, which it reads to its end."""
+    as_recorded = replace(cell, config=recording.config, topics=recording.topics)
+    advice: dict[Role, str] = dict.fromkeys(_ADVICE, _NOT_IN_PART)
+    checkup = Checkup(
+        as_recorded,
+        tare=options.tare,
+        live=False,
+        advice={**advice, **recording.missing},
+    )
+    for sample in recording:
+        checkup.push(sample, recording.time)
     found = [Finding(name=role, said=sentence) for role, sentence in recording.mistyped.items()]
     if recording.damage:
         found.append(Finding(name="bag", said=recording.damage))

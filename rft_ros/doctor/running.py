@@ -21,7 +21,7 @@ from rft_ros.parameters import FILES, Value, Values
 from rft_ros.progress import busy, counted
 
 _TASK = "hold the tool still in the air, push it down into the grains, drag it along x and along y"
-_MOST_LOST = 0.01  # share of a topic's messages
+MAX_LOST_SHARE = 0.01  # share of a topic's messages
 
 
 def examine_running(
@@ -33,7 +33,7 @@ def examine_running(
 
     Raises InputError if the name of the node or of a topic is not valid in ROS.
     """
-    seen = SeenMotion(cell)
+    seen_motion = SeenMotion(cell)
     decoders: dict[tuple[Role, str], Callable[[bytes], Sample]] = {}
     with listener(node) as ros:
         with busy(f"looking for {node} and the publishers of its inputs"):
@@ -43,21 +43,23 @@ def examine_running(
 
             def is_enough(elapsed: float, messages: Sequence[Message]) -> bool:
                 for sample, _ in _samples(messages, decoders):
-                    seen.add(sample)
-                update(elapsed, f"still to see: {', '.join(seen.missing) or 'nothing'}")
-                return seen.is_enough(elapsed)
+                    seen_motion.add(sample)
+                update(elapsed, f"still to see: {', '.join(seen_motion.missing) or 'nothing'}")
+                return seen_motion.is_enough(elapsed)
 
             messages, topics = ros.listen(seconds, is_enough=is_enough)
     if running is not None:
-        of_node = _of_node(node, running, cell.config.values, cell.file)
+        node_finding = _of_node(node, running, cell.config.values, cell.file)
     elif ros.found:
-        said = f"{node} is there and does not answer"
-        of_node = Finding(name="node", said=said, advice="this machine is too busy, or it hangs")
+        sentence = f"{node} is there and does not answer"
+        node_finding = Finding(
+            name="node", said=sentence, advice="this machine is too busy, or it hangs"
+        )
     else:
         advice = f"start it with {start_of_node(cell.file)}, or give --node"
-        said = f"no node {node} was found"
-        of_node = Finding(
-            name="node", ok=not needs_node, is_note=not needs_node, said=said, advice=advice
+        sentence = f"no node {node} was found"
+        node_finding = Finding(
+            name="node", ok=not needs_node, is_note=not needs_node, said=sentence, advice=advice
         )
     # the estimates are computed after listening, so that they take no CPU time while messages arrive
     # a tare changes it
@@ -69,23 +71,23 @@ def examine_running(
         list(_samples(messages, decoders)), limit=config.settings.max_input_age
     ):
         checkup.push(sample, received)
-    of_topics = [finding for topic in topics for finding in _of_topic(topic)]
+    topic_findings = [finding for topic in topics for finding in _of_topic(topic)]
     lost = [finding for topic in topics for finding in _of_losses(topic, messages)]
     unseen = [
         Finding(
             name="motion",
             ok=True,
             is_note=True,
-            said=f"not seen, so not all was judged: {', '.join(seen.missing)}",
+            said=f"not seen, so not all was judged: {', '.join(seen_motion.missing)}",
             advice=_TASK,
         )
     ]
     return [
         *lost,
-        of_node,
-        *of_topics,
+        node_finding,
+        *topic_findings,
         *checkup.findings(complete=not lost),
-        *(unseen if seen.missing else []),
+        *(unseen if seen_motion.missing else []),
     ]
 
 
@@ -97,11 +99,11 @@ def _samples(
     `decoders`: those made so far, by role and type.
     """
     for message in messages:
-        of_kind = message.role, message.kind
-        if of_kind not in decoders:
-            decoders[of_kind] = decoder(message.role, ros1=False, kind=message.kind)
+        role_and_type = message.role, message.kind
+        if role_and_type not in decoders:
+            decoders[role_and_type] = decoder(message.role, ros1=False, kind=message.kind)
         with suppress(*UNREADABLE):
-            yield decoders[of_kind](message.data), message.received
+            yield decoders[role_and_type](message.data), message.received
 
 
 def _as_if_in_time(
@@ -112,7 +114,7 @@ def _as_if_in_time(
     for sample, time in received:
         if isinstance(sample, Stamped):
             ages[type(sample)].append(1e-9 * (time - sample.stamp))
-    if not any(delayed(np.array(of_kind), limit) for of_kind in ages.values()):
+    if not any(delayed(np.array(role_ages), limit) for role_ages in ages.values()):
         return received
 
     def sent(one: tuple[Sample, int]) -> int:
@@ -137,9 +139,9 @@ def _of_losses(topic: Topic, messages: Sequence[Message]) -> Iterator[Finding]:
     ]
     sent = max(numbers) - min(numbers) + 1 if numbers else 0
     lost = sent - len(numbers)
-    if lost > _MOST_LOST * sent:
-        said = f"{lost} of {sent} messages on {topic.name} were lost on the way: this machine is too busy to judge"
-        yield Finding(name="machine", said=said, advice="end other work, and run again")
+    if lost > MAX_LOST_SHARE * sent:
+        sentence = f"{lost} of {sent} messages on {topic.name} were lost on the way: this machine is too busy to judge"
+        yield Finding(name="machine", said=sentence, advice="end other work, and run again")
 
 
 def _of_node(node: str, running: Values, values: Values, file: Path) -> Finding:
@@ -179,18 +181,18 @@ def _of_topic(topic: Topic) -> Iterator[Finding]:
             yield Finding(name=topic.role, said=f"{topic.name} is {publisher.type}", advice=must)
         for node, why in publisher.unheard:
             right = False
-            said = (
+            sentence = (
                 f"{publisher.node} publishes {topic.name} so that {node} cannot receive it ({why})"
             )
             yield Finding(
-                name=topic.role, said=said, advice="change qos_overrides or the publisher"
+                name=topic.role, said=sentence, advice="change qos_overrides or the publisher"
             )
     count = len(topic.publishers)
     if count > 1 and topic.role in MIN_JUMPS:
         right = False
         names = ", ".join(sorted(publisher.node for publisher in topic.publishers))
-        said = f"{count} publishers on {topic.name} ({names}), whose messages are mixed"
-        yield Finding(name=topic.role, said=said, advice="stop all but one")
+        sentence = f"{count} publishers on {topic.name} ({names}), whose messages are mixed"
+        yield Finding(name=topic.role, said=sentence, advice="stop all but one")
     if right and topic.publishers:
         number = "1 publisher" if count == 1 else f"{count} publishers"
         yield Finding(name=topic.role, ok=True, said=f"{number} on {topic.name}, QoS compatible")

@@ -68,6 +68,8 @@ Sample = Stamped | tuple[TransformSample, ...]
 
 _NOT_FINITE = "NaN, infinity or an absurdly large number"
 _FRAME_UNKNOWN = "the frame_id is not the expected one, and no fixed transforms link the two"
+DOCTOR_ON_FRAMES = "rft doctor proposes the frames"
+"""What node and replay add to a sentence on an unknown frame."""
 _STAMP_ZERO = "the stamp is zero"
 _OUT_OF_ORDER = (
     "the stamp is not after that of this input's last sample. A sample whose stamp is 1 s or more earlier is used:"

@@ -20,6 +20,7 @@ from rft_ros.estimator import (
 )
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.pose_noise import NOISY_SENTENCE
+from rft_ros.estimator.samples import DOCTOR_ON_FRAMES
 from rft_ros.messages import TOPICS, Role
 from rft_ros.node.swap import Swap
 
@@ -125,7 +126,9 @@ class Diagnostics:
         sentences = {
             str(reason): sentence for reason, sentence in self._estimator.unknown_frames().items()
         }
-        return f"{problem} ({sentences[problem]})" if problem in sentences else problem
+        if problem not in sentences:
+            return problem
+        return f"{problem} ({sentences[problem]}; {DOCTOR_ON_FRAMES})"
 
     def _log_changes(self, problems: list[str]) -> None:
         logger = self._node.get_logger()

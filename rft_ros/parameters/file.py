@@ -130,8 +130,21 @@ def tree_for(source: Path, file: Path, node: str = NODE) -> tuple[Tree, dict[str
     return tree, parameters
 
 
-def write_changed(file: Path, source: Path, changes: Values, *, node: str = NODE) -> None:
-    """Write a parameter file `source` with other values of some parameters of a node; comments are lost."""
+def write_changed(
+    file: Path,
+    source: Path,
+    changes: Values,
+    *,
+    node: str = NODE,
+    others: Mapping[str, Mapping[str, Given]] | None = None,
+) -> None:
+    """Write a parameter file `source` with other values of some parameters of a node; comments are lost.
+
+    `others`: values by name of other sections, such as rft_replay, by the section's name without a namespace.
+    """
     tree, parameters = tree_for(source, file, node)
     parameters |= changes
+    for name, values in (others or {}).items():
+        key = f"/{name}" if f"/{name}" in tree else name
+        tree.setdefault(key, {"ros__parameters": {}})["ros__parameters"] |= values
     write_yaml(file, "parameter file", tree, [])

@@ -162,6 +162,7 @@ def test_a_reason_is_named_while_it_lasts_and_logged_when_it_begins_and_when_it_
     rft.until(lambda: sentence in in_an_unknown_frame())
     assert rft.last_status("inputs")[0] == b"\x01"
     until_logged(f"began: pose_frame_unknown ({sentence}; set", force=None)
+    assert "rft doctor proposes the frames" in rft.said()
     until_logged("ended: pose_frame_unknown", force=None)
     assert "ended: wrench_missing" not in rft.said()
     until_logged("ended: wrench_missing")

@@ -199,6 +199,7 @@ def test_a_bag_without_any_estimate_writes_its_output_and_fails(tmp_path, capsys
     assert len(err.splitlines()) == 1
     assert f"  not used or unanswered: pose_frame_unknown 60 ({frame}; set" in out
     assert "wrench frame_id 'elsewhere' is not sensor_frame 'ft_sensor'" in out
+    assert "rft doctor proposes the frames" in out
     written = json.loads((tmp_path / "out" / "summary.json").read_text())
     assert written["reasons"]["pose_frame_unknown"] == 60
     assert written["unknown_frames"]["pose_frame_unknown"].startswith(frame)

@@ -8,7 +8,17 @@ from pathlib import Path
 import numpy as np
 import pytest
 import yaml
-from cells import MOUNT, PARAMETERS, SURFACE, cell_of, loads, motion, record, wrong
+from cells import (
+    MOUNT,
+    PARAMETERS,
+    SURFACE,
+    cell_of,
+    loads,
+    motion,
+    record,
+    record_of_a_newcomer,
+    wrong,
+)
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from recordings import START, STEP
@@ -164,6 +174,31 @@ def test_the_remedies_are_written_to_a_parameter_file_with_which_the_cell_is_rig
     assert of_node["sensor.bias"] == pytest.approx(bias, abs=0.02)
     status = main(["doctor", str(mended), "--bag", str(bag)])
     assert faults(capsys.readouterr().out.splitlines()) == [], status
+
+
+def test_a_cell_is_judged_with_the_only_topic_that_fits_whose_remap_is_written(examined, tmp_path):
+    """As with the broadcaster's ~/wrench in the parameters, and ~/wrench_filtered in the recording."""
+    mended = tmp_path / "mended.yaml"
+    missing, not_tared, *_ = faults(
+        examined(
+            {"world_frame": "base", "twist_source": "pose_difference"},
+            "~/pose:=/tcp",
+            replayed={"remap": ["~/wrench_measured:=/other"]},
+            arguments=("--write", str(mended)),
+            bag=record_of_a_newcomer(tmp_path / "bag", offset=(0.0, 0.0, 2.0, 0.0, 0.0, 0.0)),
+        )
+    )
+    assert "nothing on /other; use --remap ~/wrench_measured:=/ft" in missing
+    assert "tare it there" in not_tared
+    written = yaml.safe_load(mended.read_text())
+    rules = written["rft_replay"]["ros__parameters"]["remap"]
+    assert rules == ["~/pose:=/tcp", "~/wrench_measured:=/ft"]
+
+
+def test_a_load_cell_without_messages_or_in_an_unknown_frame_is_named_once(examined):
+    """And not again by the poses that have no reading."""
+    assert len(faults(examined({}, "~/wrench_measured:=/none"))) == 1
+    assert len(faults(examined({"sensor_frame": "ati"}))) == 1
 
 
 @pytest.mark.parametrize(
