@@ -12,7 +12,7 @@ import numpy as np
 
 from rft_ros.estimator import Estimate, Estimator, PoseSample, TwistSample, WrenchSample
 from rft_ros.ground import Cloud
-from rft_ros.parameters import defaults, model_of, settings_of
+from rft_ros.parameters import Config
 
 CELL = 0.002
 POINTS = 300_000
@@ -30,9 +30,9 @@ def cloud() -> Cloud:
 
 def estimator(cell: float, learning: str, memory: float) -> Estimator:
     """With the full ellipsoid."""
-    values = {**defaults(), "mesh.file": "ellipsoid", "tolerance": 0.0, "ground.cell": cell}
+    values = {**Config().values, "mesh.file": "ellipsoid", "tolerance": 0.0, "ground.cell": cell}
     values |= {"medium.mobilization_length": memory, "learning.mode": learning}
-    return Estimator(settings_of(values), model_of(values))
+    return Estimator(Config.of(values).settings, Config.of(values).model())
 
 
 def tick_times(e: Estimator, first: int, count: int) -> list[float]:

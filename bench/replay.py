@@ -22,7 +22,7 @@ from bench.kernel import cpu_model, ratio, seconds
 from rft_ros.bags.replay import replay, replay_model
 from rft_ros.bags.writing import BagWriter
 from rft_ros.messages import TYPES, Role
-from rft_ros.parameters import defaults
+from rft_ros.parameters import Config
 
 RATE = 125
 SECONDS = 60
@@ -106,7 +106,7 @@ def bare(bag: Path, out: Path, wrenches: int) -> None:
 
 def main() -> int:
     console = Console(width=100)
-    values = defaults()
+    values = Config().values
     model = replay_model(values)
     with tempfile.TemporaryDirectory() as folder:
         bag = Path(folder, "bag")

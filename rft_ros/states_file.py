@@ -13,7 +13,7 @@ from rft_ros.estimator import PoseDifference, PoseSample
 from rft_ros.files import whole
 from rft_ros.logged_columns import MATRIX, ROTATION_VECTOR, renamed, with_quaternions
 from rft_ros.messages import Role
-from rft_ros.parameters import Model, defaults
+from rft_ros.parameters import Config, Model
 from rft_ros.rft import (
     POSE,
     POSITION,
@@ -177,7 +177,7 @@ def _velocities(times: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArr
         raise ValueError(
             f"row 0: velocities need {_FEWEST} poses; give more, or the columns {','.join(STATE[TWIST])}"
         )
-    window: float = defaults()["twist_window"]
+    window = Config().settings.twist_window
     difference = PoseDifference()
     twists = np.empty((len(times), len(STATE[TWIST])))
     for row, (stamp, pose) in enumerate(zip(stamps.tolist(), poses.tolist(), strict=True)):

@@ -26,7 +26,7 @@ _MEASURED = {"penetration": BLACK, "dwell": GREEN, "withdrawal": BLUE}
 
 def draw_abb_plate(bag: Path, file: Path) -> None:
     """Draw the upward force over depth: measured by phase, and predicted with its standard deviation."""
-    values, options = read_parameter_file(_FILE), read_replay_options(_FILE)
+    values, options = read_parameter_file(_FILE).values, read_replay_options(_FILE)
     figure = new_figure(9.0, 4.4)
     legend: dict[str, Any] = {}
     for axes, (title, changed) in zip(

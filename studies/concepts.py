@@ -24,7 +24,7 @@ from rft_ros.estimator import (
     TwistSample,
     trust,
 )
-from rft_ros.parameters import Model, Settings, defaults, model_of
+from rft_ros.parameters import Config, Model, Settings
 from studies.result import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, label_axes
 
 __all__ = ["draw_concepts", "write_concepts"]
@@ -77,15 +77,15 @@ class _Moment:
 
 def _model(zeta: float, mobilization_length: float) -> Model:
     """The default model of the shipped plate, with all of its plates."""
-    return model_of(
+    return Config.of(
         {
-            **defaults(),
+            **Config().values,
             "mesh.file": _TOOL_NAME,
             "medium.zeta": zeta,
             "medium.mobilization_length": mobilization_length,
             "tolerance": 0.0,
         }
-    )
+    ).model()
 
 
 def _moments(legs: Sequence[_Leg]) -> list[_Moment]:

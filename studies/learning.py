@@ -24,7 +24,7 @@ from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.estimator import is_withdrawn, predict_without_learning
 from rft_ros.estimator.learning import Learning
-from rft_ros.parameters import Values, model_of, read_parameter_file, settings_of
+from rft_ros.parameters import Config, Values, read_parameter_file
 from rft_ros.parameters.settings import CALIBRATED_ERROR
 from rft_ros.rft import (
     ANGULAR_VELOCITY,
@@ -235,7 +235,7 @@ def bag_series(group: str, choice: Choice) -> list[Series]:
         return []
     fitted = replace(choice, name="fitted", tolerance=0.0, lag=0.0)
     file = calibrated("cmu" if group == "wheel" else group, fitted)
-    values, options = read_parameter_file(file), read_replay_options(file)
+    values, options = read_parameter_file(file).values, read_replay_options(file)
     with TemporaryDirectory() as folder:
         bags, meshes = _recordings(group, Path(folder))
         return [
@@ -280,7 +280,7 @@ def _recorded(bag: Path, values: Values, options: ReplayOptions, choice: Choice)
     length = fitted if choice.mobilization_length else 0.0
     own = {**values, "medium.mobilization_length": length, "tolerance": choice.tolerance}
     track = read_track(bag, own, options)
-    settings, model = settings_of(own), model_of(own)
+    settings, model = Config.of(own).settings, Config.of(own).model()
     plates, law = model.tool.plates, model.law
     rest, surface = settings.rest_speed, settings.surface_height
     series = series_of(

@@ -25,7 +25,7 @@ __all__ += [
 
 Array = NDArray[np.float64]
 
-PUBLISHED = read_parameter_file(share_directory("rft_ros") / "config" / "published.yaml")
+PUBLISHED = read_parameter_file(share_directory("rft_ros") / "config" / "published.yaml").values
 """The parameters of the model as published."""
 
 ZETA = 0.33

@@ -24,7 +24,7 @@ from rft_ros.bags.playback import played_estimates, played_motion
 from rft_ros.bags.replay import replay
 from rft_ros.demo.virtual_arm import LAYER
 from rft_ros.installation import share_directory
-from rft_ros.parameters import Values, model_of, read_parameter_file, settings_of
+from rft_ros.parameters import Config, Values, read_parameter_file
 from rft_ros.report import TRACTION, Animation, animate
 
 __all__ = ["draw_demo", "draw_moment", "estimates_of", "legend_below"]
@@ -144,13 +144,16 @@ def draw_moment(figure: Any, axes: Any, scene: Animation) -> None:
 
 def draw_demo(bag: Path, file: Path) -> None:
     """Draw the demo: the tool with the fixed model's traction, force over depth with and without learning, surprise."""
-    values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml")
+    values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml").values
     fixed = {**values, "learning.mode": "off"}
-    options, model = ReplayOptions(tare=2.0), model_of(fixed)
+    options, model = ReplayOptions(tare=2.0), Config.of(fixed).model()
     tables = [estimates_of(bag, given, options) for given in (values, fixed)]
     rows, estimator = played_estimates(bag, fixed, model, options)
     motion = played_motion(rows, estimator, begin=rows["stamp"][0])
-    height, title = settings_of(fixed).surface_height, "Traction and force by the fixed model"
+    height, title = (
+        Config.of(fixed).settings.surface_height,
+        "Traction and force by the fixed model",
+    )
     scene = animate(title, model, motion, surface_height=height)
     strength: NDArray[np.float64] = np.linalg.norm(scene.forces, axis=1)
     strength[scene.placed[:, :, 2].max(axis=1) < scene.surface_height + 3.0] = -1.0

@@ -33,9 +33,6 @@ from rft_ros.parameters import (
     Config,
     Parameter,
     checked,
-    defaults,
-    model_of,
-    settings_of,
 )
 from rft_ros.rft import Law
 
@@ -89,7 +86,7 @@ def _value(random: Random, parameter: Parameter) -> object:
 def random_values(random: Random, *, most: int = 5) -> dict[str, Any]:
     """Parameters of a node, checked: the defaults, and up to `most` that are random."""
     values = {
-        **defaults(),
+        **Config().values,
         "tolerance": 0.0,
         "mesh.file": str(random.choice(["plate", "sphere", "root_tip"])),
     }
@@ -191,7 +188,7 @@ def _change(random: Random, estimator: Estimator, values: dict[str, Any]) -> Non
     """What a user does between two samples; each works, or raises InputError."""
     deeds: list[Callable[[], object]] = [
         lambda: estimator.tare(float(random.choice([0.0, 0.1, 1.0, 1e9]))),
-        lambda: estimator.use(settings=settings_of({**values, **_changed(random, values)})),
+        lambda: estimator.use(settings=Config.of({**values, **_changed(random, values)}).settings),
         lambda: estimator.use(
             model=Config.of({**values, **_changed(random, values)}).model(generation=1)
         ),
@@ -222,7 +219,7 @@ def run(seed: int, *, count: int = 150) -> tuple[list[object], Law | None]:
     random = np.random.default_rng(seed)
     values = random_values(random)
     try:
-        estimator = Estimator(settings_of(values), model_of(values))
+        estimator = Estimator(Config.of(values).settings, Config.of(values).model())
     except InputError as error:
         assert "\n" not in str(error), f"not one sentence: {error}"
         return [str(error)], None

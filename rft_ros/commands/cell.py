@@ -136,7 +136,7 @@ def demo(arguments: argparse.Namespace) -> int:
     run(bag, parameters, seconds=arguments.seconds)
     same = ["replay", str(bag), "--params", str(parameters), "--tare", f"{tare:g}", "-o", str(out)]
     print(f"the same offline: {program()} {shlex.join(same)}")
-    values = read_parameter_file(parameters)
+    values = read_parameter_file(parameters).values
     summary = replay(bag, out, values, ReplayOptions(tare=tare), report=True)
     print("\n".join([*summary.lines(), f"-> {out / 'report.html'}"]))
     return 0

@@ -143,7 +143,7 @@ def recording(arguments: argparse.Namespace) -> tuple[Config, ReplayOptions]:
     config = Config()
     written = ReplayOptions()
     if arguments.params:
-        config = Config.of(read_parameter_file(arguments.params, node))
+        config = read_parameter_file(arguments.params, node)
         written = read_replay_options(arguments.params)
     given = {
         name: value

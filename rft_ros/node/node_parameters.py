@@ -14,7 +14,8 @@ from rclpy.parameter import Parameter as RosParameter
 
 from rft_ros.errors import InputError
 from rft_ros.node.swap import Prepared
-from rft_ros.parameters import PARAMETERS, Parameter, Value, Values, checked, defaults
+from rft_ros.parameters import PARAMETERS, Config, Parameter, Value, Values, checked
+from rft_ros.parameters.config import NAMES
 from rft_ros.parameters.file import checked_in_file, placed
 from rft_ros.parameters.sections import Given, Section, read_sections, read_value
 
@@ -64,11 +65,11 @@ class RefusedChangeError(InputError, ParameterNotDeclaredException):
 
 
 class NodeParameters:
-    """The node's values of the parameter table.
+    """The node's parameters.
 
-    `arguments`: the node's command line. Before a change, `prepare` is called with all values, including the changed
-    ones; it raises ValueError to refuse the change. After the change `apply` is called with the result of `prepare`.
-    Each change is logged.
+    `arguments`: the node's command line. Before a change, `prepare` is called with all parameters, the changed ones
+    among them; it raises ValueError to refuse the change. After the change `apply` is called with the result of
+    `prepare`. Each change is logged.
     """
 
     def __init__(
@@ -76,7 +77,7 @@ class NodeParameters:
         node: Node,
         arguments: Sequence[str],
         *,
-        prepare: Callable[[Values], Prepared],
+        prepare: Callable[[Config], Prepared],
         apply: Callable[[Prepared], None],
     ) -> None:
         self._node = node
@@ -85,12 +86,13 @@ class NodeParameters:
         self._why = ""
         self._accepted: Prepared | None = None
         """The result of `prepare` for the last change; None if that was refused, changes nothing or is applied."""
-        self.values: Values = defaults() | self._given(arguments)
-        """The current checked values. When parameters are set, this mapping is replaced and not changed."""
+        self.config = Config.of(self._given(arguments))
+        """The current parameters."""
+        values = self.config.values
         for p in PARAMETERS:
             # Not with the value that ROS has read: after a name that is given twice it would mix up their types.
             node.declare_parameter(
-                p.name, _plain(self.values[p.name]), _descriptor(p), ignore_override=True
+                p.name, _plain(values[p.name]), _descriptor(p), ignore_override=True
             )
         node.add_pre_set_parameters_callback(self._on_pre_set)
         node.add_post_set_parameters_callback(self._on_post_set)
@@ -118,7 +120,7 @@ class NodeParameters:
         for name, (value, file) in given.items():
             if file:
                 values |= placed(checked_in_file(file, {name: value}), Path.cwd())
-            elif name in defaults():
+            elif name in NAMES:
                 values[name] = checked(name, value)
             elif not (self._node.has_parameter(name) or name.startswith("qos_overrides.")):
                 logger.warning(f"there is no parameter '{name}'; it is ignored")
@@ -145,11 +147,11 @@ class NodeParameters:
             new = {
                 p.name: checked(p.name, _plain(p.value))
                 for p in parameters
-                if p.name in self.values or not self._node.has_parameter(p.name)
+                if p.name in NAMES or not self._node.has_parameter(p.name)
             }
-            values = {**self.values, **new}
-            if values != self.values:
-                self._accepted = self._prepare(values)
+            config = self.config.changed(new)
+            if config != self.config:
+                self._accepted = self._prepare(config)
         except ValueError as error:
             raise RefusedChangeError(str(error)) from None
         return [RosParameter(p.name, value=_plain(new.get(p.name, p.value))) for p in parameters]
@@ -157,17 +159,17 @@ class NodeParameters:
     def _on_post_set(self, parameters: list[RosParameter]) -> None:
         accepted = self._accepted
         # rclpy calls this also for the qos_overrides that `_apply` declares, perhaps after it has refused a change
-        if accepted is None or not any(p.name in self.values for p in parameters):
+        if accepted is None or not any(p.name in NAMES for p in parameters):
             return
         self._accepted = None  # or it would keep the model of this change after later swaps
-        before = self.values
+        before = self.config.values
         said = ", ".join(
             f"{name} {before[name]!r} -> {value!r}"
             for name, value in accepted.config.values.items()
             if value != before[name]
         )
         self._node.get_logger().info(f"parameters set: {said}{self._why}")
-        self.values = accepted.config.values
+        self.config = accepted.config
         self._apply(accepted)
 
 

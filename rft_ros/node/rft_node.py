@@ -28,7 +28,7 @@ from rft_ros.node.services import Services
 from rft_ros.node.swap import Failed, Prepared, Swap
 from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.node.topics import INPUTS, OUTPUTS, has_tf2_msgs, message_class, type_on, waiting
-from rft_ros.parameters import Config, Values
+from rft_ros.parameters import Config
 
 _SWAP_POLL_PERIOD = 0.05  # s
 _MARKER_PERIOD = 0.1  # s
@@ -42,7 +42,7 @@ class RftNode(Node):
     def __init__(self, worker: ToolWorker, arguments: list[str]) -> None:
         super().__init__("rft", cli_args=arguments)
         self.table = NodeParameters(self, arguments, prepare=self._prepare, apply=self._apply)
-        config = Config.of(self.table.values)
+        config = self.table.config
         logger = self.get_logger()
         compiling = "compiling: this takes ten seconds or more, at the first start only; services answer afterwards"
         self._swap = Swap(worker, config, on_cold_cache=lambda: logger.info(compiling))
@@ -217,8 +217,7 @@ class RftNode(Node):
 
     # --- parameters and swaps
 
-    def _prepare(self, values: Values) -> Prepared:
-        config = Config.of(values)
+    def _prepare(self, config: Config) -> Prepared:
         if config.settings.sensor_source == "tf":
             message_class(*TYPES["tf"])
         return self._swap.prepare(config)
@@ -257,7 +256,7 @@ class RftNode(Node):
 
 def executor_of(node: RftNode) -> Executor:
     """The executor that the node's parameters name."""
-    if Config.of(node.table.values).executor == "events":
+    if node.table.config.executor == "events":
         try:
             from rclpy.experimental import EventsExecutor
 

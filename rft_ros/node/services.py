@@ -74,13 +74,15 @@ class Services:
         if learned is None:
             raise InputError("not saved: nothing was learned yet")
         strength, error = learned
-        values = dict(self._parameters.values)
-        values["medium.zeta"] *= strength
-        values["medium.zeta_error"] = min(error / strength, 2.0)
+        config = self._parameters.config
+        learned_values = {
+            "medium.zeta": strength * config.medium.zeta,
+            "medium.zeta_error": min(error / strength, 2.0),
+        }
         doubts = [f"doubtful, since {issue}" for issue in self._estimator.issues()]
         comment = "; ".join(["rft_node: medium.zeta learned from the load cell", *doubts])
         file = _new_file("rft_medium_{}.yaml")
-        write_parameter_file(file, values, comment=comment)
+        write_parameter_file(file, config.changed(learned_values), comment=comment)
         return "; ".join([str(file), *doubts])
 
     def _level_ground(self) -> str:

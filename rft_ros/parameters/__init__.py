@@ -17,7 +17,7 @@ from rft_ros.parameters.file import (
     section_parameters,
     write_parameter_file,
 )
-from rft_ros.parameters.from_values import config_of_options, model_of, settings_of
+from rft_ros.parameters.from_values import config_of_options
 from rft_ros.parameters.medium_file import (
     is_medium_file,
     read_alpha_y_table,
@@ -28,7 +28,7 @@ from rft_ros.parameters.medium_file import (
 from rft_ros.parameters.parameter import Parameter, Value, Values, parameter_values
 from rft_ros.parameters.sections import Section, read_sections, read_value
 from rft_ros.parameters.settings import LoadCell, Model, Settings
-from rft_ros.parameters.table import FILES, OPTIONS, PARAMETERS, checked, defaults
+from rft_ros.parameters.table import FILES, OPTIONS, PARAMETERS, checked
 
 __all__ = [
     "FILES",
@@ -50,10 +50,8 @@ __all__ = [
     "Values",
     "checked",
     "config_of_options",
-    "defaults",
     "is_medium_file",
     "load_parts",
-    "model_of",
     "named_files",
     "node_parameters",
     "parameter_values",
@@ -64,7 +62,6 @@ __all__ = [
     "read_stress_map",
     "read_value",
     "section_parameters",
-    "settings_of",
     "write_medium",
     "write_parameter_file",
 ]

@@ -10,7 +10,7 @@ from rft_ros.files import resolved
 from rft_ros.parameters.config import Config
 from rft_ros.parameters.parameter import Value, Values
 from rft_ros.parameters.sections import Given, Section, read_sections
-from rft_ros.parameters.table import FILES, checked, defaults
+from rft_ros.parameters.table import FILES, checked
 from rft_ros.tool import is_mesh_path, locate_mesh
 from rft_ros.yaml_file import write_yaml
 
@@ -72,12 +72,12 @@ def checked_in_file(file: Path, given: Mapping[str, Given]) -> dict[str, Value]:
     return placed(values, file.parent)
 
 
-def read_parameter_file(file: Path, node: str = NODE) -> dict[str, Value]:
-    """The value of every parameter: the one that the file sets for the node, checked, or the default.
+def read_parameter_file(file: Path, node: str = NODE) -> Config:
+    """The parameters that the file sets for the node, checked; the others have their defaults.
 
     Relative paths are taken from the file's folder (`path_beside`). Raises InputError.
     """
-    return defaults() | checked_in_file(file, node_parameters(file, node))
+    return Config.of(checked_in_file(file, node_parameters(file, node)))
 
 
 def named_files(config: Config) -> list[Path]:
@@ -102,9 +102,9 @@ def placed(values: Values, folder: Path) -> dict[str, Value]:
     return {**values, **paths}
 
 
-def write_parameter_file(file: Path, values: Values, *, comment: str) -> None:
+def write_parameter_file(file: Path, config: Config, *, comment: str) -> None:
     """Write a file for `read_parameter_file` and the node; relative paths in `FILES` become absolute."""
-    tree = {"/**": {"ros__parameters": placed(values, Path.cwd())}}
+    tree = {"/**": {"ros__parameters": placed(config.values, Path.cwd())}}
     write_yaml(file, "parameter file", tree, [comment])
 
 

@@ -1,23 +1,11 @@
-"""Makes a `Config` from the short names of options and studies, and settings and models from values by name."""
+"""Makes a `Config` from the short names of options and studies."""
 
 from collections.abc import Mapping
 from typing import Any
 
 from rft_ros.parameters.config import Config
 from rft_ros.parameters.medium_file import is_medium_file
-from rft_ros.parameters.parameter import Values
-from rft_ros.parameters.settings import Model, Settings
 from rft_ros.parameters.table import OPTIONS, checked
-
-
-def settings_of(values: Config | Values) -> Settings:
-    """The estimator's settings."""
-    return Config.of(values).settings
-
-
-def model_of(values: Config | Values) -> Model:
-    """Load the model of tool and grains. Raises InputError for unusable files."""
-    return Config.of(values).model()
 
 
 def config_of_options(entry: Mapping[str, Any]) -> Config:

@@ -1,7 +1,6 @@
 """The table of all parameters, which node, replay and docs share."""
 
 from difflib import get_close_matches
-from typing import Any
 
 from rft_ros.errors import InputError, shown
 from rft_ros.parameters.config import GROUPS
@@ -20,11 +19,6 @@ FILES = tuple(p.name for p in PARAMETERS if p.kind == "file")
 
 OPTIONS = {p.option: p for p in PARAMETERS if p.option}
 """The parameter of each short name."""
-
-
-def defaults() -> dict[str, Any]:
-    """Every parameter at its default."""
-    return {p.name: p.default for p in PARAMETERS}
 
 
 def unknown_parameter(name: str) -> str:

@@ -17,7 +17,7 @@ POSES = {2: 7378, 3: 7017}
 def runs(shared_data, tmp_path_factory):
     """Of each trial: summary; of the poses of the penetration, prediction per ζ and measured downward force [N]."""
     found = {}
-    values = {**read_parameter_file(FILE), "medium.mobilization_length": 0.0}
+    values = {**read_parameter_file(FILE).values, "medium.mobilization_length": 0.0}
     for trial in POSES:
         folder = tmp_path_factory.mktemp("abb")
         summary = replay(

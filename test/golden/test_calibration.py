@@ -46,7 +46,7 @@ def held_out(calibrated, shared_data, tmp_path_factory):
     found = {}
     for trial, other in OTHER.items():
         # the calibrated file has the other trial's bias; each trial is tared on its own
-        values, options = read_parameter_file(calibrated[other]), read_replay_options(ABB)
+        values, options = read_parameter_file(calibrated[other]).values, read_replay_options(ABB)
         for memory in (True, False):
             given = values if memory else {**values, "medium.mobilization_length": 0.0}
             out = tmp_path_factory.mktemp("replay")
@@ -75,7 +75,7 @@ def test_what_is_fitted_to_each_trial(calibrated):
     """λ has errors of 3.1 and 3.0 mm, since the measured decay is straighter than the model's."""
     found = []
     for trial, zeta, length, bias in ((2, 1.159, 5.7e-3, 1.84), (3, 1.015, 4.9e-3, 1.81)):
-        values, made = read_parameter_file(calibrated[trial]), record(calibrated[trial])
+        values, made = read_parameter_file(calibrated[trial]).values, record(calibrated[trial])
         assert values["medium.zeta"] == pytest.approx(zeta, abs=0.01)
         assert values["medium.calibrated_depth"] == pytest.approx(0.0506, abs=2e-4)
         assert values["sensor.bias"][2] == pytest.approx(bias, abs=0.02)
@@ -113,7 +113,7 @@ def test_the_force_holds_flat_while_the_plate_rests(held_out, calibrated, trial,
     assert np.ptp(predicted[rest]) < 0.004
     assert predicted[rest].mean() == pytest.approx(held, abs=0.005)
     own, others = (
-        read_parameter_file(calibrated[t])["medium.zeta"] for t in (trial, OTHER[trial])
+        read_parameter_file(calibrated[t]).values["medium.zeta"] for t in (trial, OTHER[trial])
     )
     assert abs(predicted[rest].mean() * own / others - 1.0) < 0.10
 
@@ -146,4 +146,4 @@ def test_a_zeta_that_depends_on_the_plate_is_noted_and_has_a_large_error(calibra
     assert zeta["standard_error"][0] > 0.1
     assert "ζ grows with the tool's size, 60 to 100 mm wide" in zeta["goodness"]
     # of the smallest tool
-    assert read_parameter_file(out)["medium.zeta_error"] == pytest.approx(0.19, abs=0.02)
+    assert read_parameter_file(out).values["medium.zeta_error"] == pytest.approx(0.19, abs=0.02)

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from rft_ros.parameters import model_of, read_parameter_file
+from rft_ros.parameters import Config, read_parameter_file
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021, wrenches
 from rft_ros.states_file import read_states
 from rft_ros.tool import load_tool
@@ -13,7 +13,7 @@ CONFIG = "config/published.yaml"
 
 @pytest.fixture
 def published(request):
-    return read_parameter_file(request.config.rootpath / CONFIG)
+    return read_parameter_file(request.config.rootpath / CONFIG).values
 
 
 @pytest.mark.parametrize("alpha_y", ["constant", "linear"])
@@ -24,7 +24,7 @@ def test_it_gives_the_authors_forces_on_the_root_tip(published, shared_data, alp
         "mesh.origin": (0.0, 0.0, 35.5),
         "medium.zeta": 0.33,
     }
-    model = model_of({**published, **mesh, "alpha_y.model": alpha_y})
+    model = Config.of({**published, **mesh, "alpha_y.model": alpha_y}).model()
     _, states = read_states(paper / "circumnutation_P40_states.csv")
     found = wrenches(model.tool.plates, model.law, states)[:, :6]
     expected = np.loadtxt(
@@ -34,7 +34,7 @@ def test_it_gives_the_authors_forces_on_the_root_tip(published, shared_data, alp
 
 
 def test_it_is_the_centroid_rule_with_all_plates_and_no_memory_bit_by_bit(published):
-    model = model_of({**published, "mesh.file": "ellipsoid", "medium.zeta": 0.33})
+    model = Config.of({**published, "mesh.file": "ellipsoid", "medium.zeta": 0.33}).model()
     assert (model.law.mobilization_length, model.law.stresses["alpha_y"]) == (0.0, "constant")
     state = np.array(
         [[0.0, 0.0, -0.02, 0.1, 0.2, 0.3, 0.9273618495495703, 0.003, 0.002, -0.01, 0.1, 0.2, 0.3]]

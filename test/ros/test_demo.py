@@ -7,15 +7,15 @@ from rft_ros.demo import virtual_arm
 from rft_ros.demo.virtual_arm import LAYER
 from rft_ros.estimator import Estimator, PoseSample, QualityFlag, TwistSample, WrenchSample
 from rft_ros.installation import share_directory
-from rft_ros.parameters import model_of, read_parameter_file, settings_of
+from rft_ros.parameters import Config, read_parameter_file
 from rft_ros.rft import QUATERNION, VELOCITY
 
 
 def descent(mode):
     """Depth [m], measured and predicted force, its deviation [N] and the surprise flag at each moment in the grains."""
-    values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml")
+    values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml").values
     values |= {"learning.mode": mode, "sensor.bias": virtual_arm.LOAD_CELL.bias}
-    estimator = Estimator(settings_of(values), model_of(values))
+    estimator = Estimator(Config.of(values).settings, Config.of(values).model())
     rows = {}
     for t, state, reading in virtual_arm.moments(12.0):
         if t < virtual_arm.PAUSE:

@@ -11,7 +11,7 @@ from rosbags.highlevel import AnyReader
 
 from rft_ros.bags.replay import replay
 from rft_ros.bags.writing import BagWriter
-from rft_ros.parameters import checked, defaults
+from rft_ros.parameters import Config, checked
 
 PARAMETERS = {
     "mesh.file": "abb_plate",
@@ -58,7 +58,7 @@ def publish(rft, messages, *, frame="ft_sensor", **others):
 def assert_equal(rft, bag, parameters, tmp_path):
     """The node's answers are those of the replay of a bag; the replayed wrenches by topic and stamp."""
     as_the_node = {"medium.mobilization_length": 0.0, "alpha_y.model": "constant", **parameters}
-    values = defaults() | {name: checked(name, value) for name, value in as_the_node.items()}
+    values = Config().values | {name: checked(name, value) for name, value in as_the_node.items()}
     replay(bag, tmp_path / "replayed", values)
     replayed = {topic: {} for topic in OUTPUTS}
     with AnyReader([tmp_path / "replayed" / "estimates"]) as reader:

@@ -57,7 +57,7 @@ def test_a_node_that_learns_publishes_saves_and_forgets_what_it_learned(
     assert "the load cell reads a force in the air: call ~/tare" in answer
     file = answer.partition("; ")[0]
     assert rft.trigger("save_medium")[1] != file  # also in the same second
-    saved = read_parameter_file(tmp_path / file)
+    saved = read_parameter_file(tmp_path / file).values
     assert saved["medium.zeta"] != 0.3
     assert saved["medium.zeta_error"] > 0.0
     assert saved["mesh.file"] == "plate"

@@ -14,7 +14,7 @@ from refusals import assert_says, refusal
 
 from rft_ros.errors import InputError
 from rft_ros.node.node_parameters import NodeParameters, given_sections
-from rft_ros.parameters import defaults, read_parameter_file, read_sections
+from rft_ros.parameters import Config, read_parameter_file, read_sections
 
 
 @cache
@@ -43,7 +43,7 @@ def as_a_node(file, node="/rft", *more):
                 assert_ros_reads_the_same(made, for_node(file, node))
             return NodeParameters(
                 made, arguments, prepare=lambda _: None, apply=lambda _: None
-            ).values
+            ).config.values
         finally:
             made.destroy_node()
     except InputError as error:
@@ -74,7 +74,7 @@ def assert_ros_reads_the_same(made, sections):
 
 def as_a_command(file, node="/rft"):
     try:
-        return read_parameter_file(file, node)
+        return read_parameter_file(file, node).values
     except InputError as error:
         return str(error)
 
@@ -206,7 +206,7 @@ def test_later_sections_override_and_numbers_are_read_in_node_and_commands_alike
 ):
     file = tmp_path / "cell.yaml"
     file.write_text(text)
-    assert read_parameter_file(file) == as_a_node(file) == defaults() | value
+    assert read_parameter_file(file).values == as_a_node(file) == Config().values | value
 
 
 def test_a_file_for_two_nodes_is_read_for_each(tmp_path):
@@ -217,8 +217,8 @@ def test_a_file_for_two_nodes_is_read_for_each(tmp_path):
         )
     )
     for side, zeta in SIDES.items():
-        assert read_parameter_file(file, f"/{side}/rft") == as_a_node(file, f"/{side}/rft")
-        assert read_parameter_file(file, f"/{side}/rft")["medium.zeta"] == zeta
+        assert read_parameter_file(file, f"/{side}/rft").values == as_a_node(file, f"/{side}/rft")
+        assert read_parameter_file(file, f"/{side}/rft").values["medium.zeta"] == zeta
     assert_says(refusal(read_parameter_file, file), "/left/rft, /right/rft", "--node")
 
 

@@ -156,14 +156,14 @@ import sys
 from dataclasses import replace
 from numba.core import event
 from rft_ros.estimator import Estimator, PoseSample
-from rft_ros.parameters import Settings, defaults, model_of
+from rft_ros.parameters import Settings, Config, Config
 from rft_ros.estimator.warm_up import prepare
 
 prepare(on_cold_cache=lambda: sys.exit("the cache is cold after rft warm-up"))
 if "trimesh" in sys.modules:
     sys.exit("warming up imports trimesh, which the node does not need")
 for rule in ("centroid", "refined"):
-    model = model_of({**defaults(), "mesh.file": "plate", "integration": rule})
+    model = Config.of({**Config().values, "mesh.file": "plate", "integration": rule}).model()
     for length in (0.0, 0.001):
         grains = replace(model.law, mobilization_length=length)
         with event.install_recorder("numba:compile") as compiled:

@@ -12,7 +12,7 @@ import yaml
 from harness import WAIT, numbers, parameters, predicted_by_the_core, stamp_of
 from rcl_interfaces.srv import SetParameters
 
-from rft_ros.parameters import defaults, model_of
+from rft_ros.parameters import Config
 from rft_ros.rft import MEDIA, checked_states, wrenches
 from rft_ros.tool import locate_mesh
 
@@ -217,12 +217,14 @@ def test_no_file_that_a_parameter_names_delays_a_pose_while_its_drive_stalls(
     os.kill(worker, signal.SIGCONT)
     rft.until(lambda: "preparing" not in rft.trigger("status")[1])
     values = {
-        **defaults(),
+        **Config().values,
         "medium.mobilization_length": 0.0,
         "ground.cell": 0.01,
         "alpha_y.model": "table",
     }
-    model = model_of({**values, **{name: str(tmp_path / file) for name, file in FILES.items()}})
+    model = Config.of(
+        {**values, **{name: str(tmp_path / file) for name, file in FILES.items()}}
+    ).model()
     state = checked_states(
         [0.0, 0.0, MOTION["z"], 0.0, 0.0, 0.0, 1.0, *MOTION["linear"], 0.0, 0.0, 0.0]
     )

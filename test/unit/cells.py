@@ -22,7 +22,7 @@ from rft_ros.bags.options import topics_of
 from rft_ros.diagnosis import Finding
 from rft_ros.doctor.checkup import Cell, Checkup
 from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
-from rft_ros.parameters import Config, defaults, model_of
+from rft_ros.parameters import Config
 from rft_ros.rft import POSITION, QUATERNION, STATE, VELOCITY, frames, wrenches
 from rft_ros.rft.frames import Placement
 
@@ -65,7 +65,9 @@ def motion(rate: float) -> NDArray[np.float64]:
 
 def loads(states: NDArray[np.float64], *, zeta: float = ZETA) -> NDArray[np.float64]:
     """What the load cell feels [N, N m], shape [n, 6], in its own axes: the grains, whose force holds at rest."""
-    model = model_of({**defaults(), **PARAMETERS, "medium.zeta": zeta, "tolerance": 0.0})
+    model = Config.of(
+        {**Config().values, **PARAMETERS, "medium.zeta": zeta, "tolerance": 0.0}
+    ).model()
     world = wrenches(model.tool.plates, model.law, states, surface_height=SURFACE)[:, :6].copy()
     for k in np.flatnonzero((states[1:, 7:] == 0.0).all(axis=1)) + 1:
         world[k] = world[k - 1]
@@ -75,7 +77,7 @@ def loads(states: NDArray[np.float64], *, zeta: float = ZETA) -> NDArray[np.floa
 
 
 def cell_of(values, *, named=PARAMETERS) -> Cell:
-    topics, model = topics_of(values), model_of(values)
+    topics, model = topics_of(values), Config.of(values).model()
     return Cell(
         file=Path("cell.yaml"), config=Config.of(values), named=named, model=model, topics=topics
     )
@@ -102,7 +104,7 @@ def wrong(
         **PARAMETERS,
         **{name.replace("__", "."): value for name, value in parameters.items()},
     }
-    values = {**defaults(), **named}
+    values = {**Config().values, **named}
     checkup = Checkup(cell_of(values, named=named), live=live)
     stamps = [START + k * STEP for k in range(len(states))] if stamps is None else stamps
     places = states[:, POSITION] if poses is None else poses

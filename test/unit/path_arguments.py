@@ -11,7 +11,7 @@ import yaml
 from recordings import moments, write_ros2
 
 from rft_ros.cli import parser
-from rft_ros.parameters import FILES, defaults
+from rft_ros.parameters import FILES, Config
 from rft_ros.rft import MEDIA
 
 _WORDS = ("FILE", "TABLE", "MESH", "BAG")
@@ -99,7 +99,7 @@ def command_lines(path: str, *, command: str, action: argparse.Action) -> Iterat
 
 def parameters_with(path: str) -> Iterator[tuple[str, str]]:
     """Parameter files that are good but for the path that they give to a parameter; each with the parameter's name."""
-    assert set(FILES) == {name for name in defaults() if name.endswith((".file", ".table"))}
+    assert set(FILES) == {name for name in Config().values if name.endswith((".file", ".table"))}
     for name in FILES:
         yield name, parameters_text({**_NEEDED.get(name, {}), name: path})
 

@@ -10,7 +10,7 @@ from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, W
 from rosbags.typesys import Stores, get_typestore
 
 from rft_ros.bags.writing import BagWriter
-from rft_ros.parameters import checked, defaults
+from rft_ros.parameters import Config, checked
 from rft_ros.rft import frames
 
 ROS2 = get_typestore(Stores.ROS2_JAZZY)
@@ -210,7 +210,7 @@ def write_ros1(path: Path, rows) -> Path:
 
 def values(**changes):
     """The default parameters but for these, whose dots are double underscores."""
-    return defaults() | {
+    return Config().values | {
         k.replace("__", "."): checked(k.replace("__", "."), v) for k, v in changes.items()
     }
 

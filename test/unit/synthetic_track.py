@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation, Slerp
 
 from rft_ros.calibration.track import Track
 from rft_ros.estimator import LoadCellFrame, PoseDifference, PoseSample
-from rft_ros.parameters import LoadCell, defaults
+from rft_ros.parameters import Config, LoadCell
 from rft_ros.rft import (
     MEDIA,
     SLACK,
@@ -49,7 +49,7 @@ def parameters(**given):
     """The node's parameters for `TOOL`, without memory; names with __ for dots."""
     named = {name.replace("__", "."): value for name, value in given.items()}
     of_tool = {"mesh.file": TOOL_FILE, "mesh.scale": 0.001, "tolerance": 0.0}
-    return {**defaults(), **of_tool, "medium.mobilization_length": 0.0, **named}
+    return {**Config().values, **of_tool, "medium.mobilization_length": 0.0, **named}
 
 
 class Path:

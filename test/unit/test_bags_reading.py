@@ -37,7 +37,7 @@ from rft_ros.bags.reading import opened_recording
 from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.estimator import PoseSample, TwistSample, WrenchSample
-from rft_ros.parameters import defaults
+from rft_ros.parameters import Config
 
 NAMES = {role: name for role, (name, _) in TOPICS.items()}
 KIND = {"pose": PoseSample, "twist": TwistSample, "wrench": WrenchSample}
@@ -55,7 +55,7 @@ def expected(rows):
 
 
 def read(path, remap=(), *, twist_source="topic", **options):
-    values = defaults() | {"twist_source": twist_source}
+    values = Config().values | {"twist_source": twist_source}
     with opened_recording(path, values, ReplayOptions(remap=remap, **options)) as recording:
         return list(recording), recording.damage
 
@@ -459,15 +459,15 @@ def test_a_database_with_text_in_its_columns_ends_in_a_sentence(tmp_path, change
 
 def test_remaps_resolve_as_in_ros_later_ones_win_and_invalid_ones_are_refused():
     fixed = {"tf_static": "/tf_static"}
-    assert topics_of(defaults()) == NAMES | fixed
-    assert "twist" not in topics_of({**defaults(), "twist_source": "pose_difference"})
+    assert topics_of(Config().values) == NAMES | fixed
+    assert "twist" not in topics_of({**Config().values, "twist_source": "pose_difference"})
     rules = ["~/pose:=/a", "/rft/pose:=/b", "~/twist:=c", "~/wrench_measured:=~/d"]
     topics = {"pose": "/b", "twist": "/c", "wrench": "/rft/d"} | fixed
-    assert topics_of(defaults(), rules) == topics
+    assert topics_of(Config().values, rules) == topics
     for rule, words in (
         ("~/pose", "FROM:=TO"),
         ("~/pose:=", "FROM:=TO"),
         ("~/joint:=/x", "~/joint"),
     ):
         with pytest.raises(InputError, match=words):
-            topics_of(defaults(), [rule])
+            topics_of(Config().values, [rule])

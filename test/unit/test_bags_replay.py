@@ -297,9 +297,9 @@ import resource, sys
 from pathlib import Path
 from rft_ros.bags.playback import played_estimates
 from rft_ros.bags.replay import replay
-from rft_ros.parameters import defaults
+from rft_ros.parameters import Config
 for bag in map(Path, sys.argv[2:]):
-    replay(bag, Path(sys.argv[1]) / bag.name, defaults(), report=True)
+    replay(bag, Path(sys.argv[1]) / bag.name, Config().values, report=True)
     print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss / 1024.0)
 """
 

@@ -13,7 +13,7 @@ from rft_ros.bags.estimates import PHASES, ROW
 from rft_ros.bags.replay import replay
 from rft_ros.bags.replay_report import decimated, replay_charts
 from rft_ros.estimator import QualityFlag
-from rft_ros.parameters import defaults
+from rft_ros.parameters import Config
 
 CHARTS = ("wrench_over_time", "wrench_over_depth", "quality_flags", "learned", "tool")
 
@@ -108,7 +108,7 @@ def test_the_page_has_figures_before_tables_and_changed_parameters_before_defaul
     assert page.index('<div id="figure-wrench_over_time"') < page.index("<h2>Metrics</h2>")
     table = page[page.index("<h2>Parameters</h2>") :]
     names = re.findall(r"<tr><td>([a-z_.]+)</td>", table)
-    usual = defaults()
+    usual = Config().values
     changed = [
         not np.array_equal(replayed.summary.parameters[name], usual[name]) for name in names
     ]

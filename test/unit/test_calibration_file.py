@@ -1,7 +1,6 @@
 """`rft calibrate` on synthetic bags: exit status, files written, and that the node can read them unchanged."""
 
 import json
-import os
 
 import numpy as np
 import pytest
@@ -23,7 +22,7 @@ from rft_ros.calibration.calibrated_file import rounded
 from rft_ros.calibration.track import read_track
 from rft_ros.cli import main
 from rft_ros.errors import InputError
-from rft_ros.parameters import defaults, read_parameter_file
+from rft_ros.parameters import Config, read_parameter_file
 from rft_ros.tool import locate_mesh
 
 
@@ -48,7 +47,7 @@ def cell(tmp_path_factory):
     given = {
         n: list(v) if isinstance(v, tuple) else v
         for n, v in unknown().items()
-        if v != defaults()[n]
+        if v != Config().values[n]
     }
     tree = {
         "/**": {"ros__parameters": given},
@@ -85,7 +84,7 @@ def calibrated(cell):
 
 
 def test_the_node_and_the_replay_take_the_file_as_it_is(calibrated, cell, tmp_path):
-    values = read_parameter_file(calibrated)
+    values = read_parameter_file(calibrated).values
     assert values["sensor.bias"] == pytest.approx(LOAD_CELL.bias, abs=0.1)
     assert values["sensor.mass"] == pytest.approx(LOAD_CELL.mass, abs=0.01)
     assert values["sensor.center_of_mass"] == pytest.approx(LOAD_CELL.center_of_mass, abs=0.002)
@@ -117,11 +116,12 @@ def test_a_replay_says_once_that_its_motion_is_of_a_kind_that_was_not_calibrated
     calibrated, cell, tmp_path
 ):
     assert (
-        read_parameter_file(calibrated)["medium.calibrated_motions"] == "press, drag, withdrawal"
+        read_parameter_file(calibrated).values["medium.calibrated_motions"]
+        == "press, drag, withdrawal"
     )
     of_press = tmp_path / "of_press.yaml"
     assert calibrate(cell, ("pressed",), of_press) == 0
-    assert read_parameter_file(of_press)["medium.calibrated_motions"] == "press, withdrawal"
+    assert read_parameter_file(of_press).values["medium.calibrated_motions"] == "press, withdrawal"
     for bag, file, times in (
         ("pressed", of_press, 0),
         ("dragged", calibrated, 0),
@@ -151,7 +151,7 @@ def test_files_that_are_kept_are_found_from_the_new_file(cell, tmp_path):
         yaml.safe_load(out.read_text())["/**"]["ros__parameters"]["alpha_y.table"]
         == "../../tables/mine.csv"
     )
-    assert os.path.samefile(str(read_parameter_file(out)["mesh.file"]), tmp_path / "tool.stl")  # noqa: PTH121
+    assert Path(read_parameter_file(out).mesh.file).samefile(tmp_path / "tool.stl")
 
 
 def test_a_fitted_bias_replaces_the_tare(cell, calibrated, tmp_path):

@@ -19,7 +19,7 @@ from rft_ros.demo import virtual_arm
 from rft_ros.diagnosis import CellAlong, Finding
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import LoadCellFrame, TransformSample, WrenchSample
-from rft_ros.parameters import LoadCell, defaults, model_of
+from rft_ros.parameters import Config, LoadCell
 from rft_ros.rft import (
     FORCE,
     POSITION,
@@ -284,7 +284,7 @@ def test_a_world_frame_that_does_not_point_up_is_the_only_thing_named(degrees, w
 def test_a_tilted_world_is_named_by_drags_of_a_tool_with_many_plates_in_grains_with_memory():
     """Compared at a few moments, that lie far apart, the model would not remember its path."""
     cell = {"mesh.file": "plate", "medium.mobilization_length": 0.003, "tolerance": 0.0}
-    model = model_of({**defaults(), **PARAMETERS, **cell})
+    model = Config.of({**Config().values, **PARAMETERS, **cell}).model()
     states = motion(200.0)
     states[:, VELOCITY] *= 0.5  # the moments are 10 ms apart
     plates = model.tool.plates
@@ -503,7 +503,12 @@ def test_another_unit_is_named(unit):
 
 def _recorded(arrivals):
     """What is wrong with a recording of poses from TF, of which the transforms of `odom` arrive as given."""
-    values = {**defaults(), **PARAMETERS, "pose_source": "tf", "twist_source": "pose_difference"}
+    values = {
+        **Config().values,
+        **PARAMETERS,
+        "pose_source": "tf",
+        "twist_source": "pose_difference",
+    }
     checkup = Checkup(cell_of(values), live=False)
     for k, (state, reading) in enumerate(zip(STATES.tolist(), LOADS.tolist(), strict=True)):
         now, stamp = START + k * STEP, arrivals(k)

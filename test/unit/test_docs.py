@@ -11,7 +11,7 @@ import pytest
 import rft_ros
 import rft_ros.simulation
 from rft_ros.cli import parser
-from rft_ros.parameters import defaults, read_parameter_file
+from rft_ros.parameters import Config, read_parameter_file
 from rft_ros.rft import MEDIA
 from rft_ros.rft import traction as weights
 from rft_ros.sweeps.motions import FAMILIES
@@ -63,7 +63,7 @@ def test_every_parameter_in_the_docs_is_one_of_the_node():
         named = re.findall(
             r"`((?:mesh|medium|alpha_y|sensor)\.(?!py\b)[a-z_]+)", page.read_text(encoding="utf-8")
         )
-        assert set(named) <= set(defaults()), page.name
+        assert set(named) <= set(Config().values), page.name
 
 
 def test_the_python_reference_has_every_public_name():
@@ -107,7 +107,7 @@ def test_a_generated_page_is_as_its_generator_writes_it(pages, name):
 
 
 def test_the_default_file_reads_back_as_the_defaults():
-    assert read_parameter_file(ROOT / "config" / "default.yaml") == defaults()
+    assert read_parameter_file(ROOT / "config" / "default.yaml").values == Config().values
 
 
 @pytest.mark.parametrize("name", MEDIA)

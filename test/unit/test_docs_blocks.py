@@ -123,7 +123,7 @@ def _yaml(block: Block, folder: Path) -> None:
     if "rft_replay" in tree:
         assert read_replay_options(file).remap, block.where
     elif any(isinstance(value, dict) and "ros__parameters" in value for value in tree.values()):
-        assert read_parameter_file(file), block.where
+        assert read_parameter_file(file).values, block.where
     elif "motions" in tree:
         assert read_design(file).variants, block.where
     else:

@@ -29,7 +29,7 @@ from rft_ros.cli import main
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import TransformSample, TwistSample, WrenchSample
 from rft_ros.installation import start_of_node
-from rft_ros.parameters import defaults
+from rft_ros.parameters import Config
 from rft_ros.rft import QUATERNION
 from rft_ros.rft.frames import Placement
 
@@ -209,7 +209,7 @@ def test_a_load_cell_without_messages_or_in_an_unknown_frame_is_named_once(exami
 @pytest.mark.parametrize("before", [75, 750], ids=["0.2 s", "2 s"])
 def test_what_comes_shortly_before_the_first_fixed_transforms_is_no_fault(bag, parameters, before):
     """Publishers are found one after the other: poses before the transforms that their frames need."""
-    values = {**defaults(), **PARAMETERS, **parameters}
+    values = {**Config().values, **PARAMETERS, **parameters}
     checkup = Checkup(cell_of(values))
     with opened_recording(Path(bag), values) as recording:
         fixed, *others = ((sample, recording.time) for sample in recording)
@@ -312,7 +312,7 @@ def test_frames_that_the_transforms_name_are_proposed_and_with_them_the_cell_is_
 @pytest.mark.parametrize("twists", ["flange", "world"])
 def test_of_the_frames_that_carry_a_load_cell_that_of_the_twists_is_the_tools(twists):
     """Or else tool0; the others are named."""
-    checkup = Checkup(cell_of({**defaults(), **PARAMETERS}))
+    checkup = Checkup(cell_of({**Config().values, **PARAMETERS}))
     still, level = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0)
     chain = ("wrist_3_link", "flange", "tool0", "adapter", "ati")
     fixed = [

@@ -8,9 +8,8 @@ from refusals import refusal
 import rft_ros
 from rft_ros.cli import main
 from rft_ros.parameters import (
+    Config,
     config_of_options,
-    defaults,
-    model_of,
     read_medium,
     read_parameter_file,
 )
@@ -210,16 +209,17 @@ def test_a_map_with_wrong_cells_is_warned_of_by_every_command_that_uses_it(
 def test_a_parameter_file_names_a_medium_beside_it_in_place_of_medium_name(write, tmp_path):
     write(yaml.safe_dump(LOOSE.coefficients), "poppy.yaml")
     file = write("/**:\n  ros__parameters:\n    medium.file: poppy.yaml\n", "cell.yaml")
-    values = read_parameter_file(file)
+    values = read_parameter_file(file).values
     assert values["medium.file"] == str(tmp_path / "poppy.yaml")
-    law = model_of(values).law
+    law = Config.of(values).model().law
     assert (law.medium.name, law.stresses["medium"], law.medium.coefficients) == (
         "poppy",
         "poppy",
         LOOSE.coefficients,
     )
     assert "medium.file '/no/where.yaml' does not exist" in refusal(
-        model_of, {**defaults(), "medium.file": "/no/where.yaml"}
+        lambda given: Config.of(given).model(),
+        {**Config().values, "medium.file": "/no/where.yaml"},
     )
 
 

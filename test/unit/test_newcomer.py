@@ -53,7 +53,7 @@ def test_the_newcomers_way_leads_to_right_numbers(bag, rft, tmp_path, capsys):
     )
     parts = ("--fit", "sensor", "--fit", "surface", "--fit", "zeta")  # λ takes most of the time
     status, said = rft("calibrate", *parts, "-o", str(calibrated))
-    values = read_parameter_file(calibrated)
+    values = read_parameter_file(calibrated).values
     # its standard error
     assert values["medium.zeta"] == pytest.approx(1.3 * ZETA, rel=0.065), said
     assert values["surface_height"] == pytest.approx(SURFACE, abs=1e-3)

@@ -16,11 +16,8 @@ from rft_ros.parameters import (
     LoadCell,
     Settings,
     checked,
-    defaults,
-    model_of,
     read_alpha_y_table,
     read_parameter_file,
-    settings_of,
     write_parameter_file,
 )
 from rft_ros.parameters.parameter import parameter_fields
@@ -34,7 +31,7 @@ def test_a_parameter_is_described_passes_its_own_check_and_refuses_what_has_anot
 ):
     name, (low, high) = parameter.name, parameter.bounds
     assert re.fullmatch(r"\S.{15,}\.", parameter.description)
-    assert checked(name, parameter.default) == parameter.default == defaults()[name]
+    assert checked(name, parameter.default) == parameter.default == Config().values[name]
     for value in (None, {}, object(), b"x"):
         assert_says(refusal(checked, name, value), name, repr(value), "must be")
     if isinstance(parameter.default, str):
@@ -91,8 +88,8 @@ def test_an_integer_a_norm_near_1_and_an_unquoted_off_are_accepted():
 
 @pytest.mark.parametrize("name", ["zeta_error", "calibrated_depth", "grain_diameter"])
 def test_a_parameter_of_0_is_none_in_python_where_0_means_not_known(name):
-    assert getattr(settings_of({**defaults(), f"medium.{name}": 0.0}), name) is None
-    assert getattr(settings_of({**defaults(), f"medium.{name}": 0.2}), name) == 0.2
+    assert getattr(Config.of({**Config().values, f"medium.{name}": 0.0}).settings, name) is None
+    assert getattr(Config.of({**Config().values, f"medium.{name}": 0.2}).settings, name) == 0.2
     for value in (0.0, -0.1, math.nan):
         with pytest.raises(InputError, match=name):
             Settings(**{name: value})
@@ -110,7 +107,7 @@ def test_a_zeta_whose_error_is_not_known_counts_as_calibrated_only_where_nothing
 
 
 def test_default_values_make_the_default_settings_and_other_values_reach_them():
-    assert settings_of(defaults()) == Settings()
+    assert Config.of(Config().values).settings == Settings()
     of_kind = {"sign": -1.0, "quaternion": (1.0, 0.0, 0.0, 0.0), "motions": "press"}
     of_type = {str: "other", float: 0.25}
     for owner in (Settings, LoadCell):
@@ -120,7 +117,7 @@ def test_default_values_make_the_default_settings_and_other_values_reach_them():
                 other = parameter.choices[-1]
             if other is None:
                 other = tuple(range(len(parameter.default)))
-            changed = settings_of({**defaults(), parameter.name: other})
+            changed = Config.of({**Config().values, parameter.name: other}).settings
             assert getattr(changed if owner is Settings else changed.load_cell, name) == other
 
 
@@ -135,7 +132,8 @@ def test_an_unknown_kind_of_motion_is_refused_with_those_that_exist():
 def test_one_frame_for_two_is_refused():
     words = "world_frame", "tool_frame", "'base'", "different frames"
     assert_says(
-        refusal(settings_of, {**defaults(), "world_frame": "base", "tool_frame": "base"}), *words
+        refusal(Config.of, {**Config().values, "world_frame": "base", "tool_frame": "base"}),
+        *words,
     )
 
 
@@ -143,7 +141,7 @@ def test_one_frame_for_two_is_refused():
 def values(tmp_path):
     file = tmp_path / "square.obj"
     file.write_text("v 0 0 0\nv 10 0 0\nv 10 10 0\nv 0 10 0\nf 1 3 2\nf 1 4 3\n")
-    return {**defaults(), "mesh.file": str(file)}
+    return {**Config().values, "mesh.file": str(file)}
 
 
 def test_a_model_is_the_tool_medium_and_alpha_y_of_the_values(values):
@@ -155,7 +153,7 @@ def test_a_model_is_the_tool_medium_and_alpha_y_of_the_values(values):
     model = Config.of({**values, **given}).model(generation=7)
     assert model.law.stresses == {"medium": "poppy_seeds_loose", "alpha_y": "linear"}
     assert (model.law.zeta, model.generation) == (0.33, 7)
-    constant = model_of({**values, **given, "alpha_y.model": "constant"}).law
+    constant = Config.of({**values, **given, "alpha_y.model": "constant"}).model().law
     assert constant.alpha_y == Constant(pytest.approx(-0.026 + 0.057 + 0.000))
     assert model.law.stiffness == 0.33e6
     assert model.tool.plates.area == pytest.approx(1e-4)
@@ -167,15 +165,21 @@ def test_a_model_is_the_tool_medium_and_alpha_y_of_the_values(values):
 
 def test_the_alpha_y_model_is_chosen_by_name(values, table, tmp_path):
     read = table("beta,alpha_y\n0,0.2\n90,0.1\n")
-    assert model_of({**values, "alpha_y.model": "linear"}).law.alpha_y == Linear(0.2035, -0.0015)
-    chosen = model_of(
-        {**values, "alpha_y.model": "table", "alpha_y.table": str(tmp_path / "alpha_y.csv")}
-    ).law.alpha_y
+    assert Config.of({**values, "alpha_y.model": "linear"}).model().law.alpha_y == Linear(
+        0.2035, -0.0015
+    )
+    chosen = (
+        Config.of(
+            {**values, "alpha_y.model": "table", "alpha_y.table": str(tmp_path / "alpha_y.csv")}
+        )
+        .model()
+        .law.alpha_y
+    )
     assert chosen == read
     with pytest.raises(
         InputError, match=r"alpha_y\.model 'table' needs alpha_y\.table to name a CSV file"
     ):
-        model_of({**values, "alpha_y.model": "table"})
+        Config.of({**values, "alpha_y.model": "table"}).model()
 
 
 @pytest.fixture
@@ -211,7 +215,7 @@ def test_nested_and_dotted_names_are_the_same_parameter_and_the_others_stay_at_t
     assert (
         read(nested)
         == read(dotted)
-        == {**defaults(), "medium.zeta": 0.33, "medium.name": "poppy_seeds_loose"}
+        == {**Config().values, "medium.zeta": 0.33, "medium.name": "poppy_seeds_loose"}
     )
 
 
@@ -365,14 +369,14 @@ def test_a_file_that_was_written_means_the_same_tool_from_any_folder(
     monkeypatch.chdir(tmp_path)
     relative = mesh in ("tool.stl", "below/tool")
     values = {
-        **defaults(),
+        **Config().values,
         "mesh.file": mesh,
         "medium.zeta": 0.312,
         "sensor.position": (0.0, 0.1, 0.2),
     }
     write_parameter_file(tmp_path / "new" / "saved.yaml", values, comment="from a test")
     written = {**values, "mesh.file": f"{tmp_path}/{mesh}" if relative else mesh}
-    assert read_parameter_file(tmp_path / "new" / "saved.yaml") == written
+    assert read_parameter_file(tmp_path / "new" / "saved.yaml").values == written
     if not relative:
         assert read(node=f"mesh.file: {mesh}")["mesh.file"] == mesh
 
@@ -381,13 +385,16 @@ def test_a_file_that_was_written_means_the_same_tool_from_any_folder(
 def test_a_number_of_a_law_is_a_parameter_and_can_be_varied_in_a_study(number):
     name = OPTIONS[number].name
     assert name == f"medium.{number}"
-    models = [model_of({**defaults(), "law": law, name: defaults()[name] + 0.25}) for law in LAWS]
-    assert defaults()[name] + 0.25 in [getattr(model.law, number, None) for model in models]
+    models = [
+        Config.of({**Config().values, "law": law, name: Config().values[name] + 0.25}).model()
+        for law in LAWS
+    ]
+    assert Config().values[name] + 0.25 in [getattr(model.law, number, None) for model in models]
 
 
 @pytest.mark.parametrize("name", LAWS)
 def test_a_law_is_made_by_its_name_and_has_the_defaults_of_the_table_but_no_memory(name):
-    law, values = law_named(name, MEDIA["generic"], Constant(0.1)), defaults()
+    law, values = law_named(name, MEDIA["generic"], Constant(0.1)), Config().values
     numbers = [number for number in LAW_NUMBERS if hasattr(law, number)]
     assert law.name == name
     assert {number: values[f"medium.{number}"] for number in numbers} | {
@@ -401,8 +408,8 @@ def test_a_number_that_no_law_has_is_refused_by_its_name():
 
 
 def test_a_config_is_the_values_by_name_and_back_and_refuses_what_no_parameter_allows():
-    assert Config.of(defaults()) == Config()
-    assert Config().values == defaults()
+    assert Config.of(Config().values) == Config()
+    assert Config().values == Config().values
     config = Config.of({"medium.zeta": 0.4, "sensor.bias": [1, 2, 3, 0, 0, 0]})
     assert config.medium.zeta == 0.4
     assert config.settings.load_cell.bias == (1.0, 2.0, 3.0, 0.0, 0.0, 0.0)

@@ -37,7 +37,7 @@ def recorded(path, states, readings, values, remap=()):
 def test_the_file_of_a_robot_replays_what_its_driver_publishes(file, tmp_path):
     """Poses of the tool, and wrenches in its axes without the tool's weight, with an offset."""
     grains = {name: value for name, value in PARAMETERS.items() if not name.startswith("sensor.")}
-    values = read_parameter_file(file) | grains
+    values = read_parameter_file(file).values | grains
     options = read_replay_options(file)
     states = motion(100.0)
     states = np.vstack([np.repeat(states[:1], 150, axis=0), states])
@@ -67,15 +67,15 @@ def test_without_grains_the_compensated_wrench_is_what_pushes_the_tool(tmp_path)
     cell.write_text(
         "/**:\n  ros__parameters:\n    surface_height: -1.0\n    twist_source: pose_difference\n"
     )
-    values = read_parameter_file(cell)
+    values = read_parameter_file(cell).values
     bag = recorded(tmp_path / "bag", states, readings, values)
     weighed = tmp_path / "weighed.yaml"
     assert main(["calibrate", str(bag), "--params", str(cell), "-o", str(weighed)]) == 0
-    assert read_parameter_file(weighed)["sensor.mass"] == pytest.approx(0.8, rel=1e-3)
+    assert read_parameter_file(weighed).values["sensor.mass"] == pytest.approx(0.8, rel=1e-3)
     push = np.zeros((len(still), 6))
     push[300:350, 2] = 5.0
     pushed = recorded(tmp_path / "pushed", states, readings + push, values)
-    replay(pushed, tmp_path / "out", read_parameter_file(weighed))
+    replay(pushed, tmp_path / "out", read_parameter_file(weighed).values)
     with (tmp_path / "out" / "estimates.csv").open() as file:
         rows = [row for row in csv.DictReader(file) if row["compensated_fz"]]
     found = np.array(

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.cli import main
 from rft_ros.errors import InputError
-from rft_ros.parameters import MeshConfig, defaults
+from rft_ros.parameters import Config, MeshConfig
 from rft_ros.rft import MEDIA, QUATERNION, alpha_y_model, checked_states, law_named, wrenches
 from rft_ros.tool import load_tool, random_motions
 
@@ -44,7 +44,7 @@ def test_a_turned_mesh_in_a_frame_turned_back_has_the_same_force_in_the_world(an
 
 
 def test_the_parameter_turns_the_tool_and_no_rotation_keeps_every_bit():
-    plain = load_tool("root_tip", tolerance=defaults()["tolerance"])
+    plain = load_tool("root_tip", tolerance=Config().values["tolerance"])
     turned = MeshConfig(file="root_tip", quaternion=HALF_TURN).load()
     assert plain.lowest_point(np.eye(3)) == pytest.approx(-0.0345)
     assert turned.lowest_point(np.eye(3)) == pytest.approx(0.0)
