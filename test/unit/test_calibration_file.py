@@ -151,7 +151,7 @@ def test_files_that_are_kept_are_found_from_the_new_file(cell, tmp_path):
         yaml.safe_load(out.read_text())["/**"]["ros__parameters"]["alpha_y.table"]
         == "../../tables/mine.csv"
     )
-    assert Path(read_parameter_file(out).mesh.file).samefile(tmp_path / "tool.stl")
+    assert (tmp_path / "tool.stl").samefile(read_parameter_file(out).mesh.file)
 
 
 def test_a_fitted_bias_replaces_the_tare(cell, calibrated, tmp_path):

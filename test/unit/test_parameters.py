@@ -182,11 +182,15 @@ def test_the_alpha_y_model_is_chosen_by_name(values, table, tmp_path):
         Config.of({**values, "alpha_y.model": "table"}).model()
 
 
+def values_in_file(file):
+    return read_parameter_file(file).values
+
+
 @pytest.fixture
 def read(tmp_path):
     """Read a parameter file with this text, or with these lines for the node."""
 
-    def of(text="", *, node=None, of=read_parameter_file, name="cell.yaml"):
+    def of(text="", *, node=None, of=values_in_file, name="cell.yaml"):
         if node is not None:
             text = f"/**:\n  ros__parameters:\n    {node}\n"
         (tmp_path / name).write_bytes(text if isinstance(text, bytes) else text.encode())
@@ -374,7 +378,7 @@ def test_a_file_that_was_written_means_the_same_tool_from_any_folder(
         "medium.zeta": 0.312,
         "sensor.position": (0.0, 0.1, 0.2),
     }
-    write_parameter_file(tmp_path / "new" / "saved.yaml", values, comment="from a test")
+    write_parameter_file(tmp_path / "new" / "saved.yaml", Config.of(values), comment="from a test")
     written = {**values, "mesh.file": f"{tmp_path}/{mesh}" if relative else mesh}
     assert read_parameter_file(tmp_path / "new" / "saved.yaml").values == written
     if not relative:
