@@ -31,7 +31,7 @@ from rft_ros.bags.replay import replay
 from rft_ros.cli import main
 from rft_ros.errors import InputError
 from rft_ros.estimator import TransformSample
-from rft_ros.parameters import model_of
+from rft_ros.parameters import Config
 from rft_ros.rft import MEDIA, alpha_y_model, checked_states, treers2021, wrenches
 from rft_ros.tool import load_tool
 
@@ -107,7 +107,9 @@ def test_a_tare_over_the_first_seconds_takes_the_bias_off(bag, tmp_path):
         [0.0, 0.0, 0.0], abs=1e-12
     )
     assert replay(bag, tmp_path, values(), ReplayOptions(tare=0.0)).bias == (0.0,) * 6
-    _, estimator = played_estimates(bag, values(), model_of(values()), ReplayOptions(tare=0.15))
+    _, estimator = played_estimates(
+        bag, values(), Config.of(values()).model(), ReplayOptions(tare=0.15)
+    )
     assert estimator.load_cell.bias == summary.bias  # as rft view draws it
 
 
