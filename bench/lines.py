@@ -31,7 +31,7 @@ def _words(text: str) -> frozenset[str]:
 
 
 _UNITS = _words(
-    "M MM CM KM S MS US NS HZ N NM KG G RAD DEG PX BYTES MIB PA W J K"
+    "M MM CM KM S MS US NS HZ N NM KG G RAD DEG PT2 PX BYTES MIB PA W J K"
     " RATIO SHARE FACTOR COUNT CELLS PERCENT DIGITS RANK LIMIT"
 )
 """Last words of the names of constants that say a unit, or that there is none."""

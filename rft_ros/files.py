@@ -43,33 +43,33 @@ def checked_file(
     Raises InputError. It calls the file `what`, such as the option or parameter that names it, and says what to do.
     `advice`: what to do if the file does not exist.
     """
-    named = f"{what} '{file}'"
+    label = f"{what} '{file}'"
     path = expanded(file)
     try:
         status = path.stat()
     except (FileNotFoundError, NotADirectoryError):
-        raise InputError(f"{named} does not exist; {advice}") from None
+        raise InputError(f"{label} does not exist; {advice}") from None
     except (OSError, ValueError) as error:  # ValueError: a null character
         raise InputError(
-            f"{named} cannot be read: {reason_of(error)}; give the path of a file that can be"
+            f"{label} cannot be read: {reason_of(error)}; give the path of a file that can be"
         ) from None
     if not stat.S_ISREG(status.st_mode):  # to open a pipe or a device may block
         kind = "a folder" if stat.S_ISDIR(status.st_mode) else "a pipe, socket or device"
-        raise InputError(f"{named} is {kind}; give a regular file")
+        raise InputError(f"{label} is {kind}; give a regular file")
     # the system's own files have no size either, and reading /proc/kmsg may block for ever
     if not status.st_size:
         raise InputError(
-            f"{named} is empty, or one of the system's own files, as in /proc; give a file with content"
+            f"{label} is empty, or one of the system's own files, as in /proc; give a file with content"
         )
     if limit is not None:
-        _check_size(status.st_size, named, limit)
+        _check_size(status.st_size, label, limit)
     return path
 
 
-def _check_size(size: int, named: str, limit: int) -> None:
+def _check_size(size: int, label: str, limit: int) -> None:
     if size > limit:
         raise InputError(
-            f"{named} has {size / 2**20:.0f} MiB or more; "
+            f"{label} has {size / 2**20:.0f} MiB or more; "
             f"the limit is {limit / 2**20:.0f} MiB; give a smaller one"
         )
 
@@ -93,25 +93,25 @@ def read_arrays(file: Path, what: str, names: Sequence[str]) -> list[NDArray[Any
 
     Raises InputError, also for arrays of Python objects.
     """
-    named = f"{what} '{file}'"
+    label = f"{what} '{file}'"
     data = io.BytesIO(read_file(file, what))
     try:
         with zipfile.ZipFile(data) as archive:
-            unpacked = sum(member.file_size for member in archive.infolist())
-        _check_size(unpacked, f"{named} unpacked", MAX_BYTES)
+            unpacked_size = sum(member.file_size for member in archive.infolist())
+        _check_size(unpacked_size, f"{label} unpacked", MAX_BYTES)
         with np.load(data, allow_pickle=False) as arrays:
-            found = [arrays[name] for name in names]
+            contents = [arrays[name] for name in names]
     except InputError:
         raise
     # zip's and numpy's readers raise almost anything on damage, and numpy advises to unpickle
     except Exception:
         raise InputError(
-            f"{named} is not a valid NPZ file with the arrays of numbers {', '.join(names)}; "
+            f"{label} is not a valid NPZ file with the arrays of numbers {', '.join(names)}; "
             "write it again with numpy.savez"
         ) from None
-    for values in found:
-        _check_size(8 * values.size, f"{named} as numbers of eight bytes", MAX_BYTES)
-    return found
+    for values in contents:
+        _check_size(8 * values.size, f"{label} as numbers of eight bytes", MAX_BYTES)
+    return contents
 
 
 @contextmanager
@@ -179,10 +179,10 @@ def _remove(place: Path) -> None:
 
 def refuse_overwriting(outputs: Iterable[Path], inputs: Iterable[Path]) -> None:
     """Raise InputError where an output is an input, or one lies inside the other."""
-    taken = [resolved(file) for file in inputs]
+    input_paths = [resolved(file) for file in inputs]
     for output in outputs:
         place = resolved(output)
-        for file in taken:
+        for file in input_paths:
             if place == file or place in file.parents or file in place.parents:
                 raise InputError(
                     f"'{output}' would overwrite the input '{file}' or lie inside it; give another one"

@@ -39,17 +39,19 @@ _ROTATION_VECTOR = columns_named(ROTATION_VECTOR, gaps=True)
 _MATRIX = columns_named(MATRIX, gaps=True)
 _TWIST = columns_named(STATE[TWIST], gaps=True)
 
-_LAST = 2**31  # s: stamps of ROS have 32 bits
-_USUAL = 0.003  # m/s: speed of a tool in grains; under 0.1 mm/s another unit of time is likelier than a slow tool
-_QUICKEST = 0.9  # quantile of the speeds that is compared, since a tool may rest most of the time
+_MAX_TIME_S = 2**31  # stamps of ROS have 32 bits
+# of a tool in grains; under 0.1 mm/s another unit of time is likelier than a slow tool
+_USUAL_SPEED_M_S = 0.003
+# the quantile of the speeds that is compared, since a tool may rest most of the time
+_SPEED_QUANTILE_SHARE = 0.9
 # power of 1000 within which the speed by the poses and a velocity are of different units
-_ALIKE = 0.15
-_SHORTEST = 1e-4  # s between rows: no driver sends more often
-_FAST = 1.0  # m/s: no arm exceeds both this and the next extent [m] in grains
-_FAR = 10.0
+_MAX_POWER_FACTOR = 0.15
+_MIN_PERIOD_S = 1e-4  # between rows: no driver sends more often
+_MAX_SPEED_M_S = 1.0  # no arm exceeds both this and the next extent [m] in grains
+_MAX_EXTENT_M = 10.0
 
-_FEWEST = 3  # poses for a velocity
-_ANY_GAP = 10**18  # ns
+_MIN_POSE_COUNT = 3  # poses for a velocity
+_ANY_GAP_NS = 10**18
 
 
 def read_motion(
@@ -76,16 +78,16 @@ def read_motion(
             pose = (*_PLACE, *_ROTATION_VECTOR)
     numbers = table.read((_TIME, *pose), _TWIST, *optional, headings=headings)
     rows = with_quaternions(numbers)
-    named = table.named
+    label = table.named
     has_pose = rows.has_any(STATE[POSE])
     if not has_pose.any():
-        raise InputError(f"{named} has no row with a pose, {', '.join(STATE[POSE])}")
-    _check_units(rows.at(has_pose), named)
+        raise InputError(f"{label} has no row with a pose, {', '.join(STATE[POSE])}")
+    _check_units(rows.at(has_pose), label)
     times = rows.columns["t"]
-    wrong = np.flatnonzero(~(np.abs(times) < _LAST))
+    wrong = np.flatnonzero(~(np.abs(times) < _MAX_TIME_S))
     if len(wrong):
         line = rows.lines[wrong[0]]
-        raise InputError(f"{named} line {line}: t is {times[wrong[0]]:.9g}; it must be a time [s]")
+        raise InputError(f"{label} line {line}: t is {times[wrong[0]]:.9g}; it must be a time [s]")
     return rows
 
 
@@ -98,7 +100,7 @@ def columns_of(rows: TableColumns, names: Sequence[str]) -> NDArray[np.float64]:
     return np.column_stack([rows.columns[name] for name in names])
 
 
-def _check_units(rows: TableColumns, named: str) -> None:
+def _check_units(rows: TableColumns, label: str) -> None:
     """Raise InputError if the speed by the poses shows that a column without a unit is not in seconds or metres."""
     places = columns_of(rows, STATE[POSITION])
     with np.errstate(all="ignore"):
@@ -107,31 +109,31 @@ def _check_units(rows: TableColumns, named: str) -> None:
     moves = (speeds > 0.0) & (speeds < np.inf)
     if not moves.any():
         return
-    speed = float(np.quantile(speeds[moves], _QUICKEST))
-    usual = _USUAL
-    alike = 0.5
+    speed = float(np.quantile(speeds[moves], _SPEED_QUANTILE_SHARE))
+    usual = _USUAL_SPEED_M_S
+    max_deviation = 0.5
     if STATE[-1] in rows.columns:
         with np.errstate(over="ignore"):
             velocities = np.linalg.norm(columns_of(rows, STATE[VELOCITY]), axis=1)[1:][moves]
         finite = velocities[np.isfinite(velocities)]  # a line with another one is named later
         if len(finite):
-            usual = max(float(np.quantile(finite, _QUICKEST)), speed)
-            alike = _ALIKE
+            usual = max(float(np.quantile(finite, _SPEED_QUANTILE_SHARE)), speed)
+            max_deviation = _MAX_POWER_FACTOR
     power = math.log(usual / speed, 1000.0)
     thousands = round(power)
     shortest = float(np.median(seconds[moves])) / 1000.0**thousands
-    is_other = 1 <= thousands < len(_UNITS) and abs(power - thousands) < alike
-    if is_other and shortest > _SHORTEST and not rows.units["t"]:
+    is_other = 1 <= thousands < len(_UNITS) and abs(power - thousands) < max_deviation
+    if is_other and shortest > _MIN_PERIOD_S and not rows.units["t"]:
         unit = _UNITS[thousands]
         why = f"in seconds, the tool would move at {1e3 * speed:.2g} mm/s"
         raise InputError(
-            f"{named}: t looks like {unit} ({why}); name its unit in the first line, t [{unit}] or t [s]"
+            f"{label}: t looks like {unit} ({why}); name its unit in the first line, t [{unit}] or t [s]"
         )
     extent = float(np.ptp(places, axis=0).max())
-    if speed > _FAST and extent > _FAR and not rows.units["px"]:
+    if speed > _MAX_SPEED_M_S and extent > _MAX_EXTENT_M and not rows.units["px"]:
         why = f"in metres, the tool would move at {speed:.2g} m/s over {extent:.3g} m"
         raise InputError(
-            f"{named}: px, py and pz look like mm ({why}); name the unit in the first line, px [mm] or px [m]"
+            f"{label}: px, py and pz look like mm ({why}); name the unit in the first line, px [mm] or px [m]"
         )
 
 
@@ -173,17 +175,17 @@ def _velocities(times: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArr
         raise ValueError(
             f"row {k}: t is {times[k]:g} after {times[k - 1]:g}; without velocities it must increase"
         )
-    if len(times) < _FEWEST:
+    if len(times) < _MIN_POSE_COUNT:
         raise ValueError(
-            f"row 0: velocities need {_FEWEST} poses; give more, or the columns {','.join(STATE[TWIST])}"
+            f"row 0: velocities need {_MIN_POSE_COUNT} poses; give more, or the columns {','.join(STATE[TWIST])}"
         )
     window = Config().settings.twist_window
     difference = PoseDifference()
     twists = np.empty((len(times), len(STATE[TWIST])))
     for row, (stamp, pose) in enumerate(zip(stamps.tolist(), poses.tolist(), strict=True)):
-        difference.push(PoseSample(stamp, "", pose[:3], pose[3:]), window=window, gap=_ANY_GAP)
+        difference.push(PoseSample(stamp, "", pose[:3], pose[3:]), window=window, gap=_ANY_GAP_NS)
         twists[row] = difference.twist
-    twists[: _FEWEST - 1] = twists[_FEWEST - 1]
+    twists[: _MIN_POSE_COUNT - 1] = twists[_MIN_POSE_COUNT - 1]
     return twists
 
 

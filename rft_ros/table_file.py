@@ -40,14 +40,14 @@ class Column:
     def places(self, headings: Sequence[str]) -> list["_Place"]:
         """Where headings name this column, with one of its units; if it has a `wanted` one, with any unit."""
         name = self.name.replace("_", "[ _]?")
-        found = []
+        places_found = []
         for index, heading in enumerate(headings):
             match = re.match(f"{name}(?![a-z])(.*)$", heading.lower().translate(_LETTERS))
             if match:
                 unit = re.sub(r"[\s_\[\]()^*·]", "", match[1].replace("per", "/"))
                 if unit in self.units or self.wanted:
-                    found.append(_Place(self, index, unit))
-        return found
+                    places_found.append(_Place(self, index, unit))
+        return places_found
 
 
 def columns_named(names: Sequence[str], *, gaps: bool = False) -> tuple[Column, ...]:
@@ -67,10 +67,10 @@ class TableColumns:
     units: dict[str, str]
     lines: NDArray[np.int64]
 
-    def at(self, chosen: NDArray[np.bool_]) -> "TableColumns":
+    def at(self, is_chosen: NDArray[np.bool_]) -> "TableColumns":
         """Some of the rows: of each whether it is one, shape [n]."""
-        columns = {name: values[chosen] for name, values in self.columns.items()}
-        return TableColumns(columns=columns, units=self.units, lines=self.lines[chosen])
+        columns = {name: values[is_chosen] for name, values in self.columns.items()}
+        return TableColumns(columns=columns, units=self.units, lines=self.lines[is_chosen])
 
     def has_any(self, names: Sequence[str]) -> NDArray[np.bool_]:
         """Of each row whether a number of the named columns is there, shape [n]."""
@@ -163,11 +163,11 @@ def _separator(header: str) -> str | None:
 
 def _place(column: Column, headings: Sequence[str], group: Sequence[Column], named: str) -> _Place:
     """The place of a column of a group. Raises InputError where it is missing, or there twice."""
-    found = [place for place in column.places(headings) if place.unit in column.units]
-    if len(found) == 1:
-        return found[0]
-    has = f"several columns {column.name}" if found else f"no column {column.name}"
-    must = f"its first line must name {','.join(other.name for other in group)}, without #"
+    places_found = [place for place in column.places(headings) if place.unit in column.units]
+    if len(places_found) == 1:
+        return places_found[0]
+    has = f"several columns {column.name}" if places_found else f"no column {column.name}"
+    must = f"its first line must name {','.join(column_of_group.name for column_of_group in group)}, without #"
     if column.wanted:
         must += f"; {column.name} must be {column.wanted}"
     headings_of_it = [headings[place.cell] for place in column.places(headings)]
@@ -186,7 +186,7 @@ def _rows(
 ) -> TableColumns:
     """The rows below the header. `width`: how many cells a line has."""
     numbers = array("d")
-    counted = array("q")
+    line_numbers = array("q")
     for number, line in lines:
         cells = (line.replace(",", ".") if separator == ";" else line).split(separator)
         if len(cells) != width:
@@ -196,17 +196,17 @@ def _rows(
         except ValueError:
             where = f"{named} line {number} is not {width} numbers"
             numbers.extend([_number(cells[place.cell], place.column, where) for place in places])
-        counted.append(number)
-    if not counted:
+        line_numbers.append(number)
+    if not line_numbers:
         raise InputError(f"{named} has a header and no rows; it needs at least one")
-    table = np.frombuffer(numbers).reshape(len(counted), -1)
+    table = np.frombuffer(numbers).reshape(len(line_numbers), -1)
     return TableColumns(
         columns={
             place.column.name: values * place.column.units[place.unit]
             for place, values in zip(places, table.T, strict=True)
         },
         units={place.column.name: place.unit for place in places},
-        lines=np.frombuffer(counted, dtype=np.int64),
+        lines=np.frombuffer(line_numbers, dtype=np.int64),
     )
 
 

@@ -22,7 +22,7 @@ from numpy.typing import NDArray
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.playback import played_estimates, played_motion
 from rft_ros.bags.replay import replay
-from rft_ros.demo.virtual_arm import LAYER
+from rft_ros.demo.virtual_arm import LAYER_DEPTH_M
 from rft_ros.installation import share_directory
 from rft_ros.parameters import Config, Values, read_parameter_file
 from rft_ros.report import TRACTION, Animation, animate
@@ -55,7 +55,7 @@ def draw_moment(figure: Any, axes: Any, scene: Animation) -> None:
 
     The viewpoint is nearly level, to show both the surface and the loaded faces below it.
     """
-    n, points, level = scene.first, scene.placed[scene.first], scene.surface_height
+    n, points, level = scene.first, scene.positions[scene.first], scene.surface_height
     kilopascals, force = scene.traction[n], scene.forces[n]
     size = float(np.linalg.norm(force))
     low, high = points.min(axis=0), points.max(axis=0)
@@ -156,7 +156,7 @@ def draw_demo(bag: Path, file: Path) -> None:
     )
     scene = animate(title, model, motion, surface_height=height)
     strength: NDArray[np.float64] = np.linalg.norm(scene.forces, axis=1)
-    strength[scene.placed[:, :, 2].max(axis=1) < scene.surface_height + 3.0] = -1.0
+    strength[scene.positions[:, :, 2].max(axis=1) < scene.surface_height + 3.0] = -1.0
     scene = replace(scene, first=int(strength.argmax()))
 
     figure: Any = Figure(figsize=(13.6, 6.7), layout="constrained")
@@ -198,7 +198,7 @@ def draw_demo(bag: Path, file: Path) -> None:
         ylabel="Surprise\n[std. deviations]", xlabel="Depth of the tool's lowest point [mm]"
     )
     for axes in panels:
-        legend["hard layer begins"] = axes.axvline(1e3 * LAYER, color="#009E73", lw=1.5)
+        legend["hard layer begins"] = axes.axvline(1e3 * LAYER_DEPTH_M, color="#009E73", lw=1.5)
         axes.grid(alpha=0.3)
     legend_below(figure, legend, ncols=4)
     told = "an ellipsoid pitches ±9° on its way down at 5 mm/s into grains that the node does not know"

@@ -11,7 +11,7 @@ from rich.table import Table
 
 from rft_ros.bags.writing import BagWriter, check_replaceable
 from rft_ros.demo import virtual_arm
-from rft_ros.demo.virtual_arm import PAUSE
+from rft_ros.demo.virtual_arm import PAUSE_S
 from rft_ros.errors import InputError
 from rft_ros.files import whole_folder
 from rft_ros.node.recorded_node import WRENCHES, RecordedNode, ros_outlives_signals
@@ -21,9 +21,9 @@ _ELLIPSOID = "an ellipsoid on a virtual arm pitches into virtual grains; a real 
 
 def demo(bag: Path, parameters: Path, *, seconds: float) -> None:
     """Move and record a virtual arm for `seconds` [s]. Raises InputError if no estimates come."""
-    if seconds <= PAUSE:
+    if seconds <= PAUSE_S:
         raise InputError(
-            f"--seconds is {seconds:g}; it must be over {PAUSE:g}, in which the arm rests in the air"
+            f"--seconds is {seconds:g}; it must be over {PAUSE_S:g}, in which the arm rests in the air"
         )
     check_replaceable(bag)
     console = Console(highlight=False)
@@ -38,7 +38,7 @@ def demo(bag: Path, parameters: Path, *, seconds: float) -> None:
             console.print("waiting for the node, which may have to compile first ...")
             node.wait()
             start = time.monotonic()
-            tare_at = PAUSE / 2.0
+            tare_at = PAUSE_S / 2.0
             with Live(
                 console=console, refresh_per_second=8, get_renderable=lambda: _table(node)
             ) as live:

@@ -32,13 +32,13 @@ from rft_ros.tool import Tool, load_tool
 
 Array = NDArray[np.float64]
 
-PAUSE = 3.0  # s that the arm rests in the air before it moves
-LAYER = 0.025  # m: depth of the tool's lowest point at which it reaches the hard layer
+PAUSE_S = 3.0  # s that the arm rests in the air before it moves
+LAYER_DEPTH_M = 0.025  # m: depth of the tool's lowest point at which it reaches the hard layer
 
-_RATE = 125.0  # Hz, of the poses
+_RATE_HZ = 125.0  # Hz, of the poses
 _STRENGTH = np.array([0.6, 0.6, 1.3])  # of the grains over the model's, world axes
-_HARDNESS = 2.0  # of the layer: its strength over that of the grains above
-_TRANSITION = 0.002  # m: depth over which the strength changes
+_HARDNESS_RATIO = 2.0  # of the layer: its strength over that of the grains above
+_TRANSITION_M = 0.002  # m: depth over which the strength changes
 # starts with the ellipsoid's lowest point 2 mm above the surface
 _DESCENT = oscillating_insertion(start_height=0.020)
 _NOISE = (0.02, 0.02, 0.02, 0.0005, 0.0005, 0.0005)  # N, N m, standard deviations
@@ -58,13 +58,13 @@ def moments(seconds: float) -> Iterator[tuple[float, Array, Wrench]]:
     law = treers2021(medium, alpha_y_model("constant", medium), zeta=0.33)
     frame = LoadCellFrame(LOAD_CELL)
     random = np.random.default_rng(2021)
-    for k in range(round(seconds * _RATE)):
-        t = k / _RATE
-        state = _DESCENT.at(max(t - PAUSE, 0.0))[0]
-        if t <= PAUSE:
+    for k in range(round(seconds * _RATE_HZ)):
+        t = k / _RATE_HZ
+        state = _DESCENT.at(max(t - PAUSE_S, 0.0))[0]
+        if t <= PAUSE_S:
             state[TWIST] = 0.0
-        without_sigma = np.concatenate([_grain_wrench(tool, law, state), np.zeros(6)])
-        wrench, offset, _ = frame.into_sensor(state[QUATERNION], without_sigma)
+        outputs = np.concatenate([_grain_wrench(tool, law, state), np.zeros(6)])
+        wrench, offset, _ = frame.into_sensor(state[QUATERNION], outputs)
         reading = np.add(wrench, offset) + random.normal(scale=_NOISE)
         yield t, state, tuple(reading.tolist())
 
@@ -73,7 +73,9 @@ def _grain_wrench(tool: Tool, law: Law, state: Array) -> Array:
     """Force [N] and torque [N m] of the virtual grains on the tool, world axes, about the tool frame's origin."""
     result = wrenches(tool.plates, law, state, threads=1, sensitivities=True)[0]
     depth = -state[STATE.index("pz")] - tool.lowest_point(rotation_matrix(state[QUATERNION]))
-    strength = _STRENGTH * np.interp(depth, [LAYER, LAYER + _TRANSITION], [1.0, _HARDNESS])
+    strength = _STRENGTH * np.interp(
+        depth, [LAYER_DEPTH_M, LAYER_DEPTH_M + _TRANSITION_M], [1.0, _HARDNESS_RATIO]
+    )
     m = result[MOMENTS].reshape(3, 3) * strength
     torque = m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]
     return np.array([*(strength * result[FORCE]), *torque])

@@ -15,11 +15,12 @@ from rft_ros.tool import Tool
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 
-_MOST_FACES = 10_000  # of a mesh that is drawn as it is
-_FEWER = (5000, 20_000, 80_000)  # numbers of faces that are tried for a finer one
-_EXTENT_ERROR = 0.01  # of the largest extent: how far a face of the bounding box may move
-_AREA_ERROR = 0.02  # of the area
-_TURN = 0.1  # of the largest extent: a distance as bad as an error of the normal by 1 rad
+_MAX_FACE_COUNT = 10_000  # of a mesh that is drawn as it is
+_FACE_COUNTS = (5000, 20_000, 80_000)  # numbers of faces that are tried for a finer one
+_EXTENT_ERROR_RATIO = 0.01  # of the largest extent: how far a face of the bounding box may move
+_AREA_ERROR_RATIO = 0.02  # of the area
+# of the largest extent: a distance as bad as an error of the normal by 1 rad
+_NORMAL_ERROR_RATIO = 0.1
 
 
 class DrawnMesh(NamedTuple):
@@ -33,7 +34,7 @@ class DrawnMesh(NamedTuple):
     facet: Indices
 
 
-def drawn_mesh(tool: Tool, *, most_faces: int = _MOST_FACES) -> DrawnMesh:
+def drawn_mesh(tool: Tool, *, most_faces: int = _MAX_FACE_COUNT) -> DrawnMesh:
     """The mesh with which a tool is drawn. Up to `most_faces` faces, it is the tool's own mesh.
 
     For a finer mesh it is the coarsest simplification that keeps the extent and the area. If none keeps them, as with
@@ -47,17 +48,20 @@ def drawn_mesh(tool: Tool, *, most_faces: int = _MOST_FACES) -> DrawnMesh:
 
     def places(mesh: Any) -> Array:
         """Centres and scaled normals of faces [m], shape [n, 6]: errors of normals count as distance."""
-        return np.hstack([mesh.triangles_center, _TURN * extent * mesh.face_normals])
+        return np.hstack([mesh.triangles_center, _NORMAL_ERROR_RATIO * extent * mesh.face_normals])
 
-    for count in _FEWER:
+    for count in _FACE_COUNTS:
         if max(count, most_faces) < len(full.faces):
             fewer = full.simplify_quadric_decimation(face_count=count)
             fewer.update_faces(fewer.area_faces > 0.0)
             if not len(fewer.faces):
                 continue
-            moved = np.abs(full.bounds - fewer.bounds).max()
-            lost = abs(full.area - fewer.area)
-            if moved <= _EXTENT_ERROR * extent and lost <= _AREA_ERROR * full.area:
+            extent_error = np.abs(full.bounds - fewer.bounds).max()
+            area_error = abs(full.area - fewer.area)
+            if (
+                extent_error <= _EXTENT_ERROR_RATIO * extent
+                and area_error <= _AREA_ERROR_RATIO * full.area
+            ):
                 nearest = np.asarray(KDTree(places(full)).query(places(fewer))[1], np.int64)
                 return DrawnMesh(np.array(fewer.vertices), np.array(fewer.faces), nearest)
     return DrawnMesh(np.array(full.vertices), np.array(full.faces), np.arange(len(full.faces)))
@@ -69,11 +73,13 @@ _PATH = "#555555"
 TRACTION = ((0.0, "#dfe3e8"), (0.25, "#f9d48b"), (0.6, "#e8743b"), (1.0, "#8c0d25"))
 """Colour scale of the traction, relative to the greatest."""
 
-_ZOOM = 1.2  # size at which a scene fills the figure
-_PERIOD = 83  # ms from frame to frame
-_MOMENTS = 60
-_FEWEST_MOMENTS = 3
-_NUMBERS = 400_000  # coordinates and tractions in all moments, 2 MB; of a finer mesh fewer moments are drawn
+_ZOOM_FACTOR = 1.2  # size at which a scene fills the figure
+_PERIOD_MS = 83  # ms from frame to frame
+_MAX_MOMENT_COUNT = 60
+_MIN_MOMENT_COUNT = 3
+_MAX_NUMBER_COUNT = (
+    400_000  # coordinates and tractions in all moments, 2 MB; a finer mesh gets fewer moments
+)
 
 
 class DrawnMotion(NamedTuple):
@@ -93,7 +99,7 @@ class DrawnMotion(NamedTuple):
 class Animation:
     """k moments of a tool with n vertices and m faces, in world axes.
 
-    `labels`: one for each moment. `placed`: vertices [mm], shape [k, n, 3]. `faces`: indices of vertices, shape [m, 3].
+    `labels`: one for each moment. `positions`: of vertices [mm], shape [k, n, 3]. `faces`: indices of these, [m, 3].
     `traction`: by the law, on each face [kPa], shape [k, m]. `forces`: the predicted forces on the tool [N], shape
     [k, 3]; they may include memory and learned corrections. `surface_height` [mm].
     `ground`: x [n], y [m] and heights [n, m] of a map of the ground [mm]. `first`: index of the moment shown first.
@@ -101,7 +107,7 @@ class Animation:
 
     title: str
     labels: tuple[str, ...]
-    placed: Array
+    positions: Array
     faces: NDArray[np.int64]
     traction: Array
     forces: Array
@@ -118,37 +124,37 @@ def animate(title: str, model: Model, motion: DrawnMotion, *, surface_height: fl
     """
     tool = model.tool
     vertices, faces, facet = drawn_mesh(tool)
-    moments = max(_NUMBERS // (vertices.size + len(faces)), _FEWEST_MOMENTS)
-    moments = min(len(motion.states), _MOMENTS, moments)
+    moments = max(_MAX_NUMBER_COUNT // (vertices.size + len(faces)), _MIN_MOMENT_COUNT)
+    moments = min(len(motion.states), _MAX_MOMENT_COUNT, moments)
     greatest = np.linalg.norm(motion.forces, axis=1).argmax()
-    used = np.linspace(0, len(motion.states) - 1, moments).round().astype(int)
-    first = int(np.abs(used - greatest).argmin())
-    used[first] = greatest
-    states = motion.states[used]
+    rows = np.linspace(0, len(motion.states) - 1, moments).round().astype(int)
+    first = int(np.abs(rows - greatest).argmin())
+    rows[first] = greatest
+    states = motion.states[rows]
     support = Support(tool.corners)
     traction = []
-    placed = []
+    positions = []
     for state in states:
         surface = support.local_surface(motion.ground, state, default_height=surface_height)
-        by_facet = plate_forces(
+        facet_forces = plate_forces(
             tool.facets, model.law, state, surface_height=surface.height, slope=surface.slope
         )
-        traction.append((np.linalg.norm(by_facet, axis=1) / tool.facets.areas)[facet])
-        placed.append(vertices @ rotation_matrix(state[QUATERNION]).T + state[POSITION])
+        traction.append((np.linalg.norm(facet_forces, axis=1) / tool.facets.areas)[facet])
+        positions.append(vertices @ rotation_matrix(state[QUATERNION]).T + state[POSITION])
     grid = None
     if motion.ground is not None:  # around the tool's path
-        around = 3.0 * tool.plates.reach
+        border = 3.0 * tool.plates.reach
         places = states[:, POSITION][:, :2]
-        x, y = np.linspace(places.min(axis=0) - around, places.max(axis=0) + around, 100).T
+        x, y = np.linspace(places.min(axis=0) - border, places.max(axis=0) + border, 100).T
         heights = motion.ground.heights_at(*np.meshgrid(x, y, indexing="ij"))
         grid = (1e3 * x, 1e3 * y, 1e3 * heights)
     return Animation(
         title=title,
-        labels=tuple(f"t = {time:.2f} s" for time in motion.times[used]),
-        placed=1e3 * np.array(placed),
+        labels=tuple(f"t = {time:.2f} s" for time in motion.times[rows]),
+        positions=1e3 * np.array(positions),
         faces=faces,
         traction=1e-3 * np.array(traction),
-        forces=motion.forces[used],
+        forces=motion.forces[rows],
         surface_height=1e3 * surface_height,
         ground=grid,
         first=first,
@@ -169,9 +175,9 @@ def tool_figure(
     `surface_height` [m]: where the heights of the ground are unknown. `learned`: whether the mode of learning is apply.
     `where`: further sentences on what is shown.
     """
-    drawn = animate(title, model, motion, surface_height=surface_height)
+    animation = animate(title, model, motion, surface_height=surface_height)
     sentence = f"{_what_is_shown(model.law, learned=learned)} {where}".rstrip()
-    return Figure("tool", title, sentence, animation_figure(drawn))
+    return Figure("tool", title, sentence, animation_figure(animation))
 
 
 def _what_is_shown(law: Law, *, learned: bool) -> str:
@@ -188,32 +194,32 @@ def _what_is_shown(law: Law, *, learned: bool) -> str:
     return f"{force}. {colours}."
 
 
-def animation_figure(drawn: Animation) -> Any:
+def animation_figure(animation: Animation) -> Any:
     """A plotly Figure with a slider over the moments, and play and pause buttons.
 
     A frame has only what moves: plotly takes the rest from the figure's own tool and line.
     """
     import plotly.graph_objects as go
 
-    low, high = _limits(drawn)
-    sizes = np.linalg.norm(drawn.forces, axis=1)
-    starts = drawn.placed.mean(axis=1)
-    ends = starts + 0.4 * (high - low).max() / (sizes.max() or 1.0) * drawn.forces
+    low, high = _limits(animation)
+    sizes = np.linalg.norm(animation.forces, axis=1)
+    starts = animation.positions.mean(axis=1)
+    ends = starts + 0.4 * (high - low).max() / (sizes.max() or 1.0) * animation.forces
     frames = []
-    for n, (label, size) in enumerate(zip(drawn.labels, sizes, strict=True)):
+    for n, (label, size) in enumerate(zip(animation.labels, sizes, strict=True)):
         with np.errstate(over="ignore"):  # poses may lie anywhere
-            vertices = drawn.placed[n].astype(np.float32)
-        intensity = drawn.traction[n].astype(np.float32)
+            vertices = animation.positions[n].astype(np.float32)
+        intensity = animation.traction[n].astype(np.float32)
         tool = {"type": "mesh3d", **_points(vertices), "intensity": intensity}
         line = {"type": "scatter3d", **_points([starts[n], ends[n]])}
-        title = {"text": f"{drawn.title}   {label}   |F| = {size:.2f} N"}
+        title = {"text": f"{animation.title}   {label}   |F| = {size:.2f} N"}
         frames.append(
             {"data": [tool, line], "traces": [0, 1], "name": str(n), "layout": {"title": title}}
         )
-    shown: Any = frames[drawn.first]
-    i, j, k = drawn.faces.astype(np.int32).T
+    first_frame: Any = frames[animation.first]
+    i, j, k = animation.faces.astype(np.int32).T
     tool = go.Mesh3d(
-        shown["data"][0],
+        first_frame["data"][0],
         i=i,
         j=j,
         k=k,
@@ -222,12 +228,12 @@ def animation_figure(drawn: Animation) -> Any:
         lighting={"ambient": 0.75, "diffuse": 0.4},
         colorscale=TRACTION,
         cmin=0.0,
-        cmax=drawn.traction.max() or 1.0,
+        cmax=animation.traction.max() or 1.0,
         intensitymode="cell",
         colorbar={"title": {"text": "Traction [kPa]"}, "len": 0.6},
     )
     force = go.Scatter3d(
-        shown["data"][1],
+        first_frame["data"][1],
         name="force on the tool",
         mode="lines",
         line={"color": _FORCE, "width": 8},
@@ -235,8 +241,8 @@ def animation_figure(drawn: Animation) -> Any:
     path = go.Scatter3d(
         _points(starts), name="path", mode="lines", line={"color": _PATH, "width": 3}
     )
-    level = np.full((2, 2), drawn.surface_height)
-    x, y, heights = drawn.ground or (*np.array([low, high]).T[:2], level)
+    level = np.full((2, 2), animation.surface_height)
+    x, y, heights = animation.ground or (*np.array([low, high]).T[:2], level)
     ground = go.Surface(
         x=x,
         y=y,
@@ -249,22 +255,22 @@ def animation_figure(drawn: Animation) -> Any:
     )
     return go.Figure(data=[tool, force, path, ground], frames=frames).update_layout(
         template="plotly_white",
-        title=shown["layout"]["title"],
+        title=first_frame["layout"]["title"],
         font={"family": "system-ui, sans-serif", "size": 13},
-        scene=_scene(low, high, force_points_up=drawn.forces[drawn.first, 2] > 0.0),
+        scene=_scene(low, high, force_points_up=animation.forces[animation.first, 2] > 0.0),
         legend={"orientation": "h", "x": 0.03, "y": 1.0, "yanchor": "top"},
         margin={"l": 0, "r": 0, "t": 50, "b": 100},
         height=760,
-        **_controls(drawn),
+        **_controls(animation),
     )
 
 
-def _limits(drawn: Animation) -> tuple[Array, Array]:
+def _limits(animation: Animation) -> tuple[Array, Array]:
     """The lowest and the highest point of the scene, with a margin, so that a deep scene is no narrow column."""
-    low = drawn.placed.min(axis=(0, 1))
-    high = drawn.placed.max(axis=(0, 1))
-    low[2] = min(low[2], drawn.surface_height)
-    high[2] = max(high[2], drawn.surface_height)
+    low = animation.positions.min(axis=(0, 1))
+    high = animation.positions.max(axis=(0, 1))
+    low[2] = min(low[2], animation.surface_height)
+    high[2] = max(high[2], animation.surface_height)
     margin = (high - low).max() * np.array([0.2, 0.2, 0.06])
     return low - margin, high + margin
 
@@ -283,16 +289,16 @@ def _scene(low: Array, high: Array, *, force_points_up: bool) -> dict[str, Any]:
     return {
         **axes,
         "aspectmode": "manual",  # with "data", a wide scene is larger than the page
-        "aspectratio": dict(zip("xyz", (_ZOOM * size / size.max()).tolist(), strict=True)),
+        "aspectratio": dict(zip("xyz", (_ZOOM_FACTOR * size / size.max()).tolist(), strict=True)),
         # view from the side of the loaded faces: the force points from them into the tool
         "camera": {"eye": {"x": 1.15, "y": -1.35, "z": -0.75 if force_points_up else 0.5}},
     }
 
 
-def _controls(drawn: Animation) -> dict[str, Any]:
+def _controls(animation: Animation) -> dict[str, Any]:
     """The slider over the moments, and the buttons."""
     each = {
-        "frame": {"duration": _PERIOD, "redraw": True},
+        "frame": {"duration": _PERIOD_MS, "redraw": True},
         "fromcurrent": True,
         "mode": "immediate",
     }
@@ -301,11 +307,11 @@ def _controls(drawn: Animation) -> dict[str, Any]:
     def button(label: str, *arguments: object) -> dict[str, object]:
         return {"label": label, "method": "animate", "args": arguments}
 
-    steps = [button(label, [str(n)], at_once) for n, label in enumerate(drawn.labels)]
+    steps = [button(label, [str(n)], at_once) for n, label in enumerate(animation.labels)]
     menu = {"type": "buttons", "direction": "left", "x": 0.0, "y": -0.02, "yanchor": "top"}
     return {
         "updatemenus": [
             {**menu, "buttons": [button("Play", None, each), button("Pause", [None], at_once)]}
         ],
-        "sliders": [{"x": 0.14, "len": 0.84, "active": drawn.first, "steps": steps}],
+        "sliders": [{"x": 0.14, "len": 0.84, "active": animation.first, "steps": steps}],
     }

@@ -12,7 +12,7 @@ from rft_ros.parameters.stress_map import MediumFit, StressMap
 
 Array = NDArray[np.float64]
 
-_PANEL = 30_000.0  # area of a panel [pt²], which the cells of a full map fill
+_PANEL_AREA_PT2 = 30_000.0  # area of a panel [pt²], which the cells of a full map fill
 _FORMATS = (".png", ".svg", ".pdf")
 
 
@@ -31,31 +31,36 @@ def write_stress_figure(file: Path, measured: StressMap, fit: MediumFit) -> None
 
     figure = Figure(figsize=(10.0, 6.4), layout="constrained")
     panels = figure.subplots(2, 3, sharex=True, sharey=True)
-    modelled = fit.medium.stresses(measured.beta, measured.gamma)
+    model_stresses = fit.medium.stresses(measured.beta, measured.gamma)
     quantities = (
-        (r"$\alpha_x$", measured.alpha_x, modelled[0]),
-        (r"$\alpha_z$", measured.alpha_z, modelled[1]),
+        (r"$\alpha_x$", measured.alpha_x, model_stresses[0]),
+        (r"$\alpha_z$", measured.alpha_z, model_stresses[1]),
     )
     beta = np.rad2deg(measured.beta)
     gamma = np.rad2deg(measured.gamma)
-    style = {"cmap": "RdBu_r", "marker": "s", "s": _PANEL / len(beta), "linewidths": 0.0}
+    style = {"cmap": "RdBu_r", "marker": "s", "s": _PANEL_AREA_PT2 / len(beta), "linewidths": 0.0}
     for (name, stress, model), row in zip(reversed(quantities), panels, strict=True):
-        seen = np.isfinite(stress)
-        most = float(np.abs(np.concatenate([stress[seen], model])).max())
+        is_known = np.isfinite(stress)
+        most = float(np.abs(np.concatenate([stress[is_known], model])).max())
         pictures = {
             "measured": stress,
-            "fitted": np.where(seen, model, np.nan),
+            "fitted": np.where(is_known, model, np.nan),
             "measured - fitted": stress - model,
         }
         for axes, (title, values) in zip(row, pictures.items(), strict=True):
-            there = np.isfinite(values)
-            drawn = axes.scatter(
-                beta[there], gamma[there], c=values[there], vmin=-most, vmax=most, **style
+            is_finite = np.isfinite(values)
+            points = axes.scatter(
+                beta[is_finite],
+                gamma[is_finite],
+                c=values[is_finite],
+                vmin=-most,
+                vmax=most,
+                **style,
             )
-            rms = f", RMS {np.sqrt(np.nanmean(values**2)):.3f}" if seen.any() else ""
+            rms = f", RMS {np.sqrt(np.nanmean(values**2)):.3f}" if is_known.any() else ""
             axes.set_title(f"{name} {title}{rms} N/cm³", fontsize=9)
             axes.set_facecolor("#d0d0d0")  # of missing cells
-        figure.colorbar(drawn, ax=row, label=f"{name} [N/cm³]")
+        figure.colorbar(points, ax=row, label=f"{name} [N/cm³]")
         row[0].set_ylabel(r"intrusion angle $\gamma$ [deg]")
     for axes in panels[-1]:
         axes.set_xlabel(r"attack angle $\beta$ [deg]")

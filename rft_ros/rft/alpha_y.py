@@ -261,15 +261,15 @@ def _step_of(model: Any, function: Any) -> Any:
                 vx, vy, vz = triple(chunk, row.VELOCITY, i)
                 sin_g, cos_g = gamma_of(sin_b, cos_b, ex, ey, vx, vy, vz)
             alpha_y = alpha_y_of(fields, sin_b, cos_b, sin_g, cos_g)
-            along = chunk[at(row.ALONG, i)] * (max(alpha_y, 0.0) if refined else alpha_y)
+            size = chunk[at(row.ALONG, i)] * (max(alpha_y, 0.0) if refined else alpha_y)
             # e1 = e2 x E3
-            chunk[at(row.TRACTION, i)] += along * ey
-            chunk[at(row.TRACTION + row.LENGTH, i)] -= along * ex
+            chunk[at(row.TRACTION, i)] += size * ey
+            chunk[at(row.TRACTION + row.LENGTH, i)] -= size * ex
 
     @inlined
     def add(law, chunk, n, refined):
-        given = law.numbers[0].alpha_y
-        numbers = (given[0], given[1], given[2], given[3])[:count]
+        constants = law.numbers[0].alpha_y
+        numbers = (constants[0], constants[1], constants[2], constants[3])[:count]
         fields = model(*numbers, law.table) if has_values else model(*numbers)
         if refined:  # two loops: LLVM would else test the rule in each turn of one
             add_to(chunk, n, fields, True)

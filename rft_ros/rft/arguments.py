@@ -26,10 +26,10 @@ def number(name: str, value: float, *, positive: bool = False, least: float = -i
     except (TypeError, ValueError, OverflowError):
         x = float("nan")
     if not isfinite(x) or x < least or (positive and x <= 0.0):
-        wanted = "a finite number" if least == -inf else f"at least {least:g}"
+        requirement = "a finite number" if least == -inf else f"at least {least:g}"
         if positive:
-            wanted = "a positive number"
-        raise ValueError(f"{name} is {value!r}; it must be {wanted}")
+            requirement = "a positive number"
+        raise ValueError(f"{name} is {value!r}; it must be {requirement}")
     return x
 
 
@@ -39,22 +39,24 @@ def whole_number(name: str, value: float, *, least: int = 1, most: int) -> int:
     exact = value if isinstance(value, int | np.integer) else number(name, value)
     is_bool = isinstance(value, bool | np.bool_)
     if is_bool or not least <= exact <= most or exact % 1:
-        wanted = f"a whole number from {least} to {most:,}"
-        raise ValueError(f"{name} is {value!r}; it must be {wanted}")
+        requirement = f"a whole number from {least} to {most:,}"
+        raise ValueError(f"{name} is {value!r}; it must be {requirement}")
     return int(exact)
 
 
 def real_numbers(name: str, values: ArrayLike) -> NDArray[Any]:
     """Real numbers as an array of any shape and type. Raises ValueError that names the argument."""
     try:
-        given = np.asarray(values)
+        real_array = np.asarray(values)
     except ValueError:
         raise ValueError(
             f"{name} has rows of different lengths; it must be an array of numbers"
         ) from None
-    if given.dtype.kind not in "fiub":
-        raise ValueError(f"{name} has values of type {given.dtype}; they must be real numbers")
-    return given
+    if real_array.dtype.kind not in "fiub":
+        raise ValueError(
+            f"{name} has values of type {real_array.dtype}; they must be real numbers"
+        )
+    return real_array
 
 
 def numbers(
@@ -69,11 +71,11 @@ def numbers(
         shape = values.shape
         if shape and shape[1:] == row and (rows is None or shape[0] == rows):
             return values
-    given = real_numbers(name, values)
-    array = np.array(given, dtype=_FLOAT, order="C", ndmin=1 + len(row))
+    real_array = real_numbers(name, values)
+    array = np.array(real_array, dtype=_FLOAT, order="C", ndmin=1 + len(row))
     if array.shape[1:] != row or (rows is not None and len(array) != rows):
-        wanted = ", ".join(str(size) for size in ("n" if rows is None else rows, *row))
-        raise ValueError(f"{name} has shape {list(given.shape)}; it must be [{wanted}]")
+        requirement = ", ".join(str(size) for size in ("n" if rows is None else rows, *row))
+        raise ValueError(f"{name} has shape {list(real_array.shape)}; it must be [{requirement}]")
     return array
 
 

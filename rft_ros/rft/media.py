@@ -20,20 +20,20 @@ def stress_terms(beta: Array, gamma: Array) -> tuple[Array, Array]:
 
     `beta`, `gamma`: angles of attack and intrusion [rad], shape [n]. Columns: `OF_ALPHA_Z` and `OF_ALPHA_X`.
     """
-    of_z = (
+    z_terms = (
         np.ones_like(beta),
         np.cos(2.0 * beta),
         np.sin(2.0 * beta + gamma),
         np.sin(gamma),
         np.sin(gamma - 2.0 * beta),
     )
-    of_x = (
+    x_terms = (
         np.cos(2.0 * beta + gamma),
         np.cos(gamma),
         np.cos(gamma - 2.0 * beta),
         np.sin(2.0 * beta),
     )
-    return np.column_stack(of_z), np.column_stack(of_x)
+    return np.column_stack(z_terms), np.column_stack(x_terms)
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -61,8 +61,8 @@ class Medium:
         cls, name: str, coefficients: Mapping[str, float], *, doubts: tuple[str, ...] = ()
     ) -> "Medium":
         """The medium with these coefficients [N/cm³], by their names. Raises KeyError for one that is missing."""
-        used = {part: coefficients[part] for part in (*OF_ALPHA_Z, *OF_ALPHA_X)}
-        return cls(name=name, doubts=doubts, **used)
+        coefficients_used = {part: coefficients[part] for part in (*OF_ALPHA_Z, *OF_ALPHA_X)}
+        return cls(name=name, doubts=doubts, **coefficients_used)
 
     @property
     def coefficients(self) -> dict[str, float]:
@@ -77,18 +77,18 @@ class Medium:
     @property
     def strength(self) -> float:
         """The factor with which the generic medium's stresses come closest to these over all directions; no unit."""
-        along = over = 0.0
+        product = norm = 0.0
         for name, generic in _GENERIC.coefficients.items():
             mean_square = 1.0 if name == "A00" else 0.5  # of its term of Eq. (4) over all angles
-            along += mean_square * generic * getattr(self, name)
-            over += mean_square * generic * generic
-        return along / over
+            product += mean_square * generic * getattr(self, name)
+            norm += mean_square * generic * generic
+        return product / norm
 
     def stresses(self, beta: Array, gamma: Array) -> tuple[Array, Array]:
         """α_x and α_z [N/cm³] by Eq. (4), shape [n] each, at these β and γ [rad], shape [n]."""
-        of_z, of_x = stress_terms(beta, gamma)
-        alpha_z: Array = of_z @ [getattr(self, name) for name in OF_ALPHA_Z]
-        alpha_x: Array = of_x @ [getattr(self, name) for name in OF_ALPHA_X]
+        z_terms, x_terms = stress_terms(beta, gamma)
+        alpha_z: Array = z_terms @ [getattr(self, name) for name in OF_ALPHA_Z]
+        alpha_x: Array = x_terms @ [getattr(self, name) for name in OF_ALPHA_X]
         return alpha_x, alpha_z
 
 

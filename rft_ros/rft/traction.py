@@ -83,10 +83,10 @@ released code switches at `FLAT`; the paper does not mention the case."""
 
 _SIN_BLEND = sin(radians(FLAT_BLEND))
 
-_ALIKE = 1.5
+_MAX_STRENGTH_RATIO = 1.5
 """With `PAPER_LINEAR`, a medium raises no doubt if its strength is within this factor of the generic medium's."""
 
-_NUDGE = 1e-5
+_NUDGE_RATIO = 1e-5
 """Added to a unit velocity's x by the released code, so that a horizontal plate has an e2 in vertical motion."""
 
 
@@ -147,7 +147,10 @@ class Treers2021(GranularLaw):
                 "use alpha_y.model linear or a table",
             )
         strength = self.medium.strength
-        if self.alpha_y != PAPER_LINEAR or _ALIKE > strength > 1.0 / _ALIKE:
+        if (
+            self.alpha_y != PAPER_LINEAR
+            or _MAX_STRENGTH_RATIO > strength > 1.0 / _MAX_STRENGTH_RATIO
+        ):
             return self.medium.doubts
         line = f"alpha_y.model linear is the line of the generic medium; the stresses of {self.medium.name} are"
         return (
@@ -194,11 +197,11 @@ def law_named(name: str, medium: Medium, alpha_y_model: AlphaY, **numbers: float
     unknown = [number for number in numbers if number not in LAW_NUMBERS]
     if unknown:
         raise TypeError(f"no law has a number '{unknown[0]}'; use {', '.join(LAW_NUMBERS)}")
-    used = {number: value for number, value in numbers.items() if number in _OPTIONAL[name]}
+    law_numbers = {number: value for number, value in numbers.items() if number in _OPTIONAL[name]}
     if name == Treers2021.name:
-        return treers2021(medium, alpha_y_model, **used)
+        return treers2021(medium, alpha_y_model, **law_numbers)
     make: Callable[..., Law] = _LAWS[name]
-    return make(**used)
+    return make(**law_numbers)
 
 
 def described(law: Law) -> str:
@@ -226,16 +229,16 @@ def orient(chunk, i, normal, velocity):
     """Store plate i's normal, velocity, e2 and β, Eqs. (2) and (3), for `tractions`; returns 1 / abs(velocity)."""
     nx, ny, nz = normal
     vx, vy, vz = velocity
-    squared = vx * vx + vy * vy + vz * vz
+    speed_squared = vx * vx + vy * vy + vz * vz
     horizontal = nx * nx + ny * ny
-    speed = sqrt(max(squared, _TINY))
+    speed = sqrt(max(speed_squared, _TINY))
     length = sqrt(max(horizontal, _TINY))
     reciprocal = 1.0 / (speed * length)  # one division for both
     per_speed = reciprocal * length
     per_length = reciprocal * speed
     put(chunk, row.NORMAL, i, normal)
     put(chunk, row.VELOCITY, i, (vx * per_speed, vy * per_speed, vz * per_speed))
-    chunk[at(row.SPEED, i)] = squared * per_speed
+    chunk[at(row.SPEED, i)] = speed_squared * per_speed
     chunk[at(row.E2_X, i)] = nx * per_length
     chunk[at(row.E2_Y, i)] = ny * per_length
     chunk[at(row.SIN_B, i)] = horizontal * per_length
@@ -250,7 +253,7 @@ def _turn_flat_plates(chunk, n, flat_cosine):
     for i in range(n):
         nx, ny, nz = triple(chunk, row.NORMAL, i)
         vx, vy, _ = triple(chunk, row.VELOCITY, i)
-        vx += _NUDGE
+        vx += _NUDGE_RATIO
         vx = 1.0 if vx * vx + vy * vy == 0.0 else vx
         per_length = 1.0 / sqrt(vx * vx + vy * vy)
         vx, vy = vx * per_length, vy * per_length
@@ -351,11 +354,11 @@ def _tractions(law: Any, chunk: Any, n: Any, flat: bool, refined: bool) -> None:
             _limited(chunk, n)
         return
     blends = flat and refined
-    for turned in range(2 if blends else 1):
-        if turned == 1 or (flat and not blends):
+    for pass_index in range(2 if blends else 1):
+        if pass_index == 1 or (flat and not blends):
             _turn_flat_plates(chunk, n, -1.0 if blends else FLAT)
         _treers2021(law, chunk, n, refined)
-        if blends and turned == 0:
+        if blends and pass_index == 0:
             for i in range(n):
                 put(chunk, row.UNBLENDED, i, triple(chunk, row.TRACTION, i))
     if blends:

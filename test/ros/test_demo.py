@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from rft_ros.demo import virtual_arm
-from rft_ros.demo.virtual_arm import LAYER
+from rft_ros.demo.virtual_arm import LAYER_DEPTH_M
 from rft_ros.estimator import Estimator, PoseSample, QualityFlag, TwistSample, WrenchSample
 from rft_ros.installation import share_directory
 from rft_ros.parameters import Config, read_parameter_file
@@ -18,7 +18,7 @@ def descent(mode):
     estimator = Estimator(Config.of(values).settings, Config.of(values).model())
     rows = {}
     for t, state, reading in virtual_arm.moments(12.0):
-        if t < virtual_arm.PAUSE:
+        if t < virtual_arm.PAUSE_S:
             continue
         stamp, numbers = round((t + 1.0) * 1e9), state.tolist()
         estimator.push(WrenchSample(stamp, "ft_sensor", reading))
@@ -43,7 +43,7 @@ def descents():
 def test_from_10_mm_to_the_layer_the_fixed_model_is_off_and_the_learned_one_is_right(descents):
     error = {}
     for mode, (depth, measured, predicted, *_) in descents.items():
-        used = (depth > 0.010) & (depth < LAYER)
+        used = (depth > 0.010) & (depth < LAYER_DEPTH_M)
         off = np.linalg.norm(predicted[used] - measured[used], axis=1) / np.linalg.norm(
             measured[used], axis=1
         )
@@ -60,5 +60,5 @@ def test_the_band_holds_most_of_the_measured_forces(descents):
 
 def test_only_the_hard_layer_is_a_surprise_and_at_once(descents):
     depth, *_, surprised = descents["apply"]
-    assert not surprised[depth < LAYER].any()
-    assert surprised[(depth > LAYER) & (depth < LAYER + 0.003)].any()
+    assert not surprised[depth < LAYER_DEPTH_M].any()
+    assert surprised[(depth > LAYER_DEPTH_M) & (depth < LAYER_DEPTH_M + 0.003)].any()

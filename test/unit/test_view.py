@@ -82,7 +82,7 @@ def test_the_force_is_that_of_the_plates_and_in_the_air_there_is_none(height):
     motion = DrawnMotion(np.zeros(1), state, forces)
     scene = animate("ellipsoid", Model(tool=tool, law=law), motion, surface_height=0.0)
     np.testing.assert_array_equal(scene.forces, forces)
-    low = scene.placed[0][scene.faces].mean(axis=1)[:, 2]
+    low = scene.positions[0][scene.faces].mean(axis=1)[:, 2]
     loaded = scene.traction[0] > 0.0
     assert loaded.any() == (height < 0.0)
     assert not loaded[low > 1e3 * height + 2.0].any()  # the upper half trails
