@@ -4,7 +4,7 @@ A cell that fits as it is given has no fault, whatever a single search says. Whe
 misfit, it is what is told. Otherwise the searches stand as they are.
 """
 
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
@@ -28,6 +28,8 @@ _SENDING_NAMES = {
     "repeated poses",
 }
 """Findings on what was sent, which need no model; but for the last two of them nothing more is known."""
+MAX_LEFT_SHARE = 0.5
+"""Of the misfit of the cell as given: with less, a cause explains it, and a search that names others errs."""
 
 
 def examine(
@@ -52,8 +54,8 @@ def examine(
     diagnosis = diagnose(followed(e), setup_of(e), has_search=has_search)
     causes = list(of_diagnosis(e, diagnosis))
     names = {finding.name for finding in findings if not finding.ok}
-    is_single = len(causes) <= 1
-    if not (is_single and diagnosis.is_clean and _is_pushed(e, diagnosis)):
+    is_decided = diagnosis.is_clean or _has_other_cause(diagnosis, names)
+    if not (is_decided and _is_pushed(e, diagnosis)):
         yield from findings
     elif {cause.name for cause in causes} == names:
         # they agree, and a search knows its own numbers better, such as a bias from the air alone
@@ -63,6 +65,16 @@ def examine(
         yield from causes
     else:
         yield from (finding for finding in findings if finding.ok)
+
+
+def _has_other_cause(diagnosis: Diagnosis, names: Collection[str]) -> bool:
+    """Whether a cause explains most of the misfit of the cell as given, and the searches name none that does."""
+    if not diagnosis.causes:
+        return False
+    cause = diagnosis.causes[0]
+    is_explained = cause.best.fit.misfit <= MAX_LEFT_SHARE * cause.fit_before.misfit
+    titles = {x.cause.title for x in (cause.best, *cause.ties)}
+    return is_explained and titles.isdisjoint(names)
 
 
 def _is_pushed(e: Evidence, diagnosis: Diagnosis) -> bool:

@@ -272,6 +272,8 @@ TIED_NUMBERS = ("lever", "turn", "moment")
 FREEDOM_FACTOR = 20.0
 OTHER_FREEDOM_FACTOR = 300.0
 """How many times as far as its tolerance a free number may be off; of `TIED`, a straight press tells only a part."""
+MIN_EIGENVALUE = 1e-12
+"""Of the normal matrix with ones on its diagonal: rounding makes smaller ones negative."""
 STEP_M = 5e-4
 LENGTH_STEP_FACTOR = 1.1
 """Steps of the surface and of λ by which the derivatives are taken."""
@@ -563,11 +565,14 @@ def fit(
         s = problem.scale
         normal = normal * s[:, None] * s[None, :]
         rows = np.flatnonzero(is_free)
-        sub = normal[np.ix_(rows, rows)] + 1e-9 * np.eye(len(rows))
+        sub = normal[np.ix_(rows, rows)]
+        # a cell that is far off has numbers that differ by 20 digits: each one counts by its own size
+        size = np.sqrt(np.diag(sub)) / s[rows]
+        eigenvalues, vectors = np.linalg.eigh(sub / np.outer(size * s[rows], size * s[rows]))
+        eigenvalues = np.maximum(eigenvalues, MIN_EIGENVALUE)
         move = np.zeros(NUMBERS)
-        move[rows] = -np.linalg.solve(sub, (gradient * s)[rows]) * s[rows]
-        inverse = np.linalg.inv(sub)
-        covariance[rows] = np.diag(inverse) * s[rows] ** 2
+        move[rows] = -(vectors @ (vectors.T @ (gradient[rows] / size) / eigenvalues)) / size
+        covariance[rows] = (vectors**2 @ (1.0 / eigenvalues)) / size**2
         # bounded steps of what is not linear
         limit = np.full(NUMBERS, np.inf)
         limit[_SLICES["surface"]] = 0.01

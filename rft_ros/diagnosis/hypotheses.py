@@ -303,10 +303,15 @@ def _stiffness(trial: Trial, setup: Setup, point: Array) -> Variant:
     )
 
 
+MIN_STEP_SHARE = 0.03
+"""Of the time of a trial, before and after a step of the zero."""
+
+
 def _step(trial: Trial, setup: Setup, point: Array) -> Variant:
-    """The zero steps at a share of the time."""
+    """The zero steps at a share of the time; before the first moment a step would be a bias."""
     time = trial.time
-    begin = float(time[0] + point[0] * (time[-1] - time[0]))
+    share = float(np.clip(point[0], MIN_STEP_SHARE, 1.0 - MIN_STEP_SHARE))
+    begin = float(time[0] + share * (time[-1] - time[0]))
     course = np.eye(6) * (time > begin)[:, None, None]
     return Variant(trial=trial, setup=replace(setup, course=course), number=begin)
 

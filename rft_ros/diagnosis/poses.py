@@ -34,11 +34,8 @@ def unit_of_poses(e: Evidence) -> Iterator[Finding]:
     speed = float(np.median(steps[moving] / seconds[moving])) if moving.any() else 0.0
     extent = float(np.ptp(place, axis=0).max())
     mean = float(steps[moving].sum() / max(seconds[moving].sum(), 1e-12))
-    given = (
-        np.linalg.norm(e.velocity, axis=1) if e.settings.twist_source == "topic" else np.zeros(0)
-    )
-    twist = float(np.median(given[given > 0.0])) if (given > 0.0).any() else speed
-    evidence = {"extent": extent, "mean": mean, "speed": speed, "twist": twist}
+    twist, speed_beside_twist = _speeds_by_twists_and_poses(e)
+    evidence = {"extent": extent, "mean": mean, "speed": speed_beside_twist, "twist": twist}
     far = [
         sentence_on(e.tool, depth=float(d), force=0.0)
         for d in (e.depth.max(initial=0.0), e.depth.min(initial=0.0))
@@ -47,16 +44,31 @@ def unit_of_poses(e: Evidence) -> Iterator[Finding]:
     advice = "the poses' driver must give metres, and not millimetres (factor 0.001)"
     if extent > _FAR and mean > _FAST:
         said = f"the tool moves over {extent:.3g} m at {mean:.3g} m/s on average"
-    elif speed > _FASTEST or (twist > 0.0 and speed > 100.0 * twist):
-        said = f"the tool moves at {speed:.3g} m/s by the poses"
+    elif speed > _FASTEST or speed_beside_twist > 100.0 * twist:
+        said = f"the tool moves at {max(speed, speed_beside_twist):.3g} m/s by the poses"
     elif far:
         said = far[0]
-    elif twist > 100.0 * speed > 0.0:
-        said = f"twists say {twist:.3g} m/s where the poses move at {speed:.3g} m/s"
+    elif twist > 100.0 * speed_beside_twist > 0.0:
+        said = f"twists say {twist:.3g} m/s where the poses move at {speed_beside_twist:.3g} m/s"
         advice = "the twists' driver must give m/s, and not mm/s"
     else:
         return
     yield Finding(name="units", said=said, evidence=evidence, advice=advice)
+
+
+def _speeds_by_twists_and_poses(e: Evidence) -> tuple[float, float]:
+    """Speed of the tool by its twists, and by its poses at the same moments [m/s]; 0 and 0 without twists.
+
+    Only moments of fast motion count: at rest the noise of the poses is all that moves.
+    """
+    if e.settings.twist_source != "topic" or len(e.time) < ENOUGH:
+        return 0.0, 0.0
+    given = np.linalg.norm(e.velocity[1:], axis=1)
+    is_fast = given >= 0.5 * np.quantile(given, 0.9)
+    seconds = np.diff(e.time)[is_fast]
+    distance = np.linalg.norm(np.diff(e.state[:, POSITION], axis=0), axis=1)[is_fast]
+    total = max(float(seconds.sum()), 1e-9)
+    return float(given[is_fast] @ seconds) / total, float(distance.sum()) / total
 
 
 def size_of_tool(e: Evidence) -> Iterator[Finding]:

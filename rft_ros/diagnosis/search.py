@@ -157,6 +157,7 @@ _NUMBER_CAUSES = {
 _CONTAINS = {
     (Cause.WEIGHT, Cause.BIAS),
     (Cause.BIAS, Cause.WEIGHT),
+    (Cause.BIAS, Cause.ZERO_MOVES),
     (Cause.ANGLE, Cause.TURN),
     (Cause.TURN, Cause.ANGLE),
     (Cause.SURFACE, Cause.WORLD),
