@@ -44,7 +44,7 @@ def unit_of_poses(e: Evidence) -> Iterator[Finding]:
     advice = "the poses' driver must give metres, and not millimetres (factor 0.001)"
     if extent > _FAR and mean > _FAST:
         said = f"the tool moves over {extent:.3g} m at {mean:.3g} m/s on average"
-    elif speed > _FASTEST or speed_beside_twist > 100.0 * twist:
+    elif speed > _FASTEST or (twist > 0.0 and speed_beside_twist > 100.0 * twist):
         said = f"the tool moves at {max(speed, speed_beside_twist):.3g} m/s by the poses"
     elif far:
         said = far[0]

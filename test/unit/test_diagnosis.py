@@ -470,9 +470,7 @@ PITCHING = list(virtual_arm.moments(10.0))
 @example(start=3.25, end=9.5, mass=0.0)
 @example(start=3.2, end=9.0, mass=0.35)
 @example(start=3.3, end=10.0, mass=0.35)
-@given(
-    start=st.floats(0.0, 3.3), end=st.floats(5.0, 10.0), mass=st.sampled_from([0.0, 0.35])
-)
+@given(start=st.floats(0.0, 3.3), end=st.floats(5.0, 10.0), mass=st.sampled_from([0.0, 0.35]))
 @settings(max_examples=4, deadline=None)
 def test_an_untared_cell_on_a_tool_that_pitches_needs_a_tare_only(start, end, mass):
     """In other grains than the model's, which get harder, from any moment in the air; also without the tool's mass."""
