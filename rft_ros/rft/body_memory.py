@@ -12,7 +12,8 @@ from rft_ros.rft.displacement import DISPLACEMENT, between
 from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.kernel.loops import sums
-from rft_ros.rft.memory import BLOCK_STATE, STIFFNESS, Past
+from rft_ros.rft.memory import BLOCK_STATE, Past
+from rft_ros.rft.stiffness import STIFFNESS
 
 Array = NDArray[np.float64]
 

@@ -11,7 +11,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from rft_ros.rft.arguments import number
-from rft_ros.rft.frames import QUATERNION, attitude, from_frame, into_frame, parts_of_state
+from rft_ros.rft.frames import (
+    QUATERNION,
+    attitude,
+    from_frame,
+    into_frame,
+    parts_of_state,
+    rotation,
+)
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
 Array = NDArray[np.float64]
@@ -173,16 +180,34 @@ def follow(followed, state, reach, dead_band, moved):
 
 
 @inlined
-def into_tool_axes(axes, motion):
-    """A displacement, as origin and matrix, in the axes of the tool. `axes`: its rotation matrix by rows."""
+def half_way_axes(axes, motion):
+    """The axes of the tool half a displacement before those at its end; rotation matrices by rows."""
+    _, (xx, xy, xz, yx, yy, yz, zx, zy, zz) = motion
+    # quaternion of the turn, scaled: its real part is 4 cos² of half the angle
+    w, x, y, z = max(4.0 - xx - yy - zz, 0.0), zy - yz, xz - zx, yx - xy
+    w += sqrt(max(w * w + x * x + y * y + z * z, _TINY))
+    per_norm = 1.0 / sqrt(w * w + x * x + y * y + z * z)
+    back = rotation(-x * per_norm, -y * per_norm, -z * per_norm, w * per_norm)
+    a, d, g = from_frame(back, axes[0], axes[3], axes[6])
+    b, e, h = from_frame(back, axes[1], axes[4], axes[7])
+    c, f, i = from_frame(back, axes[2], axes[5], axes[8])
+    return a, b, c, d, e, f, g, h, i
+
+
+@inlined
+def in_tool_axes(axes, half_way, motion):
+    """The displacement of a place that is given in tool axes at the end, in the tool's axes half-way.
+
+    Origin and matrix, as `motion`, which has both in world axes. `axes` at the end, `half_way`: rotation matrices.
+    """
     (dx, dy, dz), matrix = motion
     x = into_frame(axes, *matrix[:3])
     y = into_frame(axes, *matrix[3:6])
     z = into_frame(axes, *matrix[6:])
-    p = into_frame(axes, x[0], y[0], z[0])
-    q = into_frame(axes, x[1], y[1], z[1])
-    r = into_frame(axes, x[2], y[2], z[2])
-    return into_frame(axes, dx, dy, dz), (p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2])
+    p = into_frame(half_way, x[0], y[0], z[0])
+    q = into_frame(half_way, x[1], y[1], z[1])
+    r = into_frame(half_way, x[2], y[2], z[2])
+    return into_frame(half_way, dx, dy, dz), (p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2])
 
 
 @inlined

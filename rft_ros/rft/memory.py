@@ -3,7 +3,7 @@
 Each plate keeps its traction per depth τ, in world axes; the radius y of its yield surface; the gap g behind it; and
 the share u of the law's traction that sliding has worn off. A step moves it by D. With its outward normal n, the share
 of it that leads q, q times the traction by the law t, the strength σ of the law (ζ times 1 N/cm³, or ξ), and the
-mobilization length λ at its depth:
+mobilization length λ at its depth, all but σ half a step before its end:
 
     k  = E σ / λ                                         modulus of the spring, the same in all directions
     c  = min(max(D·n, 0), g)                             closes the gap
@@ -30,13 +30,13 @@ In a press s is 1, and nothing wears. The less a face dives, the more it must le
 before by the parts of the tool ahead of it, so S falls with the dive d. Leading over B λ restores what was worn. A
 plate that trails wears nothing; one that slides exactly along itself has q = 1/2. At rest the plastic path is 0, so
 noise within the yield surface wears nothing. Over p du/dp = (u∞ - u) z / p and dτ/dp = ((1 - u) t - τ) x / p:
-(10d) and (10e) solve both exactly for constant f and t, so one step of a straight path is as good as many.
+(10d) and (10e) solve both exactly for constant f and t, so one step of a straight path is as good as many. On a
+curved path n, q and t are those half-way, from the twist and the displacement (`half_way_axes`).
 
 The displacement of a step is that of the tool (`displacement`). Nothing else decides how far the plates have moved,
 whatever time it took.
 
-λ is the mobilization length times (d / `DEPTH`)² at the plate's depth d half a step before, within `LEAST` and
-`GREATEST`.
+λ is the mobilization length times (d / `DEPTH`)² at the plate's depth d, within `LEAST` and `GREATEST`.
 
 Continuity. Each line is Lipschitz in D, n, q, t and the state, and under the refined rule the share, and so t, is
 continuous too; v·n = 0, D·n = 0, g = 0 and τ = 0 are no special cases. A state at which the plate has not moved
@@ -62,33 +62,50 @@ from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.plates import BLOCK, Plates
+from rft_ros.rft.stiffness import NO_STIFFNESS
 
-BLOCK_STATE = np.dtype(
-    (
-        np.record,
-        [
-            ("tau_x", float, BLOCK),  # traction per depth τ [N/m³], world axes
-            ("tau_y", float, BLOCK),
-            ("tau_z", float, BLOCK),
-            ("radius", float, BLOCK),  # y, of the yield surface [N/m³]
-            ("gap", float, BLOCK),  # g [m]
-            ("worn", float, BLOCK),  # u, share of the law's traction
-        ],
+
+class PlateState(NamedTuple):
+    """What one plate keeps. `load` and `store` alone know where."""
+
+    tau_x: float  # traction per depth τ [N/m³], world axes
+    tau_y: float
+    tau_z: float
+    radius: float  # y, of the yield surface [N/m³]
+    gap: float  # g [m]
+    worn: float  # u, share of the law's traction
+
+
+BLOCK_STATE = np.dtype((np.record, [(name, float, BLOCK) for name in PlateState._fields]))
+"""What the plates of a block keep: `PlateState` number by number."""
+
+EMPTY = PlateState(tau_x=0.0, tau_y=0.0, tau_z=0.0, radius=0.0, gap=0.0, worn=0.0)
+"""Of a plate that is not in the grains."""
+
+
+@inlined
+def load(block, i):
+    """The `PlateState` of plate i of a block."""
+    return PlateState(
+        tau_x=block.tau_x[i],
+        tau_y=block.tau_y[i],
+        tau_z=block.tau_z[i],
+        radius=block.radius[i],
+        gap=block.gap[i],
+        worn=block.worn[i],
     )
-)
-"""What the plates of a block keep."""
 
-STIFFNESS = np.dtype(
-    (
-        np.record,
-        [(name, float) for name in ("k", "x", "y", "z", "xx", "yy", "zz", "xy", "xz", "yz")],
-    )
-)
-"""Sums Σ k L [N/m], Σ k L x [N] and Σ k L x x [N m] over plates at x from the tool frame's origin, world axes.
 
-L is the load of a plate [m³], and k its modulus [N/m⁴]: of Eq. (10a) in the elastic part of the last step; where the
-plate yielded, the greater of |τ2| and |t' - τ1|, over λ(d).
-"""
+@inlined
+def store(block, i, state):
+    """Keep the `PlateState` of plate i of a block."""
+    block.tau_x[i] = state.tau_x
+    block.tau_y[i] = state.tau_y
+    block.tau_z[i] = state.tau_z
+    block.radius[i] = state.radius
+    block.gap[i] = state.gap
+    block.worn[i] = state.worn
+
 
 _TINY = 1e-60  # least lengths, and tractions per depth that are divided by
 
@@ -99,23 +116,23 @@ Array = NDArray[np.float64]
 class Memory:
     """The memory of the plates of one tool; ``Memory(plates)`` is empty.
 
-    `blocks`: records of `BLOCK_STATE`, shape [blocks]. `stiffness` at the last state: a record of `STIFFNESS`, shape
-    [1]. `last`: the last state, shape [13]; zeros before the first.
+    `blocks`: records of `BLOCK_STATE`, shape [blocks]. `last`: the last state, shape [13]; zeros before the first.
     """
 
     plates: Plates
     blocks: NDArray[np.void] = field(init=False)
-    stiffness: NDArray[np.void] = field(init=False)
     last: Array = field(init=False)
 
     def __post_init__(self) -> None:
         object.__setattr__(self, "blocks", np.zeros(self.plates.bounds.shape[1], BLOCK_STATE))
-        object.__setattr__(self, "stiffness", np.zeros(1, STIFFNESS))
         object.__setattr__(self, "last", np.zeros(len(STATE)))
 
 
 class Past(NamedTuple):
-    """What the loop takes of the memory: `Memory.blocks` and `stiffness`, and the displacements to the states."""
+    """What the loop takes of the memory: `Memory.blocks`, and the displacements to the states, shape [states, 12].
+
+    `stiffness`: records of `STIFFNESS` to sum up at each state, shape [1], or [0] where nobody asks for them.
+    """
 
     has_memory: bool
     blocks: NDArray[np.void]
@@ -126,25 +143,10 @@ class Past(NamedTuple):
 NO_MEMORY = Past(
     has_memory=False,
     blocks=np.zeros(1, BLOCK_STATE),
-    stiffness=np.zeros(1, STIFFNESS),
+    stiffness=NO_STIFFNESS,
     displacements=np.zeros((1, DISPLACEMENT)),
 )
 """For plates without memory."""
-
-
-@inlined
-def clear_stiffness(total):
-    """Set a record of `STIFFNESS` to zero."""
-    total.k = 0.0
-    total.x = 0.0
-    total.y = 0.0
-    total.z = 0.0
-    total.xx = 0.0
-    total.yy = 0.0
-    total.zz = 0.0
-    total.xy = 0.0
-    total.xz = 0.0
-    total.yz = 0.0
 
 
 @inlined
@@ -185,15 +187,6 @@ DIVING_LEAD = 0.3
 """S1: the same for a face that dives steeply. Chosen on the seen simulated runs."""
 
 
-class PlateState(NamedTuple):
-    """What one plate keeps: traction per depth τ [N/m³], world axes; y [N/m³]; gap g [m]; worn share u, no unit."""
-
-    tau: tuple[float, float, float]
-    radius: float
-    gap: float
-    worn: float
-
-
 @inlined
 def _exp_minus(x):
     """exp(-x) for x >= 0, to 1e-11 and exactly 1 for 0: the series at x / 64, squared six times."""
@@ -216,6 +209,14 @@ def _steadily_worn(lead, dive, down):
 
 
 @inlined
+def _contact(gap, outward, unloading):
+    """c and r of Eq. (10a), and the gap g after the step. `outward`: D·n. `unloading`: path on which contact ends."""
+    closed = min(max(outward, 0.0), gap)
+    beyond = max(-outward - unloading, 0.0)
+    return closed, beyond, gap - closed + OPEN * beyond
+
+
+@inlined
 def advance(before, normal, moved, share, target, span, strength):
     """A plate's state after one step, Eqs. (10a) to (10f), and its tangent [N/m⁴].
 
@@ -223,27 +224,29 @@ def advance(before, normal, moved, share, target, span, strength):
     tangent: the modulus of the change of the traction with the displacement. In the code a is `elastic_path`, c
     `closed`, r `beyond`, p `plastic`, x `yielding`. `late` t: what the approach to t' has over that to (1 - u) t.
     """
-    tau_x, tau_y, tau_z = before.tau
+    tau_x, tau_y, tau_z = before.tau_x, before.tau_y, before.tau_z
     nx, ny, nz = normal
     dx, dy, dz = moved
     per_modulus = span * (1.0 / (STIFF * strength))
 
     outward = dx * nx + dy * ny + dz * nz
-    closed = min(max(outward, 0.0), before.gap)
     pressure = max(-(tau_x * nx + tau_y * ny + tau_z * nz), 0.0)
-    beyond = max(-outward - pressure * per_modulus, 0.0)
+    closed, beyond, gap = _contact(before.gap, outward, pressure * per_modulus)
     step = max(sqrt(dx * dx + dy * dy + dz * dz), _TINY)
-    inverse = 1.0 / (step * span)  # one division for two
-    per_step = span * inverse
-    per_span = step * inverse
+    # |D'|: closed and beyond are not both positive
+    in_contact = step - closed
+    way = sqrt(max(in_contact * in_contact + beyond * (2.0 * outward + beyond), _TINY * _TINY))
+    inverse = 1.0 / (step * span * way)  # one division for three
+    per_step = span * way * inverse
+    per_span = step * way * inverse
+    per_way = step * span * inverse
     modulus = STIFF * strength * per_span
     lead = outward * per_step
     dive = max(-dz, 0.0) * per_step
     part = 1.0 - closed * per_step
-    dx, dy, dz = part * dx + beyond * nx, part * dy + beyond * ny, part * dz + beyond * nz
-    way = sqrt(dx * dx + dy * dy + dz * dz)
-    per_way = 1.0 / max(way, _TINY)
-    ex, ey, ez = dx * per_way, dy * per_way, dz * per_way
+    ex = (part * dx + beyond * nx) * per_way
+    ey = (part * dy + beyond * ny) * per_way
+    ez = (part * dz + beyond * nz) * per_way
 
     along = ex * tau_x + ey * tau_y + ez * tau_z
     tau = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
@@ -286,10 +289,9 @@ def advance(before, normal, moved, share, target, span, strength):
     radius = max(radius * max(1.0 - beyond * per_span * (1.0 / FADES), 0.0), keeps * size)
     tangent = modulus + plastic * per_way * (max(size, change) * per_span - modulus)
     tangent *= 1.0 if keeps * size > 0.0 else 0.0  # without traction nothing is stiff
-    traction = keeps * tau_x, keeps * tau_y, keeps * tau_z
-    return PlateState(
-        tau=traction, radius=radius, gap=before.gap - closed + OPEN * beyond, worn=worn
-    ), tangent
+    tau_x, tau_y, tau_z = keeps * tau_x, keeps * tau_y, keeps * tau_z
+    state = PlateState(tau_x=tau_x, tau_y=tau_y, tau_z=tau_z, radius=radius, gap=gap, worn=worn)
+    return state, tangent
 
 
 def _add_memory(chunk, numbers, count, blocks, motion, below, slope, law):
@@ -311,25 +313,15 @@ def _add_memory(chunk, numbers, count, blocks, motion, below, slope, law):
             span = max(law.mobilization_length, 1.0 / FAR) * ratio
             share = chunk[at(row.SHARE, i)]
             target = _times(share, triple(chunk, row.TRACTION, i))
-            before = PlateState(
-                tau=(block.tau_x[j], block.tau_y[j], block.tau_z[j]),
-                radius=block.radius[j],
-                gap=block.gap[j],
-                worn=block.worn[j],
-            )
             normal = triple(chunk, row.NORMAL, i)
-            now, tangent = advance(before, normal, moved, share, target, span, law.stiffness)
-            load = chunk[at(row.LOAD, i)]
-            wet = 1.0 if load > 0.0 else 0.0
-            tau_x, tau_y, tau_z = traction = _times(wet, now.tau)
-            put(chunk, row.TRACTION, i, traction)
-            chunk[at(row.TANGENT, i)] = tangent * max(load, 0.0)
-            block.tau_x[j] = tau_x
-            block.tau_y[j] = tau_y
-            block.tau_z[j] = tau_z
-            block.radius[j] = wet * now.radius
-            block.gap[j] = wet * now.gap
-            block.worn[j] = wet * now.worn
+            now, tangent = advance(
+                load(block, j), normal, moved, share, target, span, law.stiffness
+            )
+            volume = chunk[at(row.LOAD, i)]
+            state = now if volume > 0.0 else EMPTY
+            put(chunk, row.TRACTION, i, (state.tau_x, state.tau_y, state.tau_z))
+            chunk[at(row.TANGENT, i)] = tangent * max(volume, 0.0)
+            store(block, j, state)
 
 
 add_memory = compiled(_add_memory, **STEP)
@@ -339,12 +331,7 @@ add_memory = compiled(_add_memory, **STEP)
 def clear(block):
     """Empty the memory of a block."""
     for i in range(BLOCK):
-        block.tau_x[i] = 0.0
-        block.tau_y[i] = 0.0
-        block.tau_z[i] = 0.0
-        block.radius[i] = 0.0
-        block.gap[i] = 0.0
-        block.worn[i] = 0.0
+        store(block, i, EMPTY)
 
 
 @inlined
@@ -352,7 +339,7 @@ def is_elastic(block):
     """Whether a plate of a block has a yield surface, without which it has no traction."""
     sum_of_radii = 0.0
     for i in range(BLOCK):
-        sum_of_radii += block.radius[i]
+        sum_of_radii += load(block, i).radius
     return sum_of_radii > 0.0
 
 
@@ -364,6 +351,17 @@ def follow_gap(block, i, normal, place, motion):
     """
     nx, ny, nz = normal
     dx, dy, dz = moved_by(motion, place)
-    outward = dx * nx + dy * ny + dz * nz
-    closed = min(max(outward, 0.0), block.gap[i])
-    block.gap[i] += OPEN * max(-outward, 0.0) - closed
+    before = load(block, i)
+    _, _, gap = _contact(before.gap, dx * nx + dy * ny + dz * nz, 0.0)
+    store(
+        block,
+        i,
+        PlateState(
+            tau_x=before.tau_x,
+            tau_y=before.tau_y,
+            tau_z=before.tau_z,
+            radius=before.radius,
+            gap=gap,
+            worn=before.worn,
+        ),
+    )

@@ -23,6 +23,7 @@ from rft_ros.rft.kernel import loops
 from rft_ros.rft.kernel.compilation import machine_code
 from rft_ros.rft.memory import NO_MEMORY, Memory, Past, add_memory
 from rft_ros.rft.plates import BLOCK, Plates
+from rft_ros.rft.stiffness import NO_STIFFNESS
 from rft_ros.rft.traction import Law, packed_law, tractions
 
 Array = NDArray[np.float64]
@@ -113,7 +114,7 @@ def wrenches_in_time(
     _loop()(
         *arguments,
         states,
-        Past(has_memory=True, blocks=kept.blocks, stiffness=kept.stiffness, displacements=moved),
+        Past(has_memory=True, blocks=kept.blocks, stiffness=NO_STIFFNESS, displacements=moved),
         result,
     )
     if len(states):
@@ -148,7 +149,7 @@ def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None
             else Past(
                 has_memory=True,
                 blocks=kept.blocks,
-                stiffness=kept.stiffness,
+                stiffness=NO_STIFFNESS,
                 displacements=displacements,
             )
         )

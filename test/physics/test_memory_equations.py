@@ -6,10 +6,11 @@ import numpy as np
 import pytest
 from hypothesis import assume, given, settings
 from scenes import LINEAR, seeds, unit
+from scipy.spatial.transform import Rotation
 from single_plate import traction_per_depth
 
 from rft_ros.rft import Memory, Plates, rotation_matrix, wrenches_in_time
-from rft_ros.rft.memory import BLOCK_STATE, PlateState, advance, follow_gap
+from rft_ros.rft.memory import BLOCK_STATE, EMPTY, PlateState, advance, follow_gap, load, store
 
 LENGTH, AREA = 0.003, 2e-4
 NORMAL = np.array([0.6, 0.0, -0.8])
@@ -106,7 +107,8 @@ def test_one_plate_follows_the_equations_along_any_path(seed):
     found = wrenches_in_time(plates, grains, states, Memory(plates))[:, :3]
     plate, twist, expected = Plate(), np.zeros(3), []
     for k, state in enumerate(states):
-        n = rotation_matrix(state[3:7]) @ NORMAL
+        turned = Rotation.from_quat([states[max(k - 1, 0), 3:7], state[3:7]])
+        n = turned.mean().as_matrix() @ NORMAL  # half-way
         twist = state[7:10] if state[7:10].any() else twist
         share = float(twist @ n > 0.0)
         target = share * np.array(traction_per_depth(LINEAR, *n, *twist))
@@ -126,9 +128,16 @@ def test_the_gap_of_a_skipped_block_is_that_of_plates_that_are_evaluated(seed):
     gap = rng.choice([0.0, 1e-5, 1e-3])
     moved = unit(rng.normal(size=3)) * 10.0 ** rng.uniform(-6.0, -2.0)
     block = np.zeros(1, BLOCK_STATE)[0]
-    block.gap[0] = gap
+    before = EMPTY._replace(gap=gap)
+    store(block, 0, before)
     follow_gap(block, 0, n, np.zeros(3), (moved, np.zeros(9)))
-    followed, _ = advance(
-        PlateState(np.zeros(3), 0.0, gap, 0.0), n, moved, 0.0, np.zeros(3), LENGTH, 1e6
-    )
-    assert block.gap[0] == pytest.approx(followed.gap, rel=1e-15)
+    followed, _ = advance(before, n, moved, 0.0, np.zeros(3), LENGTH, 1e6)
+    assert load(block, 0).gap == pytest.approx(followed.gap, rel=1e-15)
+
+
+def test_a_plate_is_stored_and_loaded_number_by_number():
+    block = np.zeros(1, BLOCK_STATE)[0]
+    state = PlateState(*np.arange(1.0, 1.0 + len(PlateState._fields)))
+    store(block, 3, state)
+    assert load(block, 3) == state
+    assert load(block, 2) == EMPTY

@@ -9,7 +9,7 @@ from math import cos, radians, sqrt
 
 import numpy as np
 
-from rft_ros.rft.displacement import as_motion, into_tool_axes, twist_along
+from rft_ros.rft.displacement import as_motion, half_way_axes, in_tool_axes, twist_along
 from rft_ros.rft.frames import (
     BY_HEIGHT,
     FORCE,
@@ -26,7 +26,7 @@ from rft_ros.rft.grains import inertia_force
 from rft_ros.rft.kernel import chunk as row
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import OPTIONS, compiled, inlined
-from rft_ros.rft.memory import add_memory, clear, clear_stiffness, follow_gap, is_elastic
+from rft_ros.rft.memory import add_memory, clear, follow_gap, is_elastic
 from rft_ros.rft.plates import (
     AREA,
     BLOCK,
@@ -44,6 +44,7 @@ from rft_ros.rft.plates import (
     ROWS_OF_REFINED,
     SECOND_CORNER,
 )
+from rft_ros.rft.stiffness import add_stiffness, clear_stiffness
 from rft_ros.rft.traction import FLAT, FLAT_BLEND, orient, tractions
 
 _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT = range(5)
@@ -80,6 +81,24 @@ def _scaled(twist, reach):
     fastest = max(abs(vx), abs(vy), abs(vz), max(reach, 1e-9) * max(abs(wx), abs(wy), abs(wz)))
     s = 1.0 / fastest if fastest > 1e-290 else 0.0
     return (vx * s, vy * s, vz * s, wx * s, wy * s, wz * s), s
+
+
+@inlined
+def _turning(twist, axes):
+    """The matrix, by rows, from a place in tool axes to its velocity by turning, world axes."""
+    _, _, _, wx, wy, wz = twist
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = axes
+    return (
+        wy * zx - wz * yx,
+        wy * zy - wz * yy,
+        wy * zz - wz * yz,
+        wz * xx - wx * zx,
+        wz * xy - wx * zy,
+        wz * xz - wx * zz,
+        wx * yx - wy * xx,
+        wx * yy - wy * xy,
+        wx * yz - wy * xz,
+    )
 
 
 @inlined
@@ -120,9 +139,9 @@ def _classify(chunk, bounds, first, last, scene, reach, flat_cosine):
     `bounds`: of `Plates`. `flat_cosine`: abs(n·E3) from which on a plate may be horizontal.
     """
     wide_vectors()
-    axes, twist, below, rise = scene
-    linear = into_frame(axes, *twist[:3])
-    angular = into_frame(axes, *twist[3:])
+    _, half_way, twist, _, below, rise = scene
+    linear = into_frame(half_way, *twist[:3])
+    angular = into_frame(half_way, *twist[3:])
     fastest = _length(linear) + _length(angular) * reach
     margin = ROUNDING * (reach + abs(below))
     for b in range(first, last):
@@ -141,7 +160,7 @@ def _classify(chunk, bounds, first, last, scene, reach, flat_cosine):
             + (bounds[BOUND_SINE, b] + ROUNDING) * fastest
             <= 0.0
         )
-        upwards, more_upwards = _range(bounds, b, BOUND_NORMAL, axes[6:])
+        upwards, more_upwards = _range(bounds, b, BOUND_NORMAL, half_way[6:])
         tilt = abs(upwards) + more_upwards + ROUNDING
         kind = _FLAT_OR_CUT if tilt >= flat_cosine else (_PLAIN if wet else _CUT)
         kind = _SKIP_WET if wet & trails else kind
@@ -216,15 +235,15 @@ def _centre_and_load(rows, first, i, below, rise, refined, cut):
 def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
     """Eq. (1) for block b, world axes, stored from plate `i0` of the chunk on; returns its area below the surface."""
     wide_vectors()
-    axes, twist, below, rise = scene
-    vx, vy, vz, wx, wy, wz = twist
+    axes, half_way, (vx, vy, vz, _, _, _), turning, below, rise = scene
     first = b * np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK)
     submerged = 0.0
     for j in range(BLOCK):
         (a, b, c), load, area = _centre_and_load(rows, first, j, below, rise, refined, cut)
-        normal = nx, ny, nz = from_frame(axes, *triple(rows, first + _NORMAL, j, BLOCK))
+        normal = nx, ny, nz = from_frame(half_way, *triple(rows, first + _NORMAL, j, BLOCK))
         x, y, z = from_frame(axes, a, b, c)
-        ux, uy, uz = vx + wy * z - wz * y, vy + wz * x - wx * z, vz + wx * y - wy * x
+        wx, wy, wz = from_frame(turning, a, b, c)
+        ux, uy, uz = vx + wx, vy + wy, vz + wz
         lead = ux * nx + uy * ny + uz * nz
         i = at(i0, j)
         per_speed = orient(chunk, i, normal, (ux, uy, uz))
@@ -245,7 +264,7 @@ def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
 def _follow_gaps(block, form, b, scene, motion):
     """Follow the gaps behind the plates of a submerged block that trails and is not elastic. `motion`: in tool axes."""
     rows, _, refined, _ = form
-    _, _, below, rise = scene
+    _, _, _, _, below, rise = scene
     first = b * np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK)
     for i in range(BLOCK):
         place, _, _ = _centre_and_load(rows, first, i, below, rise, refined, False)
@@ -339,36 +358,6 @@ def _add_sums(chunk, n):
 
 
 @inlined
-def _add_stiffness(chunk, n, total):
-    """Add the sums of a chunk to a record of `STIFFNESS`."""
-    wide_vectors()
-    k = kx = ky = kz = kxx = kyy = kzz = kxy = kxz = kyz = 0.0
-    for i in range(n):
-        x, y, z = triple(chunk, row.PLACE, i)
-        stiff = chunk[at(row.TANGENT, i)]
-        k += stiff
-        kx += stiff * x
-        ky += stiff * y
-        kz += stiff * z
-        kxx += stiff * x * x
-        kyy += stiff * y * y
-        kzz += stiff * z * z
-        kxy += stiff * x * y
-        kxz += stiff * x * z
-        kyz += stiff * y * z
-    total.k += k
-    total.x += kx
-    total.y += ky
-    total.z += kz
-    total.xx += kxx
-    total.yy += kyy
-    total.zz += kzz
-    total.xy += kxy
-    total.xz += kxz
-    total.yz += kyz
-
-
-@inlined
 def _inertia(chunk, n, inertia, per_scale2, has_memory):
     """Replace the tractions of a chunk by the forces of the grains' inertia, and their loads by one."""
     wide_vectors()
@@ -409,7 +398,7 @@ def _sums(form, law, height, slope, states, past, out):
     _, bounds, refined, reach = form
     has_memory = past.has_memory
     states_of_blocks = past.blocks
-    stiffness = past.stiffness[0]
+    has_stiffness = len(past.stiffness) > 0
     chunk = new_chunk()
     inertia = law.numbers[0].inertia
     flat_cosine = _BLEND_COSINE if refined else FLAT
@@ -426,14 +415,17 @@ def _sums(form, law, height, slope, states, past, out):
         # restores the speed for inertia; bounded, since 0 times infinity is NaN
         per_scale2 = min(speed * speed, 1e30)
         below, rise = _surface(height, slope, state, axes)
+        half_way = axes
         motion = motion_in_tool = (0.0, 0.0, 0.0), axes  # not used, but of the type of a motion
         if has_memory:
-            clear_stiffness(stiffness)
+            if has_stiffness:
+                clear_stiffness(past.stiffness[0])
             motion = as_motion(past.displacements[k])
-            motion_in_tool = into_tool_axes(axes, motion)
+            half_way = half_way_axes(axes, motion)
+            motion_in_tool = in_tool_axes(axes, half_way, motion)
             if scale == 0.0:
                 twist, _ = _scaled(twist_along(motion), reach)
-        scene = axes, twist, below, rise
+        scene = axes, half_way, twist, _turning(twist, half_way), below, rise
         for c in range(WIDTH):
             chunk[at(row.TOTAL, c)] = 0.0
         for first in range(np.uint64(0), blocks, np.uint64(row.WINDOW)):
@@ -462,7 +454,8 @@ def _sums(form, law, height, slope, states, past, out):
                             slope,
                             law.numbers[0],
                         )
-                        _add_stiffness(chunk, n, stiffness)
+                        if has_stiffness:
+                            add_stiffness(chunk, n, past.stiffness[0])
                     for inertial in range(2 if inertia > 0.0 else 1):
                         if inertial == 1:
                             _inertia(chunk, n, inertia, per_scale2, has_memory)
