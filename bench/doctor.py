@@ -151,6 +151,21 @@ def rows_of(fault: Fault) -> list[tuple[list[float], list[float]]]:
     return list(zip(states.tolist(), loads.tolist(), strict=True))
 
 
+def repeated_row(
+    rows: list[tuple[list[float], list[float]]], k: int
+) -> tuple[list[float], list[float]]:
+    """Row k of the motion, which is repeated from where it ended: back at its start the pose would jump."""
+    laps, row = divmod(k, len(rows))
+    state, load = rows[row]
+    first = rows[0][0]
+    last = rows[-1][0]
+    place = [
+        p + laps * (end - begin)
+        for p, begin, end in zip(state[POSITION], first[POSITION], last[POSITION], strict=True)
+    ]
+    return [*place, *state[POSITION.stop :]], load
+
+
 def messages_of(
     fault: Fault, state: list[float], load: list[float], now: int
 ) -> Iterator[tuple[str, bytes]]:
@@ -179,7 +194,7 @@ def said_from_a_bag(fault: Fault, folder: Path, seconds: float) -> str:
         (now + 1_000_000, f"/rft/{name}", KINDS[name], data)
         for k in range(round(seconds * RATE))
         for now in [START + round(k * 1e9 / RATE)]
-        for name, data in messages_of(fault, *rows[k % len(rows)], now)
+        for name, data in messages_of(fault, *repeated_row(rows, k), now)
     ]
     bag = folder / "bag"
     shutil.rmtree(bag, ignore_errors=True)
@@ -207,7 +222,7 @@ def said_live(fault: Fault, folder: Path, seconds: float) -> str:
         while doctor.poll() is None:
             time.sleep(max(0.0, start + k / RATE - time.monotonic()))
             now = driver.get_clock().now().nanoseconds
-            for name, data in messages_of(fault, *rows[k % len(rows)], now):
+            for name, data in messages_of(fault, *repeated_row(rows, k), now):
                 publish[name](data)
             k += 1
         said = doctor.communicate()[0]

@@ -461,6 +461,8 @@ class Checkup:
         named = self._estimator.unknown_frames().keys() - {Reason.TF_OUT_OF_ORDER}
         if _SENSOR_REASONS & named or not self._heard.get("wrench"):
             named |= {Reason.WRENCH_MISSING}  # the findings on frames or on the topic say why
+        if not self._heard.get("twist"):
+            named |= {Reason.TWIST_MISSING}
         counts = self._estimator.counts
         for reason in Reason:
             is_explained = reason in _EXPECTED_REASONS or reason in named or reason in STAMP_ZERO

@@ -11,12 +11,12 @@ _RATE_HZ = 10.0  # of the poses that are looked at, so that listening takes litt
 _STEP_M = 0.001  # over which a kind of motion is judged: noise of poses is far smaller
 _MIN_PATH_M = 0.01  # of each motion in the grains: after it the force follows the new direction
 _MIN_AIR_S = 1.0
-_LONGEST_STEP_S = (
-    0.5  # between two poses in the air; over a longer gap the tool may have been anywhere
-)
+_MIN_GRAINS_S = 4.0  # several starts and stops, which show a delay of the load cell
+_LONGEST_STEP_S = 0.5  # between two poses; over a longer gap the tool may have been anywhere
 _MAX_WAIT_S = 5.0  # without poses or readings that can be used there is nothing to wait for
 
 _AIR = "air"
+_GRAINS = "more time in the grains"
 _PRESS = "press"
 _DRAGS = {"x": "drag along x", "y": "drag along y"}
 
@@ -30,7 +30,8 @@ class SeenMotion:
         self._middle = Placement(cell.model.tool.middle)
         self._radius = 0.5 * cell.model.tool.size
         self._air_s = 0.0
-        self._air_stamp: int | None = None  # of the last pose [ns], if it was in the air
+        self._grains_s = 0.0
+        self._last_stamp = 0  # of the last pose [ns]
         self._paths = dict.fromkeys((_PRESS, *_DRAGS.values()), 0.0)
         self._place: Placement | None = (
             None  # of the tool's middle where the path was measured last; None in the air
@@ -43,14 +44,15 @@ class SeenMotion:
                 self._follow(pose, in_air=answer.submerged_area == 0.0)
 
     def _follow(self, pose: PoseSample, *, in_air: bool) -> None:
+        seconds = 1e-9 * (pose.stamp - self._last_stamp)
+        self._last_stamp = pose.stamp
+        if not 0.0 < seconds < _LONGEST_STEP_S:
+            seconds = 0.0
         if in_air:
-            if self._air_stamp is not None:
-                seconds = 1e-9 * (pose.stamp - self._air_stamp)
-                self._air_s += seconds if 0.0 < seconds < _LONGEST_STEP_S else 0.0
-            self._air_stamp = pose.stamp
+            self._air_s += seconds
             self._place = None
             return
-        self._air_stamp = None
+        self._grains_s += seconds
         place = pose.place.of(self._middle)
         if self._place is None:
             self._place = place
@@ -70,8 +72,9 @@ class SeenMotion:
     @property
     def missing(self) -> list[str]:
         """The parts of a trial that were not seen yet."""
-        of_paths = [kind for kind, path in self._paths.items() if path < _MIN_PATH_M]
-        return of_paths if self._air_s >= _MIN_AIR_S else [_AIR, *of_paths]
+        missing = [] if self._air_s >= _MIN_AIR_S else [_AIR]
+        missing += [kind for kind, path in self._paths.items() if path < _MIN_PATH_M]
+        return missing if self._grains_s >= _MIN_GRAINS_S else [*missing, _GRAINS]
 
     def is_enough(self, seconds: float) -> bool:
         """Whether to stop after listening for `seconds` [s]: all was seen, or nothing that can be used comes."""

@@ -27,7 +27,8 @@ from scipy.spatial.transform import Rotation
 from rft_ros.bags.reading import opened_recording
 from rft_ros.cli import main
 from rft_ros.doctor.checkup import Checkup
-from rft_ros.estimator import TransformSample, TwistSample, WrenchSample
+from rft_ros.doctor.seen_motion import SeenMotion
+from rft_ros.estimator import PoseSample, TransformSample, TwistSample, WrenchSample
 from rft_ros.installation import start_of_node
 from rft_ros.parameters import Config
 from rft_ros.rft import QUATERNION
@@ -195,8 +196,10 @@ def test_a_cell_is_judged_with_the_only_topic_that_fits_whose_remap_is_written(e
     assert rules == ["~/pose:=/tcp", "~/wrench_measured:=/ft"]
 
 
-def test_a_load_cell_without_messages_or_in_an_unknown_frame_is_named_once(examined):
-    """And not again by the poses that have no reading."""
+def test_an_input_without_messages_or_in_an_unknown_frame_is_named_once(examined):
+    """And not again by the poses that have no reading or no twist."""
+    found = faults(examined({}, "~/twist:=/none"))
+    assert [line.split(":")[0] for line in found] == ["FIX twist", "FIX estimates"]
     assert len(faults(examined({}, "~/wrench_measured:=/none"))) == 1
     assert len(faults(examined({"sensor_frame": "ati"}))) == 1
 
@@ -371,3 +374,19 @@ def test_clocks_that_differ_are_named_also_where_messages_are_delayed(off):
         finding.name == "pose" and "stamps on /rft/pose are 0." in finding.text for finding in said
     ), said
     assert all("clocks" in finding.text for finding in said)
+
+
+@pytest.mark.parametrize(("haste", "laps"), [(1, 1), (4, 3)])
+def test_a_live_doctor_listens_until_a_fast_trial_was_in_the_grains_for_some_seconds(haste, laps):
+    """It needs several stops, or it would not see a delay of the load cell."""
+    states = motion(100.0 / haste)
+    end = states[-1, :3] - states[0, :3]
+    poses = np.vstack([states[:, :7] + [*(lap * end), 0, 0, 0, 0] for lap in range(4)])
+    seen_motion = SeenMotion(
+        cell_of({**defaults(), **PARAMETERS, "twist_source": "pose_difference"})
+    )
+    for k, (*place, qx, qy, qz, qw) in enumerate(poses.tolist()):
+        if not seen_motion.missing:
+            break
+        seen_motion.add(PoseSample(START + k * STEP, "world", tuple(place), (qx, qy, qz, qw)))
+    assert laps - 1 < k / len(states) < laps
