@@ -382,9 +382,7 @@ def test_a_live_doctor_listens_until_a_fast_trial_was_in_the_grains_for_some_sec
     states = motion(100.0 / haste)
     end = states[-1, :3] - states[0, :3]
     poses = np.vstack([states[:, :7] + [*(lap * end), 0, 0, 0, 0] for lap in range(4)])
-    seen_motion = SeenMotion(
-        cell_of({**defaults(), **PARAMETERS, "twist_source": "pose_difference"})
-    )
+    seen_motion = SeenMotion(cell_of({**PARAMETERS, "twist_source": "pose_difference"}))
     for k, (*place, qx, qy, qz, qw) in enumerate(poses.tolist()):
         if not seen_motion.missing:
             break
