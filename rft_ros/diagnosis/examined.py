@@ -28,6 +28,8 @@ _SENDING_NAMES = {
     "repeated poses",
 }
 """Findings on what was sent, which need no model; but for the last two of them nothing more is known."""
+_AT_STOPS = "delay"
+"""The finding that only stops and turns show: they are short, and hardly count in a fit over stretches of the path."""
 MAX_LEFT_SHARE = 0.5
 """Of the misfit of the cell as given: with less, a cause explains it, and a search that names others errs."""
 
@@ -64,7 +66,7 @@ def examine(
         yield from sending_findings
         yield from causes
     else:
-        yield from (finding for finding in findings if finding.ok)
+        yield from (finding for finding in findings if finding.ok or finding.name == _AT_STOPS)
 
 
 def _has_other_cause(diagnosis: Diagnosis, names: Collection[str]) -> bool:

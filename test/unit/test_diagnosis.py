@@ -488,6 +488,12 @@ def test_an_untared_cell_on_a_tool_that_pitches_needs_a_tare_only(start, end, ma
     assert set(named(found)) <= {"load cell", "strength"}
 
 
+@pytest.mark.parametrize("delay", [-0.03125, 0.03, 0.03125, 0.035, 0.04])
+def test_a_delay_is_named_although_the_whole_recording_fits_without_it(delay):
+    (finding,) = faults(readings=LOADS + NOISE, sensor__delay=delay)
+    assert finding.remedy["sensor.delay"] == pytest.approx(0.0, abs=0.008)
+
+
 UNITS = {
     "poses in mm": ("not millimetres", {"poses": 1e3 * STATES[:, POSITION]}),
     "twists in mm/s": ("not mm/s", {"twists": 1e3 * STATES[:, VELOCITY]}),
