@@ -18,6 +18,7 @@ from typing import Any, NoReturn
 
 from rft_ros.errors import InputError, reason_of
 from rft_ros.installation import program, release
+from rft_ros.progress import line_if_long
 
 _COMMANDS = {
     "predict": ("predict", "Predict the wrench at each state of a CSV file."),
@@ -106,7 +107,8 @@ def main(arguments: Sequence[str] | None = None) -> int:
     name = "rft"
     try:
         try:
-            whole = parser(program(), only=arguments[0] if arguments else "")
+            with line_if_long("loading Python packages"):
+                whole = parser(program(), only=arguments[0] if arguments else "")
             if not arguments:
                 whole.print_help(sys.stderr)
                 return 2

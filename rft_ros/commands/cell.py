@@ -56,7 +56,8 @@ def doctor(arguments: argparse.Namespace) -> int:
         prepare(on_cold_cache=say_compiling)
     cell = Cell(file=arguments.params, config=config, named=named, model=model, topics=topics)
     if arguments.bag:
-        findings = examine_bag(cell, arguments.bag, chosen)
+        with line_if_long(f"examining {arguments.bag}"):
+            findings = examine_bag(cell, arguments.bag, chosen)
     else:
         try:
             from rft_ros.doctor.running import examine_running

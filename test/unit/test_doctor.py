@@ -24,6 +24,7 @@ from hypothesis import strategies as st
 from recordings import START, STEP
 from scipy.spatial.transform import Rotation
 
+from rft_ros import progress
 from rft_ros.bags.reading import opened_recording
 from rft_ros.cli import main
 from rft_ros.doctor.checkup import Checkup
@@ -388,3 +389,12 @@ def test_a_live_doctor_listens_until_a_fast_trial_was_in_the_grains_for_some_sec
             break
         seen_motion.add(PoseSample(START + k * STEP, "world", tuple(place), (qx, qy, qz, qw)))
     assert laps - 1 < k / len(states) < laps
+
+
+def test_a_long_wait_of_the_doctor_is_not_silent(bag, tmp_path, capsys, monkeypatch):
+    monkeypatch.setattr(progress, "LONGEST_SILENCE", 0.0)
+    (tmp_path / "cell.yaml").write_text(yaml.safe_dump({"/**": {"ros__parameters": PARAMETERS}}))
+    main(["doctor", str(tmp_path / "cell.yaml"), "--bag", str(bag)])
+    lines = capsys.readouterr().err.splitlines()
+    assert "loading Python packages ..." in lines
+    assert f"examining {bag} ..." in lines

@@ -39,7 +39,7 @@ ALLOWED = {
     "demo": "node bags estimator parameters simulation sweeps tool rft files errors",
     "commands": "doctor diagnosis demo bags estimator parameters tool rft report errors states_file calibration sweeps"
     " logged_columns progress installation files",
-    "cli": "commands installation files errors",
+    "cli": "commands installation files progress errors",
 }
 ROS = re.compile(
     r"(rclpy|rcl_interfaces|std_srvs|builtin_interfaces|rosgraph_msgs|launch|\w+_msgs)(\.|$)"
