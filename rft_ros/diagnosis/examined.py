@@ -13,6 +13,7 @@ from rft_ros.diagnosis.checks import dead_axes, jumps
 from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Evidence
 from rft_ros.diagnosis.finding import Finding
 from rft_ros.diagnosis.fit import MOMENTS_COUNT, TOOL_TOLERANCE_SHARE, Setup
+from rft_ros.diagnosis.hypotheses import COSTLY
 from rft_ros.diagnosis.search import Diagnosis, diagnose
 from rft_ros.diagnosis.sentences import of_diagnosis
 from rft_ros.diagnosis.trial import Trial
@@ -50,10 +51,14 @@ def examine(
     # the force held in the grains at the start is not known, and would explain much
     has_start_in_grains = len(e.time) > 0 and e.depth[0] > 0.0
     is_sent_right = e.has_torque and all(finding.ok for finding in sending_findings)
-    if len(e.time) < ENOUGH or has_start_in_grains or not is_sent_right:
+    is_right = all(finding.ok for finding in findings)
+    if len(e.time) < ENOUGH or not is_sent_right or (has_start_in_grains and is_right):
         yield from findings
         return
     diagnosis = diagnose(followed(e), setup_of(e), has_search=has_search)
+    if has_start_in_grains and not _has_start_in_air(diagnosis):
+        yield from findings
+        return
     causes = list(of_diagnosis(e, diagnosis))
     names = {finding.name for finding in findings if not finding.ok}
     is_decided = diagnosis.is_clean or _has_other_cause(diagnosis, names)
@@ -67,6 +72,13 @@ def examine(
         yield from causes
     else:
         yield from (finding for finding in findings if finding.ok or finding.name == _AT_STOPS)
+
+
+def _has_start_in_air(diagnosis: Diagnosis) -> bool:
+    """Whether the tool begins in the air once a wrong mesh or world is mended."""
+    if not diagnosis.causes or diagnosis.causes[0].best.cause not in COSTLY:
+        return False
+    return bool(diagnosis.problem.model.low[0] > diagnosis.setup.surface)
 
 
 def _has_other_cause(diagnosis: Diagnosis, names: Collection[str]) -> bool:
