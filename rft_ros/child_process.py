@@ -14,11 +14,19 @@ _NICENESS = 10  # such a process gets a tenth of a busy core, and all of an idle
 
 
 def start_child(
-    function: Callable[..., None], *arguments: str | float, pass_fds: Sequence[int] = ()
+    function: Callable[..., None],
+    *arguments: str | float,
+    pass_fds: Sequence[int] = (),
+    low_priority: bool = False,
 ) -> "subprocess.Popen[bytes]":
-    """Call a module's function in a new Python process, which ends when this one does and gets no Ctrl-C."""
+    """Call a module's function in a new Python process, which ends when this one does and gets no Ctrl-C.
+
+    `low_priority`: from its start. Its imports take a second of a core, and on a busy machine poses would wait for it.
+    """
     name = function.__name__
-    code = f"import sys; sys.path[:] = {sys.path!r}; from rft_ros.child_process import watch_parent; watch_parent(); "
+    begin = "lower_priority(); watch_parent()" if low_priority else "watch_parent()"
+    code = f"import sys; sys.path[:] = {sys.path!r}; "
+    code += f"from rft_ros.child_process import lower_priority, watch_parent; {begin}; "
     code += f"from {function.__module__} import {name}; {name}(*{arguments!r})"
     return subprocess.Popen(
         [sys.executable, "-c", code],

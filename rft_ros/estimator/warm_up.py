@@ -7,7 +7,7 @@ from contextlib import suppress
 import numpy as np
 from numba.core import event
 
-from rft_ros.child_process import lower_priority, start_child
+from rft_ros.child_process import start_child
 from rft_ros.estimator.learning import Learning
 from rft_ros.estimator.load_cell import LoadCellFrame
 from rft_ros.estimator.motion import Kinematics
@@ -106,7 +106,7 @@ def prepare_later(parts: frozenset[str]) -> threading.Thread | None:
 
 def _compile_in_child(parts: frozenset[str]) -> None:
     with suppress(OSError):
-        start_child(_load_slowly, *sorted(parts)).wait()
+        start_child(load, *sorted(parts), low_priority=True).wait()
     load(*parts)
 
 
@@ -124,11 +124,6 @@ def load(*parts: str) -> None:
     """Load these of `PARTS`, or compile them in this process."""
     for part in parts:
         _LOADS[part]()
-
-
-def _load_slowly(*parts: str) -> None:
-    lower_priority()
-    load(*parts)
 
 
 def _load_cached(parts: frozenset[str]) -> bool:

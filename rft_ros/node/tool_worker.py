@@ -31,7 +31,7 @@ class ToolWorker:
         self._connection = ours
         with theirs:
             self.process = start_child(
-                _serve, theirs.fileno(), low_priority, pass_fds=[theirs.fileno()]
+                _serve, theirs.fileno(), pass_fds=[theirs.fileno()], low_priority=low_priority
             )
 
     def load(
@@ -103,14 +103,12 @@ class ToolWorker:
         self.process.wait()
 
 
-def _serve(descriptor: int, low_priority: int) -> None:
+def _serve(descriptor: int) -> None:
     """In the process: answer requests until the node closes the connection.
 
     The node waits for the first answer, so the first process keeps its priority until then.
     """
     connection = Connection(descriptor)
-    if low_priority:
-        lower_priority()
     import scipy.spatial  # noqa: F401
     import trimesh  # noqa: F401
 

@@ -94,7 +94,7 @@ def compilers(pid: int) -> set[int]:
     return {
         child
         for child in descendants(pid)
-        if b"_load_slowly" in Path(f"/proc/{child}/cmdline").read_bytes()
+        if b"warm_up import load;" in Path(f"/proc/{child}/cmdline").read_bytes()
     }
 
 

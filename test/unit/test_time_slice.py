@@ -1,6 +1,7 @@
 """The node's threads ask for short slices, and its worker processes for the usual ones."""
 
 import ctypes
+import importlib
 import os
 import platform
 import struct
@@ -8,7 +9,7 @@ import threading
 
 import pytest
 
-from rft_ros.child_process import lower_priority
+from rft_ros.child_process import lower_priority, start_child
 from rft_ros.time_slice import request_short_slices
 
 _GET = {"x86_64": 315, "aarch64": 275}.get(platform.machine())
@@ -56,3 +57,19 @@ def test_threads_started_later_have_short_slices_and_a_process_of_low_priority_t
         return short < usual, slice_ns() == usual, os.getpriority(os.PRIO_PROCESS, 0) > 0
 
     assert in_a_new_process(slices) == "(True, True, True)"
+
+
+def test_a_child_of_low_priority_has_it_before_its_imports(tmp_path, monkeypatch):
+    """Imports take a second of a core, for which the poses of a node on a busy machine would wait."""
+    (tmp_path / "priority_probe.py").write_text(
+        "import os\n"
+        "from pathlib import Path\n"
+        "Path(__file__).with_name(str(os.getpid())).write_text(str(os.getpriority(os.PRIO_PROCESS, 0)))\n"
+        "def work():\n"
+        "    pass\n"
+    )
+    monkeypatch.syspath_prepend(tmp_path)
+    work = importlib.import_module("priority_probe").work
+    child = start_child(work, low_priority=True)
+    assert child.wait() == 0
+    assert int((tmp_path / str(child.pid)).read_text()) > 0
