@@ -18,7 +18,8 @@ class Limits:
     `min_gain_of_other` and `max_ratio` of the misfit by one that frees nothing. `told_off`: least deviation in
     tolerances of a number that is told, `told_ratio`: of ζ; `min_tilt_degrees`: of a world that is tilted, since grains
     push plates up to 3° out of the model's direction. `tie` and `tie_share` of the misfit: causes within this of the
-    best one fit alike.
+    best one fit alike. `max_error` in tolerances of a number that is written to a file: a straight press determines
+    neither lever nor mass.
     """
 
     max_off: float = 1.0
@@ -30,6 +31,7 @@ class Limits:
     min_tilt_degrees: float = 6.0
     tie: float = 4.0
     tie_share: float = 0.15
+    max_error: float = 2.0
 
 
 LIMITS = Limits()
@@ -102,6 +104,20 @@ def is_mended_by_parameters(x: Explanation) -> bool:
     return bool(x.variant.remedy) or x.cause in _NUMBER_CAUSES
 
 
+def undetermined(x: Explanation) -> list[str]:
+    """The numbers that an explanation frees, and that the trial does not determine."""
+    names = []
+    for name in x.hypothesis.free:
+        if name in NUISANCES or name in x.problem.setup.unknown:
+            continue
+        scale = x.problem.scale[rows_of(name)]
+        if name == "zeta":
+            scale = TOLERANCES[name].value * np.abs(x.fit.values[name])
+        if np.any(x.fit.errors[name] > LIMITS.max_error * scale):
+            names.append(name)
+    return names
+
+
 def _needs_nothing(problem: Problem, result: Fit) -> bool:
     off = deviations(problem, result)
     return result.per_stretch <= problem.usual and max(off.values(), default=0.0) <= LIMITS.max_off
@@ -161,6 +177,7 @@ _CONTAINS = {
     (Cause.ANGLE, Cause.TURN),
     (Cause.TURN, Cause.ANGLE),
     (Cause.SURFACE, Cause.WORLD),
+    (Cause.FILTER, Cause.DELAY),
 }
 
 

@@ -9,10 +9,13 @@ from rft_ros.diagnosis.finding import Finding, in_words
 from rft_ros.diagnosis.fit import rows_of
 from rft_ros.diagnosis.hypotheses import UNITS_N, Cause, Explanation
 from rft_ros.diagnosis.residual import LEAST_ZETA, MOST_ZETA
-from rft_ros.diagnosis.search import Diagnosis, Found, mended
+from rft_ros.diagnosis.search import Diagnosis, Found, mended, undetermined
 from rft_ros.parameters import Value
 from rft_ros.rft import FORCE
 
+MIN_WRITTEN_ZETA = 0.2
+MAX_WRITTEN_ZETA = 3.0
+"""Range of ζ that is written to a file: with others, forces in another unit are likelier."""
 MIN_MASS_KG = 0.02
 """A smaller negative mass is none."""
 
@@ -30,6 +33,17 @@ ADVICE = {
     Cause.NOT_TURNING: "publish the poses of a frame that turns with the tool",
 }
 """What to do about a cause beside its remedy, or in place of it."""
+MOTIONS_THAT_DETERMINE = {
+    "lever": "drag it along x and y",
+    "turn": "drag it along x and y",
+    "mass": "turn it in the air about two axes",
+    "moment": "turn it in the air about two axes",
+    "force_bias": "hold it in the air for some seconds",
+    "torque_bias": "hold it in the air for some seconds",
+    "delay": "press it down and lift it several times",
+    "surface": "press it straight down",
+}
+"""The motion that determines a number of the fit."""
 APART = "drag it along x and y, and push at another attitude, to see which"
 """The motion that tells causes apart that fit alike."""
 
@@ -45,7 +59,13 @@ def remedy_of(e: Evidence, x: Explanation) -> dict[str, Value]:
     changes = dict(x.variant.remedy)
     setup = mended(x)
     cell = setup.cell
-    free = x.hypothesis.free
+    unknown_names = undetermined(x)
+    if x.cause is Cause.SIGN_AND_TURN:
+        free = tuple(name for name in x.hypothesis.free if name not in unknown_names)
+    elif unknown_names:
+        return {}
+    else:
+        free = x.hypothesis.free
     if "surface" in free and x.cause is Cause.SURFACE:
         changes["surface_height"] = round(setup.surface, 4)
     if "force_bias" in free:
@@ -62,7 +82,7 @@ def remedy_of(e: Evidence, x: Explanation) -> dict[str, Value]:
         changes["sensor.delay"] = round(cell.delay, 3)
     if "zeta" in free:
         zeta = setup.law.zeta
-        if LEAST_ZETA <= zeta <= MOST_ZETA:
+        if MIN_WRITTEN_ZETA <= zeta <= MAX_WRITTEN_ZETA:
             changes["medium.zeta"] = float(f"{zeta:.4g}")
     if e.place_parameter:
         for name in ("sensor.quaternion", "sensor.position"):
@@ -76,6 +96,9 @@ def _of_cause(e: Evidence, cause_found: Found) -> Finding:
     sentence, evidence = _sentence(cause_found)
     remedy = remedy_of(e, x)
     advice = list(filter(None, [_advice(e, x)]))
+    motions = [MOTIONS_THAT_DETERMINE[name] for name in undetermined(x) if name != "zeta"]
+    if motions and not remedy:
+        advice.append(f"{motions[0]}: this motion does not determine its value")
     name = cause.title
     if cause is Cause.WEIGHT and float(x.fit.values["mass"][0]) < -MIN_MASS_KG:
         name = "payload"
