@@ -4,11 +4,12 @@ A cell that fits as it is given has no fault, whatever a single search says. Whe
 misfit, it is what is told. Otherwise the searches stand as they are.
 """
 
-from collections.abc import Callable, Collection, Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from dataclasses import replace
 
 import numpy as np
 
+from rft_ros.diagnosis.attitude import OF_POSES
 from rft_ros.diagnosis.checks import dead_axes, jumps
 from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Evidence
 from rft_ros.diagnosis.finding import Finding
@@ -61,7 +62,7 @@ def examine(
         return
     causes = list(of_diagnosis(e, diagnosis))
     names = {finding.name for finding in findings if not finding.ok}
-    is_decided = diagnosis.is_clean or _has_other_cause(diagnosis, names)
+    is_decided = diagnosis.is_clean or has_start_in_grains or _has_other_cause(diagnosis, names)
     if not (is_decided and _is_pushed(e, diagnosis)):
         yield from findings
     elif {cause.name for cause in causes} == names:
@@ -81,9 +82,12 @@ def _has_start_in_air(diagnosis: Diagnosis) -> bool:
     return bool(diagnosis.problem.model.low[0] > diagnosis.setup.surface)
 
 
-def _has_other_cause(diagnosis: Diagnosis, names: Collection[str]) -> bool:
-    """Whether a cause explains most of the misfit of the cell as given, and the searches name none that does."""
-    if not diagnosis.causes:
+def _has_other_cause(diagnosis: Diagnosis, names: set[str]) -> bool:
+    """Whether the searches turn the world, and the fit explains most of the misfit of the cell by something else.
+
+    Other findings of the searches stand beside each other, and one cause of the fit seldom replaces them all.
+    """
+    if not diagnosis.causes or not names.intersection(OF_POSES):
         return False
     cause = diagnosis.causes[0]
     is_explained = cause.best.fit.misfit <= MAX_LEFT_SHARE * cause.fit_before.misfit

@@ -109,7 +109,7 @@ def resolution(positions: Array) -> float:
     `positions`: shape [n, 3] [m].
     """
     for grid in (1e-2, 1e-3, 1e-4, 1e-5):
-        steps = positions / grid
+        steps = positions[np.isfinite(positions).all(axis=1)] / grid
         if np.abs(steps - np.round(steps)).max(initial=0.0) < 1e-3:
             return grid
     return 0.0

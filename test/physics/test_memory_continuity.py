@@ -195,9 +195,11 @@ def test_one_step_amplifies_no_change_of_motion_normal_law_or_state_by_more_than
     past["share"] = rng.choice([0.0, 0.5, 1.0, rng.random()])
 
     def stepped(*, tau, y, gap, worn, n, moved, t, share):
-        past = PlateState(tau=tau, radius=y, gap=gap, worn=worn)
-        now, _ = advance(past, n, moved, share, t, span, strength)
-        return np.array([*now.tau, now.radius, k * now.gap, strength * now.worn])
+        past = PlateState(*tau, radius=y, gap=gap, worn=worn)
+        now, *_ = advance(past, n, moved, share, t, span, strength)
+        return np.array(
+            [now.tau_x, now.tau_y, now.tau_z, now.radius, k * now.gap, strength * now.worn]
+        )
 
     before, nudge = stepped(**past), tiny * unit(rng.normal(size=3))
     outward = past["moved"] @ n
