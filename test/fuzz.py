@@ -311,11 +311,11 @@ def wrong_with(arguments: list[str], folder: Path) -> tuple[str, str]:
         return "traceback", traceback.format_exc()
     finally:
         signal.alarm(0)
-    # warnings about the mesh come before the error
+    # warnings about the mesh come before the error, and on a busy machine lines on what takes long
     text = "\n".join(
         line
         for line in said.getvalue().splitlines()
-        if not line.startswith(("warning: ", "note: "))
+        if not line.startswith(("warning: ", "note: ")) and not line.endswith(" ...")
     )
     wrong = ""
     if (
