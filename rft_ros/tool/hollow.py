@@ -51,17 +51,28 @@ _ERRORS = (
 )
 
 
+_WHEEL = (
+    "a wheel with grousers: use the hull with law agarwal2023, medium.surface_friction 0.8 and no memory, which is"
+    " nearest to the measured pull (docs/accuracy.md)"
+)
+_RIM_RATIO = 0.5
+"""Of a wheel's radius: nearer to its axle it has no gaps between grousers."""
+_ROUND_RATIO = 0.05
+"""Difference of the two extents across the axle of a wheel."""
+
+
 def describe_hollow(tool: Tool) -> list[str]:
     """Lines of text: for two presses and two drags, the forces on facets and hull, and which one to use.
 
     A press goes along -z of the tool frame, or along +z for one that hangs from an arm's flange. A wide hollow has
-    another line: the errors of both.
+    another line: the errors of both; and a wheel with grousers has one on what it is driven with.
     """
     surface = convex_hull(tool.corners)
     hull = tool_of_mesh(
         surface, name=tool.name, frame=tool.frame, integration=tool.facets.integration
     )
-    advice = _supported(tool, hull)
+    hollow = _points_in_hollows(tool, hull)
+    advice = _supported(tool, hollow)
     lines = [
         "force on the tool, buried to its top, on its facets and on its convex hull (zeta 1, no memory):"
     ]
@@ -76,7 +87,27 @@ def describe_hollow(tool: Tool) -> list[str]:
         on_hull = _resistance(hull, direction, is_turned=is_turned)
         use = known or _nearer(on_facets, on_hull)
         lines.append(f"{motion}: {on_facets:.3g} and {on_hull:.3g} N; {use}")
-    return [*lines, advice.errors] if advice.errors else lines
+    if advice.errors:
+        lines.append(advice.errors)
+    if _is_wheel(tool, hollow):
+        lines.append(_WHEEL)
+    return lines
+
+
+def _is_wheel(tool: Tool, hollow: Array) -> bool:
+    """Whether a tool is round about an axis of its frame, with hollows near its rim only. `hollow`: points, [n, 3]."""
+    low, high = tool.bounds
+    extents = high - low
+    if not len(hollow):
+        return False
+    for axle in range(3):
+        across = [axle - 2, axle - 1]
+        first, second = extents[across]
+        distance = np.linalg.norm((hollow - 0.5 * (low + high))[:, across], axis=1)
+        is_round = abs(first - second) <= _ROUND_RATIO * first
+        if is_round and distance.min() >= 0.5 * _RIM_RATIO * first:
+            return True
+    return False
 
 
 def _nearer(on_facets: float, on_hull: float) -> str:
@@ -121,11 +152,11 @@ class _Advice(NamedTuple):
     errors: str = ""
 
 
-def _supported(tool: Tool, hull: Tool) -> _Advice:
-    """What simulated grains support for each motion: facets, hull, or the nearer one."""
+def _supported(tool: Tool, hollow: Array) -> _Advice:
+    """What simulated grains support for each motion: facets, hull, or the nearer one. `hollow`: points, [n, 3]."""
     if {"not_closed", "inconsistent_winding", "inside_out"} & tool.issues.keys():
         return _Advice(_NOT_KNOWN, _NOT_KNOWN, _NOT_KNOWN)
-    walls = _walls_of_hollows(tool, hull)
+    walls = _walls_around(hollow, tool)
     if not walls.size:
         return _Advice(_FILLED, _FILLED, _FILLED)
     is_open = np.isinf(walls)
@@ -141,17 +172,22 @@ def _supported(tool: Tool, hull: Tool) -> _Advice:
     return _Advice("", "", "", errors)
 
 
-def _walls_of_hollows(tool: Tool, hull: Tool) -> Array:
-    """From points in the hull but outside of the tool, the distance to the tool along -x, +x, -y, +y, -z and +z [m].
-
-    Shape [3, 2, n]; infinite where the tool is not met.
-    """
+def _points_in_hollows(tool: Tool, hull: Tool) -> Array:
+    """Points in the hull but outside of the tool, shape [n, 3] [m]."""
     triangles = tool.vertices[tool.faces]
     count = min(_POINTS, _MOST_PAIRS // len(triangles))
     low, high = tool.bounds
     points = np.random.default_rng(0).uniform(low, high, (count, 3))
     in_hull = points[are_inside(points, hull.vertices[hull.faces])]
-    hollow = in_hull[~are_inside(in_hull, triangles)]
+    return np.asarray(in_hull[~are_inside(in_hull, triangles)])
+
+
+def _walls_around(hollow: Array, tool: Tool) -> Array:
+    """The distance from points to the tool along -x, +x, -y, +y, -z and +z [m].
+
+    `hollow`: shape [n, 3]. Result: shape [3, 2, n]; infinite where the tool is not met.
+    """
+    triangles = tool.vertices[tool.faces]
     walls = np.full((3, 2, len(hollow)), np.inf)
     for axis in range(3):
         order = [axis - 2, axis - 1, axis]

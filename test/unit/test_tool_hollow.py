@@ -75,6 +75,32 @@ def test_a_tool_that_hangs_from_a_flange_is_pressed_along_its_z_and_its_mouth_co
     assert lines[3].partition(" and ")[0] == as_made[3].partition(" and ")[0]
 
 
+def gear(count, rim, tip):
+    """A wheel of 20 mm width about z with grousers from `rim` to `tip` [m]."""
+    angle = np.arange(4 * count) * np.pi / (2.0 * count)
+    radius = np.where(np.arange(4 * count) % 4 < 2, tip, rim)
+    outline = np.column_stack([radius * np.cos(angle), radius * np.sin(angle)])
+    n = len(outline)
+    points = np.vstack(
+        [np.column_stack([outline, np.full(n, z)]) for z in (0.0, 0.02)]
+        + [[[0, 0, 0], [0, 0, 0.02]]]
+    )
+    faces = []
+    for k in range(n):
+        j = (k + 1) % n
+        faces += [(k, j, n + j), (k, n + j, n + k), (2 * n, j, k), (2 * n + 1, n + k, n + j)]
+    return trimesh.Trimesh(points, faces, process=False)
+
+
+def test_a_wheel_with_grousers_is_advised_the_law_that_is_nearest_to_the_measured_pull():
+    wheel = tool_of_mesh(gear(24, 0.09, 0.1), name="wheel")
+    assert_says("\n".join(describe_hollow(wheel)), "grousers", "agarwal2023", "0.8", "no memory")
+    for other in (cup(), upright(0.003)):
+        assert not any(
+            "grousers" in line for line in describe_hollow(tool_of_mesh(other, name="o"))
+        )
+
+
 def test_of_an_open_scoop_each_motion_has_one_advice_and_the_errors_stand_once():
     lines = describe_hollow(load_tool("scoop"))
     motions = [line for line in lines if " N; " in line]
