@@ -29,11 +29,11 @@ _SENDING_NAMES = {
     "rounded poses",
     "repeated poses",
 }
-"""Findings on what was sent, which need no model; but for the last two of them nothing more is known."""
+"""Findings on what was sent, which need no model."""
 _AT_STOPS = "delay"
 """The finding that only stops and turns show: they are short, and hardly count in a fit over stretches of the path."""
 MAX_LEFT_SHARE = 0.5
-"""Of the misfit of the cell as given: with less, a cause explains it, and a search that names others errs."""
+"""Of the misfit of the cell as given: a cause that leaves less explains the cell."""
 
 
 def examine(

@@ -48,7 +48,6 @@ class Cause(Enum):
     STIFFNESS = "yielding arm", False
     ZERO_MOVES = "zero that moves", False
     SATURATION = "saturation", False
-    NOT_TURNING = "frame does not turn", False
 
     @property
     def title(self) -> str:

@@ -209,5 +209,5 @@ def surface(e: Evidence, contact: Contact | None, height: float) -> Finding:
         said=f"{begins} with {given:g} m",
         evidence={"millimetres": millimetres},
         remedy={"surface_height": round(height, 4)},
-        advice="where that was measured, correct mesh.origin or the TCP",
+        advice="if that height was measured, correct mesh.origin or the TCP",
     )

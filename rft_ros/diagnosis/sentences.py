@@ -8,7 +8,6 @@ from rft_ros.diagnosis.evidence import Evidence
 from rft_ros.diagnosis.finding import Finding, in_words
 from rft_ros.diagnosis.fit import rows_of
 from rft_ros.diagnosis.hypotheses import UNITS_N, Cause, Explanation
-from rft_ros.diagnosis.residual import LEAST_ZETA, MOST_ZETA
 from rft_ros.diagnosis.search import Diagnosis, Found, mended, undetermined
 from rft_ros.parameters import Value
 from rft_ros.rft import FORCE
@@ -30,7 +29,6 @@ ADVICE = {
     Cause.TCP: "check the TCP on the arm, too",
     Cause.BIAS: "tare it there (~/tare, --tare)",
     Cause.SATURATION: "set a larger range in the load cell or its driver, or press less",
-    Cause.NOT_TURNING: "publish the poses of a frame that turns with the tool",
 }
 """What to do about a cause beside its remedy, or in place of it."""
 MOTIONS_THAT_DETERMINE = {
@@ -60,12 +58,10 @@ def remedy_of(e: Evidence, x: Explanation) -> dict[str, Value]:
     setup = mended(x)
     cell = setup.cell
     unknown_names = undetermined(x)
-    if x.cause is Cause.SIGN_AND_TURN:
-        free = tuple(name for name in x.hypothesis.free if name not in unknown_names)
-    elif unknown_names:
+    # beside a turned axis, what it determines is written; numbers alone are written together or not at all
+    if unknown_names and not x.variant.remedy:
         return {}
-    else:
-        free = x.hypothesis.free
+    free = [name for name in x.hypothesis.free if name not in unknown_names]
     if "surface" in free and x.cause is Cause.SURFACE:
         changes["surface_height"] = round(setup.surface, 4)
     if "force_bias" in free:
@@ -98,7 +94,7 @@ def _of_cause(e: Evidence, cause_found: Found) -> Finding:
     advice = list(filter(None, [_advice(e, x)]))
     motions = [MOTIONS_THAT_DETERMINE[name] for name in undetermined(x) if name != "zeta"]
     if motions and not remedy:
-        advice.append(f"{motions[0]}: this motion does not determine its value")
+        advice.append(f"{motions[0]}: the motion seen does not determine the value")
     name = cause.title
     if cause is Cause.WEIGHT and float(x.fit.values["mass"][0]) < -MIN_MASS_KG:
         name = "payload"
@@ -177,8 +173,9 @@ def _sentence(cause_found: Found) -> tuple[str, Mapping[str, float]]:
             zeta = float(values["zeta"][0])
             ratio = zeta / x.problem.setup.law.zeta
             sentence = f"measured over predicted force {ratio:.3g}"
-            if not LEAST_ZETA <= zeta <= MOST_ZETA:
-                sentence += f", a ζ of {zeta:.2g}; dry grains have {LEAST_ZETA:g} to {MOST_ZETA:g}"
+            if not MIN_WRITTEN_ZETA <= zeta <= MAX_WRITTEN_ZETA:
+                usual_range = f"{MIN_WRITTEN_ZETA:g} to {MAX_WRITTEN_ZETA:g}"
+                sentence += f", a ζ of {zeta:.2g}; dry grains usually have {usual_range}"
             evidence["ratio"] = ratio
         case Cause.UNIT:
             sentence = f"measured over predicted force {1.0 / number:.3g}"
@@ -211,8 +208,6 @@ def _sentence(cause_found: Found) -> tuple[str, Mapping[str, float]]:
             evidence["limit"] = number
         case Cause.TORQUE_UNIT:
             sentence = f"the torque is {1.0 / number:.3g} times that of the force at its lever"
-        case Cause.NOT_TURNING:
-            sentence = "the poses never turn, and the reading is that of a tool that does"
         case _:
             sentence = "measured and predicted force do not agree"
     return f"{sentence} ({misfit})", evidence

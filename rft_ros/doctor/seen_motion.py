@@ -33,9 +33,8 @@ class SeenMotion:
         self._grains_s = 0.0
         self._last_stamp = 0  # of the last pose [ns]
         self._paths = dict.fromkeys((_PRESS, *_DRAGS.values()), 0.0)
-        self._place: Placement | None = (
-            None  # of the tool's middle where the path was measured last; None in the air
-        )
+        # of the tool's middle where the path was measured last; None in the air
+        self._place: Placement | None = None
 
     def add(self, sample: Sample) -> None:
         """Add the next sample that arrived."""

@@ -172,7 +172,7 @@ class Intake:
                 there = there._replace(position=(0.0, 0.0, 0.0))
             wrench = there.wrench(wrench)
         reading = WrenchSample(stamp, s.world_frame if in_world else s.sensor_frame, wrench)
-        # of several with one stamp the first one is lifetimes, also if a pose came between them
+        # of several with one stamp the first one is kept, also if a pose came between them
         self._keep(reading, lifetimes.readings.samples, lifetimes, late=Reason.WRENCH_OUT_OF_ORDER)
 
     def _with_known_axes(self, wrench: Wrench) -> Wrench:

@@ -32,9 +32,8 @@ from rft_ros.rft.frames import Wrench
 from rft_ros.rft.wrench import prepared
 from rft_ros.tool import Tool
 
-_TWIST_COUNT = (
-    256  # a pose that waited in a queue of 200 messages still finds the twist of its own time
-)
+# a pose that waited in a queue of 200 messages still finds the twist of its own time
+_TWIST_COUNT = 256
 
 
 class Change(Flag):
@@ -42,9 +41,8 @@ class Change(Flag):
 
     JUMP = auto()  # the stamps of the poses jumped back, as in a bag that is played in a loop
     FRAMES = auto()  # `world_frame`, `tool_frame`
-    READINGS = (
-        auto()
-    )  # their stamps or axes: the delay, `sensor_frame`, whether it turns with the tool
+    # their stamps or axes: the delay, `sensor_frame`, whether it turns with the tool
+    READINGS = auto()
     LOAD_CELL = auto()  # also where a fixed transform places it
     TOOL = auto()
     GROUND = auto()  # the map at the start; or the ground was levelled

@@ -90,9 +90,8 @@ class Swap:
         before = self.prepared
         generation = before.model.generation + 1
         made = _made(config, before.in_force, before.loaded, generation=generation)
-        if (
-            made.missing
-        ):  # on a busy machine a thread starts 20 ms late, and a change of the medium needs none
+        # on a busy machine a thread starts 20 ms late, and a change of the medium needs none
+        if made.missing:
             check = self._check_thread.submit(_check_files, made)
             # without an answer the drive stalls, and the worker finds what is wrong
             if wait([check], _ANSWERS_WITHIN).done:

@@ -17,6 +17,10 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.demo import virtual_arm
 from rft_ros.diagnosis import CellAlong, Finding
+from rft_ros.diagnosis.examined import followed, setup_of
+from rft_ros.diagnosis.hypotheses import Cause, explained
+from rft_ros.diagnosis.sentences import remedy_of
+from rft_ros.doctor import checkup
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import LoadCellFrame, TransformSample, WrenchSample
 from rft_ros.parameters import Config, LoadCell
@@ -492,6 +496,43 @@ def test_an_untared_cell_on_a_tool_that_pitches_needs_a_tare_only(start, end, ma
 def test_a_delay_is_named_although_the_whole_recording_fits_without_it(delay):
     (finding,) = faults(readings=LOADS + NOISE, sensor__delay=delay)
     assert finding.remedy["sensor.delay"] == pytest.approx(0.0, abs=0.008)
+
+
+@pytest.mark.parametrize(("motions", "is_known"), [(450, False), (len(STATES), True)])
+def test_the_fit_writes_a_lever_that_a_drag_determines_and_none_of_a_straight_press(
+    monkeypatch, motions, is_known
+):
+    examined = []
+
+    def keep(evidence):
+        examined.append(evidence)
+        return []
+
+    monkeypatch.setattr(checkup, "examine", keep)
+    faults(
+        states=STATES[:motions],
+        readings=(LOADS + NOISE)[:motions],
+        sensor__position=[0.15, 0.1, 0.05],
+    )
+    (evidence,) = examined
+    explanations = explained(followed(evidence), setup_of(evidence))
+    (lever,) = [one for one in explanations if one.cause is Cause.LEVER]
+    remedy = remedy_of(evidence, lever)
+    if is_known:
+        assert remedy["sensor.position"] == pytest.approx(MOUNT.position, abs=0.01)
+    else:
+        assert remedy == {}
+
+
+def test_twists_of_a_tool_that_rests_most_of_the_time_are_in_no_other_unit():
+    """Its poses move by their noise of 0.3 µm at rest, at 0.07 mm/s, where the twists of its motion say 20 mm/s."""
+    rest = np.repeat(STATES[-1:], 4 * len(STATES), axis=0)
+    states = np.vstack([STATES, rest])
+    readings = np.vstack([LOADS, np.repeat(LOADS[-1:], len(rest), axis=0)])
+    noise = np.random.default_rng(1).normal(scale=3e-7, size=(len(states), 3))
+    assert "units" not in named(
+        faults(states=states, readings=readings, poses=states[:, POSITION] + noise)
+    )
 
 
 UNITS = {
