@@ -3,6 +3,7 @@
 import os
 import resource
 import signal
+import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
 
@@ -31,8 +32,8 @@ def worker():
     started.end()
 
 
-def loaded(worker, file, tolerance=0.0):
-    return worker.load({"tool": MeshConfig(file=file, tolerance=tolerance)})["tool"]
+def loaded(worker, file, tolerance=0.0, is_wanted=lambda: True):
+    return worker.load({"tool": MeshConfig(file=file, tolerance=tolerance)}, is_wanted)["tool"]
 
 
 def arrays(tool):
@@ -74,13 +75,21 @@ def big(tmp_path):
 
 
 def test_a_worker_that_ends_at_each_try_fails_its_swap_and_is_replaced(worker, big):
+    has_request = threading.Event()
+
+    def is_wanted():
+        has_request.set()
+        return True
+
     with ThreadPoolExecutor(1) as thread:
-        loading = thread.submit(loaded, worker, big)
+        loading = thread.submit(loaded, worker, big, is_wanted=is_wanted)
         for _ in range(2):
+            has_request.wait()  # one that dies before is replaced without a failed try
             first = worker.process
             os.kill(first.pid, signal.SIGKILL)
             while worker.process is first and not loading.done():
                 time.sleep(0.001)
+            has_request.clear()
         with pytest.raises(
             InputError, match=r"the process that loads mesh.file '.*big.stl' ended; set it again"
         ):
