@@ -8,8 +8,6 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from rft_ros.time_slice import request_usual_slices
-
 _NICENESS = 10  # such a process gets a tenth of a busy core, and all of an idle one
 
 
@@ -49,7 +47,6 @@ def watch_parent() -> None:
 
 def lower_priority() -> None:
     """In the child: leave busy cores to the parent."""
-    request_usual_slices()
     os.setpriority(os.PRIO_PROCESS, 0, max(os.getpriority(os.PRIO_PROCESS, 0), _NICENESS))
     # A kernel that schedules by session (autogroup) applies niceness within one session only, so the session gets it
     # too. During 20 changes of the mesh 474 of 15,000 poses were answered late, and 1,824 without this.

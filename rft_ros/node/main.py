@@ -15,7 +15,6 @@ from contextlib import ExitStack
 
 from rft_ros.errors import InputError
 from rft_ros.progress import line_if_long
-from rft_ros.time_slice import request_short_slices
 
 _GRACE = 1.0  # s; longer than `FeedForward.end`, which takes up to 0.6 s on a busy machine
 
@@ -57,7 +56,6 @@ def _run(stop: threading.Event) -> None:
     """Run the node until `stop` is set. Raises InputError if it cannot run."""
     from rft_ros.node.tool_worker import ToolWorker
 
-    request_short_slices()  # first: each thread of the node has them from its start
     with ExitStack() as running, ExitStack() as starting:
         starting.enter_context(line_if_long("rft_node: loading ROS, the tool and compiled code"))
         worker = ToolWorker()  # first: its imports take as long as the node's

@@ -181,7 +181,7 @@ class Harness:
 
     def call(self, service: type, name: str, request: object) -> object:
         """The answer; after a minute without one a new client asks again, since a match can stay one-sided for good."""
-        while True:
+        for _ in range(10):
             client = self._clients.get(name)
             if client is None:
                 client = self._clients[name] = self.node.create_client(
@@ -193,6 +193,7 @@ class Harness:
             if future.done():
                 return future.result()
             self.node.destroy_client(self._clients.pop(name))
+        raise AssertionError(f"no answer of {name} to ten clients")
 
     def get(self, name: str) -> ParameterValue:
         return self.call(

@@ -11,8 +11,7 @@ import pytest
 PACKAGE = Path(__file__).resolve().parents[2] / "rft_ros"
 ALLOWED = {
     "errors": "",
-    "time_slice": "",
-    "child_process": "time_slice",
+    "child_process": "",
     "progress": "",
     "rft": "",
     "files": "errors",
@@ -32,7 +31,7 @@ ALLOWED = {
     " logged_columns table_file yaml_file",
     "calibration": "diagnosis files bags estimator parameters ground tool rft errors yaml_file",
     "sweeps": "parameters tool rft states_file installation progress errors files yaml_file",
-    "node": "messages bags estimator parameters ground tool rft report files installation child_process time_slice"
+    "node": "messages bags estimator parameters ground tool rft report files installation child_process"
     " progress errors",
     "diagnosis": "estimator parameters tool rft",
     "doctor": "diagnosis node bags messages estimator parameters ground tool rft files installation progress errors",
