@@ -65,7 +65,7 @@ def describe_hollow(tool: Tool) -> list[str]:
     """Lines of text: for two presses and two drags, the forces on facets and hull, and which one to use.
 
     A press goes along -z of the tool frame, or along +z for one that hangs from an arm's flange. A wide hollow has
-    another line: the errors of both; and a wheel with grousers has one on what it is driven with.
+    another line with the errors of both, and a wheel with grousers one with the law to use.
     """
     surface = convex_hull(tool.corners)
     hull = tool_of_mesh(
