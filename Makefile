@@ -20,7 +20,7 @@ PYTHON_MINIMUM = $(or $(call find-python,3.10),$(call find-python,3.11))
 missing = echo 'make $@ needs $(1) with its module venv, and finds none: install it, or name it in $(2)=' >&2; exit 2
 LEG = --no-print-directory pytest EXTRAS=ros,test
 
-.PHONY: demo test test-target test-minimum pytest lint studies chart docs lines dist bench bench-node bench-swaps bench-replay bench-doctor soak fuzz venv clean
+.PHONY: demo test test-target python312 test-minimum pytest lint studies chart docs lines dist bench bench-node bench-swaps bench-replay bench-doctor soak fuzz venv clean
 
 demo: $(DEMO)
 	$(BIN)/rft demo -o out/demo
@@ -35,6 +35,9 @@ pytest: venv
 test-target:
 	@[ '$(PYTHON312)' ] || { $(call missing,Python 3.12,PYTHON312); }
 	@$(MAKE) $(LEG) PYTHON='$(PYTHON312)' VENV=.venv-target CONSTRAINTS=constraints/ubuntu-24.04.txt
+
+python312:
+	@echo '$(PYTHON312)'
 
 test-minimum:
 	@[ '$(PYTHON_MINIMUM)' ] || { $(call missing,Python 3.10 or 3.11,PYTHON_MINIMUM); }
