@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 from mujoco_scenes import law
 
+from bench.simulation import CONTROLLERS, REFERENCE_STEP_S, forces_on_arm
 from rft_ros.errors import InputError
 from rft_ros.simulation import GrainsBatch, MujocoGrains
 
@@ -25,38 +26,12 @@ def extent(tool):
     return np.ptp(tool.corners, axis=0)
 
 
-@pytest.mark.parametrize(
-    ("mass", "stiffness", "damping"), [(3.0, 2e3, 108.0), (0.5, 2e3, 60.0), (3.0, 1e4, 240.0)]
-)
-def test_a_users_torque_controller_feels_the_force_of_explicit_short_steps(
-    mass, stiffness, damping
-):
-    blade = '<geom type="box" size="0.025 0.004 0.06" mass="{}"/>'
-    tree = f'<body name="tool" pos="0 0 0.06"><joint name="z" type="slide" axis="0 0 1"/>{blade.format(mass)}</body>'
-    motor, states, forces = '<actuator><motor joint="z"/></actuator>', np.zeros((1, 13)), {}
-    states[0, 6] = 1.0
-    for step in (1e-4, 1e-3, 2e-3):
-        model = model_of(tree, step=step, more=motor)
-        data, grains = mujoco.MjData(model), MujocoGrains(model, body="tool", law=law())
-        memory, found = GrainsBatch(grains.tool, law(), bodies=1), []
-        for _ in range(round(0.7 / step)):
-            way, speed = (-0.1 * data.time, -0.1) if data.time < 0.5 else (-0.05, 0.0)
-            z, v = data.qpos[0], data.qvel[0]
-            data.ctrl[0] = stiffness * (way - z) + damping * (speed - v) + mass * 9.81
-            if step == 1e-4:
-                states[0, 2], states[0, 9] = 0.06 + z, v
-                force = memory.step(states, step)[0, 2]
-                data.xfrc_applied[1, 2] = force
-            else:
-                force = grains.apply(data)[2]
-            mujoco.mj_step(model, data)
-            found.append(force)
-        forces[step] = np.interp(
-            np.arange(0.1, 0.7, 0.002), step * np.arange(1, len(found) + 1), found
-        )
-    peak = forces[1e-4].max()
-    assert np.abs(forces[1e-3] - forces[1e-4]).max() < 0.1 * peak
-    assert np.abs(forces[2e-3] - forces[1e-4]).max() < 0.15 * peak
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_a_users_torque_controller_feels_the_force_of_explicit_short_steps(controller):
+    reference = forces_on_arm(controller, REFERENCE_STEP_S, explicit=True)
+    for step, limit in ((1e-3, 0.1), (2e-3, 0.15)):
+        forces = forces_on_arm(controller, step, explicit=False)
+        assert np.abs(forces - reference).max() < limit * reference.max()
 
 
 def test_steps_without_the_grains_and_a_second_data_are_refused_with_the_remedy():
