@@ -1,8 +1,9 @@
 """``make bench-swaps``: how late the answers are while rft_node compiles and swaps models, beside a bare echo node.
 
 500 Hz, learning on. A driver sends one second to rft_node and the next one to the echo node, in turn, so that other
-work on the machine delays both alike. Phases: the first 20 s after the node says "ready"; 20 s with a swap of the mesh
-each second (1,000 to 5,000 triangles, reduced as by default) and ten changes of the medium; 20 s without changes.
+work on the machine delays both alike. Phases: the first 20 s after the node says "ready"; 20 s with swaps of the mesh
+(1,000 to 5,000 triangles, reduced as by default), one a second once the last is in force, and ten changes of the medium
+a second; 20 s without changes.
 Figures of each phase: answers lost, round trip (median, 90th and 99th percentile), and the 99th percentile over that of
 the echo node.
 
@@ -23,6 +24,7 @@ from pathlib import Path
 import numpy as np
 import rclpy
 import trimesh
+from diagnostic_msgs.msg import DiagnosticArray
 from numpy.typing import NDArray
 from rcl_interfaces.msg import Parameter, ParameterType, ParameterValue
 from rcl_interfaces.srv import SetParameters
@@ -88,7 +90,19 @@ class Swapper:
         self._meshes = itertools.cycle(meshes)
         self._set = driver.node.create_client(SetParameters, "/rft/set_parameters")
         self._status = driver.node.create_client(Trigger, "/rft/status")
-        self.count = 0
+        driver.node.create_subscription(DiagnosticArray, "/diagnostics", self._on_diagnostics, 10)
+        self._wanted = ""
+        self._in_force = ""
+        self.swaps = 0
+        """Meshes that came into force."""
+
+    def _on_diagnostics(self, message: DiagnosticArray) -> None:
+        for status in message.status:
+            if status.name == "/rft: model":
+                tool = next(pair.value for pair in status.values if pair.key == "tool")
+                if tool == self._wanted != self._in_force:
+                    self.swaps += 1
+                self._in_force = tool
 
     def set(self, name: str, value: str | float) -> None:
         """Set a parameter, without waiting for the answer."""
@@ -98,13 +112,14 @@ class Swapper:
             given = ParameterValue(type=ParameterType.PARAMETER_DOUBLE, double_value=value)
         parameter = Parameter(name=name, value=given)
         self._set.call_async(SetParameters.Request(parameters=[parameter]))
-        self.count += 1
 
     def swap(self, k: int) -> None:
-        """Before moment k: another mesh each second, and ten changes of the medium."""
+        """Before moment k: another mesh each second, if the last is in force, and ten changes of the medium."""
         within = k % round(RATE_HZ)
-        if within == 250:
-            self.set("mesh.file", next(self._meshes))
+        if within == 250 and self._wanted in ("", self._in_force):
+            mesh = next(self._meshes)
+            self._wanted = Path(mesh).stem
+            self.set("mesh.file", mesh)
         elif within % 100 == 25:
             self.set("medium.zeta", 0.5 + 0.1 * (within // 100))
         elif within % 100 == 75:
@@ -198,6 +213,7 @@ def main() -> None:
                 trips += trips_in_turn(phase, drivers, disturb)
                 for trip in trips[-len(drivers) :]:
                     print(trip.in_words, flush=True)
+            print(f"{swapper.swaps} swaps of the mesh")
             if arguments.in_force:
                 tool = Path(folder) / "torus.stl"
                 trimesh.creation.torus(30.0, 8.0, major_sections=196, minor_sections=96).export(

@@ -15,7 +15,7 @@ from rft_ros.estimator.warm_up import PARTS, needed, prepare, prepare_later
 from rft_ros.files import checked_file
 from rft_ros.messages import decoder
 from rft_ros.node.tool_worker import ToolWorker, files_in, named
-from rft_ros.parameters import Config, Model, Part, Values, parameter_values
+from rft_ros.parameters import Config, MeshConfig, Model, Part, Values, parameter_values
 from rft_ros.tool import checked_mesh, locate_mesh
 
 _ANSWERS_WITHIN = 0.05
@@ -38,10 +38,7 @@ class Prepared:
     @property
     def missing(self) -> dict[str, Part]:
         """The parts of the config that are not loaded yet."""
-        in_force = self.in_force.parts()
-        return {
-            name: part for name, part in self.config.parts().items() if part != in_force.get(name)
-        }
+        return _parts_besides(self.in_force, self.config)
 
 
 class Failed(NamedTuple):
@@ -91,8 +88,9 @@ class Swap:
         generation = before.model.generation + 1
         made = _made(config, before.in_force, before.loaded, generation=generation)
         # on a busy machine a thread starts 20 ms late, and a change of the medium needs none
-        if made.missing:
-            check = self._check_thread.submit(_check_files, made)
+        new = _parts_besides(before.config, config)
+        if new:
+            check = self._check_thread.submit(_check_files, new)
             # without an answer the drive stalls, and the worker finds what is wrong
             if wait([check], _ANSWERS_WITHIN).done:
                 check.result()
@@ -163,7 +161,7 @@ def _made(
 ) -> Prepared:
     """What is made from a config; each part that has to be loaded stays as it is in force."""
     kept: dict[str, Any] = {}
-    for part in config.parts().values():
+    for part in _parts_besides(in_force, config).values():
         kept |= _in_force(in_force, part)
     now = config.changed(kept)
     used = {name: loaded[name] for name in now.parts()}
@@ -172,17 +170,23 @@ def _made(
     )
 
 
+def _parts_besides(before: Config, config: Config) -> dict[str, Part]:
+    """The parts of a config that another one does not have."""
+    known = before.parts()
+    return {name: part for name, part in config.parts().items() if part != known.get(name)}
+
+
 def _in_force(config: Config, part: Part) -> Values:
     """The values in a config of the parameters of a part, by name."""
     values = config.values
     return {name: values[name] for name in parameter_values(part)}
 
 
-def _check_files(made: Prepared) -> None:
-    """Raise InputError for a newly wanted file that does not exist or cannot be read. Does not open it."""
-    for part, wanted in made.missing.items():
-        if part == "tool":
-            checked_mesh(locate_mesh(made.config.mesh.file), "mesh.file")
+def _check_files(parts: Mapping[str, Part]) -> None:
+    """Raise InputError for a file of these parts that does not exist or cannot be read. Does not open it."""
+    for part in parts.values():
+        if isinstance(part, MeshConfig):
+            checked_mesh(locate_mesh(part.file), "mesh.file")
             continue
-        for name, file in files_in(wanted).items():
+        for name, file in files_in(part).items():
             checked_file(Path(file), name)

@@ -4,7 +4,7 @@ A field is made by `setting`, whose `Parameter` is the one source of its name, d
 """
 
 from collections.abc import Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any, Literal
 
@@ -18,6 +18,7 @@ from rft_ros.parameters.parameter import (
     parameter_fields,
     parameter_values,
     setting,
+    with_values,
 )
 from rft_ros.parameters.settings import LoadCell, Model, Settings
 from rft_ros.rft import (
@@ -339,9 +340,7 @@ class Config:
         """
         if isinstance(values, Config):
             return values
-        unknown = values.keys() - NAMES
-        if unknown:
-            raise InputError(f"there is no parameter {shown(min(unknown))}")
+        _check_names(values)
         return cls(
             mesh=MeshConfig(**field_values(MeshConfig, values)),
             medium=MediumConfig(**field_values(MediumConfig, values)),
@@ -365,7 +364,16 @@ class Config:
 
     def changed(self, values: Values) -> "Config":
         """The same with other values of some parameters. Raises InputError as `of`."""
-        return Config.of({**self.values, **values})
+        _check_names(values)
+        load_cell = with_values(self.settings.load_cell, values)
+        return replace(
+            with_values(self, values),
+            mesh=with_values(self.mesh, values),
+            medium=with_values(self.medium, values),
+            feedforward=with_values(self.feedforward, values),
+            ground=with_values(self.ground, values),
+            settings=replace(with_values(self.settings, values), load_cell=load_cell),
+        )
 
     def parts(self) -> dict[str, Part]:
         """The parts of the model that have to be loaded.
@@ -405,6 +413,13 @@ GROUPS = (
 """The dataclasses whose fields are the parameters."""
 
 NAMES = frozenset(p.name for group in GROUPS for p in parameter_fields(group).values())
+
+
+def _check_names(values: Values) -> None:
+    """Raise InputError for a name that no parameter has."""
+    unknown = values.keys() - NAMES
+    if unknown:
+        raise InputError(f"there is no parameter {shown(min(unknown))}")
 
 
 def load_parts(parts: Mapping[str, Part]) -> dict[str, Any]:

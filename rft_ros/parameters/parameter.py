@@ -12,9 +12,11 @@ from dataclasses import (
 )
 from functools import cache
 from typing import (
+    TYPE_CHECKING,
     Any,
     Literal,
     NoReturn,
+    TypeVar,
     get_args,
     get_origin,
     get_type_hints,
@@ -24,8 +26,13 @@ from rft_ros.errors import InputError, shown
 from rft_ros.rft.frames import UNIT_TOLERANCE
 from rft_ros.rft.motion_kinds import MOTIONS
 
+if TYPE_CHECKING:
+    from _typeshed import DataclassInstance
+
 Value = str | bool | float | tuple[float, ...]
 """A parameter's value, in the parameter's type."""
+
+_Group = TypeVar("_Group", bound="DataclassInstance")
 
 Values = Mapping[str, Any]
 """The values of all parameters, by name, each a `Value`."""
@@ -145,13 +152,24 @@ def field_values(owner: type, values: Values) -> dict[str, Any]:
 
     Raises InputError.
     """
+    defaults = {p.name: p.default for p in parameter_fields(owner).values()}
+    return _given_fields(owner, {**defaults, **values})
+
+
+def with_values(group: _Group, values: Values) -> _Group:
+    """The same dataclass with other values of those fields that are among these parameters. Raises InputError."""
+    given = _given_fields(type(group), values)
+    return replace(group, **given) if given else group
+
+
+def _given_fields(owner: type, values: Values) -> dict[str, Any]:
+    """The checked values of those fields of a dataclass that are among these parameters."""
     found: dict[str, Any] = {}
     for name, parameter in parameter_fields(owner).items():
-        value = parameter.default
         if parameter.name in values:
             value = parameter.checked(values[parameter.name])
-        is_unset = parameter.is_optional and value == parameter.default
-        found[name] = None if is_unset else value
+            is_unset = parameter.is_optional and value == parameter.default
+            found[name] = None if is_unset else value
     return found
 
 

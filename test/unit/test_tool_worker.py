@@ -6,12 +6,14 @@ import signal
 import threading
 import time
 from concurrent.futures import ThreadPoolExecutor
+from contextlib import suppress
+from pathlib import Path
 
 import numpy as np
 import pytest
 
 from rft_ros.errors import InputError
-from rft_ros.node import swap, tool_worker
+from rft_ros.node import swap
 from rft_ros.node.swap import Failed, Swap
 from rft_ros.node.tool_worker import ToolWorker
 from rft_ros.parameters import Config, MeshConfig
@@ -139,16 +141,41 @@ def test_a_worker_that_is_ended_while_it_loads_is_not_started_again(big):
     assert worker.process.poll() is not None
 
 
-def test_a_drive_that_gives_nothing_to_read_is_given_up_and_says_so(worker, big, monkeypatch):
-    with monkeypatch.context() as patched:
-        patched.setattr(tool_worker, "_LOOK", 0.01)
-        patched.setattr(tool_worker, "_BLOCKED_AFTER", 0.0)
-        patched.setattr(tool_worker, "_BLOCKED_CPU", 1e9)
+def load_of(worker):
+    """The process of the load in progress, once it has begun."""
+    pid = worker.process.pid
+    children = Path(f"/proc/{pid}/task/{pid}/children")
+    while True:
+        for child in children.read_text().split():
+            with suppress(FileNotFoundError):
+                # one that has ended may not be reaped yet
+                if ") Z" not in Path(f"/proc/{child}/stat").read_text():
+                    return int(child)
+        time.sleep(0.001)
+
+
+def test_a_drive_that_gives_nothing_to_read_is_given_up_and_says_so(big):
+    worker = ToolWorker(longest_stall=0.5)
+    with ThreadPoolExecutor(1) as thread:
+        loading = thread.submit(loaded, worker, big)
+        os.kill(load_of(worker), signal.SIGSTOP)
         with pytest.raises(
-            InputError, match=r"mesh\.file '.*big\.stl' gave nothing to read for 0 s; look at"
+            InputError, match=r"mesh\.file '.*big\.stl' gave nothing to read for 0\.5 s; look at"
         ):
-            loaded(worker, big)
+            loading.result()
     assert loaded(worker, "plate").name == "plate"
+    worker.end()
+
+
+def test_a_load_that_the_system_kills_says_so_and_starts_no_other_worker(worker, big):
+    pid = worker.process.pid
+    with ThreadPoolExecutor(1) as thread:
+        loading = thread.submit(loaded, worker, big)
+        os.kill(load_of(worker), signal.SIGKILL)
+        with pytest.raises(InputError, match=r"loads mesh.file '.*big.stl' ended; set it again"):
+            loading.result()
+    assert loaded(worker, "plate").name == "plate"
+    assert worker.process.pid == pid
 
 
 def swapped(pending):
@@ -160,17 +187,23 @@ def swapped(pending):
     return found
 
 
-def test_a_newer_request_takes_the_place_of_one_that_is_being_loaded(worker):
+def test_a_newer_request_takes_the_place_of_one_that_stalls_and_starts_no_other_worker(
+    worker, big
+):
+    """To start a process holds the poses: the GIL is held until the system runs it."""
     config = Config.of({"tolerance": 0.0})
     pending = Swap(worker, config, on_cold_cache=lambda: None)
+    pid = worker.process.pid
     with pytest.raises(InputError, match=r"mesh\.file '' is not a shipped mesh"):
         pending.prepare(config.changed({"mesh.file": ""}))
-    os.kill(worker.process.pid, signal.SIGSTOP)  # it loads for ever
+    pending.want(pending.prepare(config.changed({"mesh.file": big})))
+    os.kill(load_of(worker), signal.SIGSTOP)
     for name in ("ellipsoid", "sphere"):
         pending.want(pending.prepare(config.changed({"mesh.file": name})))
         assert pending.preparing.startswith(f"mesh.file '{name}' for 0 s")
     assert swapped(pending) is pending.prepared
     assert pending.prepared.model.tool.name == "sphere"
+    assert worker.process.pid == pid
 
 
 def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker):
@@ -206,6 +239,17 @@ def test_a_change_that_loads_nothing_waits_for_no_other_thread(worker, monkeypat
     monkeypatch.setattr(pending, "_check_thread", None)
     change = {"medium.zeta": 0.5, "learning.mode": "apply", "surface_height": 0.1}
     assert pending.prepare(config.changed(change)).model.law.zeta == 0.5
+
+
+def test_a_change_waits_for_no_other_thread_while_a_mesh_loads(worker, big, monkeypatch):
+    config = Config.of({"tolerance": 0.0})
+    pending = Swap(worker, config, on_cold_cache=lambda: None)
+    config = config.changed({"mesh.file": big})
+    pending.want(pending.prepare(config))
+    monkeypatch.setattr(pending, "_check_thread", None)
+    assert pending.prepare(config.changed({"medium.zeta": 0.5})).model.law.zeta == 0.5
+    os.kill(load_of(worker), signal.SIGKILL)
+    assert isinstance(swapped(pending), Failed)
 
 
 def test_a_tool_that_cannot_be_used_undoes_its_own_parameters_and_no_others(worker, tmp_path):
