@@ -1,12 +1,15 @@
-"""Progress of long work on stderr: a spinner or a bar on a terminal; elsewhere one line where a wait is long."""
+"""Progress of long work on stderr: a spinner or a bar on a terminal; elsewhere lines where a wait is long."""
 
 import sys
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
 LONGEST_SILENCE = 3.0
 """After so long [s] without a line a user wonders whether the program hangs."""
+
+LINE_PERIOD = 10.0  # s, between the lines after the first
 
 
 def say(line: str) -> None:
@@ -21,14 +24,22 @@ def say_compiling() -> None:
 
 @contextmanager
 def line_if_long(what: str) -> Iterator[None]:
-    """Say `what` once this block has run for `LONGEST_SILENCE`."""
-    timer = threading.Timer(LONGEST_SILENCE, say, [f"{what} ..."])
-    timer.daemon = True
-    timer.start()
+    """Say `what` once this block has run for `LONGEST_SILENCE`, and each `LINE_PERIOD` for how long it has run."""
+    begin = time.monotonic()
+    has_ended = threading.Event()
+
+    def speak() -> None:
+        if has_ended.wait(LONGEST_SILENCE):
+            return
+        say(f"{what} ...")
+        while not has_ended.wait(LINE_PERIOD):
+            say(f"{what}, for {time.monotonic() - begin:.0f} s so far ...")
+
+    threading.Thread(target=speak, daemon=True).start()
     try:
         yield
     finally:
-        timer.cancel()
+        has_ended.set()
 
 
 @contextmanager

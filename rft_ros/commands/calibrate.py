@@ -10,11 +10,12 @@ from rft_ros.calibration.calibrate import calibrate as fitted_to
 from rft_ros.calibration.calibrated_file import rounded, write_calibrated
 from rft_ros.calibration.track import read_track
 from rft_ros.commands import options, warnings
+from rft_ros.commands.machine_code import load_code
 from rft_ros.errors import InputError
-from rft_ros.estimator.warm_up import needed, prepare
+from rft_ros.estimator.warm_up import needed
 from rft_ros.files import expanded
 from rft_ros.parameters import named_files, node_parameters
-from rft_ros.progress import busy, say_compiling
+from rft_ros.progress import busy
 from rft_ros.tool import locate_mesh
 
 
@@ -58,7 +59,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
     inputs = {*named_files(config), *map(locate_mesh, meshes.values())}
     options.refuse_inputs(arguments, output, also=inputs)
     check_recordings(arguments.bags, config, chosen, needs_wrench=True)
-    prepare(needed(config), on_cold_cache=say_compiling)
+    load_code(needed(config))
     tracks = [
         read_track(bag, config.changed({"mesh.file": file}), chosen)
         for bag, file in meshes.items()

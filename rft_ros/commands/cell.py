@@ -14,14 +14,14 @@ from rft_ros.bags.options import (
 )
 from rft_ros.bags.replay import replay
 from rft_ros.commands import options
+from rft_ros.commands.machine_code import load_code
 from rft_ros.diagnosis import Finding
 from rft_ros.doctor.checkup import Cell, examine_bag
 from rft_ros.errors import InputError
-from rft_ros.estimator.warm_up import prepare
 from rft_ros.installation import program, share_directory
 from rft_ros.parameters import Value, named_files, node_parameters, read_parameter_file
 from rft_ros.parameters.file import write_changed
-from rft_ros.progress import busy, line_if_long, say_compiling
+from rft_ros.progress import busy, line_if_long
 
 
 def doctor_options(command: argparse.ArgumentParser) -> None:
@@ -52,8 +52,7 @@ def doctor(arguments: argparse.Namespace) -> int:
     named = node_parameters(arguments.params, chosen.node)
     with busy("preparing the tool"):
         model = config.changed({"tolerance": 0.0}).model()
-    with line_if_long("loading compiled code"):  # of the node, too, so that its start is quick
-        prepare(on_cold_cache=say_compiling)
+    load_code()  # of the node, too, so that its start is quick
     cell = Cell(file=arguments.params, config=config, named=named, model=model, topics=topics)
     if arguments.bag:
         with line_if_long(f"examining {arguments.bag}"):
@@ -149,7 +148,6 @@ def warm_up_options(_command: argparse.ArgumentParser) -> None:
 
 def warm_up(_arguments: argparse.Namespace) -> int:
     """rft warm-up"""
-    with line_if_long("loading compiled code"):
-        prepare(on_cold_cache=say_compiling)
+    load_code()
     print("everything is compiled")
     return 0

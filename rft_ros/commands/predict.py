@@ -6,11 +6,12 @@ from pathlib import Path
 
 from rft_ros.bags.playback import played_estimates, played_motion
 from rft_ros.commands import options, warnings
+from rft_ros.commands.machine_code import load_code
 from rft_ros.errors import InputError
-from rft_ros.estimator.warm_up import needed, prepare
+from rft_ros.estimator.warm_up import needed
 from rft_ros.logged_columns import parse_columns
 from rft_ros.parameters import MESH, Config, Model, named_files
-from rft_ros.progress import busy, say_compiling
+from rft_ros.progress import busy
 from rft_ros.report import DrawnMotion, Figure, tool_figure, write_page
 from rft_ros.rft import FORCE, SUBMERGED_AREA, described
 from rft_ros.states_file import read_states, wrenches_along, write_wrenches
@@ -52,7 +53,7 @@ def _model_for_states(config: Config) -> Model:
     """The model of the parameters, with its code compiled."""
     with busy("reading the tool"):
         model = config.model()
-    prepare(frozenset({"forces"}), on_cold_cache=say_compiling)
+    load_code(frozenset({"forces"}))
     return model
 
 
@@ -153,7 +154,7 @@ def _figure_of_bag(arguments: argparse.Namespace) -> Figure:
     options.refuse_inputs(arguments, arguments.output, also=named_files(config))
     with busy("reading the tool"):
         model = config.model()
-    prepare(needed(config), on_cold_cache=say_compiling)
+    load_code(needed(config))
     rows, estimator = played_estimates(bag, config, model, chosen)
     motion = played_motion(rows, estimator, begin=rows["stamp"][0])
     warnings.warn_of_estimates(model.tool, motion.times, rows["depth"], motion.forces)

@@ -4,10 +4,10 @@ import argparse
 from pathlib import Path
 
 from rft_ros.commands import options
+from rft_ros.commands.machine_code import load_code
 from rft_ros.errors import InputError
-from rft_ros.estimator.warm_up import prepare
 from rft_ros.parameters import MESH
-from rft_ros.progress import busy, say_compiling
+from rft_ros.progress import busy
 from rft_ros.sweeps.design import read_design
 from rft_ros.sweeps.run import run
 from rft_ros.tool import describe_hollow, describe_tool
@@ -63,7 +63,7 @@ def sweep(arguments: argparse.Namespace) -> int:
 
     def compile_code() -> None:
         if arguments.scheduler is None:  # workers take the code from this machine's cache
-            prepare(frozenset({"forces"}), on_cold_cache=say_compiling)
+            load_code(frozenset({"forces"}))
 
     computed, failed = run(
         design,

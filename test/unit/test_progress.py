@@ -9,6 +9,8 @@ from pathlib import Path
 import pytest
 
 from rft_ros import progress
+from rft_ros.commands import machine_code
+from rft_ros.commands.machine_code import load_code
 from rft_ros.progress import bar, busy
 
 ROOT = Path(__file__).parents[2]
@@ -24,6 +26,27 @@ def test_a_long_wait_says_a_line_where_stderr_is_no_terminal(capsys, monkeypatch
             time.sleep(0.01)
             said = capsys.readouterr().err
     assert "fitting ..." in said
+
+
+@pytest.mark.parametrize("wait", [busy, lambda what: bar(what, 1.0)], ids=["busy", "bar"])
+def test_a_wait_that_goes_on_says_for_how_long(capsys, monkeypatch, wait):
+    monkeypatch.setattr(progress, "LONGEST_SILENCE", 0.0)
+    monkeypatch.setattr(progress, "LINE_PERIOD", 0.02)
+    said = ""
+    end = time.monotonic() + 5.0
+    with wait("fitting"):
+        while said.count("fitting, for ") < 2:
+            assert time.monotonic() < end, said
+            time.sleep(0.01)
+            said += capsys.readouterr().err
+
+
+def test_a_long_compilation_says_for_how_long(capsys, monkeypatch):
+    monkeypatch.setattr(progress, "LONGEST_SILENCE", 0.0)
+    monkeypatch.setattr(progress, "LINE_PERIOD", 0.02)
+    monkeypatch.setattr(machine_code, "prepare", lambda *_, **__: time.sleep(0.5))
+    load_code()
+    assert "loading or compiling code, for 0 s so far ..." in capsys.readouterr().err
 
 
 def test_a_short_wait_says_nothing(capsys, monkeypatch):
