@@ -28,6 +28,7 @@ DIAGNOSTICS_PERIOD = 1.0  # s, between two reports
 _QUIET_REPORTS = 3  # a problem that is missing in this many successive reports has ended
 _WITH_ONE_PUBLISHER: tuple[Role, ...] = ("pose", "twist", "wrench")
 _NORMAL = {Reason.AT_REST, Reason.POSE_RATE_LIMITED, Reason.SURFACE_RATE_LIMITED}  # no problems
+_NORMAL_AT_START = _NORMAL | {Reason.POSE_HISTORY_SHORT}
 
 
 class Diagnostics:
@@ -85,7 +86,10 @@ class Diagnostics:
         """Publish the statuses, and log each problem that began or ended since the last report."""
         now = self._node.get_clock().now()
         counts = Counter(self._estimator.counts)
-        bad: list[str] = [*sorted((counts - self._reported).keys() - _NORMAL)]
+        # poses came in the second before, too, and still no estimate
+        is_start_over = not self._latencies and not self._idle
+        normal = _NORMAL if is_start_over else _NORMAL_AT_START
+        bad: list[str] = [*sorted((counts - self._reported).keys() - normal)]
         crowded = self._crowded_topics()
         issues = self._estimator.issues()
         if crowded:  # mixed poses look like noise

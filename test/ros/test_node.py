@@ -1,5 +1,6 @@
 """The node as a user meets it: parameters, topics and services over DDS."""
 
+import itertools
 from pathlib import Path
 
 import numpy as np
@@ -167,6 +168,25 @@ def test_a_reason_is_named_while_it_lasts_and_logged_when_it_begins_and_when_it_
     assert "ended: wrench_missing" not in rft.said()
     until_logged("ended: wrench_missing")
     assert rft.said().count("began: wrench_missing") == 1
+
+
+def test_a_short_history_of_poses_is_a_problem_only_if_it_lasts(start_node):
+    rft = start_node("-p", "mesh.file:=plate", "-p", "twist_source:=pose_difference").wait_ready()
+    begin = rft.moment()
+    stamps = itertools.count(begin, 10_000_000)
+
+    def reported(stamp):
+        rft.send(stamp)
+        rft.spin(0.01)
+        return rft.last_status("inputs")[2]
+
+    rft.diagnostic("inputs")
+    rft.until(lambda: "count.pose_history_short" in reported(next(stamps)))
+    seen = len(rft.diagnostics)
+    while len(rft.diagnostics) < seen + 2:
+        reported(next(stamps))
+    assert "began: pose_history_short" not in rft.said()
+    rft.until(lambda: reported(rft.moment()) and "began: pose_history_short" in rft.said())
 
 
 def test_unreadable_messages_are_counted_and_the_node_continues(rft):
