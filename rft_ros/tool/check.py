@@ -1,6 +1,6 @@
 """Finds issues of a usable mesh, such as holes, winding, hollows, overlapping bodies and units, and describes each."""
 
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,10 +106,12 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
             f"{100 * covered:.0f} % of the surface lies in or on other bodies of the mesh, "
             "whose force counts although no grains touch it; join the bodies, in CAD or as docs/where-it-fails.md does"
         )
-    share = 0.0 if is_inside_out else _hollow_share(mesh, has_area)
-    if share > _CONCAVE_SHARE:
+    hollow = _HollowShare() if is_inside_out else _hollow_share(mesh, has_area)
+    if hollow.of_all > _CONCAVE_SHARE:
         issues["concave"] = (
-            f"{100 * share:.0f} % of the surface lies in hollows, whose shielding the method ignores{HULL_ADVICE}"
+            f"{100 * hollow.of_all:.0f} % of the surface lies in hollows ({100 * hollow.below:.0f} % below"
+            f" z = {1e3 * hollow.middle:.3g} mm, {100 * hollow.above:.0f} % above), whose shielding the method"
+            f" ignores{HULL_ADVICE}"
         )
     unusual = _unusual_size(float(mesh.extents.max()), scale)
     if unusual:
@@ -181,7 +183,19 @@ def _covered_share(mesh: "trimesh.Trimesh") -> float:
     return float(are_inside(places, mesh.triangles).mean())
 
 
-def _hollow_share(mesh: "trimesh.Trimesh", used: NDArray[np.bool_]) -> float:
+class _HollowShare(NamedTuple):
+    """Share of the area that lies in hollows: of all, and of that below and above the `middle` of the heights [m].
+
+    Also a shank lies in a hollow if the tool's end is wider. The share of the end says what the grains meet.
+    """
+
+    of_all: float = 0.0
+    below: float = 0.0
+    above: float = 0.0
+    middle: float = 0.0
+
+
+def _hollow_share(mesh: "trimesh.Trimesh", used: NDArray[np.bool_]) -> _HollowShare:
     """Share of the area that has other parts of the tool in front of it, whose shielding RFT ignores."""
     all_used = np.flatnonzero(used)
     keep = all_used[:: 1 + len(all_used) // _SAMPLED]
@@ -192,6 +206,19 @@ def _hollow_share(mesh: "trimesh.Trimesh", used: NDArray[np.bool_]) -> float:
     # in chunks of 64 facets: the system clears new memory, and 32 MB at once would delay the node on the same core
     chunks = np.array_split(normal, 1 + len(normal) // 64)
     farthest = np.concatenate([(chunk @ points.T).max(axis=1) for chunk in chunks])
-    beyond = farthest - (normal * mesh.triangles_center[keep]).sum(axis=1)
+    center = mesh.triangles_center[keep]
+    beyond = farthest - (normal * center).sum(axis=1)
     is_hollow = beyond > _HOLLOW * mesh.extents.max()
-    return float(area[is_hollow].sum() / area.sum())
+    middle = float(mesh.bounds[:, 2].mean())
+    is_below = center[:, 2] < middle
+
+    def share_of(part: NDArray[np.bool_]) -> float:
+        whole = area[part].sum()
+        return float(area[part & is_hollow].sum() / whole) if whole > 0.0 else 0.0
+
+    return _HollowShare(
+        of_all=share_of(np.ones_like(is_below)),
+        below=share_of(is_below),
+        above=share_of(~is_below),
+        middle=middle,
+    )

@@ -1,5 +1,7 @@
 """Hollow tools: their convex hull as the tool, and what check-mesh says of facets and hull."""
 
+import re
+
 import numpy as np
 import pytest
 import trimesh
@@ -39,6 +41,19 @@ HULL = "use the hull (mesh.hull, --hull), as in simulated"
 FACETS = "use the facets at first"
 HULL_NEARER = "use the hull (mesh.hull, --hull), which is nearer"
 FACETS_NEARER = "use the facets, which are nearer"
+
+
+def test_the_share_in_hollows_is_told_for_the_end_apart_from_the_shank():
+    """A shank has the wider end in front of it, although the grains meet only the end."""
+    profile = [[0, 125], [5, 125], [5, 25], [18, 25], [18, 0], [15, 0], [15, 22], [0, 22]]
+    mesh = trimesh.creation.revolve(1e-3 * np.array(profile), sections=24)
+    mesh.fix_normals()
+    issue = tool_of_mesh(mesh, name="cup on a shank").issues["concave"]
+    found = re.search(r"(\d+) % of the .*\((\d+) % below z = 62.5 mm, (\d+) % above\)", issue)
+    assert found
+    of_all, below, above = map(int, found.groups())
+    assert below < of_all < above
+    assert above > 90
 
 
 @pytest.mark.parametrize(
