@@ -88,7 +88,8 @@ class Swap:
         generation = before.model.generation + 1
         made = _made(config, before.in_force, before.loaded, generation=generation)
         # on a busy machine a thread starts 20 ms late, and a change of the medium needs none
-        new = _parts_besides(before.config, config)
+        known = before.missing
+        new = {name: part for name, part in made.missing.items() if part != known.get(name)}
         if new:
             check = self._check_thread.submit(_check_files, new)
             # without an answer the drive stalls, and the worker finds what is wrong
