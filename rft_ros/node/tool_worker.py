@@ -109,7 +109,8 @@ class _Load:
     def __init__(self, node: Connection, request: int, files: Mapping[str, Part]) -> None:
         self.request = request
         self.files = files
-        self.answer, theirs = Pipe(duplex=False)
+        ours, theirs = Pipe(duplex=False)
+        self.answer = ours
         """Has the answer, or ends without one."""
         with theirs:
             self._pid = os.fork()
