@@ -422,7 +422,7 @@ class Estimator:
 
         The result (wrench, area, sensitivities) is overwritten at the next pose.
         """
-        state = motion.with_direction if self.model.law.has_memory else motion.state
+        state = motion.memory_state if self.model.law.has_memory else motion.state
         self._lifetimes.contact.step(
             self._law, state, surface.height, surface.slope, motion.displacement, self._result
         )

@@ -12,25 +12,29 @@ from rft_ros.estimator.samples import PoseSample, Reason, TwistSample
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.parameters import Settings
 from rft_ros.rft import SLACK, STATE, TWIST
-from rft_ros.rft.displacement import DISPLACEMENT, FOLLOWED, as_motion, follow, product
+from rft_ros.rft.displacement import DISPLACEMENT_COUNT, FOLLOWER, displacement_in, follow, product
 from rft_ros.rft.frames import Vector
 from rft_ros.rft.kernel.compilation import compiled, machine_code
 
 UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTORY_SHORT}
 """Reasons for which a pose has no velocity."""
 
-_BAND_OVER_NOISE = 5.0  # dead band, in standard deviations of the pose noise at the tool's tip
-_WIDEST_BAND = 2e-3  # m
-_CREEP = 1e-6  # m/s; so slow that inertia of the grains is nothing
+DEAD_BAND_FACTOR = 5.0
+"""Dead band over the standard deviation of the pose noise at the tool's tip."""
+
+MAX_DEAD_BAND_M = 2e-3
+
+CREEP_SPEED_M_S = 1e-6
+"""Speed of a state without a velocity of its own: so slow that inertia of the grains is nothing."""
 
 
 class Motion(NamedTuple):
     """The motion of the tool at a pose.
 
     `state`: shape [1, 13], columns `rft_ros.rft.STATE`. `displacement`: of the tool since the motion before, beyond the
-    dead band, shape [1, 12] (`rft_ros.rft.displacement`). `with_direction`: the state for a model with memory. Just
-    after a stop a fitted velocity can oppose the displacement, and at rest it can point anywhere: in place of such a
-    velocity it has the last one that did not, as a creep. `velocity`: of the tool frame's origin, world axes [m/s].
+    dead band, shape [1, 12] (`rft_ros.rft.displacement`). `memory_state`: the state for a model with memory. Where the
+    fitted velocity opposes the displacement, as just after a stop, or points anywhere, as at rest, it is replaced by
+    1 µm/s along the last consistent one. `velocity`: of the tool frame's origin, world axes [m/s].
     `speed_bound`: an upper bound on the plates' speeds [m/s]. `rests`: it is below `rest_speed`. `path`: an upper bound
     on the displacement of any plate [m]. `rise`: displacement of the origin upwards [m]. `is_noisy`: the dead band is
     wide.
@@ -39,7 +43,7 @@ class Motion(NamedTuple):
     pose: PoseSample
     state: NDArray[np.float64]
     displacement: NDArray[np.float64]
-    with_direction: NDArray[np.float64]
+    memory_state: NDArray[np.float64]
     velocity: Vector
     speed_bound: float
     rests: bool
@@ -82,13 +86,13 @@ class Kinematics:
 
     def __init__(self) -> None:
         self._difference = PoseDifference()
-        self._followed = np.zeros(1, FOLLOWED)
+        self._follower = np.zeros(1, FOLLOWER)
         states = np.zeros((1, len(STATE)))
         self._follow: Any = machine_code(
-            _follow, (self._followed, states, 0.0, 0.0, np.zeros((1, DISPLACEMENT)))
+            _follow, (self._follower, states, 0.0, 0.0, np.zeros((1, DISPLACEMENT_COUNT)))
         )
-        self._last_along = states  # the last state whose twist was along the displacement
-        self._speed_along = 1.0  # its bound on the plates' speeds [m/s]
+        self._consistent_state = states  # the last one whose twist was along the displacement
+        self._consistent_speed = 1.0  # its bound on the plates' speeds [m/s]
 
     @property
     def noise(self) -> PoseNoise:
@@ -125,22 +129,23 @@ class Kinematics:
         vx, vy, vz, wx, wy, wz = velocity
         bound = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * reach
         noise = self.noise.at_tip(reach)
-        dead_band = min(max(_BAND_OVER_NOISE * noise, SLACK), _WIDEST_BAND)
+        dead_band = min(max(DEAD_BAND_FACTOR * noise, SLACK), MAX_DEAD_BAND_M)
         state = np.array([(*pose.position, *pose.quaternion, *velocity)], dtype=np.float64)
-        displacement = np.empty((1, DISPLACEMENT))
-        path, rise, along = self._follow(self._followed, state, reach, dead_band, displacement)
-        with_direction = state
-        if along > 0.0:
-            self._last_along = state
-            self._speed_along = bound
+        displacement = np.empty((1, DISPLACEMENT_COUNT))
+        path, rise, agreement = self._follow(self._follower, state, reach, dead_band, displacement)
+        memory_state = state
+        if agreement > 0.0:
+            self._consistent_state = state
+            self._consistent_speed = bound
         else:
-            with_direction = state.copy()
-            with_direction[0, TWIST] = _CREEP * (self._last_along[0, TWIST] / self._speed_along)
+            memory_state = state.copy()
+            direction = self._consistent_state[0, TWIST] / self._consistent_speed
+            memory_state[0, TWIST] = CREEP_SPEED_M_S * direction
         return Motion(
             pose=pose,
             state=state,
             displacement=displacement,
-            with_direction=with_direction,
+            memory_state=memory_state,
             velocity=(vx, vy, vz),
             speed_bound=bound,
             rests=bound < rest_speed or bound == 0.0,
@@ -151,18 +156,19 @@ class Kinematics:
 
 
 @compiled
-def _follow(followed, states, reach, dead_band, displacements):
+def _follow(followers, states, reach, dead_band, displacements):
     """Follow a tool to its next state, shape [1, 13], and write its displacement, shape [1, 12].
 
-    Returns path, rise and the displacement along the twist [m²/s]. `followed`: one record of `FOLLOWED`. `reach` of the
-    plates [m].
+    Returns path, rise and the displacement along the twist [m²/s]. `followers`: one record of `FOLLOWER`. `reach` of
+    the plates [m].
     """
     state = states[0]
-    moved = displacements[0]
-    follow(followed[0], state, reach, dead_band, moved)
-    (x, y, z), matrix = as_motion(moved)
-    spin = 0.0
-    for turn in matrix:
-        spin += turn * turn
-    path = math.sqrt(x * x + y * y + z * z) + reach * math.sqrt(0.5 * spin)
-    return path, z, product(moved, state[TWIST], reach)
+    row = displacements[0]
+    follow(followers[0], state, reach, dead_band, row)
+    displacement = displacement_in(row)
+    x, y, z = displacement.origin
+    square_of_turn = 0.0
+    for number in displacement.matrix:
+        square_of_turn += number * number
+    path = math.sqrt(x * x + y * y + z * z) + reach * math.sqrt(0.5 * square_of_turn)
+    return path, z, product(row, state[TWIST], reach)

@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.arguments import numbers
 from rft_ros.rft.grains import NO_TABLE, TREERS2021, PackedLaw, pack
-from rft_ros.rft.kernel import chunk as row
+from rft_ros.rft.kernel import chunk as layout
 from rft_ros.rft.kernel.chunk import at, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.media import Medium
@@ -254,17 +254,17 @@ def _step_of(model: Any, function: Any) -> Any:
     def add_to(chunk, n, fields, refined):
         wide_vectors()
         for i in range(n):
-            sin_b, cos_b, sin_g = triple(chunk, row.SIN_B, i)
-            cos_g = chunk[at(row.COS_G, i)]
-            ex, ey = chunk[at(row.E2_X, i)], chunk[at(row.E2_Y, i)]
+            sin_b, cos_b, sin_g = triple(chunk, layout.SIN_B, i)
+            cos_g = chunk[at(layout.COS_G, i)]
+            ex, ey = chunk[at(layout.E2_X, i)], chunk[at(layout.E2_Y, i)]
             if refined:  # a model that does not use γ leaves no code of this
-                vx, vy, vz = triple(chunk, row.VELOCITY, i)
+                vx, vy, vz = triple(chunk, layout.VELOCITY, i)
                 sin_g, cos_g = gamma_of(sin_b, cos_b, ex, ey, vx, vy, vz)
             alpha_y = alpha_y_of(fields, sin_b, cos_b, sin_g, cos_g)
-            size = chunk[at(row.ALONG, i)] * (max(alpha_y, 0.0) if refined else alpha_y)
+            size = chunk[at(layout.E1_FACTOR, i)] * (max(alpha_y, 0.0) if refined else alpha_y)
             # e1 = e2 x E3
-            chunk[at(row.TRACTION, i)] += size * ey
-            chunk[at(row.TRACTION + row.LENGTH, i)] -= size * ex
+            chunk[at(layout.TRACTION, i)] += size * ey
+            chunk[at(layout.TRACTION + layout.LENGTH, i)] -= size * ex
 
     @inlined
     def add(law, chunk, n, refined):

@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft.displacement import DISPLACEMENT, between
+from rft_ros.rft.displacement import DISPLACEMENT_COUNT, between
 from rft_ros.rft.frames import STATE
 from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.kernel.loops import sums
@@ -74,16 +74,16 @@ def copy(memory):
 
 
 @inlined
-def evaluate(form, law, surface, memory, state, out):
+def evaluate(plates, law, surface, memory, state, out):
     """Move a body and its memory to a state, shape [13], and write its wrench there, `out` of shape [1, 6].
 
-    `form`: of its `Plates`. `law`: a `PackedLaw`. `surface`: a `Surface`. `out` of shape [plates, 3] takes the forces
-    of the plates instead, added to those in it, in the kernel's order.
+    `plates`: its `PackedPlates`. `law`: a `PackedLaw`. `surface`: a `Surface`. `out` of shape [plates, 3] takes the
+    forces of the plates instead, added to those in it, in the kernel's order.
     """
-    displacements = np.empty((1, DISPLACEMENT))
+    displacements = np.empty((1, DISPLACEMENT_COUNT))
     between(memory.last, state, displacements[0])
     past = Past(True, memory.blocks, memory.stiffness, displacements)
-    sums(form, law, surface.height, surface.slope, state.reshape(1, len(STATE)), past, out)
+    sums(plates, law, surface.height, surface.slope, state.reshape(1, len(STATE)), past, out)
     # an assignment to a slice would compile numba's strings, for its error: 2 s each time
     for k in range(len(STATE)):
         memory.last[k] = state[k]

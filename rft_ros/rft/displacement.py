@@ -1,11 +1,12 @@
 """The displacement of a tool from one state to the next, which moves the memory of its plates.
 
 A displacement is twelve numbers, in world axes: of the tool frame's origin [m], and a matrix by rows. A point at x from
-the origin moved by origin + matrix x. A measured pose is followed at the distance of a dead band, which filters its
-noise; a simulator needs none.
+the origin moved by origin + matrix x. Arrays have the numbers in a row, of which compiled loops take a `Displacement`.
+A measured pose is followed at the distance of a dead band, which filters its noise; a simulator needs none.
 """
 
 from math import sqrt
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,24 +24,34 @@ from rft_ros.rft.kernel.compilation import compiled, inlined
 
 Array = NDArray[np.float64]
 
-DISPLACEMENT = 12
-"""Numbers of a displacement."""
+DISPLACEMENT_COUNT = 12
+"""Numbers of a displacement in an array."""
 
-_XY = 4
-_XZ = 5
-_YX = 6
-_YZ = 8
-_ZX = 9
-_ZY = 10
-"""Places in a displacement of the numbers of its matrix that a rotation changes first."""
+_XX, _XY, _XZ, _YX, _YY, _YZ, _ZX, _ZY, _ZZ = range(3, DISPLACEMENT_COUNT)
+"""Columns of the matrix in an array of displacements."""
+
+
+class Displacement(NamedTuple):
+    """A displacement: of the origin [m], and the matrix by rows."""
+
+    origin: tuple[float, float, float]
+    matrix: tuple[float, float, float, float, float, float, float, float, float]
+
+
+NO_DISPLACEMENT = Displacement(
+    origin=(0.0, 0.0, 0.0), matrix=(0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+)
+"""Of a tool that did not move."""
 
 SLACK = 10e-6
 """Dead band [m] for measured poses: five standard deviations of encoders of 2 µm."""
 
-FAR = 1e30
-"""Bounds displacements [m], so that no product overflows."""
+MAX_DISPLACEMENT_M = 1e30
+"""Bounds displacements, so that no product overflows."""
 
-FOLLOWED = np.dtype([("is_known", float), ("position", float, 3), ("rotation", float, 9)])
+FOLLOWER = np.dtype(
+    (np.record, [("is_known", float), ("position", float, 3), ("rotation", float, 9)])
+)
 """The pose that follows a tool's: 1 after the first state and 0 before, position [m], rotation matrix by rows."""
 
 _TINY = 1e-60  # least squared speeds and lengths that are divided by
@@ -51,7 +62,9 @@ def _write_change(position, rotation, is_known, state, change):
     """Write the displacement from a pose to that of a state. `is_known`: 1, or 0 for no displacement."""
     axes = attitude(state[QUATERNION])
     for c in range(3):
-        change[c] = is_known * min(max(state[c] - position[c], -FAR), FAR)
+        change[c] = is_known * min(
+            max(state[c] - position[c], -MAX_DISPLACEMENT_M), MAX_DISPLACEMENT_M
+        )
     for first in range(0, 9, 3):
         x = axes[first] - rotation[first]
         y = axes[first + 1] - rotation[first + 1]
@@ -63,55 +76,46 @@ def _write_change(position, rotation, is_known, state, change):
 
 
 @inlined
-def between(before, state, moved):
+def between(state_before, state, displacement):
     """Write the displacement from one state, shape [13], to another one; none from a state that is all zeros."""
     is_known = 0.0
     for c in range(3, 7):
-        if before[c] != 0.0:
+        if state_before[c] != 0.0:
             is_known = 1.0
-    _write_change(before, attitude(before[QUATERNION]), is_known, state, moved)
+    _write_change(state_before, attitude(state_before[QUATERNION]), is_known, state, displacement)
 
 
 @inlined
-def as_motion(moved):
-    """A displacement in an array, shape [12], as origin and matrix."""
-    origin = moved[0], moved[1], moved[2]
-    matrix = (
-        moved[3],
-        moved[4],
-        moved[5],
-        moved[6],
-        moved[7],
-        moved[8],
-        moved[9],
-        moved[10],
-        moved[11],
-    )
-    return origin, matrix
+def displacement_in(row):
+    """The `Displacement` in a row of an array, shape [12]."""
+    origin = row[0], row[1], row[2]
+    matrix = row[3], row[4], row[5], row[6], row[7], row[8], row[9], row[10], row[11]
+    return Displacement(origin=origin, matrix=matrix)
 
 
 @inlined
-def twist_along(motion):
+def twist_along(displacement):
     """A twist in whose direction a displacement goes."""
-    (dx, dy, dz), (_, xy, xz, yx, _, yz, zx, zy, _) = motion
+    dx, dy, dz = displacement.origin
+    _, xy, xz, yx, _, yz, zx, zy, _ = displacement.matrix
     return dx, dy, dz, 0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)
 
 
 @inlined
-def product(moved, twist, reach):
+def product(row, twist, reach):
     """The inner product of a displacement, shape [12], and a twist [m²/s]. `reach` [m] weighs turns."""
-    dx, dy, dz, rx, ry, rz = twist_along(as_motion(moved))
+    dx, dy, dz, rx, ry, rz = twist_along(displacement_in(row))
     vx, vy, vz, wx, wy, wz = twist
     return dx * vx + dy * vy + dz * vz + reach * reach * (rx * wx + ry * wy + rz * wz)
 
 
 @inlined
 def _bounded(x):
-    return min(max(x, -FAR), FAR)
+    return min(max(x, -MAX_DISPLACEMENT_M), MAX_DISPLACEMENT_M)
 
 
 @inlined
-def _reduce(moved, state, reach, dead_band):
+def _reduce(displacement, state, reach, dead_band):
     """Reduce a displacement D to its part beyond the dead band b.
 
     Its component along the velocity is scaled by 1 - b / |D|. The component across it is scaled by 1 - b / |across|, so
@@ -126,63 +130,63 @@ def _reduce(moved, state, reach, dead_band):
     wz = _bounded(angular_velocity[2])
     square = 0.0
     for c in range(3):
-        square += moved[c] * moved[c]
-    for c in range(3, DISPLACEMENT):
-        square += 0.5 * reach * reach * moved[c] * moved[c]
-    along = product(moved, (vx, vy, vz, wx, wy, wz), reach)
+        square += displacement[c] * displacement[c]
+    for c in range(3, DISPLACEMENT_COUNT):
+        square += 0.5 * reach * reach * displacement[c] * displacement[c]
+    inner_product = product(displacement, (vx, vy, vz, wx, wy, wz), reach)
     speed_square = vx * vx + vy * vy + vz * vz + reach * reach * (wx * wx + wy * wy + wz * wz)
     share = max(1.0 - dead_band / max(sqrt(square), _TINY), 0.0)
     time = 0.0
     share_across = share
     if speed_square > _TINY:
-        time = along / speed_square
-        across = sqrt(max(square - along * time, 0.0))
-        share_across = max(1.0 - dead_band / max(across, _TINY), 0.0)
+        time = inner_product / speed_square
+        distance_across = sqrt(max(square - inner_product * time, 0.0))
+        share_across = max(1.0 - dead_band / max(distance_across, _TINY), 0.0)
         time *= share - share_across
-    for c in range(DISPLACEMENT):
-        moved[c] *= share_across
-    moved[0] += time * vx
-    moved[1] += time * vy
-    moved[2] += time * vz
-    moved[_XY] -= time * wz
-    moved[_XZ] += time * wy
-    moved[_YX] += time * wz
-    moved[_YZ] -= time * wx
-    moved[_ZX] -= time * wy
-    moved[_ZY] += time * wx
+    for c in range(DISPLACEMENT_COUNT):
+        displacement[c] *= share_across
+    displacement[0] += time * vx
+    displacement[1] += time * vy
+    displacement[2] += time * vz
+    displacement[_XY] -= time * wz
+    displacement[_XZ] += time * wy
+    displacement[_YX] += time * wz
+    displacement[_YZ] -= time * wx
+    displacement[_ZX] -= time * wy
+    displacement[_ZY] += time * wx
 
 
 @inlined
-def follow(followed, state, reach, dead_band, moved):
+def follow(follower, state, reach, dead_band, displacement):
     """Write the displacement of a tool to its next state, shape [13], and move the pose that follows it.
 
-    `followed`: a record of `FOLLOWED`. `reach` of the plates, `dead_band` [m].
+    `follower`: a record of `FOLLOWER`. `reach` of the plates, `dead_band` [m].
     """
-    change = np.empty(DISPLACEMENT)
-    _write_change(followed.position, followed.rotation, followed.is_known, state, change)
-    for c in range(DISPLACEMENT):
-        moved[c] = change[c]
+    change = np.empty(DISPLACEMENT_COUNT)
+    _write_change(follower.position, follower.rotation, follower.is_known, state, change)
+    for c in range(DISPLACEMENT_COUNT):
+        displacement[c] = change[c]
     if dead_band > 0.0:
-        _reduce(moved, state, reach, dead_band)
+        _reduce(displacement, state, reach, dead_band)
     # what the dead band leaves for later
     axes = attitude(state[QUATERNION])
     for c in range(3):
-        followed.position[c] = state[c] - (change[c] - moved[c])
+        follower.position[c] = state[c] - (change[c] - displacement[c])
     for first in range(0, 9, 3):
-        x = change[3 + first] - moved[3 + first]
-        y = change[4 + first] - moved[4 + first]
-        z = change[5 + first] - moved[5 + first]
+        x = change[3 + first] - displacement[3 + first]
+        y = change[4 + first] - displacement[4 + first]
+        z = change[5 + first] - displacement[5 + first]
         x, y, z = into_frame(axes, x, y, z)
-        followed.rotation[first] = axes[first] - x
-        followed.rotation[first + 1] = axes[first + 1] - y
-        followed.rotation[first + 2] = axes[first + 2] - z
-    followed.is_known = 1.0
+        follower.rotation[first] = axes[first] - x
+        follower.rotation[first + 1] = axes[first + 1] - y
+        follower.rotation[first + 2] = axes[first + 2] - z
+    follower.is_known = 1.0
 
 
 @inlined
-def half_way_axes(axes, motion):
+def half_way_axes(axes, displacement):
     """The axes of the tool half a displacement before those at its end; rotation matrices by rows."""
-    _, (xx, xy, xz, yx, yy, yz, zx, zy, zz) = motion
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = displacement.matrix
     # quaternion of the turn, scaled: its real part is 4 cos² of half the angle
     w, x, y, z = max(4.0 - xx - yy - zz, 0.0), zy - yz, xz - zx, yx - xy
     w += sqrt(max(w * w + x * x + y * y + z * z, _TINY))
@@ -195,26 +199,30 @@ def half_way_axes(axes, motion):
 
 
 @inlined
-def in_tool_axes(axes, half_way, motion):
-    """The displacement of a place that is given in tool axes at the end, in the tool's axes half-way.
+def in_tool_axes(axes, half_way, displacement):
+    """The displacement that takes a point in tool axes at the end, and gives its path in the tool's axes half-way.
 
-    Origin and matrix, as `motion`, which has both in world axes. `axes` at the end, `half_way`: rotation matrices.
+    `displacement`: the same in world axes. `axes` at the end, `half_way`: rotation matrices.
     """
-    (dx, dy, dz), matrix = motion
+    matrix = displacement.matrix
     x = into_frame(axes, *matrix[:3])
     y = into_frame(axes, *matrix[3:6])
     z = into_frame(axes, *matrix[6:])
     p = into_frame(half_way, x[0], y[0], z[0])
     q = into_frame(half_way, x[1], y[1], z[1])
     r = into_frame(half_way, x[2], y[2], z[2])
-    return into_frame(half_way, dx, dy, dz), (p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2])
+    return Displacement(
+        origin=into_frame(half_way, *displacement.origin),
+        matrix=(p[0], q[0], r[0], p[1], q[1], r[1], p[2], q[2], r[2]),
+    )
 
 
 @inlined
-def moved_by(motion, place):
-    """The displacement of a place by that of a tool, as origin and matrix; both in world or in tool axes."""
-    (dx, dy, dz), (xx, xy, xz, yx, yy, yz, zx, zy, zz) = motion
-    x, y, z = place
+def shift_of(displacement, point):
+    """The displacement of a point of the tool by the tool's `Displacement`; both in world or in tool axes."""
+    dx, dy, dz = displacement.origin
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = displacement.matrix
+    x, y, z = point
     return (
         dx + xx * x + xy * y + xz * z,
         dy + yx * x + yy * y + yz * z,
@@ -223,22 +231,22 @@ def moved_by(motion, place):
 
 
 @compiled
-def _between_each(before, states, moved):
+def _between_each(states_before, states, displacements):
     for k in range(len(states)):
-        between(before[k], states[k], moved[k])
+        between(states_before[k], states[k], displacements[k])
 
 
 @compiled
-def _follow_each(followed, states, reach, dead_band, moved):
+def _follow_each(followers, states, reach, dead_band, displacements):
     for k in range(len(states)):
-        follow(followed[0], states[k], reach, dead_band, moved[k])
+        follow(followers[0], states[k], reach, dead_band, displacements[k])
 
 
-def displacements_between(before: Array, states: Array) -> Array:
+def displacements_between(states_before: Array, states: Array) -> Array:
     """The displacements between states, each of shape [n, 13], shape [n, 12]; none from a state that is all zeros."""
-    moved = np.empty((len(states), DISPLACEMENT))
-    _between_each(before, states, moved)
-    return moved
+    displacements = np.empty((len(states), DISPLACEMENT_COUNT))
+    _between_each(states_before, states, displacements)
+    return displacements
 
 
 def displacements_followed(states: Array, *, reach: float, dead_band: float) -> Array:
@@ -247,6 +255,6 @@ def displacements_followed(states: Array, *, reach: float, dead_band: float) -> 
     `reach` of its plates [m]. The first state has none.
     """
     number("dead_band", dead_band, least=0.0)
-    moved = np.empty((len(states), DISPLACEMENT))
-    _follow_each(np.zeros(1, FOLLOWED), states, reach, dead_band, moved)
-    return moved
+    displacements = np.empty((len(states), DISPLACEMENT_COUNT))
+    _follow_each(np.zeros(1, FOLLOWER), states, reach, dead_band, displacements)
+    return displacements

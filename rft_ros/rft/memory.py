@@ -36,7 +36,7 @@ curved path n, q and t are those half-way, from the twist and the displacement (
 The displacement of a step is that of the tool (`displacement`). Nothing else decides how far the plates have moved,
 whatever time it took.
 
-λ is the mobilization length times (d / `DEPTH`)² at the plate's depth d, within `LEAST` and `GREATEST`.
+λ is the mobilization length times (d / `REFERENCE_DEPTH_M`)² at the plate's depth d, within the bounds below.
 
 Continuity. Each line is Lipschitz in D, n, q, t and the state, and under the refined rule the share, and so t, is
 continuous too; v·n = 0, D·n = 0, g = 0 and τ = 0 are no special cases. A state at which the plate has not moved
@@ -56,9 +56,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.rft.displacement import DISPLACEMENT, FAR, moved_by
+from rft_ros.rft.displacement import DISPLACEMENT_COUNT, MAX_DISPLACEMENT_M, shift_of
 from rft_ros.rft.frames import STATE
-from rft_ros.rft.kernel import chunk as row
+from rft_ros.rft.kernel import chunk as layout
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.plates import BLOCK, Plates
@@ -107,7 +107,8 @@ def store(block, i, state):
     block.worn[i] = state.worn
 
 
-_TINY = 1e-60  # least lengths, and tractions per depth that are divided by
+_TINY = 1e-60
+"""Least length [m], and traction per depth [N/m³], that something is divided by."""
 
 Array = NDArray[np.float64]
 
@@ -144,7 +145,7 @@ NO_MEMORY = Past(
     has_memory=False,
     blocks=np.zeros(1, BLOCK_STATE),
     stiffness=NO_STIFFNESS,
-    displacements=np.zeros((1, DISPLACEMENT)),
+    displacements=np.zeros((1, DISPLACEMENT_COUNT)),
 )
 """For plates without memory."""
 
@@ -154,36 +155,36 @@ def _times(s, v):
     return s * v[0], s * v[1], s * v[2]
 
 
-DEPTH = 0.03
-"""Depth [m] at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
+REFERENCE_DEPTH_M = 0.03
+"""Depth at which a plate's λ equals the mobilization length; λ grows with the square of depth."""
 
-LEAST = 0.1
-GREATEST = 2.25
+MIN_LENGTH_RATIO = 0.1
+MAX_LENGTH_RATIO = 2.25
 """The least and the greatest λ(d), over the mobilization length: those of 9.5 and 45 mm of depth."""
 
-STIFF = 12.0
+MODULUS_FACTOR = 12.0
 """E: modulus of the spring, over the strength of the law and λ."""
 
-FADES = 3.0
+FADE_PATH_RATIO = 3.0
 """F: path of retreat over which the yield surface shrinks, over λ."""
 
-OPEN = 0.2
+GAP_SHARE = 0.2
 """G: growth of the gap over the retreat."""
 
 WEAR_PATH_M = 0.013
 """C: path over which a sliding face loses its pressure. Chosen on the seen runs and a real wheel's spins."""
 
-RESTORED_OVER = 1.5
+RESTORE_PATH_RATIO = 1.5
 """B: path over which a face that leads regains its pressure, over λ."""
 
-MOST_WORN = 0.9
+MAX_WORN_SHARE = 0.9
 """U: greatest share that sliding wears off. Chosen with a real wheel's spins and drags."""
 
-LEVEL_LEAD = 0.75
+LEVEL_LEAD_SHARE = 0.75
 """S0: lead from which on a face that moves level meets fresh grains. Chosen with the smooth wheel's drags in sight;
 from 0.7 to 0.8 no error changes by more than 0.6 points."""
 
-DIVING_LEAD = 0.3
+DIVING_LEAD_SHARE = 0.3
 """S1: the same for a face that dives steeply. Chosen on the seen simulated runs."""
 
 
@@ -204,123 +205,134 @@ def _exp_minus(x):
 @inlined
 def _steadily_worn(lead, dive, down):
     """u∞ of Eq. (10d). `lead`: s. `dive`: d. `down`: -n·E3."""
-    fresh = max(LEVEL_LEAD * (1.0 - dive), DIVING_LEAD)
-    return MOST_WORN * max(down, 0.0) * min(max(1.0 - lead / fresh, 0.0), 1.0)
+    fresh_lead = max(LEVEL_LEAD_SHARE * (1.0 - dive), DIVING_LEAD_SHARE)
+    return MAX_WORN_SHARE * max(down, 0.0) * min(max(1.0 - lead / fresh_lead, 0.0), 1.0)
 
 
 @inlined
 def _contact(gap, outward, unloading):
     """c and r of Eq. (10a), and the gap g after the step. `outward`: D·n. `unloading`: path on which contact ends."""
-    closed = min(max(outward, 0.0), gap)
-    beyond = max(-outward - unloading, 0.0)
-    return closed, beyond, gap - closed + OPEN * beyond
+    gap_path = min(max(outward, 0.0), gap)
+    retreat = max(-outward - unloading, 0.0)
+    return gap_path, retreat, gap - gap_path + GAP_SHARE * retreat
 
 
 @inlined
-def advance(before, normal, moved, share, target, span, strength):
+def advance(old, normal, shift, share, target, length, strength):
     """A plate's state after one step, Eqs. (10a) to (10f), and its tangent [N/m⁴].
 
-    `before`: its `PlateState`. `moved`: D [m]. `share`: q. `target`: t [N/m³]. `span`: λ [m]. `strength`: σ [N/m³]. The
+    `old`: its `PlateState`. `shift`: D [m]. `share`: q. `target`: t [N/m³]. `length`: λ [m]. `strength`: σ [N/m³]. The
     tangent: the modulus of the change of the traction with the displacement. In the code a is `elastic_path`, c
-    `closed`, r `beyond`, p `plastic`, x `yielding`. `late` t: what the approach to t' has over that to (1 - u) t.
+    `gap_path`, r `retreat`, |D'| `contact_path`, p `plastic_path`, x `yielding`. `late` t: what the approach to t' has
+    over that to (1 - u) t.
     """
-    tau_x, tau_y, tau_z = before.tau_x, before.tau_y, before.tau_z
+    tau_x, tau_y, tau_z = old.tau_x, old.tau_y, old.tau_z
     nx, ny, nz = normal
-    dx, dy, dz = moved
-    per_modulus = span * (1.0 / (STIFF * strength))
+    dx, dy, dz = shift
+    per_modulus = length * (1.0 / (MODULUS_FACTOR * strength))
 
     outward = dx * nx + dy * ny + dz * nz
     pressure = max(-(tau_x * nx + tau_y * ny + tau_z * nz), 0.0)
-    closed, beyond, gap = _contact(before.gap, outward, pressure * per_modulus)
+    gap_path, retreat, gap = _contact(old.gap, outward, pressure * per_modulus)
     step = max(sqrt(dx * dx + dy * dy + dz * dz), _TINY)
-    # |D'|: closed and beyond are not both positive
-    in_contact = step - closed
-    way = sqrt(max(in_contact * in_contact + beyond * (2.0 * outward + beyond), _TINY * _TINY))
-    inverse = 1.0 / (step * span * way)  # one division for three
-    per_step = span * way * inverse
-    per_span = step * way * inverse
-    per_way = step * span * inverse
-    modulus = STIFF * strength * per_span
+    # |D'|: gap_path and retreat are not both positive
+    in_contact = step - gap_path
+    contact_path = sqrt(
+        max(in_contact * in_contact + retreat * (2.0 * outward + retreat), _TINY * _TINY)
+    )
+    inverse = 1.0 / (step * length * contact_path)  # one division for three
+    per_step = length * contact_path * inverse
+    per_length = step * contact_path * inverse
+    per_contact_path = step * length * inverse
+    modulus = MODULUS_FACTOR * strength * per_length
     lead = outward * per_step
     dive = max(-dz, 0.0) * per_step
-    part = 1.0 - closed * per_step
-    ex = (part * dx + beyond * nx) * per_way
-    ey = (part * dy + beyond * ny) * per_way
-    ez = (part * dz + beyond * nz) * per_way
+    contact_share = 1.0 - gap_path * per_step
+    ex = (contact_share * dx + retreat * nx) * per_contact_path
+    ey = (contact_share * dy + retreat * ny) * per_contact_path
+    ez = (contact_share * dz + retreat * nz) * per_contact_path
 
-    along = ex * tau_x + ey * tau_y + ez * tau_z
+    tau_along = ex * tau_x + ey * tau_y + ez * tau_z
     tau = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
-    elastic_path = (2.0 * max(along, 0.0) + max(before.radius - tau, 0.0)) * per_modulus
-    elastic = min(elastic_path, way)
-    plastic = way - elastic
+    elastic_path = (2.0 * max(tau_along, 0.0) + max(old.radius - tau, 0.0)) * per_modulus
+    elastic = min(elastic_path, contact_path)
+    plastic_path = contact_path - elastic
     fall = modulus * elastic
     tau_x, tau_y, tau_z = tau_x - fall * ex, tau_y - fall * ey, tau_z - fall * ez
 
     steady = _steadily_worn(lead, dive, -nz)
-    per_wear = min(1.0 / WEAR_PATH_M, per_span * (1.0 / RESTORED_OVER))
-    per_wear = per_wear if steady > before.worn else per_span * (1.0 / RESTORED_OVER)
+    per_wear = min(1.0 / WEAR_PATH_M, per_length * (1.0 / RESTORE_PATH_RATIO))
+    per_wear = per_wear if steady > old.worn else per_length * (1.0 / RESTORE_PATH_RATIO)
     per_wear *= min(2.0 * share, 1.0)
-    lasts = _exp_minus(plastic * per_wear)
-    excess = before.worn - steady
-    worn = steady + excess * lasts
+    decay = _exp_minus(plastic_path * per_wear)
+    excess = old.worn - steady
+    worn = steady + excess * decay
     tx, ty, tz = _times(1.0 - worn, target)
     cx, cy, cz = tx - tau_x, ty - tau_y, tz - tau_z
     change = sqrt(cx * cx + cy * cy + cz * cz)
-    tried = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
+    trial_size = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
     # f = falling / size_squared, and x / (x - z) is 1.5 at most
     falling = max(-(cx * tau_x + cy * tau_y + cz * tau_z), 0.0)
-    square = max(change * max(change, tried), _TINY)
+    square = max(change * max(change, trial_size), _TINY)
     both = square + falling
-    rest = both - square * (per_wear * span)
+    rest = both - square * (per_wear * length)
     inverse = 1.0 / (square * rest)  # one division for two
-    yielding = plastic * per_span * (both * rest * inverse)
-    faster = _exp_minus(yielding - plastic * per_wear)
-    approach = 1.0 - lasts * faster
-    late = excess * lasts * (approach - (1.0 - faster) * (both * square * inverse))
+    yielding = plastic_path * per_length * (both * rest * inverse)
+    yield_decay = _exp_minus(yielding - plastic_path * per_wear)
+    approach = 1.0 - decay * yield_decay
+    late = excess * decay * (approach - (1.0 - yield_decay) * (both * square * inverse))
     tau_x, tau_y, tau_z = (
         tau_x + approach * cx + late * target[0],
         tau_y + approach * cy + late * target[1],
         tau_z + approach * cz + late * target[2],
     )
     size = sqrt(tau_x * tau_x + tau_y * tau_y + tau_z * tau_z)
-    radius = before.radius + (size - tried) - approach * max(before.radius - tried, 0.0)
+    radius = old.radius + (size - trial_size) - approach * max(old.radius - trial_size, 0.0)
 
-    keeps = 1.0 - min(modulus * beyond, size) / max(size, _TINY)
-    radius = max(radius * max(1.0 - beyond * per_span * (1.0 / FADES), 0.0), keeps * size)
-    tangent = modulus + plastic * per_way * (max(size, change) * per_span - modulus)
-    tangent *= 1.0 if keeps * size > 0.0 else 0.0  # without traction nothing is stiff
-    tau_x, tau_y, tau_z = keeps * tau_x, keeps * tau_y, keeps * tau_z
+    kept_share = 1.0 - min(modulus * retreat, size) / max(size, _TINY)
+    radius = max(
+        radius * max(1.0 - retreat * per_length * (1.0 / FADE_PATH_RATIO), 0.0), kept_share * size
+    )
+    tangent = modulus + plastic_path * per_contact_path * (
+        max(size, change) * per_length - modulus
+    )
+    tangent *= 1.0 if kept_share * size > 0.0 else 0.0  # without traction nothing is stiff
+    tau_x, tau_y, tau_z = kept_share * tau_x, kept_share * tau_y, kept_share * tau_z
     state = PlateState(tau_x=tau_x, tau_y=tau_y, tau_z=tau_z, radius=radius, gap=gap, worn=worn)
     return state, tangent
 
 
-def _add_memory(chunk, numbers, count, blocks, motion, below, slope, law):
+def _add_memory(chunk, numbers, count, blocks, displacement, origin_depth, slope, law):
     """Replace the law's tractions of the blocks in a chunk, `count`, by those with memory, and store their states.
 
-    `numbers`: where those of the blocks begin in the chunk. `blocks`: of the memory. `motion`: the displacement, world
-    axes; `below`, `slope`: depth of the tool frame's origin [m], and the surface's; `law`: its numbers.
+    `numbers`: where those of the blocks begin in the chunk. `blocks`: of the memory. `displacement`: of the tool, world
+    axes. `origin_depth` of the tool frame [m], and the `slope` of the surface. `law`: its numbers.
     """
     wide_vectors()
     for b in range(count):
         block = blocks[np.uint64(chunk[at(numbers, b)])]
         for j in range(BLOCK):
             i = at(np.uint64(b) * np.uint64(BLOCK), j)
-            x, y, z = place = triple(chunk, row.PLACE, i)
-            dx, dy, dz = moved = moved_by(motion, place)
-            # the depth half a step before
-            depth = below - z + 0.5 * dz + slope[0] * (x - 0.5 * dx) + slope[1] * (y - 0.5 * dy)
-            ratio = min(max(depth * depth * (1.0 / (DEPTH * DEPTH)), LEAST), GREATEST)
-            span = max(law.mobilization_length, 1.0 / FAR) * ratio
-            share = chunk[at(row.SHARE, i)]
-            target = _times(share, triple(chunk, row.TRACTION, i))
-            normal = triple(chunk, row.NORMAL, i)
-            now, tangent = advance(
-                load(block, j), normal, moved, share, target, span, law.stiffness
+            x, y, z = position = triple(chunk, layout.POSITION, i)
+            dx, dy, dz = shift = shift_of(displacement, position)
+            half_step_depth = (
+                origin_depth - z + 0.5 * dz + slope[0] * (x - 0.5 * dx) + slope[1] * (y - 0.5 * dy)
             )
-            volume = chunk[at(row.LOAD, i)]
-            state = now if volume > 0.0 else EMPTY
-            put(chunk, row.TRACTION, i, (state.tau_x, state.tau_y, state.tau_z))
-            chunk[at(row.TANGENT, i)] = tangent * max(volume, 0.0)
+            depth_ratio2 = (
+                half_step_depth * half_step_depth * (1.0 / (REFERENCE_DEPTH_M * REFERENCE_DEPTH_M))
+            )
+            length_ratio = min(max(depth_ratio2, MIN_LENGTH_RATIO), MAX_LENGTH_RATIO)
+            length = max(law.mobilization_length, 1.0 / MAX_DISPLACEMENT_M) * length_ratio
+            share = chunk[at(layout.SHARE, i)]
+            target = _times(share, triple(chunk, layout.TRACTION, i))
+            normal = triple(chunk, layout.NORMAL, i)
+            new, tangent = advance(
+                load(block, j), normal, shift, share, target, length, law.stiffness
+            )
+            volume = chunk[at(layout.LOAD, i)]
+            state = new if volume > 0.0 else EMPTY
+            put(chunk, layout.TRACTION, i, (state.tau_x, state.tau_y, state.tau_z))
+            chunk[at(layout.TANGENT, i)] = tangent * max(volume, 0.0)
             store(block, j, state)
 
 
@@ -344,24 +356,21 @@ def is_elastic(block):
 
 
 @inlined
-def follow_gap(block, i, normal, place, motion):
-    """`advance` for plate i of a block that is not elastic and trails: of its memory only the gap changes.
-
-    `motion`: the displacement, in the axes of normal and place.
-    """
+def follow_gap(block, i, normal, shift):
+    """`advance` for plate i of a block that is not elastic and trails: of its memory only the gap changes."""
     nx, ny, nz = normal
-    dx, dy, dz = moved_by(motion, place)
-    before = load(block, i)
-    _, _, gap = _contact(before.gap, dx * nx + dy * ny + dz * nz, 0.0)
+    dx, dy, dz = shift
+    old = load(block, i)
+    _, _, gap = _contact(old.gap, dx * nx + dy * ny + dz * nz, 0.0)
     store(
         block,
         i,
         PlateState(
-            tau_x=before.tau_x,
-            tau_y=before.tau_y,
-            tau_z=before.tau_z,
-            radius=before.radius,
+            tau_x=old.tau_x,
+            tau_y=old.tau_y,
+            tau_z=old.tau_z,
+            radius=old.radius,
             gap=gap,
-            worn=before.worn,
+            worn=old.worn,
         ),
     )

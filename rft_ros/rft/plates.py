@@ -5,7 +5,7 @@ body's plates trail, and a tool is seldom fully submerged. Skipping single plate
 """
 
 from dataclasses import dataclass, fields
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -37,16 +37,25 @@ ROWS_OF_REFINED = 14
 
 BOUND_NORMAL = 0
 BOUND_MOMENT = 6
-BOUND_PLACE = 12
+BOUND_POSITION = 12
 BOUND_AREA = 18
 BOUND_SINE = 19
-"""The rows of `Plates.bounds`. BOUND_NORMAL, BOUND_MOMENT and BOUND_PLACE each begin six rows: the middle of a box (3)
-and half of its sides (3)."""
+"""The rows of `Plates.bounds`. BOUND_NORMAL, BOUND_MOMENT and BOUND_POSITION each begin six rows: the middle of a box
+(3) and half of its sides (3)."""
 
 BOUNDS = 20
 """Rows of `Plates.bounds`."""
 
 Array = NDArray[np.float64]
+
+
+class PackedPlates(NamedTuple):
+    """Plates for the compiled loop. `rows`: `Plates.blocks`; `bounds`, `reach`: as in `Plates`."""
+
+    rows: Array
+    bounds: Array
+    is_refined: bool
+    reach: float
 
 
 @dataclass(frozen=True, slots=True, eq=False, init=False)
@@ -59,8 +68,8 @@ class Plates:
     `rows`: shape [7, n]: x, y, z [m] of the centroid, outward unit normal nx, ny, nz, area [m²]. For the refined rule
     shape [14, n]: also two corners relative to the centroid [m] and 1 / (2 sin θ), θ the half angle.
     `reach`: greatest distance of any point of a plate from the tool frame's origin [m]. `area`: of all plates [m²].
-    `blocks`: the same in the kernel's order, block by block its rows, padded to whole blocks by copies without area.
-    `order`: the plate in each place before the padding, shape [n].
+    `blocks`: `rows` reordered for the kernel: blocks of 16 plates, each stored row by row; the last is padded with
+    plates of zero area. `order`: the index in `rows` of each plate in the kernel's order, shape [n].
     `bounds`: shape [20, blocks]: boxes (middle, half of the sides) of the normals, of r x n [m] and of the positions
     [m]; area [m²]; sine of the greatest half angle.
     """
@@ -83,21 +92,21 @@ class Plates:
 
         Raises ValueError as `Plates`.
         """
-        made = object.__new__(cls)
-        made._arrange(_checked(rows))
-        return made
+        plates = object.__new__(cls)
+        plates._arrange(_checked(rows))
+        return plates
 
     def _arrange(self, r: Array) -> None:
         """Fill the fields from checked rows."""
-        far = np.zeros(r.shape[1])  # of a plate's points from its centroid
+        extents = np.zeros(r.shape[1])
         if len(r) == ROWS_OF_REFINED:
             first = r[FIRST_CORNER]
             second = r[SECOND_CORNER]
-            far = np.sqrt(
+            extents = np.sqrt(
                 np.max([(e * e).sum(axis=0) for e in (first, second, first + second)], axis=0)
             )
-        reach = float((np.linalg.norm(r[CENTROID], axis=0) + far).max())
-        self._set(r, reach, float(r[AREA].sum()), *_in_blocks(r, far))
+        reach = float((np.linalg.norm(r[CENTROID], axis=0) + extents).max())
+        self._set(r, reach, float(r[AREA].sum()), *_in_blocks(r, extents))
 
     def _set(self, *values: object) -> None:
         for f, value in zip(fields(self), values, strict=True):
@@ -134,9 +143,14 @@ class Plates:
         return "centroid" if len(self.rows) == ROWS_OF_CENTROID else "refined"
 
     @property
-    def form(self) -> tuple[Array, Array, bool, float]:
-        """What the kernel takes: blocks, bounds, whether refined, reach."""
-        return self.blocks, self.bounds, len(self.rows) == ROWS_OF_REFINED, self.reach
+    def packed(self) -> PackedPlates:
+        """The same for the compiled loop."""
+        return PackedPlates(
+            rows=self.blocks,
+            bounds=self.bounds,
+            is_refined=len(self.rows) == ROWS_OF_REFINED,
+            reach=self.reach,
+        )
 
     @classmethod
     def from_arrays(cls, centroids: ArrayLike, normals: ArrayLike, areas: ArrayLike) -> "Plates":
@@ -167,10 +181,10 @@ class Plates:
         if not ((theta > 0.0) & (theta <= 0.5 * np.pi)).all():
             raise ValueError("half_angles must lie over 0 and up to π/2")
         center = t.mean(axis=1)
-        doubled = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
-        areas = 0.5 * np.linalg.norm(doubled, axis=1)
+        area_normals = np.cross(t[:, 1] - t[:, 0], t[:, 2] - t[:, 0])
+        areas = 0.5 * np.linalg.norm(area_normals, axis=1)
         edges = (t - center[:, None])[:, :2].reshape(len(t), 6)
-        return cls(np.column_stack([center, doubled, areas, edges, 0.5 / np.sin(theta)]).T)
+        return cls(np.column_stack([center, area_normals, areas, edges, 0.5 / np.sin(theta)]).T)
 
     def __len__(self) -> int:
         return self.rows.shape[1]
@@ -200,22 +214,21 @@ def _restored(*values: object) -> Plates:
     return plates
 
 
-def _in_blocks(rows: Array, far: Array) -> tuple[Array, NDArray[np.int64], Array]:
+def _in_blocks(rows: Array, extents: Array) -> tuple[Array, NDArray[np.int64], Array]:
     """`Plates.blocks`, `order` and `bounds`: plates of similar normals and positions in each block.
 
-    `far`: greatest distance of each plate's points from its centroid [m], shape [n].
+    `extents`: greatest distance of each plate's points from its centroid [m], shape [n].
     """
     n = rows.shape[1]
     center = rows[CENTROID] - rows[CENTROID].mean(axis=1, keepdims=True)
     size = np.abs(center).max()
     # a tool's length weighs as much as a quarter turn of the normal
     order = _neighbours(np.vstack([rows[NORMAL], center / size if size > 0.0 else center]))
-    padded = np.append(order, np.repeat(order[-1:], -n % BLOCK))
-    in_order = np.ascontiguousarray(rows[:, padded])
-    far = far[padded]
-    in_order[AREA, n:] = 0.0
-    blocks = in_order.reshape(len(rows), -1, BLOCK).swapaxes(0, 1).ravel()
-    return blocks, order, _bounds(in_order, far)
+    padded_order = np.append(order, np.repeat(order[-1:], -n % BLOCK))
+    ordered_rows = np.ascontiguousarray(rows[:, padded_order])
+    ordered_rows[AREA, n:] = 0.0
+    blocks = ordered_rows.reshape(len(rows), -1, BLOCK).swapaxes(0, 1).ravel()
+    return blocks, order, _bounds(ordered_rows, extents[padded_order])
 
 
 def _neighbours(features: Array) -> NDArray[np.int64]:
@@ -227,29 +240,27 @@ def _neighbours(features: Array) -> NDArray[np.int64]:
         here = features[:, columns]
         widest = int(np.argmax(np.ptp(here, axis=1)))
         half = BLOCK * -(-len(columns) // (2 * BLOCK))
-        by_size = columns[np.argsort(here[widest], kind="stable")]
-        return ordered(by_size[:half]) + ordered(by_size[half:])
+        sorted_columns = columns[np.argsort(here[widest], kind="stable")]
+        return ordered(sorted_columns[:half]) + ordered(sorted_columns[half:])
 
     return np.concatenate(ordered(np.arange(features.shape[1])))
 
 
 def _bounds(rows: Array, extents: Array) -> Array:
-    by_block = rows.reshape(len(rows), -1, BLOCK)
-    place = by_block[CENTROID]
-    normal = by_block[NORMAL]
-    area = by_block[AREA]
-    moment = np.cross(place, normal, axis=0)
-    far = extents.reshape(-1, BLOCK)
+    blocks = rows.reshape(len(rows), -1, BLOCK)
+    position = blocks[CENTROID]
+    normal = blocks[NORMAL]
+    area = blocks[AREA]
+    moment = np.cross(position, normal, axis=0)
+    extent = extents.reshape(-1, BLOCK)
 
-    def box(vectors: Array, more: Array) -> Array:
-        low = (vectors - more).min(axis=2)
-        high = (vectors + more).max(axis=2)
+    def box(vectors: Array, margin: Array) -> Array:
+        low = (vectors - margin).min(axis=2)
+        high = (vectors + margin).max(axis=2)
         return np.vstack([0.5 * (low + high), 0.5 * (high - low) * (1.0 + ROUNDING)])
 
-    fade = (
-        0.5 / by_block[HALF_ANGLE].min(axis=1)
-        if len(rows) == ROWS_OF_REFINED
-        else np.zeros(by_block.shape[1])
-    )
-    boxes = box(normal, np.zeros_like(far)), box(moment, far), box(place, far)
-    return np.ascontiguousarray(np.vstack([*boxes, area.sum(axis=1), fade]))
+    sine = np.zeros(blocks.shape[1])
+    if len(rows) == ROWS_OF_REFINED:
+        sine = 0.5 / blocks[HALF_ANGLE].min(axis=1)
+    boxes = box(normal, np.zeros_like(extent)), box(moment, extent), box(position, extent)
+    return np.ascontiguousarray(np.vstack([*boxes, area.sum(axis=1), sine]))

@@ -5,7 +5,7 @@ The tangent of each plate is that of `rft_ros.rft.memory.advance`.
 
 import numpy as np
 
-from rft_ros.rft.kernel import chunk as row
+from rft_ros.rft.kernel import chunk as layout
 from rft_ros.rft.kernel.chunk import at, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import inlined
 
@@ -46,8 +46,8 @@ def add_stiffness(chunk, n, total):
     wide_vectors()
     k = kx = ky = kz = kxx = kyy = kzz = kxy = kxz = kyz = 0.0
     for i in range(n):
-        x, y, z = triple(chunk, row.PLACE, i)
-        stiff = chunk[at(row.TANGENT, i)]
+        x, y, z = triple(chunk, layout.POSITION, i)
+        stiff = chunk[at(layout.TANGENT, i)]
         k += stiff
         kx += stiff * x
         ky += stiff * y

@@ -21,7 +21,7 @@ from rft_ros.rft.alpha_y import (
     pack_treers2021,
 )
 from rft_ros.rft.grains import AGARWAL2023, GranularLaw, PackedLaw
-from rft_ros.rft.kernel import chunk as row
+from rft_ros.rft.kernel import chunk as layout
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
 from rft_ros.rft.media import Medium
@@ -236,13 +236,13 @@ def orient(chunk, i, normal, velocity):
     reciprocal = 1.0 / (speed * length)  # one division for both
     per_speed = reciprocal * length
     per_length = reciprocal * speed
-    put(chunk, row.NORMAL, i, normal)
-    put(chunk, row.VELOCITY, i, (vx * per_speed, vy * per_speed, vz * per_speed))
-    chunk[at(row.SPEED, i)] = speed_squared * per_speed
-    chunk[at(row.E2_X, i)] = nx * per_length
-    chunk[at(row.E2_Y, i)] = ny * per_length
-    chunk[at(row.SIN_B, i)] = horizontal * per_length
-    chunk[at(row.COS_B, i)] = -nz
+    put(chunk, layout.NORMAL, i, normal)
+    put(chunk, layout.VELOCITY, i, (vx * per_speed, vy * per_speed, vz * per_speed))
+    chunk[at(layout.SPEED, i)] = speed_squared * per_speed
+    chunk[at(layout.E2_X, i)] = nx * per_length
+    chunk[at(layout.E2_Y, i)] = ny * per_length
+    chunk[at(layout.SIN_B, i)] = horizontal * per_length
+    chunk[at(layout.COS_B, i)] = -nz
     return per_speed
 
 
@@ -251,8 +251,8 @@ def _turn_flat_plates(chunk, n, flat_cosine):
     """Give plates with abs(n·E3) >= `flat_cosine` the velocity's horizontal direction as e2, where 2D RFT holds."""
     wide_vectors()
     for i in range(n):
-        nx, ny, nz = triple(chunk, row.NORMAL, i)
-        vx, vy, _ = triple(chunk, row.VELOCITY, i)
+        nx, ny, nz = triple(chunk, layout.NORMAL, i)
+        vx, vy, _ = triple(chunk, layout.VELOCITY, i)
         vx += _NUDGE_RATIO
         vx = 1.0 if vx * vx + vy * vy == 0.0 else vx
         per_length = 1.0 / sqrt(vx * vx + vy * vy)
@@ -262,10 +262,10 @@ def _turn_flat_plates(chunk, n, flat_cosine):
         short = 1.0 - (n2 * n2 + nz * nz)
         per_n23 = 1.0 + short * (0.5 + short * (0.375 + short * (0.3125 + short * 0.2734375)))
         flat = abs(nz) >= flat_cosine
-        chunk[at(row.E2_X, i)] = vx if flat else chunk[at(row.E2_X, i)]
-        chunk[at(row.E2_Y, i)] = vy if flat else chunk[at(row.E2_Y, i)]
-        chunk[at(row.SIN_B, i)] = n2 * per_n23 if flat else chunk[at(row.SIN_B, i)]
-        chunk[at(row.COS_B, i)] = -nz * per_n23 if flat else chunk[at(row.COS_B, i)]
+        chunk[at(layout.E2_X, i)] = vx if flat else chunk[at(layout.E2_X, i)]
+        chunk[at(layout.E2_Y, i)] = vy if flat else chunk[at(layout.E2_Y, i)]
+        chunk[at(layout.SIN_B, i)] = n2 * per_n23 if flat else chunk[at(layout.SIN_B, i)]
+        chunk[at(layout.COS_B, i)] = -nz * per_n23 if flat else chunk[at(layout.COS_B, i)]
 
 
 @inlined
@@ -303,15 +303,15 @@ def _treers2021(law, chunk, n, refined):
     wide_vectors()
     numbers = law.numbers[0]
     for i in range(n):
-        sin_b = chunk[at(row.SIN_B, i)]
-        cos_b = chunk[at(row.COS_B, i)]
-        e2 = (chunk[at(row.E2_X, i)], chunk[at(row.E2_Y, i)])
-        velocity = triple(chunk, row.VELOCITY, i)
+        sin_b = chunk[at(layout.SIN_B, i)]
+        cos_b = chunk[at(layout.COS_B, i)]
+        e2 = (chunk[at(layout.E2_X, i)], chunk[at(layout.E2_Y, i)])
+        velocity = triple(chunk, layout.VELOCITY, i)
         t, along, sin_g, cos_g = _stresses(numbers, sin_b, cos_b, e2, velocity)
-        put(chunk, row.TRACTION, i, t)
-        chunk[at(row.ALONG, i)] = along
-        chunk[at(row.SIN_G, i)] = sin_g
-        chunk[at(row.COS_G, i)] = cos_g
+        put(chunk, layout.TRACTION, i, t)
+        chunk[at(layout.E1_FACTOR, i)] = along
+        chunk[at(layout.SIN_G, i)] = sin_g
+        chunk[at(layout.COS_G, i)] = cos_g
     add_alpha_y(law, chunk, n, refined)
 
 
@@ -324,16 +324,16 @@ def _limited(chunk, n):
     """
     wide_vectors()
     for i in range(n):
-        nx, ny, nz = triple(chunk, row.NORMAL, i)
-        vx, vy, vz = triple(chunk, row.VELOCITY, i)
-        tx, ty, tz = triple(chunk, row.TRACTION, i)
+        nx, ny, nz = triple(chunk, layout.NORMAL, i)
+        vx, vy, vz = triple(chunk, layout.VELOCITY, i)
+        tx, ty, tz = triple(chunk, layout.TRACTION, i)
         pull = max(tx * nx + ty * ny + tz * nz, 0.0)
         away = min(vx * nx + vy * ny + vz * nz, 0.0)
         tx, ty, tz = tx - pull * nx, ty - pull * ny, tz - pull * nz
         vx, vy, vz = vx - away * nx, vy - away * ny, vz - away * nz
         least = LEAST_RESISTANCE * sqrt(tx * tx + ty * ty + tz * tz)
         push = max(tx * vx + ty * vy + tz * vz + least, 0.0)
-        put(chunk, row.TRACTION, i, (tx - push * vx, ty - push * vy, tz - push * vz))
+        put(chunk, layout.TRACTION, i, (tx - push * vx, ty - push * vy, tz - push * vz))
 
 
 def _tractions(law: Any, chunk: Any, n: Any, flat: bool, refined: bool) -> None:
@@ -347,9 +347,9 @@ def _tractions(law: Any, chunk: Any, n: Any, flat: bool, refined: bool) -> None:
     numbers = law.numbers[0]
     if numbers.law == AGARWAL2023:
         for i in range(n):
-            normal = triple(chunk, row.NORMAL, i)
-            velocity = triple(chunk, row.VELOCITY, i)
-            put(chunk, row.TRACTION, i, agarwal2023_traction(numbers, normal, velocity))
+            normal = triple(chunk, layout.NORMAL, i)
+            velocity = triple(chunk, layout.VELOCITY, i)
+            put(chunk, layout.TRACTION, i, agarwal2023_traction(numbers, normal, velocity))
         if refined:
             _limited(chunk, n)
         return
@@ -360,16 +360,16 @@ def _tractions(law: Any, chunk: Any, n: Any, flat: bool, refined: bool) -> None:
         _treers2021(law, chunk, n, refined)
         if blends and pass_index == 0:
             for i in range(n):
-                put(chunk, row.UNBLENDED, i, triple(chunk, row.TRACTION, i))
+                put(chunk, layout.STEEP_TRACTION, i, triple(chunk, layout.TRACTION, i))
     if blends:
         for i in range(n):
-            nx, ny, _ = triple(chunk, row.NORMAL, i)
+            nx, ny, _ = triple(chunk, layout.NORMAL, i)
             share = min(sqrt(nx * nx + ny * ny) * (1.0 / _SIN_BLEND), 1.0)
-            ax, ay, az = triple(chunk, row.TRACTION, i)
-            bx, by, bz = triple(chunk, row.UNBLENDED, i)
+            ax, ay, az = triple(chunk, layout.TRACTION, i)
+            bx, by, bz = triple(chunk, layout.STEEP_TRACTION, i)
             put(
                 chunk,
-                row.TRACTION,
+                layout.TRACTION,
                 i,
                 (ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)),
             )

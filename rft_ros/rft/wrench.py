@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from rft_ros.rft.agarwal2023 import Agarwal2023
 from rft_ros.rft.arguments import MOST, finite_numbers, number, numbers, whole_number
-from rft_ros.rft.displacement import DISPLACEMENT, displacements_between
+from rft_ros.rft.displacement import DISPLACEMENT_COUNT, NO_DISPLACEMENT, displacements_between
 from rft_ros.rft.frames import COLUMNS, STATE, WIDTH
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel import loops
@@ -90,9 +90,9 @@ def wrenches_in_time(
 ) -> Array:
     """`wrenches` of plates with memory, Eq. (10), at successive states, shape [n, 13].
 
-    `law`: with its `mobilization_length`, λ at the depth `rft_ros.rft.memory.DEPTH` [m], positive. `memory`: of these
-    plates, updated in place. `displacements`: of the tool to each state, shape [n, 12] (`rft_ros.rft.displacement`),
-    whatever time they took; by default those between the poses of the states.
+    `law`: with its `mobilization_length`, λ at the depth `rft_ros.rft.memory.REFERENCE_DEPTH_M`, positive. `memory`: of
+    these plates, updated in place. `displacements`: of the tool to each state, shape [n, 12]
+    (`rft_ros.rft.displacement`), whatever time they took; by default those between the poses of the states.
     Raises ValueError also for values that are not finite; the memory is then as it was.
     `after_durations`: the memory, in calls written for the preview, which give durations in its place; they change
     nothing.
@@ -109,7 +109,9 @@ def wrenches_in_time(
     if displacements is None:
         moved = displacements_between(np.vstack([kept.last, states[:-1]]), states)
     else:
-        moved = finite_numbers("displacements", displacements, (DISPLACEMENT,), rows=len(states))
+        moved = finite_numbers(
+            "displacements", displacements, (DISPLACEMENT_COUNT,), rows=len(states)
+        )
     result = _result(states, sensitivities)
     _loop()(
         *arguments,
@@ -132,7 +134,7 @@ def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None
     that cannot be used.
     """
     loop = _loop()
-    form = _checked(plates).form
+    packed_plates = _checked(plates).packed
     kept = None if memory is None else _checked_memory(memory, plates)
 
     def step(
@@ -153,7 +155,7 @@ def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None
                 displacements=displacements,
             )
         )
-        loop(form, law, height, slope, states, past, result)
+        loop(packed_plates, law, height, slope, states, past, result)
 
     return step
 
@@ -194,7 +196,7 @@ def _model_arguments(
     if slope is not LEVEL:
         x, y = (number("slope", part) for part in numbers("slope", slope, rows=2).tolist())
         slope = x, y
-    return _checked(plates).form, packed_law(law), number("surface_height", height), slope
+    return _checked(plates).packed, packed_law(law), number("surface_height", height), slope
 
 
 def _require_memory(law: Law) -> None:
@@ -237,9 +239,10 @@ def compile_tractions() -> None:
 
 def compile_memory() -> None:
     """Compile the memory's part of the loop, which the loop loads when it is compiled later."""
-    motion = ((0.0,) * 3, (0.0,) * 9)  # only the types of these values count
     law = packed_law(Agarwal2023()).numbers[0]
+    blocks = NO_MEMORY.blocks
+    number = np.uint64(0)  # only the types of these values count
     machine_code(
         add_memory,
-        (np.zeros(1), np.uint64(0), np.uint64(0), NO_MEMORY.blocks, motion, 0.0, LEVEL, law),
+        (np.zeros(1), number, number, blocks, NO_DISPLACEMENT, 0.0, LEVEL, law),
     )

@@ -11,7 +11,7 @@ from rft_ros.rft.arguments import number
 from rft_ros.rft.body_memory import BodyMemories, Surface, empty_memories, memory_of
 from rft_ros.rft.grains import PackedLaw
 from rft_ros.rft.kernel.compilation import compiled, inlined
-from rft_ros.rft.plates import BOUNDS
+from rft_ros.rft.plates import BOUNDS, PackedPlates
 from rft_ros.rft.traction import packed_law
 
 Array = NDArray[np.float64]
@@ -68,20 +68,21 @@ def make_beds(plates: Sequence[Plates], law: Law) -> Beds:
     """
     kernel_law = packed_law(law)
     length = number("mobilization_length of the law", law.mobilization_length, positive=True)
-    places = {form: place for place, form in enumerate(dict.fromkeys(plates))}
-    shapes = np.zeros(len(places), SHAPE)
-    shapes["rows_end"] = np.cumsum([form.blocks.size for form in places])
+    tools = list(dict.fromkeys(plates))
+    tool_numbers = {tool: number for number, tool in enumerate(tools)}
+    shapes = np.zeros(len(tools), SHAPE)
+    shapes["rows_end"] = np.cumsum([tool.blocks.size for tool in tools])
     shapes["rows"][1:] = shapes["rows_end"][:-1]
-    shapes["blocks"] = [form.bounds.shape[1] for form in places]
+    shapes["blocks"] = [tool.bounds.shape[1] for tool in tools]
     shapes["bounds"][1:] = BOUNDS * np.cumsum(shapes["blocks"])[:-1]
-    shapes["is_refined"] = [form.integration == "refined" for form in places]
-    shapes["reach"] = [form.reach for form in places]
+    shapes["is_refined"] = [tool.integration == "refined" for tool in tools]
+    shapes["reach"] = [tool.reach for tool in tools]
     laws = np.repeat(kernel_law.numbers, len(plates))
     beds = Beds(
-        shapes=shapes[[places[form] for form in plates]],
+        shapes=shapes[[tool_numbers[tool] for tool in plates]],
         motions=np.zeros(len(plates), MOTION),
-        rows=np.concatenate([form.blocks for form in places]),
-        bounds=np.concatenate([form.bounds.ravel() for form in places]),
+        rows=np.concatenate([tool.blocks for tool in tools]),
+        bounds=np.concatenate([tool.bounds.ravel() for tool in tools]),
         laws=laws.view(),
         table=kernel_law.table,
         length=length,
@@ -108,15 +109,15 @@ def evaluate(beds, b, memory, state, out):
     shape = beds.shapes[b]
     motion = beds.motions[b]
     bounds = beds.bounds[shape.bounds : shape.bounds + BOUNDS * shape.blocks]
-    form = (
-        beds.rows[shape.rows : shape.rows_end],
-        bounds.reshape(BOUNDS, shape.blocks),
-        shape.is_refined == 1,
-        shape.reach,
+    plates = PackedPlates(
+        rows=beds.rows[shape.rows : shape.rows_end],
+        bounds=bounds.reshape(BOUNDS, shape.blocks),
+        is_refined=shape.is_refined == 1,
+        reach=shape.reach,
     )
     law = PackedLaw(beds.laws[b : b + 1], beds.table)
     surface = Surface(motion.height, (motion.slope_x, motion.slope_y))
-    body_memory.evaluate(form, law, surface, memory, state, out)
+    body_memory.evaluate(plates, law, surface, memory, state, out)
 
 
 @compiled

@@ -107,7 +107,7 @@ class GrainsBatch(Copied):
         self._supports = {shape: Support(shape.corners) for shape in set(self.tools)}
         self._surfaces = np.zeros(n, LAST_SURFACE)
         self._fingerprints = {
-            "tools": np.array([_fingerprint(*shape.plates.form) for shape in self.tools]),
+            "tools": np.array([_fingerprint(*shape.plates.packed) for shape in self.tools]),
             "law": np.array([_fingerprint(*packed_law(law))]),
         }
         self.failures = 0

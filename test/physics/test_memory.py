@@ -23,7 +23,7 @@ from rft_ros.rft import (
     wrenches,
     wrenches_in_time,
 )
-from rft_ros.rft.memory import STIFF
+from rft_ros.rft.memory import MODULUS_FACTOR
 from rft_ros.rft.wrench import prepared
 from rft_ros.tool import load_tool, tool_of_mesh
 
@@ -355,7 +355,7 @@ def test_a_plate_gives_back_no_more_than_its_traction_stores_whatever_way_it_mov
             0.5
             * np.linalg.norm(force[800]) ** 2
             * LENGTH
-            / (STIFF * law.stiffness * 0.03 * plate.area)
+            / (MODULUS_FACTOR * law.stiffness * 0.03 * plate.area)
         )
         assert work[800:].max() - work[799] <= 1.05 * stored + 1e-9 * np.abs(work).max()
 

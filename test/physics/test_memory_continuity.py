@@ -23,7 +23,7 @@ from rft_ros.rft import (
     wrenches,
     wrenches_in_time,
 )
-from rft_ros.rft.memory import STIFF, PlateState, advance
+from rft_ros.rft.memory import MODULUS_FACTOR, PlateState, advance
 
 LENGTH = 0.003
 SMALL = 1e-6
@@ -174,7 +174,7 @@ def test_one_step_amplifies_no_change_of_motion_normal_law_or_state_by_more_than
     """The bound of docs/method.md, also at singular places: on the yield surface, along the plate, with no gap."""
     rng = np.random.default_rng(seed)
     span, strength, tiny = LENGTH, 1e6, 1e-7
-    k = STIFF * strength / span
+    k = MODULUS_FACTOR * strength / span
 
     def inwards(vector, n):
         return vector - max(vector @ n, 0.0) * n

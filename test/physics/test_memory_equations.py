@@ -130,7 +130,7 @@ def test_the_gap_of_a_skipped_block_is_that_of_plates_that_are_evaluated(seed):
     block = np.zeros(1, BLOCK_STATE)[0]
     before = EMPTY._replace(gap=gap)
     store(block, 0, before)
-    follow_gap(block, 0, n, np.zeros(3), (moved, np.zeros(9)))
+    follow_gap(block, 0, n, moved)
     followed, _ = advance(before, n, moved, 0.0, np.zeros(3), LENGTH, 1e6)
     assert load(block, 0).gap == pytest.approx(followed.gap, rel=1e-15)
 

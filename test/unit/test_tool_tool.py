@@ -86,7 +86,7 @@ def test_copied_plates_are_the_same_type_to_the_compiler(integration):
     for copy in (pickle.loads(pickle.dumps(plates)), deepcopy(plates)):
         assert (copy.reach, copy.integration) == (plates.reach, plates.integration)
         assert np.array_equal(copy.rows, plates.rows)
-        assert numba.typeof(copy.form) == numba.typeof(plates.form)
+        assert numba.typeof(copy.packed) == numba.typeof(plates.packed)
 
 
 def test_description_of_a_good_tool():

@@ -20,17 +20,17 @@ BLOCKS = 8
 LENGTH = BLOCKS * BLOCK + 8
 """Numbers from one row to the next: rows a multiple of 512 bytes apart would compete for lines of the cache."""
 
-PLACE, NORMAL, VELOCITY, TRACTION, UNBLENDED = (3 * LENGTH * k for k in range(5))
+POSITION, NORMAL, VELOCITY, TRACTION, STEEP_TRACTION = (3 * LENGTH * k for k in range(5))
 """Where the three rows of each vector begin, world axes: centre of load [m], from the tool frame's origin; outward
 normal; direction of the velocity; traction per depth [N/m³]; the same with each plate's own e2."""
 
-SPEED, E2_X, E2_Y, SIN_B, COS_B, SIN_G, COS_G, LOAD, AREA, SHARE, ALONG, TANGENT = (
+SPEED, E2_X, E2_Y, SIN_B, COS_B, SIN_G, COS_G, LOAD, AREA, SHARE, E1_FACTOR, TANGENT = (
     LENGTH * k for k in range(15, 27)
 )
 """Where the row of each number begins: scaled speed; e2; sine and cosine of β and γ; load [m³] and area [m²] that the
 traction acts on; leading share; the traction's part along e1 per α_y; its tangent with memory times the load [N/m]."""
 
-KIND, STEEP_BLOCKS, FLAT_BLOCKS, TOTAL = (LENGTH * k for k in range(27, 31))
+BLOCK_KIND, STEEP_BLOCKS, FLAT_BLOCKS, TOTAL = (LENGTH * k for k in range(27, 31))
 """Where other rows begin: kinds of the blocks in a window; numbers of those to evaluate, without and with plates that
 may be horizontal; totals of the state, in the order of a result."""
 

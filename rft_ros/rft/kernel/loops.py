@@ -6,10 +6,18 @@ uses selects in place of branches on data. All laws, rules and options are in th
 """
 
 from math import cos, radians, sqrt
+from typing import NamedTuple
 
 import numpy as np
 
-from rft_ros.rft.displacement import as_motion, half_way_axes, in_tool_axes, twist_along
+from rft_ros.rft.displacement import (
+    NO_DISPLACEMENT,
+    displacement_in,
+    half_way_axes,
+    in_tool_axes,
+    shift_of,
+    twist_along,
+)
 from rft_ros.rft.frames import (
     BY_HEIGHT,
     FORCE,
@@ -23,7 +31,7 @@ from rft_ros.rft.frames import (
     into_frame,
 )
 from rft_ros.rft.grains import inertia_force
-from rft_ros.rft.kernel import chunk as row
+from rft_ros.rft.kernel import chunk as layout
 from rft_ros.rft.kernel.chunk import at, new_chunk, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import OPTIONS, compiled, inlined
 from rft_ros.rft.memory import add_memory, clear, follow_gap, is_elastic
@@ -33,7 +41,7 @@ from rft_ros.rft.plates import (
     BOUND_AREA,
     BOUND_MOMENT,
     BOUND_NORMAL,
-    BOUND_PLACE,
+    BOUND_POSITION,
     BOUND_SINE,
     CENTROID,
     FIRST_CORNER,
@@ -54,9 +62,9 @@ by one. With memory, a trailing block whose plates still carry traction is `_PLA
 does not count."""
 
 _FORCE, _TORQUE, _BY_HEIGHT, _MOMENTS = (
-    row.TOTAL + part.start for part in (FORCE, TORQUE, BY_HEIGHT, MOMENTS)
+    layout.TOTAL + part.start for part in (FORCE, TORQUE, BY_HEIGHT, MOMENTS)
 )
-_SUBMERGED = row.TOTAL + SUBMERGED_AREA
+_WET_AREA = layout.TOTAL + SUBMERGED_AREA
 """Where each part of a result begins in the chunk, which has the totals of the state in the order of a result."""
 
 _CENTROID, _NORMAL, _FIRST_CORNER, _SECOND_CORNER = (
@@ -66,13 +74,37 @@ _AREA = BLOCK * AREA
 _HALF_ANGLE = BLOCK * HALF_ANGLE
 """Where the rows of a block begin in `Plates.blocks`, counted from the block's first number."""
 
-_FORCES = 3  # columns of the forces of plates
 _BLEND_COSINE = cos(radians(FLAT_BLEND))
+
+
+class Twist(NamedTuple):
+    """Velocity of the tool frame's origin, and angular velocity, world axes; scaled by one factor."""
+
+    vx: float
+    vy: float
+    vz: float
+    wx: float
+    wy: float
+    wz: float
+
+
+class Scene(NamedTuple):
+    """Where the tool is at a state, how it moves, and where the surface is: the same for all plates.
+
+    Rotation matrices are nine numbers, by rows.
+    """
+
+    axes: tuple[float, ...]  # the tool's axes in the world
+    half_way: tuple[float, ...]  # the same half a displacement before
+    twist: Twist
+    turning: tuple[float, ...]  # matrix from a position in tool axes to its velocity by turning
+    depth: float  # of the tool frame's origin [m], vertical
+    height_gradient: tuple[float, float, float]  # of the height above the surface, tool axes
 
 
 @inlined
 def _scaled(twist, reach):
-    """A twist, scaled to order one, and that scale; 0 for no motion.
+    """A `Twist`, scaled to order one, and that scale; 0 for no motion.
 
     The law is rate-independent, so the scale changes no force; it prevents over- and underflow of squared speeds.
     """
@@ -80,13 +112,15 @@ def _scaled(twist, reach):
     # The 1e-9 m bounds the scaled angular velocity of plates at the origin, which would be inf * 0.
     fastest = max(abs(vx), abs(vy), abs(vz), max(reach, 1e-9) * max(abs(wx), abs(wy), abs(wz)))
     s = 1.0 / fastest if fastest > 1e-290 else 0.0
-    return (vx * s, vy * s, vz * s, wx * s, wy * s, wz * s), s
+    return Twist(vx=vx * s, vy=vy * s, vz=vz * s, wx=wx * s, wy=wy * s, wz=wz * s), s
 
 
 @inlined
 def _turning(twist, axes):
-    """The matrix, by rows, from a place in tool axes to its velocity by turning, world axes."""
-    _, _, _, wx, wy, wz = twist
+    """`Scene.turning` of a tool with these axes."""
+    wx = twist.wx
+    wy = twist.wy
+    wz = twist.wz
     xx, xy, xz, yx, yy, yz, zx, zy, zz = axes
     return (
         wy * zx - wz * yx,
@@ -108,63 +142,60 @@ def _length(v):
 
 @inlined
 def _surface(height, slope, state, axes):
-    """Depth of the tool frame's origin, and the vector that gives a point's height above it from tool axes.
-
-    `slope`: dz/dx and dz/dy. Depth is vertical.
-    """
+    """`Scene.depth` and `Scene.height_gradient`. `slope`: dz/dx and dz/dy of the surface."""
     sx, sy = slope
-    below = height + sx * state[0] + sy * state[1] - state[2]
+    depth = height + sx * state[0] + sy * state[1] - state[2]
     a = axes[6] - sx * axes[0] - sy * axes[3]
     b = axes[7] - sx * axes[1] - sy * axes[4]
     c = axes[8]
-    return below, (a, b, c - sx * axes[2] - sy * axes[5])
+    return depth, (a, b, c - sx * axes[2] - sy * axes[5])
 
 
 @inlined
 def _range(bounds, b, box, v):
     """The range of v · x over the points x of a block's box: its middle and its half width.
 
-    `box`: `BOUND_NORMAL`, `BOUND_MOMENT` (of r x n) or `BOUND_PLACE`.
+    `box`: `BOUND_NORMAL`, `BOUND_MOMENT` (of r x n) or `BOUND_POSITION`.
     """
-    middle = v[0] * bounds[box, b] + v[1] * bounds[box + 1, b] + v[2] * bounds[box + 2, b]
-    return middle, abs(v[0]) * bounds[box + 3, b] + abs(v[1]) * bounds[box + 4, b] + abs(
-        v[2]
-    ) * bounds[box + 5, b]
+    vx, vy, vz = v
+    middle = vx * bounds[box, b] + vy * bounds[box + 1, b] + vz * bounds[box + 2, b]
+    half_x = abs(vx) * bounds[box + 3, b]
+    half_y = abs(vy) * bounds[box + 4, b]
+    half_z = abs(vz) * bounds[box + 5, b]
+    return middle, half_x + half_y + half_z
 
 
 @inlined
-def _classify(chunk, bounds, first, last, scene, reach, flat_cosine):
-    """Store the kinds of blocks; where the bounds allow two, the one that computes more.
+def _classify(chunk, plates, first, last, scene, flat_cosine):
+    """Store the kinds of the blocks `first` to `last`; where the bounds allow two, the one that computes more.
 
-    `bounds`: of `Plates`. `flat_cosine`: abs(n·E3) from which on a plate may be horizontal.
+    `plates`: a `PackedPlates`. `flat_cosine`: abs(n·E3) from which on a plate may be horizontal.
     """
     wide_vectors()
-    _, half_way, twist, _, below, rise = scene
-    linear = into_frame(half_way, *twist[:3])
-    angular = into_frame(half_way, *twist[3:])
-    fastest = _length(linear) + _length(angular) * reach
-    margin = ROUNDING * (reach + abs(below))
+    bounds = plates.bounds
+    reach = plates.reach
+    twist = scene.twist
+    linear = into_frame(scene.half_way, twist.vx, twist.vy, twist.vz)
+    angular = into_frame(scene.half_way, twist.wx, twist.wy, twist.wz)
+    up = scene.half_way[6:]
+    max_speed = _length(linear) + _length(angular) * reach
+    margin = ROUNDING * (reach + abs(scene.depth))
     for b in range(first, last):
-        height, spread = _range(bounds, b, BOUND_PLACE, rise)
-        depth = below - height
-        spread = spread + margin
-        wet = depth - spread > 0.0
+        height, height_range = _range(bounds, b, BOUND_POSITION, scene.height_gradient)
+        depth = scene.depth - height
+        depth_range = height_range + margin
+        is_wet = depth - depth_range > 0.0
+        is_dry = depth + depth_range <= 0.0
         # v·n of a plate is linear · n + angular · (r x n)
-        along, more_along = _range(bounds, b, BOUND_NORMAL, linear)
-        around, more_around = _range(bounds, b, BOUND_MOMENT, angular)
-        trails = (
-            along
-            + more_along
-            + around
-            + more_around
-            + (bounds[BOUND_SINE, b] + ROUNDING) * fastest
-            <= 0.0
-        )
-        upwards, more_upwards = _range(bounds, b, BOUND_NORMAL, half_way[6:])
-        tilt = abs(upwards) + more_upwards + ROUNDING
-        kind = _FLAT_OR_CUT if tilt >= flat_cosine else (_PLAIN if wet else _CUT)
-        kind = _SKIP_WET if wet & trails else kind
-        chunk[at(row.KIND, b - first)] = _SKIP_DRY if depth + spread <= 0.0 else kind
+        lead, lead_range = _range(bounds, b, BOUND_NORMAL, linear)
+        lead_by_turning, turning_range = _range(bounds, b, BOUND_MOMENT, angular)
+        lead_by_half_angle = (bounds[BOUND_SINE, b] + ROUNDING) * max_speed
+        trails = lead + lead_range + lead_by_turning + turning_range + lead_by_half_angle <= 0.0
+        n_up, n_up_range = _range(bounds, b, BOUND_NORMAL, up)
+        may_be_flat = abs(n_up) + n_up_range + ROUNDING >= flat_cosine
+        kind = _FLAT_OR_CUT if may_be_flat else (_PLAIN if is_wet else _CUT)
+        kind = _SKIP_WET if is_wet & trails else kind
+        chunk[at(layout.BLOCK_KIND, b - first)] = _SKIP_DRY if is_dry else kind
 
 
 @inlined
@@ -188,28 +219,35 @@ def _wet_part(d0, d1, d2):
     q = s * t * a * (1.0 / 12.0)
     q = q if one else -q
     p = (4.0 - s - t) * q
-    of_b = s * q
-    of_c = t * q
+    q_b = s * q
+    q_c = t * q
     whole = (d0 + d1 + d2) * (1.0 / 12.0) if count > 1 else 0.0
     part = 1.0 / 12.0 if count > 1 else 0.0
-    p0 = whole + part * d0 + (p if alone0 else (of_c if alone1 else of_b))
-    p1 = whole + part * d1 + (of_b if alone0 else (p if alone1 else of_c))
-    p2 = whole + part * d2 + (of_c if alone0 else (of_b if alone1 else p))
+    p0 = whole + part * d0 + (p if alone0 else (q_c if alone1 else q_b))
+    p1 = whole + part * d1 + (q_b if alone0 else (p if alone1 else q_c))
+    p2 = whole + part * d2 + (q_c if alone0 else (q_b if alone1 else p))
     return p0, p1, p2, (s * t if one else (1.0 - s * t if count > 1 else 0.0))
 
 
 @inlined
-def _centre_and_load(rows, first, i, below, rise, refined, cut):
+def _first_number(plates, b):
+    """Where the numbers of block b begin in the rows of a `PackedPlates`."""
+    row_count = ROWS_OF_REFINED if plates.is_refined else ROWS_OF_CENTROID
+    return b * np.uint64(row_count * BLOCK)
+
+
+@inlined
+def _centre_and_load(rows, first, i, scene, is_refined, is_cut):
     """A plate's centre of load [m], tool axes, its load [m³] and its area below the surface [m²].
 
-    The load is the depth integrated over that area. `below`, `rise`: from `_surface`. `cut` False: the plate is fully
-    submerged. `refined` and `cut` must be constants, or the loop is not vectorised.
+    The load is the depth integrated over that area. `first`: of `_first_number`. `is_cut` False: the plate is fully
+    submerged. `is_refined` and `is_cut` must be constants, or the loop is not vectorised.
     """
-    zx, zy, zz = rise
+    zx, zy, zz = scene.height_gradient
     a, b, c = triple(rows, first + _CENTROID, i, BLOCK)
     area = rows[at(first + _AREA, i)]
-    depth = below - (zx * a + zy * b + zz * c)
-    if not refined:
+    depth = scene.depth - (zx * a + zy * b + zz * c)
+    if not is_refined:
         area = area if depth > 0.0 else 0.0
         return (a, b, c), depth * area, area
     # e0, e1 and -(e0 + e1) are the corners from the centroid
@@ -217,7 +255,7 @@ def _centre_and_load(rows, first, i, below, rise, refined, cut):
     e1x, e1y, e1z = triple(rows, first + _SECOND_CORNER, i, BLOCK)
     h0 = zx * e0x + zy * e0y + zz * e0z
     h1 = zx * e1x + zy * e1y + zz * e1z
-    if cut:
+    if is_cut:
         p0, p1, p2, wet = _wet_part(depth - h0, depth - h1, depth + h0 + h1)
         mean = p0 + p1 + p2
         load = mean * area
@@ -232,92 +270,95 @@ def _centre_and_load(rows, first, i, below, rise, refined, cut):
 
 
 @inlined
-def _geometry(chunk, i0, rows, b, scene, has_memory, refined, cut):
-    """Eq. (1) for block b, world axes, stored from plate `i0` of the chunk on; returns its area below the surface."""
+def _geometry(chunk, i0, plates, b, scene, has_memory, is_refined, is_cut):
+    """Eq. (1) for block b, world axes, stored from plate `i0` of the chunk on; returns its area below the surface.
+
+    `is_refined`, `is_cut`: as for `_centre_and_load`.
+    """
     wide_vectors()
-    axes, half_way, (vx, vy, vz, _, _, _), turning, below, rise = scene
-    first = b * np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK)
-    submerged = 0.0
+    rows = plates.rows
+    twist = scene.twist
+    first = b * np.uint64((ROWS_OF_REFINED if is_refined else ROWS_OF_CENTROID) * BLOCK)
+    wet_area = 0.0
     for j in range(BLOCK):
-        (a, b, c), load, area = _centre_and_load(rows, first, j, below, rise, refined, cut)
-        normal = nx, ny, nz = from_frame(half_way, *triple(rows, first + _NORMAL, j, BLOCK))
-        x, y, z = from_frame(axes, a, b, c)
-        wx, wy, wz = from_frame(turning, a, b, c)
-        ux, uy, uz = vx + wx, vy + wy, vz + wz
+        (a, b, c), load, area = _centre_and_load(rows, first, j, scene, is_refined, is_cut)
+        nx, ny, nz = normal = from_frame(scene.half_way, *triple(rows, first + _NORMAL, j, BLOCK))
+        position = from_frame(scene.axes, a, b, c)
+        wx, wy, wz = from_frame(scene.turning, a, b, c)
+        ux, uy, uz = velocity = (twist.vx + wx, twist.vy + wy, twist.vz + wz)
         lead = ux * nx + uy * ny + uz * nz
         i = at(i0, j)
-        per_speed = orient(chunk, i, normal, (ux, uy, uz))
-        if refined:
+        per_speed = orient(chunk, i, normal, velocity)
+        if is_refined:
             share = min(max(lead * per_speed * rows[at(first + _HALF_ANGLE, j)] + 0.5, 0.0), 1.0)
         else:
             share = 1.0 if lead > 0.0 else 0.0
-        put(chunk, row.PLACE, i, (x, y, z))
-        submerged += area
-        loaded = 1.0 if has_memory else share
-        chunk[at(row.LOAD, i)] = load * loaded
-        chunk[at(row.AREA, i)] = area * loaded
-        chunk[at(row.SHARE, i)] = share
-    return submerged
+        put(chunk, layout.POSITION, i, position)
+        wet_area += area
+        evaluated_share = 1.0 if has_memory else share
+        chunk[at(layout.LOAD, i)] = load * evaluated_share
+        chunk[at(layout.AREA, i)] = area * evaluated_share
+        chunk[at(layout.SHARE, i)] = share
+    return wet_area
 
 
 @inlined
-def _follow_gaps(block, form, b, scene, motion):
-    """Follow the gaps behind the plates of a submerged block that trails and is not elastic. `motion`: in tool axes."""
-    rows, _, refined, _ = form
-    _, _, _, _, below, rise = scene
-    first = b * np.uint64((ROWS_OF_REFINED if refined else ROWS_OF_CENTROID) * BLOCK)
+def _follow_gaps(block, plates, b, scene, displacement):
+    """Follow the gaps behind the plates of block b, which is submerged, trails and is not elastic.
+
+    `block`: of the memory. `displacement`: in tool axes.
+    """
+    first = _first_number(plates, b)
     for i in range(BLOCK):
-        place, _, _ = _centre_and_load(rows, first, i, below, rise, refined, False)
-        normal = triple(rows, first + _NORMAL, i, BLOCK)
-        follow_gap(block, i, normal, place, motion)
+        position, _, _ = _centre_and_load(plates.rows, first, i, scene, plates.is_refined, False)
+        normal = triple(plates.rows, first + _NORMAL, i, BLOCK)
+        follow_gap(block, i, normal, shift_of(displacement, position))
 
 
 @inlined
-def _list(chunk, form, first, last, scene, has_memory, states_of_blocks, motion):
+def _list(chunk, plates, first, last, scene, has_memory, memory, displacement):
     """List the blocks of a window that are to be evaluated; returns how many are without, and with flat plates.
 
     The others are done here: of a block that is submerged and trails only the area counts, and its gaps are followed;
-    a dry one loses its memory. `motion`: in tool axes.
+    a dry one loses its memory. `memory`: its blocks. `displacement`: in tool axes.
     """
-    _, bounds, _, _ = form
     one = np.uint64(1)
-    steep_blocks = np.uint64(0)
-    flat_blocks = np.uint64(0)
+    steep_count = np.uint64(0)
+    flat_count = np.uint64(0)
     for b in range(first, last):
-        kind = chunk[at(row.KIND, b - first)]
-        if has_memory and kind == _SKIP_WET and is_elastic(states_of_blocks[b]):
+        kind = chunk[at(layout.BLOCK_KIND, b - first)]
+        if has_memory and kind == _SKIP_WET and is_elastic(memory[b]):
             kind = _PLAIN
-            chunk[at(row.KIND, b - first)] = kind
+            chunk[at(layout.BLOCK_KIND, b - first)] = kind
         if kind == _FLAT_OR_CUT:
-            chunk[at(row.FLAT_BLOCKS, flat_blocks)] = b
-            flat_blocks += one
+            chunk[at(layout.FLAT_BLOCKS, flat_count)] = b
+            flat_count += one
         elif kind >= _PLAIN:
-            chunk[at(row.STEEP_BLOCKS, steep_blocks)] = b
-            steep_blocks += one
+            chunk[at(layout.STEEP_BLOCKS, steep_count)] = b
+            steep_count += one
         elif kind == _SKIP_WET:
-            chunk[_SUBMERGED] += bounds[BOUND_AREA, b]
+            chunk[_WET_AREA] += plates.bounds[BOUND_AREA, b]
             if has_memory:
-                _follow_gaps(states_of_blocks[b], form, b, scene, motion)
+                _follow_gaps(memory[b], plates, b, scene, displacement)
         elif has_memory:
-            clear(states_of_blocks[b])
-    return steep_blocks, flat_blocks
+            clear(memory[b])
+    return steep_count, flat_count
 
 
 @inlined
-def _geometry_of_blocks(chunk, numbers, count, form, first, scene, has_memory):
+def _geometry_of_blocks(chunk, numbers, count, plates, first, scene, has_memory):
     """`_geometry` of the blocks of a chunk. `numbers`: where theirs begin. `first`: block of the window."""
-    rows, _, refined, _ = form
     for j in range(count):
         block = np.uint64(chunk[at(numbers, j)])
         i0 = j * np.uint64(BLOCK)
-        submerged = 0.0
-        if not refined:
-            submerged = _geometry(chunk, i0, rows, block, scene, has_memory, False, True)
-        elif chunk[at(row.KIND, block - first)] == _PLAIN:
-            submerged = _geometry(chunk, i0, rows, block, scene, has_memory, True, False)
+        wet_area = 0.0
+        if not plates.is_refined:
+            wet_area = _geometry(chunk, i0, plates, block, scene, has_memory, False, True)
+        elif chunk[at(layout.BLOCK_KIND, block - first)] == _PLAIN:
+            wet_area = _geometry(chunk, i0, plates, block, scene, has_memory, True, False)
         else:
-            submerged = _geometry(chunk, i0, rows, block, scene, has_memory, True, True)
-        chunk[_SUBMERGED] += submerged
+            wet_area = _geometry(chunk, i0, plates, block, scene, has_memory, True, True)
+        chunk[_WET_AREA] += wet_area
 
 
 @inlined
@@ -327,10 +368,10 @@ def _add_sums(chunk, n):
     fx = fy = fz = hx = hy = hz = 0.0
     xx = xy = xz = yx = yy = yz = zx = zy = zz = 0.0
     for i in range(n):
-        x, y, z = triple(chunk, row.PLACE, i)
-        ax, ay, az = triple(chunk, row.TRACTION, i)
-        load = chunk[at(row.LOAD, i)]
-        area = chunk[at(row.AREA, i)]
+        x, y, z = triple(chunk, layout.POSITION, i)
+        ax, ay, az = triple(chunk, layout.TRACTION, i)
+        load = chunk[at(layout.LOAD, i)]
+        area = chunk[at(layout.AREA, i)]
         dx, dy, dz = ax * load, ay * load, az * load
         fx += dx
         fy += dy
@@ -362,95 +403,104 @@ def _inertia(chunk, n, inertia, per_scale2, has_memory):
     """Replace the tractions of a chunk by the forces of the grains' inertia, and their loads by one."""
     wide_vectors()
     for i in range(n):
-        area = chunk[at(row.AREA, i)] * (chunk[at(row.SHARE, i)] if has_memory else 1.0)
-        speed = chunk[at(row.SPEED, i)]
-        normal = triple(chunk, row.NORMAL, i)
-        direction = triple(chunk, row.VELOCITY, i)
+        area = chunk[at(layout.AREA, i)] * (chunk[at(layout.SHARE, i)] if has_memory else 1.0)
+        speed = chunk[at(layout.SPEED, i)]
+        normal = triple(chunk, layout.NORMAL, i)
+        direction = triple(chunk, layout.VELOCITY, i)
         put(
             chunk,
-            row.TRACTION,
+            layout.TRACTION,
             i,
             inertia_force(inertia, normal, direction, area, per_scale2 * speed * speed),
         )
-        chunk[at(row.LOAD, i)] = 1.0
-        chunk[at(row.AREA, i)] = 0.0
+        chunk[at(layout.LOAD, i)] = 1.0
+        chunk[at(layout.AREA, i)] = 0.0
 
 
 @inlined
 def _add_forces(chunk, i0, b, out):
     for j in range(BLOCK):
-        ax, ay, az = triple(chunk, row.TRACTION, at(i0, j))
-        load = chunk[at(row.LOAD, at(i0, j))]
+        ax, ay, az = triple(chunk, layout.TRACTION, at(i0, j))
+        load = chunk[at(layout.LOAD, at(i0, j))]
         plate = at(b * np.uint64(BLOCK), j)
         out[plate, 0] += ax * load
         out[plate, 1] += ay * load
         out[plate, 2] += az * load
 
 
-def _sums(form, law, height, slope, states, past, out):
+def _sums(plates, law, height, slope, states, past, out):
     """The sums for each state, `out` of shape [n, 7] or [n, 19], or the forces of plates at one state, shape [m, 3].
 
-    `form`: of `Plates`. `law`: its `packed`. `past`: a `rft_ros.rft.memory.Past`.
+    `plates`: a `PackedPlates`. `law`: a `PackedLaw`. `past`: a `rft_ros.rft.memory.Past`.
     Forces are added to those in `out`, in the kernel's order. All steps are inlined, so that LLVM keeps what is the
     same for all blocks in registers.
     """
     wide_vectors()
-    _, bounds, refined, reach = form
+    reach = plates.reach
     has_memory = past.has_memory
-    states_of_blocks = past.blocks
+    memory = past.blocks
     has_stiffness = len(past.stiffness) > 0
     chunk = new_chunk()
     inertia = law.numbers[0].inertia
-    flat_cosine = _BLEND_COSINE if refined else FLAT
-    of_plates = out.shape[1] == _FORCES
+    flat_cosine = _BLEND_COSINE if plates.is_refined else FLAT
+    sums_plates = out.shape[1] == 3
     # unsigned: numba adds code for negative indices otherwise
-    blocks = np.uint64(bounds.shape[1])
+    block_count = np.uint64(plates.bounds.shape[1])
     for k in range(states.shape[0]):
         state = states[k]
         axes = attitude(state[QUATERNION])
-        twist, scale = _scaled(
-            (state[7], state[8], state[9], state[10], state[11], state[12]), reach
+        given_twist = Twist(
+            vx=state[7], vy=state[8], vz=state[9], wx=state[10], wy=state[11], wz=state[12]
         )
+        twist, scale = _scaled(given_twist, reach)
         speed = 1.0 / scale if scale > 0.0 else 0.0
         # restores the speed for inertia; bounded, since 0 times infinity is NaN
         per_scale2 = min(speed * speed, 1e30)
-        below, rise = _surface(height, slope, state, axes)
+        depth, height_gradient = _surface(height, slope, state, axes)
         half_way = axes
-        motion = motion_in_tool = (0.0, 0.0, 0.0), axes  # not used, but of the type of a motion
+        displacement = NO_DISPLACEMENT
+        displacement_in_tool = NO_DISPLACEMENT
         if has_memory:
             if has_stiffness:
                 clear_stiffness(past.stiffness[0])
-            motion = as_motion(past.displacements[k])
-            half_way = half_way_axes(axes, motion)
-            motion_in_tool = in_tool_axes(axes, half_way, motion)
+            displacement = displacement_in(past.displacements[k])
+            half_way = half_way_axes(axes, displacement)
+            displacement_in_tool = in_tool_axes(axes, half_way, displacement)
             if scale == 0.0:
-                twist, _ = _scaled(twist_along(motion), reach)
-        scene = axes, half_way, twist, _turning(twist, half_way), below, rise
+                twist, _ = _scaled(Twist(*twist_along(displacement)), reach)
+        scene = Scene(
+            axes=axes,
+            half_way=half_way,
+            twist=twist,
+            turning=_turning(twist, half_way),
+            depth=depth,
+            height_gradient=height_gradient,
+        )
         for c in range(WIDTH):
-            chunk[at(row.TOTAL, c)] = 0.0
-        for first in range(np.uint64(0), blocks, np.uint64(row.WINDOW)):
-            last = min(first + np.uint64(row.WINDOW), blocks)
-            _classify(chunk, bounds, first, last, scene, reach, flat_cosine)
-            steep_blocks, flat_blocks = _list(
-                chunk, form, first, last, scene, has_memory, states_of_blocks, motion_in_tool
+            chunk[at(layout.TOTAL, c)] = 0.0
+        for first in range(np.uint64(0), block_count, np.uint64(layout.WINDOW)):
+            last = min(first + np.uint64(layout.WINDOW), block_count)
+            _classify(chunk, plates, first, last, scene, flat_cosine)
+            steep_count, flat_count = _list(
+                chunk, plates, first, last, scene, has_memory, memory, displacement_in_tool
             )
             for flat in (False, True):
-                listed = row.FLAT_BLOCKS if flat else row.STEEP_BLOCKS
-                length = flat_blocks if flat else steep_blocks
-                for begin in range(np.uint64(0), length, np.uint64(row.BLOCKS)):
-                    count = min(np.uint64(row.BLOCKS), length - begin)
+                list_begin = layout.FLAT_BLOCKS if flat else layout.STEEP_BLOCKS
+                length = flat_count if flat else steep_count
+                for begin in range(np.uint64(0), length, np.uint64(layout.BLOCKS)):
+                    count = min(np.uint64(layout.BLOCKS), length - begin)
                     n = count * np.uint64(BLOCK)
-                    numbers = at(listed, begin)
-                    _geometry_of_blocks(chunk, numbers, count, form, first, scene, has_memory)
-                    tractions(law, chunk, n, flat, refined)
+                    numbers = at(list_begin, begin)
+                    _geometry_of_blocks(chunk, numbers, count, plates, first, scene, has_memory)
+                    tractions(law, chunk, n, flat, plates.is_refined)
                     if has_memory:
                         add_memory(
                             chunk,
                             numbers,
                             count,
-                            states_of_blocks,
-                            motion,
-                            below,
+                            memory,
+                            displacement,
+                            depth,
                             slope,
                             law.numbers[0],
                         )
@@ -460,13 +510,13 @@ def _sums(form, law, height, slope, states, past, out):
                         if inertial == 1:
                             _inertia(chunk, n, inertia, per_scale2, has_memory)
                         _add_sums(chunk, n)
-                        if of_plates:
+                        if sums_plates:
                             for j in range(count):
                                 block = np.uint64(chunk[at(numbers, j)])
                                 _add_forces(chunk, j * np.uint64(BLOCK), block, out)
-        if not of_plates:
+        if not sums_plates:
             for c in range(out.shape[1]):
-                out[k, c] = chunk[at(row.TOTAL, c)]
+                out[k, c] = chunk[at(layout.TOTAL, c)]
 
 
 sums = compiled(_sums, **OPTIONS)
