@@ -13,6 +13,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 from synthetic_track import (
     LOAD_CELL,
+    REST,
     Path,
     grain_wrenches,
     in_the_air,
@@ -27,8 +28,11 @@ from synthetic_track import (
 
 from rft_ros.calibration.calibrate import PARTS, calibrate
 from rft_ros.calibration.fitting import SearchRange, fit_curve
+from rft_ros.calibration.track import Track
+from rft_ros.demo import virtual_arm
 from rft_ros.errors import InputError
-from rft_ros.parameters import LoadCell, checked
+from rft_ros.installation import share_directory
+from rft_ros.parameters import LoadCell, checked, read_parameter_file
 from rft_ros.rft.frames import Placement
 from rft_ros.tool import load_tool, locate_mesh
 
@@ -444,6 +448,24 @@ def test_a_force_that_stays_alike_in_a_drag_is_not_cut_off():
         path.wait(1.0).move((0.0, 0.0, 0.08), 0.02)
     result = calibrated(path, length=0.003, noise=(0.02, 0.0004), parts=("zeta",))
     assert not result.refusals
+
+
+def test_a_peak_beyond_which_the_model_grows_is_not_cut_off():
+    """As in the demo, where a layer is stronger than the grains above."""
+    times, states, readings = map(np.array, zip(*virtual_arm.moments(12.0), strict=True))
+    tool = load_tool("ellipsoid")
+    track = Track(
+        name="demo",
+        begin=0,
+        time=times,
+        states=states,
+        readings=readings,
+        cell=LoadCell(),
+        tool=tool,
+        rest_speed=REST,
+    )
+    values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml")
+    assert "saturation" not in " ".join(calibrate([track], values).warnings)
 
 
 def test_a_load_cell_that_is_turned_by_any_angle_is_refused():
