@@ -4,7 +4,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Literal
 
-_LONGEST_SHOWN = 100  # characters
+_MAX_SHOWN_CHARACTER_COUNT = 100
 
 
 class InputError(ValueError):
@@ -25,10 +25,16 @@ def reason_of(error: Exception) -> str:
 def shown(value: object) -> str:
     """A value as a sentence shows it: as Python writes it, at most 100 characters."""
     try:
-        text = repr(value[:_LONGEST_SHOWN] if isinstance(value, str | list | tuple) else value)
+        text = repr(
+            value[:_MAX_SHOWN_CHARACTER_COUNT] if isinstance(value, str | list | tuple) else value
+        )
     except ValueError:  # Python writes no whole number of over 4,300 digits
         return "a number of thousands of digits"
-    return text if len(text) <= _LONGEST_SHOWN else f"{text[:_LONGEST_SHOWN]}..."
+    return (
+        text
+        if len(text) <= _MAX_SHOWN_CHARACTER_COUNT
+        else f"{text[:_MAX_SHOWN_CHARACTER_COUNT]}..."
+    )
 
 
 @contextmanager

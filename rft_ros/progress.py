@@ -6,7 +6,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 
-LONGEST_SILENCE = 3.0
+MAX_SILENCE_S = 3.0
 """After so long [s] without a line a user wonders whether the program hangs."""
 
 LINE_PERIOD = 10.0  # s, between the lines after the first
@@ -24,12 +24,12 @@ def say_compiling() -> None:
 
 @contextmanager
 def line_if_long(what: str) -> Iterator[None]:
-    """Say `what` once this block has run for `LONGEST_SILENCE`, and each `LINE_PERIOD` for how long it has run."""
+    """Say `what` once this block has run for `MAX_SILENCE_S`, and each `LINE_PERIOD` for how long it has run."""
     begin = time.monotonic()
     has_ended = threading.Event()
 
     def speak() -> None:
-        if has_ended.wait(LONGEST_SILENCE):
+        if has_ended.wait(MAX_SILENCE_S):
             return
         say(f"{what} ...")
         while not has_ended.wait(LINE_PERIOD):

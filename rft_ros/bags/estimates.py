@@ -28,8 +28,8 @@ PHASES = ("approach", "penetration", "ploughing", "dwell", "withdrawal")
 AIR_PHASE = PHASES[0]
 """The phase in which the tool is above the surface."""
 
-_AROUND = 100_000_000  # ns before and after a moment in which its phase must prevail
-_STEEP = 0.1  # least share of the tool's speed that counts as down or up
+_PHASE_RADIUS_NS = 100_000_000  # before and after a moment in which its phase must prevail
+_STEEP_SHARE = 0.1  # least share of the tool's speed that counts as down or up
 
 
 def phases_of(
@@ -40,28 +40,39 @@ def phases_of(
     `stamps` [ns]: one that goes back begins another run. `depth` of the lowest point [m], negative above the surface;
     `sinking`: its downward velocity; `speed` of the tool's fastest plate, `rest_speed` [m/s].
     """
-    steep = np.maximum(rest_speed, _STEEP * speed)
+    steep = np.maximum(rest_speed, _STEEP_SHARE * speed)
     cases = {  # the first that holds
         "withdrawal": -sinking >= steep,
         "approach": depth <= 0.0,
         "dwell": speed < rest_speed,
         "penetration": sinking >= steep,
     }
-    seen = np.select([*cases.values()], [*map(PHASES.index, cases)], PHASES.index("ploughing"))
+    codes = np.select([*cases.values()], [*map(PHASES.index, cases)], PHASES.index("ploughing"))
     steps = np.diff(stamps, prepend=stamps[:1])
-    time = np.cumsum(np.where(steps < 0, 2 * _AROUND, steps))  # runs are out of each other's reach
-    first = np.searchsorted(time, time - _AROUND)
-    after = np.searchsorted(time, time + _AROUND, side="right")
+    time = np.cumsum(
+        np.where(steps < 0, 2 * _PHASE_RADIUS_NS, steps)
+    )  # runs are out of each other's reach
+    first = np.searchsorted(time, time - _PHASE_RADIUS_NS)
+    end = np.searchsorted(time, time + _PHASE_RADIUS_NS, side="right")
     counts = []
     for code in range(len(PHASES)):
-        total = np.append(0, np.cumsum(seen == code))
-        counts.append(total[after] - total[first])
+        total = np.append(0, np.cumsum(codes == code))
+        counts.append(total[end] - total[first])
     return np.asarray(np.argmax(counts, axis=0))
 
 
 _KINDS = ("predicted", "compensated", "residual", "sigma")
-_OF_WRENCHES = tuple(f"{kind}_{axis}" for kind in _KINDS for axis in AXES)
-COLUMNS = ("t", "depth", "speed", *_OF_WRENCHES, "reason", "generation", "phase", "quality_flags")
+_WRENCH_COLUMNS = tuple(f"{kind}_{axis}" for kind in _KINDS for axis in AXES)
+COLUMNS = (
+    "t",
+    "depth",
+    "speed",
+    *_WRENCH_COLUMNS,
+    "reason",
+    "generation",
+    "phase",
+    "quality_flags",
+)
 """Columns of estimates.csv, which docs/replay.md describes: [s], [m], [m/s], [N], [N m]; empty where unknown."""
 
 LEARNED_COLUMNS = tuple(name for name in Belief._fields if name not in ("path", "excess"))
@@ -90,13 +101,16 @@ Rows = NDArray[np.void]
 ESTIMATE = -1
 """In place of the number of a reason, in the row of a pose with an estimate."""
 
-_NO_PHASE = -1
+_MISSING_PHASE = -1
 _REASONS = tuple(Reason)
-_PLACED = (ESTIMATE, _REASONS.index(Reason.AT_REST))  # answers at which state and depth are known
+_REASONS_WITH_STATE = (
+    ESTIMATE,
+    _REASONS.index(Reason.AT_REST),
+)  # answers at which state and depth are known
 _NONE = (math.nan,) * len(AXES)
 _NAMES = ROW.names or ()
 _EMPTY = dict.fromkeys(_NAMES, math.nan)
-_EMPTY |= {"reason": ESTIMATE, "phase": _NO_PHASE, "quality_flags": 0}
+_EMPTY |= {"reason": ESTIMATE, "phase": _MISSING_PHASE, "quality_flags": 0}
 
 
 class ReplayTable:
@@ -129,7 +143,7 @@ class ReplayTable:
             row["sigma"] = answer.sigma
         else:
             row["reason"] = _REASONS.index(answer.reason)
-        if row["reason"] in _PLACED:
+        if row["reason"] in _REASONS_WITH_STATE:
             row["depth"] = estimator.surface.depth
         if estimator.learning:
             belief = estimator.learning.belief()
@@ -149,18 +163,18 @@ class ReplayTable:
         estimator.finish()
         self._add_measurements()
         rows = _mapped(self._rows, ROW)
-        compensated = _mapped(self._compensated, np.dtype("<f8")).reshape(-1, len(AXES))
-        rows["compensated"][rows["reason"] == ESTIMATE] = compensated
+        wrenches = _mapped(self._compensated, np.dtype("<f8")).reshape(-1, len(AXES))
+        rows["compensated"][rows["reason"] == ESTIMATE] = wrenches
         rows["residual"] = rows["compensated"] - rows["predicted"]
-        known = np.flatnonzero(np.isin(rows["reason"], _PLACED))
-        height, sinking = estimator.model.tool.lowest_points(rows["state"][known])
+        moments = np.flatnonzero(np.isin(rows["reason"], _REASONS_WITH_STATE))
+        height, sinking = estimator.model.tool.lowest_points(rows["state"][moments])
         if estimator.ground is None:
-            rows["depth"][known] = estimator.settings.surface_height - height
-        rows["phase"][known] = phases_of(
-            rows["stamp"][known],
-            depth=rows["depth"][known],
+            rows["depth"][moments] = estimator.settings.surface_height - height
+        rows["phase"][moments] = phases_of(
+            rows["stamp"][moments],
+            depth=rows["depth"][moments],
             sinking=sinking,
-            speed=np.nan_to_num(rows["speed"][known]),
+            speed=np.nan_to_num(rows["speed"][moments]),
             rest_speed=estimator.settings.rest_speed,
         )
         return rows
@@ -179,7 +193,7 @@ def write_estimates(table: ReplayTable, rows: Rows, folder: Path, *, shift: int 
 
     `shift`: how much later the stamps are than the times in the table that was replayed [ns].
     """
-    learned = LEARNED_COLUMNS if table.estimator.learning else ()
+    learned_columns = LEARNED_COLUMNS if table.estimator.learning else ()
     generation = table.estimator.model.generation
     in_frame = stamped_cdr(table.estimator.wrench_frame)
     file = folder / "estimates.csv"
@@ -187,7 +201,7 @@ def write_estimates(table: ReplayTable, rows: Rows, folder: Path, *, shift: int 
         BagWriter(folder / "estimates") as bag,
         file.open("w", encoding="utf-8", newline="\n") as out,
     ):
-        out.write(",".join(COLUMNS + learned) + "\n")
+        out.write(",".join(COLUMNS + learned_columns) + "\n")
         for values in rows:
             row = dict(zip(_NAMES, values.tolist(), strict=True))
             stamp = row["stamp"]
@@ -204,10 +218,10 @@ def write_estimates(table: ReplayTable, rows: Rows, folder: Path, *, shift: int 
                 _cells(numbers),
                 "" if is_estimate else _REASONS[row["reason"]].value,
                 str(generation) if is_estimate else "",
-                "" if row["phase"] == _NO_PHASE else PHASES[row["phase"]],
+                "" if row["phase"] == _MISSING_PHASE else PHASES[row["phase"]],
                 _flags(row["quality_flags"]),
             ]
-            if learned:
+            if learned_columns:
                 cells.append(_cells(row["learned"]))
             out.write(",".join(cells) + "\n")
 

@@ -28,17 +28,17 @@ from rft_ros.messages import TOPICS, TYPES, UNREADABLE, Role, decoder, unreadabl
 from rft_ros.parameters import Config, Values
 
 _OPTIONAL: tuple[Role, ...] = ("wrench", "surface")
-_PROPOSED: tuple[Role, ...] = ("pose", "wrench")  # a topic of twists may be one of commands
+_PROPOSED_ROLES: tuple[Role, ...] = ("pose", "wrench")  # a topic of twists may be one of commands
 _RANK: tuple[Role, ...] = ("surface", "wrench", "twist", "pose", "tf")
 _INSTEAD: dict[Role, str] = {
     "pose": "pose_source: tf, or ",
     "twist": "twist_source: pose_difference, or ",
 }
-_PUBLISHED = {
+_OUTPUT_NAMES = {
     f"wrench_{name}" for name in ("predicted", "sigma", "compensated", "residual", "feedforward")
 }
-_LATEST = 100_000_000  # ns; messages that lie up to this late in their file are put in order, as in split bags
-_TOGETHER = 256  # messages sorted at a time
+_MAX_DISORDER_NS = 100_000_000  # messages that lie up to this late in their file are put in order, as in split bags
+_SORTED_COUNT = 256  # messages sorted at a time
 
 
 def bag_name(bag: Path) -> str:
@@ -217,9 +217,9 @@ class Recording:
         queue: list[tuple[int, int, int, Any]] = []
         for number, (time, topic, data) in enumerate(self._messages(rank)):
             queue.append((time, rank[topic], number, data))
-            if len(queue) >= _TOGETHER and number % _TOGETHER == 0:
+            if len(queue) >= _SORTED_COUNT and number % _SORTED_COUNT == 0:
                 queue.sort()  # almost sorted: faster than a heap
-                ready = bisect_left(queue, (queue[-1][0] - _LATEST,))
+                ready = bisect_left(queue, (queue[-1][0] - _MAX_DISORDER_NS,))
                 yield from queue[:ready]
                 del queue[:ready]
         queue.sort()
@@ -261,7 +261,7 @@ class Recording:
                 )
             else:
                 self.missing[role] = f"use {remap}; {there}"
-                if role in _PROPOSED and len(candidates) == 1:
+                if role in _PROPOSED_ROLES and len(candidates) == 1:
                     self.proposals[role] = candidates[0]
                 is_meant = role == "wrench" and (needs_wrench or bool(candidates))
                 if strict and (is_meant or role not in _OPTIONAL):
@@ -289,7 +289,7 @@ def _candidates(role: Role, found: Mapping[str, Sequence[str]]) -> list[str]:
         for topic, types in found.items()
         if len(types) == 1
         and types[0] in TYPES[role]
-        and topic.rpartition("/")[2] not in _PUBLISHED
+        and topic.rpartition("/")[2] not in _OUTPUT_NAMES
     ]
 
 

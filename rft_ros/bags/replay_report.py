@@ -18,12 +18,12 @@ from rft_ros.rft import AXES, FORCE
 
 _Array = NDArray[np.float64]
 
-_BUCKETS = 500  # about one for each pixel of a panel's width
-_IN_GRAINS = -1e-3  # least depth in charts over depth [m]
+_BUCKET_COUNT = 500  # about one for each pixel of a panel's width
+_MIN_CHART_DEPTH_M = -1e-3
 _TIME = "Time since the first pose [s]"
 _DEPTH = "Depth of the lowest point [mm]"
 _UNITS = ("N", "N m")  # of forces and torques
-_LEARNED = {  # titles of the panels, with the factor to the title's unit, and lines: fields of `Belief`
+_LEARNED_PANELS = {  # titles of the panels, with the factor to the title's unit, and lines: fields of `Belief`
     "Strength": (1.0, ("vertical_strength", "horizontal_strength")),
     "Turn [deg]": (math.degrees(1.0), ("turn",)),
     "Surface [mm]": (1e3, ("surface",)),
@@ -45,7 +45,7 @@ _COLOURS = {  # Okabe and Ito's palette, distinguishable with any kind of colour
     "caution": "#56B4E9",
     "no": "#000000",
 }
-_BAND = 0.22  # opacity
+_BAND_OPACITY_SHARE = 0.22
 
 
 def draw(summary: Summary, rows: Rows, estimator: Estimator, file: Path) -> None:
@@ -78,7 +78,7 @@ def decimated(rows: Rows) -> Rows:
     kept = set()
     for size in (rows["depth"], np.linalg.norm(force, axis=1), np.linalg.norm(residual, axis=1)):
         known = np.nan_to_num(size, nan=-math.inf)
-        for bucket in np.array_split(np.arange(len(rows)), _BUCKETS):
+        for bucket in np.array_split(np.arange(len(rows)), _BUCKET_COUNT):
             if len(bucket):
                 kept |= {bucket[0], bucket[known[bucket].argmax()]}
     return np.array(rows[sorted(kept)])
@@ -128,7 +128,7 @@ def _parameters(summary: Summary) -> Table:
 def replay_charts(rows: Rows) -> list[Figure]:
     """The charts of a replay, in the order of the page. `rows`: with a stamp, shape [n]."""
     time = (rows["stamp"] - rows["stamp"].min(initial=2**62)) * 1e-9
-    depth = np.where(rows["depth"] > _IN_GRAINS, 1e3 * rows["depth"], math.nan)
+    depth = np.where(rows["depth"] > _MIN_CHART_DEPTH_M, 1e3 * rows["depth"], math.nan)
     charts = [
         _wrench(rows, time, over="time", x_title=_TIME),
         _wrench(rows, depth, over="depth", x_title=_DEPTH),
@@ -182,7 +182,7 @@ class _Panel(NamedTuple):
         for part in np.ma.flatnotmasked_contiguous(known):  # type: ignore[no-untyped-call]
             outlines += [lower[part], upper[part][::-1], gap]
         xs, ys = np.concatenate([*outlines, gap]).T
-        fill = {"fill": "toself", "fillcolor": _COLOURS[colour], "opacity": _BAND}
+        fill = {"fill": "toself", "fillcolor": _COLOURS[colour], "opacity": _BAND_OPACITY_SHARE}
         self._draw(name, xs, ys, fill | {"line": {"width": 0.0}, "hoverinfo": "skip"})
 
     def _draw(self, name: str, x: _Array, y: _Array, look: dict[str, Any]) -> None:
@@ -241,9 +241,9 @@ def _flags(rows: Rows, time: _Array) -> Figure:
 
 
 def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
-    figure = _figure(len(_LEARNED), [_TIME, _DEPTH], height=900)
+    figure = _figure(len(_LEARNED_PANELS), [_TIME, _DEPTH], height=900)
     learned = rows["learned"]
-    for row, (title, (unit, fields)) in enumerate(_LEARNED.items(), start=1):
+    for row, (title, (unit, fields)) in enumerate(_LEARNED_PANELS.items(), start=1):
         for column, x in enumerate([time, depth], start=1):
             panel = _Panel(figure, row, column)
             panel.label(title)

@@ -27,11 +27,11 @@ from rft_ros.errors import InputError, reason_of
 from rft_ros.files import checked_file
 
 _REPAIRS = {".mcap": "mcap recover", ".db3": "sqlite3 FILE .recover", ".bag": "rosbag reindex"}
-_PACKED = (".zstd", ".zst")
+_PACKED_SUFFIXES = (".zstd", ".zst")
 _ZSTD = b"\x28\xb5\x2f\xfd"
 """The first bytes of what zstd compressed; CDR begins otherwise."""
 
-_LONGEST_LINE = 20  # bytes: a bag of ROS 1 has one line, its first
+_MAX_LINE_BYTES = 20  # a bag of ROS 1 has one line, its first
 
 Messages = Iterator[tuple[int, str, bytes]]
 """Receive time [ns], topic, and a serialised message."""
@@ -122,7 +122,7 @@ def _files_of(bag: Path) -> tuple[list[Path], list[str]]:
 
 def _kind(file: Path) -> str:
     """The suffix of a file once it is unpacked."""
-    return Path(file.stem).suffix if file.suffix in _PACKED else file.suffix
+    return Path(file.stem).suffix if file.suffix in _PACKED_SUFFIXES else file.suffix
 
 
 def _opened(file: Path, opened: ExitStack) -> Source:
@@ -227,12 +227,12 @@ class _Stream(io.BufferedReader):
         return super().read(-1 if size is None else min(size, self._size))
 
     def readline(self, _: int | None = -1, /) -> bytes:
-        return super().readline(_LONGEST_LINE)
+        return super().readline(_MAX_LINE_BYTES)
 
 
 def _unpacked(file: Path, opened: ExitStack) -> Path:
     """The file, or an unpacked copy."""
-    if file.suffix not in _PACKED:
+    if file.suffix not in _PACKED_SUFFIXES:
         return file
     copy = Path(opened.enter_context(TemporaryDirectory())) / file.stem
     with file.open("rb") as packed, copy.open("wb") as out:

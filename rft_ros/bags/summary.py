@@ -26,13 +26,15 @@ _Array = NDArray[np.float64]
 
 _COMPONENTS = (*AXES, "force", "torque")
 _SIZE_OF_FORCE = _COMPONENTS.index("force")
-_BIG = 0.2  # share of the recording's greatest force over which a force has a relative error
-_MOST_BINS = 10
-_WRONG = 0.5  # a larger median error is likely due to the set-up
+_MIN_FORCE_SHARE = (
+    0.2  # share of the recording's greatest force over which a force has a relative error
+)
+_MAX_BIN_COUNT = 10
+_LARGE_ERROR_SHARE = 0.5  # a larger median error is likely due to the set-up
 
 
-TOUCHES = 1e-3
-"""Least depth of a first pose in the grains [m], beyond the noise of a pose at the surface."""
+TOUCH_DEPTH_M = 1e-3
+"""Least depth of a first pose in the grains, beyond the noise of a pose at the surface."""
 
 
 @dataclass(frozen=True)
@@ -166,14 +168,14 @@ def summary_of(
         f"{issue} (at {n:,} poses)" for issue, n in issues.items() if issue != OFFSET_SENTENCE
     ]
     error = whole.median_relative_error
-    if error is not None and error > _WRONG:
+    if error is not None and error > _LARGE_ERROR_SHARE:
         doctor = "check the set-up with rft doctor FILE --bag BAG"
         warnings.append(f"the median error is {100.0 * error:.0f} %: {doctor}")
     impossible = by_flag[QualityFlag.IMPOSSIBLE.label]
     first_depth = float(rows["depth"][np.argmax(answered)]) if answered.any() else 0.0
     if impossible:
         warnings.append(f"{QualityFlag.IMPOSSIBLE.sentence} (at {impossible:,} poses)")
-    elif first_depth > TOUCHES:
+    elif first_depth > TOUCH_DEPTH_M:
         warnings.append(begins_in_grains(first_depth))
     return Summary(
         **vars(whole),
@@ -192,7 +194,7 @@ def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
     answered = rows["reason"] < 0
     depth = rows["depth"]
     measured = np.linalg.norm(rows["compensated"][:, FORCE], axis=1)
-    least = _BIG * float(np.fmax.reduce(measured, initial=0.0))
+    least = _MIN_FORCE_SHARE * float(np.fmax.reduce(measured, initial=0.0))
     edges = _bin_edges(float(depth[answered].max(initial=0.0)))
     bin_of = np.where(depth > 0.0, np.digitize(depth, edges[1:-1]), -1)
     groups = {}
@@ -258,9 +260,9 @@ def _bin_edges(deepest: float) -> _Array:
     if not deepest > 0.0:
         return np.zeros(1)
     below = deepest * (1.0 - 1e-9)
-    power = 10.0 ** math.floor(math.log10(below / _MOST_BINS))
+    power = 10.0 ** math.floor(math.log10(below / _MAX_BIN_COUNT))
     widths = [factor * power for factor in (1, 2, 5, 10)]
-    width = next(width for width in widths if below < _MOST_BINS * width)
+    width = next(width for width in widths if below < _MAX_BIN_COUNT * width)
     return np.asarray(width * np.arange(math.ceil(below / width) + 1))
 
 

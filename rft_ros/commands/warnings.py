@@ -5,7 +5,7 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.summary import TOUCHES
+from rft_ros.bags.summary import TOUCH_DEPTH_M
 from rft_ros.estimator import begins_in_grains, sentence_on
 from rft_ros.rft import QUATERNION, Law, rotation_matrix
 from rft_ros.tool import Tool
@@ -38,7 +38,7 @@ def warn_of_states(
     depths = surface_height - tool.lowest_points(states)[0]
     if _warn_of_implausible(tool, times, depths, forces):
         return
-    if len(states) > 1 and depths[0] > TOUCHES:  # one state is no motion
+    if len(states) > 1 and depths[0] > TOUCH_DEPTH_M:  # one state is no motion
         begins = f"the first state is {1e3 * depths[0]:.1f} mm deep in the grains"
         force = np.linalg.norm(forces[0])
         if force > 0.0:  # with memory, the force builds up
@@ -75,7 +75,7 @@ def warn_of_estimates(tool: Tool, times: _Array, depths: _Array, forces: _Array)
 
     `times` [s] and `depths` of the lowest point [m], shape [n]; `forces` [N], shape [n, 3].
     """
-    if not _warn_of_implausible(tool, times, depths, forces) and depths[0] > TOUCHES:
+    if not _warn_of_implausible(tool, times, depths, forces) and depths[0] > TOUCH_DEPTH_M:
         print(f"warning: {begins_in_grains(float(depths[0]))}", file=sys.stderr, flush=True)
 
 

@@ -9,7 +9,7 @@ from rft_ros.estimator.timeline import interpolated, patience
 from rft_ros.rft.frames import Wrench
 
 # estimates that wait for samples; if there are more, the oldest is compared early
-_MOST_PENDING = 4096
+_MAX_PENDING_COUNT = 4096
 
 
 class Comparison:
@@ -27,7 +27,7 @@ class Comparison:
 
     def add(self, prediction: Prediction, lifetimes: Lifetimes) -> None:
         """Add a prediction."""
-        if len(lifetimes.readings.pending) >= _MOST_PENDING:
+        if len(lifetimes.readings.pending) >= _MAX_PENDING_COUNT:
             self._compare_oldest(lifetimes)
         lifetimes.readings.pending.append(prediction)
         self.settle(prediction.pose.stamp, lifetimes)
@@ -56,37 +56,37 @@ class Comparison:
     def _measured(self, prediction: Prediction, lifetimes: Lifetimes) -> Measurement:
         pose = prediction.pose
         cell = prediction.cell
-        before, after, share = lifetimes.readings.samples.around(pose.stamp)
-        if before is None or pose.stamp - before.stamp > prediction.max_age:
-            reason = Reason.WRENCH_MISSING if before is None else Reason.WRENCH_STALE
+        reading_before, reading_after, share = lifetimes.readings.samples.around(pose.stamp)
+        if reading_before is None or pose.stamp - reading_before.stamp > prediction.max_age:
+            reason = Reason.WRENCH_MISSING if reading_before is None else Reason.WRENCH_STALE
             self._counts[reason] += 1
             return Measurement(pose.stamp, None, None, reason)
-        raw = before
+        raw = reading_before
         if (
-            after
-            and after.stamp - pose.stamp <= prediction.max_age
-            and after.frame == before.frame
+            reading_after
+            and reading_after.stamp - pose.stamp <= prediction.max_age
+            and reading_after.frame == reading_before.frame
         ):
-            fx, fy, fz, tx, ty, tz = interpolated(before.wrench, after.wrench, share)
-            raw = before._replace(wrench=(fx, fy, fz, tx, ty, tz))
+            fx, fy, fz, tx, ty, tz = interpolated(
+                reading_before.wrench, reading_after.wrench, share
+            )
+            raw = reading_before._replace(wrench=(fx, fy, fz, tx, ty, tz))
         is_repeated = raw.wrench == lifetimes.readings.last_raw
         lifetimes.readings.last_raw = raw.wrench
-        compensated = _difference(cell.sign, cell.in_own_axes(raw, pose), prediction.offset)
-        _learn(prediction, compensated, lifetimes, repeated=is_repeated)
-        return Measurement(
-            pose.stamp, compensated, _difference(1.0, compensated, prediction.wrench), None
-        )
+        wrench = _difference(cell.sign, cell.in_own_axes(raw, pose), prediction.offset)
+        _learn(prediction, wrench, lifetimes, is_repeated=is_repeated)
+        return Measurement(pose.stamp, wrench, _difference(1.0, wrench, prediction.wrench), None)
 
 
 def _learn(
-    prediction: Prediction, compensated: Wrench, lifetimes: Lifetimes, *, repeated: bool
+    prediction: Prediction, wrench: Wrench, lifetimes: Lifetimes, *, is_repeated: bool
 ) -> None:
-    """Update the mean in the air and the filter. `repeated`: the raw reading equals the one before, bit by bit."""
-    lifetimes.air.add(prediction, compensated)
+    """Update the mean in the air and the filter. `is_repeated`: the raw reading equals the one before, bit by bit."""
+    lifetimes.air.add(prediction, wrench)
     if lifetimes.learning is not None:
-        force = prediction.force_in_world(compensated)
+        force = prediction.force_in_world(wrench)
         lifetimes.learning.learn(
-            prediction.pose.stamp, force, repeated=repeated, air_load=lifetimes.air.load
+            prediction.pose.stamp, force, is_repeated=is_repeated, air_load=lifetimes.air.load
         )
 
 

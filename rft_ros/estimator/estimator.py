@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from rft_ros.estimator import samples
 from rft_ros.estimator.comparison import Comparison
 from rft_ros.estimator.intake import Intake
-from rft_ros.estimator.learning import UNEXPLAINED, Learning
+from rft_ros.estimator.learning import UNEXPLAINED_SENTENCE, Learning
 from rft_ros.estimator.lifetimes import TABLE, Change, Lifetimes, changes, compared
 from rft_ros.estimator.load_cell import LoadCellFrame, Prediction
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Motion
@@ -38,7 +38,8 @@ from rft_ros.rft.traction import packed_law
 
 Array = NDArray[np.float64]
 
-_SLIVER = 0.01  # of a tool's area: merged plates reach beyond the tool; some are submerged while it is still 6 mm above
+_SLIVER_SHARE = 0.01
+"""Of a tool's area: merged plates reach beyond the tool; some are submerged while it is still 6 mm above."""
 
 
 class Estimator:
@@ -136,7 +137,7 @@ class Estimator:
             found.append(f"the load cell gives no number on {axes}: check its driver and cable")
         found += self._lifetimes.contact.unseen.sentences(self.settings.calibrated_motions)
         if self.learning is not None and self.learning.excludes_readings:
-            found.append(UNEXPLAINED)
+            found.append(UNEXPLAINED_SENTENCE)
         return found + self._lifetimes.air.issues()
 
     @property
@@ -352,13 +353,13 @@ class Estimator:
         )
         contact.withdrawal.follow(motion, force, in_grains=in_grains)
         contact.unseen.follow(motion, in_grains=in_grains)
-        with_sigma = self._corrected(motion, row)
-        contact.withdrawal.widen(with_sigma)
+        wrench_and_sigma = self._corrected(motion, row)
+        contact.withdrawal.widen(wrench_and_sigma)
         lifetimes.motion.state = state
         if in_grains and motion.rests and not self.model.law.has_memory:
             # refused only here: a tare and the phases need the state, and late readings still update the filter
             raise RefusedError(Reason.AT_REST)
-        wrench, offset, sigma = frame.into_sensor(state[QUATERNION], with_sigma)
+        wrench, offset, sigma = frame.into_sensor(state[QUATERNION], wrench_and_sigma)
         # the reading at this pose may have come already; it decides flags
         prediction = Prediction(pose, wrench, offset, frame, in_air=not in_grains, max_age=max_age)
         self._comparison.add(prediction, lifetimes)
@@ -371,7 +372,7 @@ class Estimator:
             force=force,
             in_grains=in_grains,
             depth=self.depth,
-            withdrawn=contact.withdrawal.active,
+            is_withdrawn=contact.withdrawal.active,
             surprises=learning is not None and learning.change != "",
             disagrees=lifetimes.air.is_offset
             or (learning is not None and learning.excludes_readings),
@@ -429,7 +430,7 @@ class Estimator:
         row: Array = self._result[0]
         numbers = row.tolist()
         area = numbers[SUBMERGED_AREA]
-        if 0.0 < area < _SLIVER * self.model.tool.plates.area and self.depth() <= 0.0:
+        if 0.0 < area < _SLIVER_SHARE * self.model.tool.plates.area and self.depth() <= 0.0:
             row[:] = 0.0
             return row, (0.0, 0.0, 0.0), 0.0
         if not math.hypot(*numbers) < samples.ABSURD:
@@ -441,11 +442,11 @@ class Estimator:
         """The wrench, corrected in mode apply, and one standard deviation of each component, shape [12]; world axes."""
         learning = self.learning
         if learning is None:
-            with_sigma = np.empty(12)
+            wrench_and_sigma = np.empty(12)
             predict_without_learning(
-                row, self.settings.strength_error, self.model.tool.plates.reach, with_sigma
+                row, self.settings.strength_error, self.model.tool.plates.reach, wrench_and_sigma
             )
-            return with_sigma
+            return wrench_and_sigma
         is_fast = math.hypot(*motion.velocity) > self.model.law.speed_limits.inertial
         return learning.predict(
             motion.pose.stamp,

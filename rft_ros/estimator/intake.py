@@ -20,7 +20,7 @@ from rft_ros.estimator.timeline import (
     LATE,
     NEW_RUN,
     NEXT,
-    PATIENCE,
+    PATIENCE_NS,
     REPEATED,
     S,
     Succession,
@@ -28,14 +28,14 @@ from rft_ros.estimator.timeline import (
     succession,
 )
 from rft_ros.estimator.transforms import Transforms
-from rft_ros.ground import DELAY, Cloud
+from rft_ros.ground import CLOUD_DELAY_NS, Cloud
 from rft_ros.parameters import Settings
 from rft_ros.rft import AXES, FORCE, unit_quaternion
 from rft_ros.rft.frames import Placement, Wrench
 
 # ns; a cloud that follows another one sooner is dropped: 5 Hz are enough
-_CLOUD_PERIOD = 190_000_000
-_MOST_WANTED = 4096  # stamps that wait for transforms
+_CLOUD_PERIOD_NS = 190_000_000
+_MAX_WANTED_COUNT = 4096  # stamps that wait for transforms
 
 _LINK = "set the parameter to an existing frame, or publish the transform between the two on /tf_static"
 _CORRECT = "stop or correct one of its publishers"
@@ -146,14 +146,14 @@ class Intake:
         if self._settings.twist_source != "topic":
             return  # a replay does not read this topic either, so that both give the same result
         world = self._settings.world_frame
-        into, axes = self._linked(
+        target, axes = self._linked(
             "twist", sample.stamp, sample.frame, world, self._settings.tool_frame
         )
         if not math.hypot(*sample.linear, *sample.angular) < ABSURD:
             raise RefusedError(Reason.TWIST_NOT_FINITE)
         if axes is not None:
             sample = TwistSample(
-                sample.stamp, into, axes.rotate(sample.linear), axes.rotate(sample.angular)
+                sample.stamp, target, axes.rotate(sample.linear), axes.rotate(sample.angular)
             )
         self._keep(sample, lifetimes.twists, lifetimes, late=Reason.TWIST_OUT_OF_ORDER)
 
@@ -161,11 +161,11 @@ class Intake:
         """Keep a reading of the load cell at the stamp of its event, in the axes of the sensor or the world frame."""
         s = self._settings
         stamp = sample.stamp - self._delay
-        into, there = self._linked("wrench", stamp, sample.frame, s.sensor_frame, s.world_frame)
+        target, there = self._linked("wrench", stamp, sample.frame, s.sensor_frame, s.world_frame)
         if self.sensor_is_in_world:
-            into = s.world_frame
+            target = s.world_frame
             there = self.transforms.fixed(s.world_frame, sample.frame)
-        in_world = self.readings_are_in_world or into == s.world_frame
+        in_world = self.readings_are_in_world or target == s.world_frame
         wrench = self._with_known_axes(sample.wrench)
         if there is not None:
             if in_world:  # the torque is about the sensor's origin, not that of its frame
@@ -213,9 +213,9 @@ class Intake:
         follows = succession(cloud.stamp, after=mapper.cloud_stamp)
         if follows in (REPEATED, LATE):
             raise RefusedError(Reason.SURFACE_OUT_OF_ORDER)
-        if mapper.pose_stamp - cloud.stamp >= DELAY:
+        if mapper.pose_stamp - cloud.stamp >= CLOUD_DELAY_NS:
             raise RefusedError(Reason.SURFACE_LATE)
-        if follows is NEXT and cloud.stamp - mapper.cloud_stamp < _CLOUD_PERIOD:
+        if follows is NEXT and cloud.stamp - mapper.cloud_stamp < _CLOUD_PERIOD_NS:
             raise RefusedError(Reason.SURFACE_RATE_LIMITED)
         mapper.add(cloud, camera)
 
@@ -231,9 +231,9 @@ class Intake:
             raise RefusedError(Reason(f"{role}_stamp_zero"))
         if frame in expected:
             return frame, None
-        for into in expected:
-            if (placement := self.transforms.fixed(into, frame)) is not None:
-                return into, placement
+        for target in expected:
+            if (placement := self.transforms.fixed(target, frame)) is not None:
+                return target, placement
         reason = Reason(f"{role}_frame_unknown")
         self._unknown[reason] = frame, *expected
         raise RefusedError(reason)
@@ -244,7 +244,7 @@ class Intake:
         tree = self.transforms
         found = dict[Reason, str]()
         for reason, (frame, *expected) in self._unknown.items():
-            if all(tree.fixed(into, frame) is None for into in expected):
+            if all(tree.fixed(target, frame) is None for target in expected):
                 found[reason] = _UNKNOWN[reason].format(frame, *expected)
         if tool := tree.unlinked("tool_frame", s.tool_frame, s.world_frame):
             found[Reason.TF_FRAME_UNKNOWN] = tool
@@ -262,7 +262,7 @@ class Intake:
 
         Their stamps are those of the load cell's events or, with `tf_rate`, multiples of its period. A pose is ready
         once the transforms on both sides of its stamp have come, so it depends on stamps only. If they do not come
-        within `PATIENCE`, the stamp has no pose, and the reason is counted.
+        within `PATIENCE_NS`, the stamp has no pose, and the reason is counted.
         """
         s = self._settings
         newest = None
@@ -298,7 +298,7 @@ class Intake:
             self.transforms.start_run(newest)
         if rate > 0.0:
             period = round(min(1e9 / rate, 1e18))
-            is_gap = abs(newest - self._scheduled) >= PATIENCE
+            is_gap = abs(newest - self._scheduled) >= PATIENCE_NS
             last = newest - 1 if is_gap else self._scheduled  # a gap has no poses
             self._wanted.extend(range((last // period + 1) * period, newest + 1, period))
         else:
@@ -319,7 +319,9 @@ class Intake:
             if isinstance(place, Placement):
                 found.append(PoseSample(stamp, s.world_frame, *place))
             elif (
-                place in may_come and now <= stamp + PATIENCE and len(self._wanted) < _MOST_WANTED
+                place in may_come
+                and now <= stamp + PATIENCE_NS
+                and len(self._wanted) < _MAX_WANTED_COUNT
             ):
                 break
             else:

@@ -33,10 +33,10 @@ _IN_SENSOR = np.dtype([("wrench", float, 6), ("offset", float, 6), ("sigma", flo
 
 
 @compiled
-def _into_sensor(mounts, quaternion, with_sigma, outs):
+def _into_sensor(mounts, quaternion, wrench_and_sigma, outs):
     """Write wrench, offset and deviations, in sensor axes about the sensor's origin, to `outs`, one record.
 
-    `mounts`: one record of `_MOUNT`. `quaternion` of the tool. `with_sigma`, shape [12]: wrench and its standard
+    `mounts`: one record of `_MOUNT`. `quaternion` of the tool. `wrench_and_sigma`, shape [12]: wrench and its standard
     deviations in world axes about the tool frame's origin. The errors of world components, and those of force and
     torque, are taken as independent.
     """
@@ -48,27 +48,33 @@ def _into_sensor(mounts, quaternion, with_sigma, outs):
     wrench = out.wrench
     offset = out.offset
     sigma = out.sigma
-    force, torque, force_sigma, torque_sigma = parts_of_prediction(with_sigma)
+    force, torque, force_sigma, torque_sigma = parts_of_prediction(wrench_and_sigma)
     tool = attitude(quaternion)
     sensor = attitude(mount.quaternion)
     px, py, pz = position[0], position[1], position[2]
-    turned = 0.0, 0.0, 0.0
+    world_axis = 0.0, 0.0, 0.0
     for i in range(6):
         wrench[i] = sigma[i] = 0.0
-    # `turned`: a world axis, in sensor axes; `lever`: the torque of a unit force along it
+    # `world_axis`: a world axis, in sensor axes; `lever`: the torque of a unit force along it
     for k in range(3):
         x, y, z = into_frame(
             tool, 1.0 if k == 0 else 0.0, 1.0 if k == 1 else 0.0, 1.0 if k == 2 else 0.0
         )
-        turned = into_frame(sensor, x, y, z)
+        world_axis = into_frame(sensor, x, y, z)
         lever = into_frame(sensor, pz * y - py * z, px * z - pz * x, py * x - px * y)
         for i in range(3):
-            wrench[i] += force[k] * turned[i]
-            wrench[3 + i] += force[k] * lever[i] + torque[k] * turned[i]
-            sigma[i] += (force_sigma[k] * turned[i]) ** 2
-            sigma[3 + i] += (force_sigma[k] * lever[i]) ** 2 + (torque_sigma[k] * turned[i]) ** 2
-    # `turned` is the world's z axis, along which the weight hangs
-    wx, wy, wz = -mount.weight * turned[0], -mount.weight * turned[1], -mount.weight * turned[2]
+            wrench[i] += force[k] * world_axis[i]
+            wrench[3 + i] += force[k] * lever[i] + torque[k] * world_axis[i]
+            sigma[i] += (force_sigma[k] * world_axis[i]) ** 2
+            sigma[3 + i] += (force_sigma[k] * lever[i]) ** 2 + (
+                torque_sigma[k] * world_axis[i]
+            ) ** 2
+    # `world_axis` is the world's z axis, along which the weight hangs
+    wx, wy, wz = (
+        -mount.weight * world_axis[0],
+        -mount.weight * world_axis[1],
+        -mount.weight * world_axis[2],
+    )
     cx, cy, cz = center[0], center[1], center[2]
     weight = wx, wy, wz, cy * wz - cz * wy, cz * wx - cx * wz, cx * wy - cy * wx
     for i in range(6):
@@ -91,14 +97,16 @@ class LoadCellFrame:
             _into_sensor, (self._mount, np.zeros(4), np.zeros(12), self._out)
         )
 
-    def into_sensor(self, quaternion: Array, with_sigma: Array) -> tuple[Wrench, Wrench, Wrench]:
+    def into_sensor(
+        self, quaternion: Array, wrench_and_sigma: Array
+    ) -> tuple[Wrench, Wrench, Wrench]:
         """The wrench, the offset and one standard deviation of each component of the wrench, in the sensor frame.
 
         The offset is bias plus tool weight, in the sign of a force on the tool: the raw reading is `sign` times the sum
-        of wrench and offset. `with_sigma`, shape [12]: wrench and standard deviations in world axes, about the tool
-        frame's origin [N], [N m]. Both arrays are contiguous.
+        of wrench and offset. `wrench_and_sigma`, shape [12]: wrench and standard deviations in world axes, about the
+        tool frame's origin [N], [N m]. Both arrays are contiguous.
         """
-        self._into_sensor(self._mount, quaternion, with_sigma, self._out)
+        self._into_sensor(self._mount, quaternion, wrench_and_sigma, self._out)
         rows: list[Any] = self._rows.tolist()
         wrench, offset, sigma = map(tuple, rows)
         return wrench, offset, sigma
@@ -131,6 +139,6 @@ class Prediction(NamedTuple):
     in_air: bool
     max_age: int
 
-    def force_in_world(self, compensated: Wrench) -> Vector:
-        """The force of its reading [N], in world axes."""
-        return self.cell.force_in_world(compensated, self.pose)
+    def force_in_world(self, wrench: Wrench) -> Vector:
+        """The force of its compensated reading [N], in world axes."""
+        return self.cell.force_in_world(wrench, self.pose)

@@ -15,15 +15,18 @@ from rft_ros.estimator.samples import PoseSample
 from rft_ros.rft import POSITION, QUATERNION
 from rft_ros.rft.kernel.compilation import compiled, inlined
 
-_CAPACITY = 2048  # poses: the longest window, 1 s, at 2 kHz
-_FEWEST = 3
-_FEWEST_OF_PARABOLA = 5
-_UNLIKELY = 8.0  # standard deviations of chi-squared; beyond, the window is shortened, and the slope is noisier
-_BENDS = 16.3  # chi-squared with probability 1e-3: a smaller bend of the parabola is left out
+_MAX_POSE_COUNT = 2048  # poses: the longest window, 1 s, at 2 kHz
+_MIN_POSE_COUNT = 3
+_MIN_PARABOLA_POSE_COUNT = 5
+# standard deviations of chi-squared; beyond, the window is shortened, and the slope is noisier
+_MAX_MISFIT_FACTOR = 8.0
+_BEND_CHI2_LIMIT = (
+    16.3  # chi-squared with probability 1e-3: a smaller bend of the parabola is left out
+)
 # chi-squared with probability 1e-8: false motion at rest would release the held force
-_MOVES = 40.0
+_MOTION_CHI2_LIMIT = 40.0
 # of the window: in its older part, poses closer than this to the one before are skipped
-_THIN = 1.0 / 64.0
+_MIN_INTERVAL_SHARE = 1.0 / 64.0
 # the two kinds of coordinates of a pose, which have noise of their own
 _POSITIONS, _ROTATIONS = range(2)
 
@@ -37,10 +40,10 @@ class PoseDifference:
     def __init__(self) -> None:
         self.twist = np.zeros(6)
         self.noise = PoseNoise()
-        self._stamps = np.zeros(_CAPACITY, dtype=np.int64)
-        self._ring = np.zeros((_CAPACITY, 7))
-        times = np.zeros(_CAPACITY)
-        coordinates = np.zeros((2, 3, _CAPACITY))
+        self._stamps = np.zeros(_MAX_POSE_COUNT, dtype=np.int64)
+        self._ring = np.zeros((_MAX_POSE_COUNT, 7))
+        times = np.zeros(_MAX_POSE_COUNT)
+        coordinates = np.zeros((2, 3, _MAX_POSE_COUNT))
         self._arrays = (
             self._stamps,
             self._ring,
@@ -58,12 +61,12 @@ class PoseDifference:
         `window`: of the fit [s]; it has at least three poses, and ends at an interval longer than `gap` [ns].
         """
         if self.noise.add(pose, gap=gap):
-            newest = self._count % _CAPACITY
+            newest = self._count % _MAX_POSE_COUNT
             self._stamps[newest] = pose.stamp
             self._ring[newest] = (*pose.position, *pose.quaternion)
             self._fitted = int(_fit(*self._arrays, newest, round(1e9 * window), gap))
             self._count += 1
-        return self._fitted >= _FEWEST
+        return self._fitted >= _MIN_POSE_COUNT
 
 
 @inlined
@@ -94,17 +97,24 @@ def _recent(stamps, ring, newest, window, gap, t, x):
     younger = stamps[newest]
     n = 0
     for back in range(len(stamps)):
-        at = (newest - back) % len(stamps)
-        age = stamps[newest] - stamps[at]  # a difference of integers has no rounding error
-        if stamps[at] == 0 or younger - stamps[at] > gap or (age > window and n >= _FEWEST):
+        index = (newest - back) % len(stamps)
+        age = stamps[newest] - stamps[index]  # a difference of integers has no rounding error
+        if (
+            stamps[index] == 0
+            or younger - stamps[index] > gap
+            or (age > window and n >= _MIN_POSE_COUNT)
+        ):
             break
-        younger = stamps[at]
-        if n > _FEWEST_OF_PARABOLA and t[n - 1] + 1e-9 * age < _THIN * 1e-9 * window:
+        younger = stamps[index]
+        if (
+            n > _MIN_PARABOLA_POSE_COUNT
+            and t[n - 1] + 1e-9 * age < _MIN_INTERVAL_SHARE * 1e-9 * window
+        ):
             continue
         t[n] = -1e-9 * age
-        turns = _rotation_vector(attitudes[at], ax, ay, az, aw)
+        turns = _rotation_vector(attitudes[index], ax, ay, az, aw)
         for axis in range(3):
-            x[_POSITIONS, axis, n] = positions[at, axis] - positions[newest, axis]
+            x[_POSITIONS, axis, n] = positions[index, axis] - positions[newest, axis]
             x[_ROTATIONS, axis, n] = turns[axis]
         n += 1
     return n
@@ -132,7 +142,7 @@ def _end_slopes(t, x, n, noise, slopes, squares, factors):
         qq += (u * u - skew * u - mean) ** 2
     bend = 2.0 * (t[0] - middle) - skew  # dq/dt at the newest pose
     squares[:] = 0.0
-    curved = np.empty(3)
+    bend_slopes = np.empty(3)
     for kind in range(2):
         square_of_bend = 0.0
         for axis in range(3):
@@ -147,15 +157,15 @@ def _end_slopes(t, x, n, noise, slopes, squares, factors):
                 u = t[i] - middle
                 square += (y[i] - a - b * u - c * (u * u - skew * u - mean)) ** 2
             slopes[kind, axis] = b
-            curved[axis] = c * bend
+            bend_slopes[axis] = c * bend
             squares[kind] += square
             square_of_bend += c * c * qq
         factors[kind] = 1.0 / uu
         # the noise is infinite until it is estimated
-        if not square_of_bend <= _BENDS * noise[kind] < np.inf:
+        if not square_of_bend <= _BEND_CHI2_LIMIT * noise[kind] < np.inf:
             factors[kind] += bend * bend / qq
             for axis in range(3):
-                slopes[kind, axis] += curved[axis]
+                slopes[kind, axis] += bend_slopes[axis]
 
 
 @compiled
@@ -170,16 +180,16 @@ def _fit(stamps, ring, noise, t, x, twist, newest, window, gap):
         return n
     squares = np.empty(2)
     factors = np.empty(2)
-    unlike = True
-    while unlike and n >= _FEWEST_OF_PARABOLA:
+    misfits_are_large = True
+    while misfits_are_large and n >= _MIN_PARABOLA_POSE_COUNT:
         _end_slopes(t, x, n, noise, twist, squares, factors)
         free = 3.0 * (n - 3)
         excess = max(
             squares[_POSITIONS] / noise[_POSITIONS], squares[_ROTATIONS] / noise[_ROTATIONS]
         )
-        unlike = excess > free + _UNLIKELY * math.sqrt(2.0 * free)
+        misfits_are_large = excess > free + _MAX_MISFIT_FACTOR * math.sqrt(2.0 * free)
         n = 4 * n // 5
-    if unlike:
+    if misfits_are_large:
         factors[:] = 2.0 / (t[1] * t[1])
         for kind in range(2):
             for axis in range(3):
@@ -187,7 +197,7 @@ def _fit(stamps, ring, noise, t, x, twist, newest, window, gap):
     still = True
     for kind in range(2):
         square = twist[kind, 0] ** 2 + twist[kind, 1] ** 2 + twist[kind, 2] ** 2
-        bound = _MOVES * noise[kind] * factors[kind]
+        bound = _MOTION_CHI2_LIMIT * noise[kind] * factors[kind]
         still = still and (square == 0.0 or square <= bound < np.inf)
     if still:
         twist[:] = 0.0

@@ -11,8 +11,8 @@ FASTEST_M_S = 5.0
 
 _MIN_JUMP_M = 0.01  # stamps that jitter make a shorter step look fast
 _RECENT_NS = 2_000_000_000  # so long after the last jump it is told
-_MANY = 10  # jumps; fewer are single ones
-_RETURNS = 0.2  # of a jump: so near to the pose before the last one, the jump went back
+_REPEATED_JUMP_COUNT = 10  # jumps; fewer are single ones
+_RETURN_SHARE = 0.2  # of a jump: so near to the pose before the last one, the jump went back
 
 TWO_PUBLISHERS = "the poses jump to and fro, as with two publishers on one topic: stop one of them"
 IN_MILLIMETRES = "the poses move faster than any arm: their driver must give metres, and not millimetres (factor 0.001)"
@@ -59,7 +59,7 @@ class PoseJumps:
             self._returns = 0
         self._jumped_at = pose.stamp
         self._count += 1
-        if before_last and math.dist(pose.position, before_last) < _RETURNS * length:
+        if before_last and math.dist(pose.position, before_last) < _RETURN_SHARE * length:
             self._returns += 1
         if self.longest is None or length > self.longest.length:
             self.longest = Jump(length, seconds, pose.stamp)
@@ -69,10 +69,12 @@ class PoseJumps:
         """What the last jumps show; "" if none was recent. It has no numbers, so that it is one problem in a log."""
         if self._last is None or not self._is_recent(self._last.stamp):
             return ""
-        if self._returns >= _MANY:
+        if self._returns >= _REPEATED_JUMP_COUNT:
             return TWO_PUBLISHERS
         is_to_and_fro = 2 * self._returns >= self._count
-        return IN_MILLIMETRES if self._count >= _MANY and not is_to_and_fro else A_JUMP
+        return (
+            IN_MILLIMETRES if self._count >= _REPEATED_JUMP_COUNT and not is_to_and_fro else A_JUMP
+        )
 
     def _is_recent(self, stamp: int) -> bool:
         """Whether the last jump is recent at a stamp [ns], which may be near 0, as in a simulation."""

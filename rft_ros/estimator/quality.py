@@ -12,23 +12,25 @@ from rft_ros.parameters import Settings
 from rft_ros.rft import SpeedLimits
 from rft_ros.rft.frames import Vector
 from rft_ros.rft.grains import WITH_INERTIA, WITHOUT_INERTIA
-from rft_ros.tool import LARGEST, SMALLEST, Tool
+from rft_ros.tool import MAX_TOOL_SIZE_M, MIN_TOOL_SIZE_M, Tool
 
-# N: more than that of any arm, and than the breakout force of an excavator of 50 t
-_LARGEST_FORCE = 5e5
-_HIGHEST = 50.0  # m: greatest plausible height of a tool frame above the surface
-_DEEPEST = 0.3  # m: greatest plausible depth, plus the next number times the tool's largest extent
-_DEEPEST_OF_SIZE = 10.0  # small probes go deep
+# more than that of any arm, and than the breakout force of an excavator of 50 t
+_MAX_FORCE_N = 5e5
+_MAX_HEIGHT_M = 50.0  # greatest plausible height of a tool frame above the surface
+_MAX_DEPTH_M = (
+    0.3  # greatest plausible depth, plus the next number times the tool's largest extent
+)
+_DEPTH_OVER_SIZE_RATIO = 10.0  # small probes go deep
 
 
-def _deepest(tool: Tool) -> float:
+def _max_depth(tool: Tool) -> float:
     """The greatest plausible depth of the tool's lowest point [m]."""
-    return _DEEPEST + _DEEPEST_OF_SIZE * tool.size
+    return _MAX_DEPTH_M + _DEPTH_OVER_SIZE_RATIO * tool.size
 
 
 def _is_plausible(tool: Tool) -> bool:
     """Whether a tool of this size can move through grains on an arm."""
-    return SMALLEST <= tool.size <= LARGEST
+    return MIN_TOOL_SIZE_M <= tool.size <= MAX_TOOL_SIZE_M
 
 
 def begins_in_grains(depth: float) -> str:
@@ -44,7 +46,7 @@ def sentence_on(tool: Tool, *, depth: float, force: float) -> str:
 
     `force`: on the tool [N].
     """
-    if depth > _deepest(tool):
+    if depth > _max_depth(tool):
         return (
             f"the tool's lowest point is {depth:g} m deep, {depth / tool.size:,.0f} times the tool's size; poses and"
             " surface_height are in metres: are these in millimetres?"
@@ -54,12 +56,12 @@ def sentence_on(tool: Tool, *, depth: float, force: float) -> str:
             f"the tool's largest extent is {tool.size:g} m; mesh.scale (--scale) is in metres per mesh unit, 0.001 for"
             " a mesh in millimetres"
         )
-    if depth < -_HIGHEST:
+    if depth < -_MAX_HEIGHT_M:
         return (
             f"the tool is {-depth:g} m above the grains; poses and surface_height are in metres: are these in"
             " millimetres?"
         )
-    if force > _LARGEST_FORCE:
+    if force > _MAX_FORCE_N:
         return (
             f"the force is {force:g} N, more than any arm's; poses are in metres and mesh.scale (--scale) is in metres"
             " per mesh unit: is one of them in millimetres?"
@@ -68,15 +70,17 @@ def sentence_on(tool: Tool, *, depth: float, force: float) -> str:
 
 
 # Kumar et al., arXiv:1712.09057: drag depends on the speed from v / sqrt(g D) = 0.35 on
-_FROUDE = 0.4
+_MAX_FROUDE_RATIO = 0.4
 # across the tool; with fewer the force rises: Paume et al., doi:10.1039/D3SM01242E
-_FEWEST_GRAINS = 5.0
+_MIN_GRAIN_COUNT = 5.0
 _NEAR_REST_FACTOR = 5.0  # times rest_speed
 # kinds of issues that are no fault of the mesh
 _HARMLESS = {"concave", "size", "degenerate_facets"}
-_DEEPER = 1.02  # times the calibrated depth, so that the bag of the calibration is not flagged
-_STEEP = 15.0  # degrees
-_STEEP_SLOPE = math.tan(math.radians(_STEEP))
+_DEEP_FACTOR = (
+    1.02  # times the calibrated depth, so that the bag of the calibration is not flagged
+)
+_STEEP_DEG = 15.0
+_STEEP_SLOPE = math.tan(math.radians(_STEEP_DEG))
 _UNEVEN_SHARE = 0.25  # of the depth
 
 
@@ -106,9 +110,9 @@ class QualityFlag(IntFlag):
     )
     INERTIAL = (
         2,
-        f"without medium.density over {WITHOUT_INERTIA.inertial:g} m/s, or over a Froude number of {_FROUDE:g} of the"
-        f" tool's width: the grains' inertia matters; or with it over {WITH_INERTIA.inertial:g} m/s: the modelled"
-        " inertia was not checked",
+        f"without medium.density over {WITHOUT_INERTIA.inertial:g} m/s, or over a Froude number of"
+        f" {_MAX_FROUDE_RATIO:g} of the tool's width: the grains' inertia matters; or with it over"
+        f" {WITH_INERTIA.inertial:g} m/s: the modelled inertia was not checked",
     )
     NEAR_REST = 4, "so slow that noise decides the direction of the motion"
     CONCAVE = (
@@ -122,7 +126,7 @@ class QualityFlag(IntFlag):
     )
     DEEP = 128, "deeper than medium.calibrated_depth"
     SURPRISE = 256, "the grains are harder or softer than the filter has estimated"
-    STEEP = 512, f"the ground is tilted by over {_STEEP:g} degrees"
+    STEEP = 512, f"the ground is tilted by over {_STEEP_DEG:g} degrees"
     UNEVEN = (
         1024,
         f"the ground departs from the plane under the tool by over {100.0 * _UNEVEN_SHARE:g} % of the depth (RMS)",
@@ -138,9 +142,10 @@ class QualityFlag(IntFlag):
     )
     IMPOSSIBLE = (
         8192,
-        f"not plausible: deeper than {_DEEPEST:g} m + {_DEEPEST_OF_SIZE:g} times the tool's size, over {_HIGHEST:g} m"
-        f" above the grains, a tool over {LARGEST:g} m or under {1e3 * SMALLEST:g} mm, or a force over"
-        f" {1e-3 * _LARGEST_FORCE:g} kN, as with poses in millimetres or a wrong mesh.scale",
+        f"not plausible: deeper than {_MAX_DEPTH_M:g} m + {_DEPTH_OVER_SIZE_RATIO:g} times the tool's size, over"
+        f" {_MAX_HEIGHT_M:g} m above the grains, a tool over {MAX_TOOL_SIZE_M:g} m or under"
+        f" {1e3 * MIN_TOOL_SIZE_M:g} mm, or a force over {1e-3 * _MAX_FORCE_N:g} kN, as with poses in millimetres or a"
+        " wrong mesh.scale",
     )
     NOISY = (
         16384,
@@ -148,8 +153,8 @@ class QualityFlag(IntFlag):
     )
     FEW_GRAINS = (
         32768,
-        f"the tool's width is under {_FEWEST_GRAINS:g} times medium.grain_diameter: the force of real grains is larger"
-        " and varies more",
+        f"the tool's width is under {_MIN_GRAIN_COUNT:g} times medium.grain_diameter: the force of real grains is"
+        " larger and varies more",
     )
 
 
@@ -187,11 +192,11 @@ class QualityMonitor:
     def __init__(self, tool: Tool) -> None:
         issues = tool.issues.keys()
         self._reach = tool.plates.reach
-        self._deepest = _deepest(tool)
+        self._max_depth = _max_depth(tool)
         self._width = tool.width
-        self._fastest = _FROUDE * math.sqrt(GRAVITY * self._width)
+        self._max_speed = _MAX_FROUDE_RATIO * math.sqrt(GRAVITY * self._width)
         self._is_plausible = _is_plausible(tool)
-        self._of_mesh = _joined(concave="concave" in issues, mesh=bool(issues - _HARMLESS))
+        self._mesh_flags = _joined(concave="concave" in issues, mesh=bool(issues - _HARMLESS))
 
     def flags(
         self,
@@ -203,14 +208,14 @@ class QualityMonitor:
         force: Vector,
         in_grains: bool,
         depth: Callable[[], float],
-        withdrawn: bool,
+        is_withdrawn: bool,
         surprises: bool,
         disagrees: bool,
     ) -> int:
         """Flags of the next estimate: bitwise or of `QualityFlag`.
 
         `force`: of the model [N]. `depth`: returns the depth of the lowest point [m]; called only if needed.
-        `withdrawn`: the tool is pulled out. `surprises`: the force is not the expected one. `disagrees`: there are
+        `is_withdrawn`: the tool is pulled out. `surprises`: the force is not the expected one. `disagrees`: there are
         issues of the load cell or the model.
         """
         speed = motion.speed_bound
@@ -219,27 +224,29 @@ class QualityMonitor:
         origin_depth = height - z  # of the tool frame's origin
         if not in_grains:
             return _joined(
-                surprise=surprises, disagreement=disagrees, impossible=origin_depth < -_HIGHEST
+                surprise=surprises,
+                disagreement=disagrees,
+                impossible=origin_depth < -_MAX_HEIGHT_M,
             )
         greatest_depth = origin_depth + self._reach  # the exact depth takes longer to compute
 
         def is_below(limit: float) -> bool:
             return greatest_depth > limit and depth() > limit
 
-        calibrated = settings.calibrated_depth
+        calibrated_depth = settings.calibrated_depth
         grain = settings.grain_diameter
-        return self._of_mesh | _joined(
+        return self._mesh_flags | _joined(
             surprise=surprises,
             disagreement=disagrees,
-            deep=calibrated is not None and is_below(_DEEPER * calibrated),
-            few_grains=grain is not None and self._width < _FEWEST_GRAINS * grain,
-            impossible=is_below(self._deepest)
+            deep=calibrated_depth is not None and is_below(_DEEP_FACTOR * calibrated_depth),
+            few_grains=grain is not None and self._width < _MIN_GRAIN_COUNT * grain,
+            impossible=is_below(self._max_depth)
             or not self._is_plausible
-            or math.hypot(*force) > _LARGEST_FORCE,
+            or math.hypot(*force) > _MAX_FORCE_N,
             noisy=motion.is_noisy,
-            withdrawal=withdrawn,
+            withdrawal=is_withdrawn,
             inertial=speed > limits.inertial
-            or (limits == WITHOUT_INERTIA and speed > self._fastest),
+            or (limits == WITHOUT_INERTIA and speed > self._max_speed),
             fast=speed > limits.checked,
             near_rest=speed < min(_NEAR_REST_FACTOR * settings.rest_speed, limits.checked),
             steep=math.hypot(*surface.slope) > _STEEP_SLOPE,

@@ -16,24 +16,24 @@ from rft_ros.rft.frames import Vector, Wrench
 
 Array = NDArray[np.float64]
 
-_FEWEST_FOR_TARE = 10
-_STRETCH = 0.25
-"""Time over which poses are averaged to see a drift [s]. It reduces 10 µm of pose noise at 125 Hz to 0.01 mm/s."""
+_MIN_READING_COUNT = 10
+_AVERAGING_TIME_S = 0.25
+"""Time over which poses are averaged to see a drift. It reduces 10 µm of pose noise at 125 Hz to 0.01 mm/s."""
 
-_READINGS = 64  # averaged at most; half as many are enough to judge the mean
-_LEAST = 0.2  # N: a smaller mean is noise, or a small error of the tool's weight
-_SHARE = 0.1  # of the force in the grains: a smaller mean matters little beside it
+_MEAN_READING_COUNT = 64  # averaged at most; half as many are enough to judge the mean
+_MIN_OFFSET_N = 0.2  # a smaller mean is noise, or a small error of the tool's weight
+_MIN_OFFSET_SHARE = 0.1  # of the force in the grains: a smaller mean matters little beside it
 
 OFFSET_SENTENCE = "the load cell reads a force in the air: call ~/tare there, or check sensor.bias and sensor.mass"
 """What an offset says to a user."""
 
 
-def is_offset(load: float, greatest: float, *, share: float = _SHARE) -> bool:
+def is_offset(load: float, greatest: float, *, share: float = _MIN_OFFSET_SHARE) -> bool:
     """Whether a mean force `load` in the air [N] is an offset of the load cell.
 
     `greatest`: the greatest force in the grains [N]. A load below `share` of it is no offset.
     """
-    return load > max(_LEAST, share * greatest)
+    return load > max(_MIN_OFFSET_N, share * greatest)
 
 
 class AirReading:
@@ -53,28 +53,28 @@ class AirReading:
         """Whether the load cell reads a force in the air."""
         return is_offset(self.load, self._greatest)
 
-    def add(self, prediction: Prediction, compensated: Wrench) -> None:
+    def add(self, prediction: Prediction, wrench: Wrench) -> None:
         """Add the compensated wrench at a prediction; it counts from `settle` on."""
-        self._waiting.append((prediction, compensated))
+        self._waiting.append((prediction, wrench))
 
-    def settle(self, before: float) -> None:
-        """Count the forces stamped before this [ns]: so the mean depends on stamps, and not on the order of arrival."""
-        while self._waiting and self._waiting[0][0].pose.stamp < before:
-            prediction, compensated = self._waiting.popleft()
+    def settle(self, stamp: float) -> None:
+        """Count the forces before a stamp [ns]: so the mean depends on stamps, and not on the order of arrival."""
+        while self._waiting and self._waiting[0][0].pose.stamp < stamp:
+            prediction, wrench = self._waiting.popleft()
             if prediction.in_air:
-                self._average(prediction.force_in_world(compensated))
+                self._average(prediction.force_in_world(wrench))
             else:
                 self._greatest = max(self._greatest, math.hypot(*prediction.wrench[:3]))
 
     def _average(self, force: Vector) -> None:
         """Bring the mean to the next force [N]."""
-        self._count = min(self._count + 1, _READINGS)
+        self._count = min(self._count + 1, _MEAN_READING_COUNT)
         a, b, c = force
         x, y, z = self._mean
         n = self._count
         x, y, z = x + (a - x) / n, y + (b - y) / n, z + (c - z) / n
         self._mean = x, y, z
-        if 2 * n >= _READINGS:
+        if 2 * n >= _MEAN_READING_COUNT:
             self.load = math.sqrt(x * x + y * y + z * z)
 
     def issues(self) -> list[str]:
@@ -95,15 +95,15 @@ def drift(time: Array, places: Array, reach: float) -> float:
     `time` [s], shape [n], n at least 2; `places`: position and quaternion, shape [n, 7]; `reach` of the plates [m].
     """
     quaternions = places[:, QUATERNION]
-    alike = np.where(quaternions @ quaternions[-1] < 0.0, -1.0, 1.0)  # q and -q are one attitude
-    count = min(max(2, round((time[-1] - time[0]) / _STRETCH)), len(time))
+    signs = np.where(quaternions @ quaternions[-1] < 0.0, -1.0, 1.0)  # q and -q are one attitude
+    count = min(max(2, round((time[-1] - time[0]) / _AVERAGING_TIME_S)), len(time))
 
     def steps(values: Array) -> Array:
         return np.diff([part.mean(axis=0) for part in np.array_split(values, count)], axis=0)
 
-    moved = np.linalg.norm(steps(places[:, POSITION]), axis=1)
-    turned = 2.0 * np.linalg.norm(steps(alike[:, None] * quaternions), axis=1)
-    return float(((moved + reach * turned) / steps(time)).max())
+    distances = np.linalg.norm(steps(places[:, POSITION]), axis=1)
+    angles = 2.0 * np.linalg.norm(steps(signs[:, None] * quaternions), axis=1)
+    return float(((distances + reach * angles) / steps(time)).max())
 
 
 def silent(what: str, age: float) -> str:
@@ -139,27 +139,27 @@ def mean_in_air(
             raise InputError(silent("poses", 1e-9 * (newest_reading - newest_pose)))
     end = readings.last.stamp if readings.last else poses[-1].pose.stamp
     start = end - round(window * 1e9)
-    refused = f"tare refused: within the last {window:g} s"
+    refusal = f"tare refused: within the last {window:g} s"
     recent = [each for each in poses if each.pose.stamp > start]
     for each in reversed(recent):
         if each.refusal is not None:
-            raise InputError(f"{refused} {each.refusal}")
+            raise InputError(f"{refusal} {each.refusal}")
     if len(recent) < 2:
-        raise InputError(f"{refused} no pose has shown the tool at rest")
+        raise InputError(f"{refusal} no pose has shown the tool at rest")
     time = np.array([each.pose.stamp - start for each in recent]) * 1e-9
     speed = drift(
         time, np.array([(*each.pose.position, *each.pose.quaternion) for each in recent]), reach
     )
     if speed >= rest_speed:
-        raise InputError(f"{refused} the tool moved at {speed:.4f} m/s")
+        raise InputError(f"{refusal} the tool moved at {speed:.4f} m/s")
     if len(poses) == HISTORY:
         start = max(start, recent[0].pose.stamp)
-    used = [
+    wrenches = [
         cell.in_own_axes(reading, poses[-1].pose) for reading in readings if reading.stamp > start
     ]
-    if len(used) < _FEWEST_FOR_TARE:
+    if len(wrenches) < _MIN_READING_COUNT:
         raise InputError(
-            f"{refused} {len(used)} load-cell samples came; it needs {_FEWEST_FOR_TARE}"
+            f"{refusal} {len(wrenches)} load-cell samples came; it needs {_MIN_READING_COUNT}"
         )
-    mean: Array = np.mean(used, axis=0)
+    mean: Array = np.mean(wrenches, axis=0)
     return mean

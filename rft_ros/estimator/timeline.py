@@ -9,10 +9,10 @@ from typing import TypeVar
 from rft_ros.estimator.samples import TransformSample, TwistSample, WrenchSample
 from rft_ros.rft.frames import Quaternion
 
-_NEW_RUN_AFTER = 1_000_000_000
+_NEW_RUN_NS = 1_000_000_000
 """A stamp that goes back by this much [ns] or more starts a new run (a bag played in a loop)."""
 
-PATIENCE = 1_000_000_000
+PATIENCE_NS = 1_000_000_000
 """How long [ns], by the stamps of other inputs, an estimate waits for a load-cell sample, or a pose for a transform.
 
 A sender may be late by less than this, for example because its process stalls.
@@ -24,7 +24,7 @@ def patience(max_age: int) -> int:
 
     `max_age`: the greatest time between two samples that are used together [ns].
     """
-    return max(max_age, PATIENCE)
+    return max(max_age, PATIENCE_NS)
 
 
 class Succession(Enum):
@@ -32,8 +32,8 @@ class Succession(Enum):
 
     NEXT = "it is later"
     REPEATED = "it is the same"
-    LATE = "it is earlier by less than `_NEW_RUN_AFTER`: the sample comes out of order"
-    NEW_RUN = "it is earlier by `_NEW_RUN_AFTER` or more: the sample is the first one of a new run"
+    LATE = "it is earlier by less than `_NEW_RUN_NS`: the sample comes out of order"
+    NEW_RUN = "it is earlier by `_NEW_RUN_NS` or more: the sample is the first one of a new run"
 
 
 # names of the module: an attribute of an Enum takes 0.1 us to look up
@@ -42,12 +42,12 @@ NEXT, REPEATED, LATE, NEW_RUN = Succession
 
 def succession(stamp: int, *, after: int) -> Succession:
     """How a stamp follows the last one of its input, `after`; both [ns]."""
-    behind = after - stamp
-    if behind < 0:
+    lateness = after - stamp
+    if lateness < 0:
         return NEXT
-    if behind >= _NEW_RUN_AFTER:
+    if lateness >= _NEW_RUN_NS:
         return NEW_RUN
-    return LATE if behind else REPEATED
+    return LATE if lateness else REPEATED
 
 
 S = TypeVar("S", TransformSample, TwistSample, WrenchSample)

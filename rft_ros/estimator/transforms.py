@@ -17,7 +17,7 @@ from rft_ros.estimator.timeline import (
 from rft_ros.rft import unit_quaternion
 from rft_ros.rft.frames import Placement
 
-_HISTORY = 1024  # transforms kept of a moving frame: 2 s at 500 Hz, twice `PATIENCE`
+_HISTORY = 1024  # transforms kept of a moving frame: 2 s at 500 Hz, twice `PATIENCE_NS`
 _MOST_LISTED = 20
 
 

@@ -5,7 +5,7 @@ from rft_ros.rft.frames import Placement
 from rft_ros.rft.motion_kinds import LEAST_PATH, MOTIONS, kind_of_motion
 from rft_ros.tool import Tool
 
-_STEP = 0.001  # path [m] over which a kind of motion is judged: noise of poses is far smaller
+_JUDGED_PATH_M = 0.001  # path over which a kind of motion is judged: noise of poses is far smaller
 
 
 class UnseenMotion:
@@ -24,7 +24,7 @@ class UnseenMotion:
             self._last = None
             return
         self._path += motion.path
-        if self._last is not None and self._path < _STEP:
+        if self._last is not None and self._path < _JUDGED_PATH_M:
             return
         place = motion.pose.place.of(self._middle)
         if self._last is not None:
@@ -35,14 +35,14 @@ class UnseenMotion:
         self._path = 0.0
         self._last = place
 
-    def sentences(self, calibrated: str) -> list[str]:
+    def sentences(self, calibrated_motions: str) -> list[str]:
         """A sentence for each kind of motion that is not among the calibrated ones; none if these are not known."""
-        if not calibrated:
+        if not calibrated_motions:
             return []
-        known_kinds = {kind.strip() for kind in calibrated.split(",")}
+        known_kinds = {kind.strip() for kind in calibrated_motions.split(",")}
         return [
             f"this {kind} is a kind of motion that the calibration did not have (medium.calibrated_motions:"
-            f" {calibrated}): medium.zeta may be wrong for it, calibrate with a recording that has it"
+            f" {calibrated_motions}): medium.zeta may be wrong for it, calibrate with a recording that has it"
             for kind, path in self._paths.items()
             if path > LEAST_PATH and kind not in known_kinds
         ]

@@ -4,11 +4,11 @@ Without a map the ground is the level plane at `surface_height`.
 """
 
 from rft_ros.ground.height_map import MAX_CELL_COUNT, HeightMap, read_height_map, write_height_map
-from rft_ros.ground.mapper import DELAY, Cloud, GroundMapper, ToolPlace
+from rft_ros.ground.mapper import CLOUD_DELAY_NS, Cloud, GroundMapper, ToolPlace
 from rft_ros.ground.support import LAST_SURFACE, Footing, LocalSurface, Support
 
 __all__ = [
-    "DELAY",
+    "CLOUD_DELAY_NS",
     "LAST_SURFACE",
     "MAX_CELL_COUNT",
     "Cloud",

@@ -13,7 +13,7 @@ from rft_ros.rft.frames import Placement, Quaternion, Vector
 
 Array = NDArray[np.float64]
 
-DELAY = 500_000_000
+CLOUD_DELAY_NS = 500_000_000
 """A cloud changes the map only for poses stamped at least this much later [ns], whenever it arrived.
 
 Live and in a replay the same stamps then give the same results. No pose has to wait for the map, which takes some
@@ -21,7 +21,7 @@ hundredths of a second to compute.
 """
 
 _MAX_CLOUD_COUNT = 16  # that wait for a pose
-# poses kept to look up the tool's place at the stamp of a cloud: 2 s at 1 kHz, four times `DELAY`
+# poses kept to look up the tool's place at the stamp of a cloud: 2 s at 1 kHz, four times `CLOUD_DELAY_NS`
 _MAX_PLACE_COUNT = 2048
 
 
@@ -90,7 +90,10 @@ class GroundMapper:
             place = next(place for place in self._places if place.stamp >= cloud.stamp)
             tool = np.array(place.position), rotation_matrix(place.quaternion), place.corners
             self._waiting.append(
-                (cloud.stamp + DELAY, self._thread.submit(self._with, cloud, camera, tool))
+                (
+                    cloud.stamp + CLOUD_DELAY_NS,
+                    self._thread.submit(self._with, cloud, camera, tool),
+                )
             )
 
     def _with(

@@ -25,14 +25,14 @@ from rft_ros.yaml_file import read_yaml, write_yaml
 
 Array = NDArray[np.float64]
 
-_LEAST = 1e-3
-_GREATEST = 50.0
+_MIN_STRESS_N_CM3_LIMIT = 1e-3
+_MAX_STRESS_N_CM3_LIMIT = 50.0
 """Plausible range of the greatest stress per depth [N/cm³]; loose poppy seeds have 0.25, the generic medium 1."""
 
-_MOST_BYTES = 4 * 2**20  # of a table; a grid of 180 x 360 angles takes 2 MB
-_MOST_CELLS = 5_000  # of a map
-_WIDEST_RADIANS = 3.2  # several angles without a unit, of which none is beyond, are in radians
-_WIDEST_DEGREES = 720.0
+_MAX_TABLE_BYTES = 4 * 2**20  # of a table; a grid of 180 x 360 angles takes 2 MB
+_MAX_MAP_CELLS = 5_000  # of a map
+_MAX_ANGLE_RAD = 3.2  # several angles without a unit, of which none is beyond, are in radians
+_MAX_ANGLE_DEG = 720.0
 
 _DEGREES = {"": 1.0, "deg": 1.0, "°": 1.0, "rad": float(np.rad2deg(1.0))}
 _NEWTONS_PER_CM3 = {"": 1.0, "n/cm3": 1.0, "n/m3": 1e-6, "pa/m": 1e-6, "kpa/m": 1e-3}
@@ -53,13 +53,13 @@ def read_stress_map(file: Path) -> StressMap:
     """
     named = f"stress map '{file}'"
     rows = _read(file, "stress map", (_BETA, _GAMMA, _ALPHA_X, _ALPHA_Z))
-    if len(rows.lines) > _MOST_CELLS:
+    if len(rows.lines) > _MAX_MAP_CELLS:
         raise InputError(
-            f"{named} has {len(rows.lines):,} rows; the limit is {_MOST_CELLS:,}: take the mean of repeated cells"
+            f"{named} has {len(rows.lines):,} rows; the limit is {_MAX_MAP_CELLS:,}: take the mean of repeated cells"
         )
     beta, gamma, alpha_x, alpha_z = rows.columns.values()
     greatest = float(np.abs(np.nan_to_num([alpha_x, alpha_z])).max())
-    if not _LEAST <= greatest <= _GREATEST:
+    if not _MIN_STRESS_N_CM3_LIMIT <= greatest <= _MAX_STRESS_N_CM3_LIMIT:
         raise InputError(
             f"{named} has stresses per depth of up to {greatest:.3g} N/cm³; no grains have that "
             "(1 N/cm³ = 1e6 Pa/m; a pressure in Pa must be divided by the depth)"
@@ -79,10 +79,10 @@ def read_alpha_y_table(file: str) -> Table:
     stresses = rows.columns["alpha_y"]
     least = stresses.min()
     greatest = stresses.max()
-    if least < 0.0 or greatest > _GREATEST:
+    if least < 0.0 or greatest > _MAX_STRESS_N_CM3_LIMIT:
         raise InputError(
             f"{named} has alpha_y from {least:.4g} to {greatest:.4g} N/cm³ (1e6 Pa/m); it must lie between 0 and"
-            f" {_GREATEST:g}: check the order of the columns, the unit and the sign"
+            f" {_MAX_STRESS_N_CM3_LIMIT:g}: check the order of the columns, the unit and the sign"
         )
     gammas = rows.columns.get("gamma", np.zeros(len(stresses)))
     beta, row = np.unique(rows.columns["beta"], return_inverse=True)
@@ -106,7 +106,7 @@ def read_alpha_y_table(file: str) -> Table:
 
 def _read(file: Path, what: str, *columns: Sequence[Column]) -> TableColumns:
     """As `read_table`. Raises InputError also for numbers that are not finite, and for implausible angles."""
-    rows = read_table(file, what, *columns, limit=_MOST_BYTES)
+    rows = read_table(file, what, *columns, limit=_MAX_TABLE_BYTES)
     for column in itertools.chain(*columns):
         if column.name in rows.columns:
             values = rows.columns[column.name]
@@ -125,12 +125,12 @@ def _check_angles(degrees: Array, unit: str, named: str, name: str) -> None:
     """Raise InputError if angles are implausible in the `unit` of the header; "" without one, for degrees."""
     widest = float(np.abs(degrees).max())
     different = len(np.unique(degrees))
-    if widest > _WIDEST_DEGREES:
+    if widest > _MAX_ANGLE_DEG:
         advice = (
             "it is no angle in degrees" if _DEGREES[unit] == 1.0 else f"name the column {name}_deg"
         )
         raise InputError(f"{named} has {name} up to {widest:.4g} degrees; {advice}")
-    if widest <= _WIDEST_RADIANS and different > 1 and not unit:
+    if widest <= _MAX_ANGLE_RAD and different > 1 and not unit:
         raise InputError(
             f"{named} has {different} different {name}, none beyond {widest:.3g} degrees, as radians are; "
             f"name the column {name}_rad or {name}_deg, and check the order of the columns"
@@ -171,7 +171,9 @@ def _of_yaml(file: Path) -> Medium:
     found: dict[str, Any] = {}
     try:
         for name in names:
-            number = Parameter(name, 0.0, bounds=(-_GREATEST, _GREATEST))
+            number = Parameter(
+                name, 0.0, bounds=(-_MAX_STRESS_N_CM3_LIMIT, _MAX_STRESS_N_CM3_LIMIT)
+            )
             found[name] = number.checked(named.get(name))
     except InputError as error:
         raise ValueError(f"{error} [N/cm³]; give all nine, and 0.0 for one that is zero") from None

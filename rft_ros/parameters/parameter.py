@@ -23,7 +23,7 @@ from typing import (
 )
 
 from rft_ros.errors import InputError, shown
-from rft_ros.rft.frames import UNIT_TOLERANCE
+from rft_ros.rft.frames import UNIT_NORM_TOLERANCE_RATIO
 from rft_ros.rft.motion_kinds import MOTIONS
 
 if TYPE_CHECKING:
@@ -37,7 +37,7 @@ _Group = TypeVar("_Group", bound="DataclassInstance")
 Values = Mapping[str, Any]
 """The values of all parameters, by name, each a `Value`."""
 
-_LONGEST = 4096  # characters, of a text
+_MAX_CHARACTER_COUNT = 4096  # of a text
 # a comparison with it also refuses large integers, for which math.isfinite raises
 _LARGEST = sys.float_info.max
 
@@ -91,8 +91,8 @@ class Parameter:
             return "off"
         if not isinstance(value, str):
             self._refuse(value, "a string")
-        if len(value) > _LONGEST:
-            self._refuse(value, f"a text of at most {_LONGEST:,} characters")
+        if len(value) > _MAX_CHARACTER_COUNT:
+            self._refuse(value, f"a text of at most {_MAX_CHARACTER_COUNT:,} characters")
         if self.choices and value not in self.choices:
             self._refuse(value, f"one of {', '.join(self.choices)}")
         motions = {motion.strip() for motion in value.split(",")}
@@ -118,7 +118,7 @@ class Parameter:
     def _unit(self, numbers: tuple[float, ...]) -> tuple[float, ...]:
         """The quaternion with a norm of exactly 1."""
         norm = math.hypot(*numbers)
-        if not abs(norm - 1.0) <= UNIT_TOLERANCE:
+        if not abs(norm - 1.0) <= UNIT_NORM_TOLERANCE_RATIO:
             raise InputError(f"{self.name} has norm {norm:g}; it must be 1")
         return tuple(v / norm for v in numbers)
 

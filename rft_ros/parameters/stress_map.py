@@ -14,16 +14,16 @@ from rft_ros.rft.media import MEDIA, OF_ALPHA_X, OF_ALPHA_Z, Medium, stress_term
 
 Array = NDArray[np.float64]
 
-_OPEN = 0.04  # a combination of terms whose RMS over the cells is below this is not determined by the map
+_OPEN_SHARE = 0.04  # a combination of terms whose RMS over the cells is below this is not determined by the map
 # least share in an open combination with which a coefficient counts as not identifiable
-_PART = 0.15
-_NO_MEDIUM = 0.4  # share of the stress (RMS) that a fit may leave without a doubt
-_OUTLIER = 5.0  # times the median residual; Gaussian noise reaches 3.5 in 5,000 cells
-_WORST = 3  # cells that a doubt lists
-_WEAKEST = 0.05  # ζ of the generic medium; below, the stresses are probably in another unit
-_STRONGEST = 5.0  # and above
+_OPEN_PART_SHARE = 0.15
+_MAX_MISFIT_SHARE = 0.4  # share of the stress (RMS) that a fit may leave without a doubt
+_OUTLIER_FACTOR = 5.0  # times the median residual; Gaussian noise reaches 3.5 in 5,000 cells
+_LISTED_CELL_COUNT = 3  # cells that a doubt lists
+_MIN_ZETA_RATIO = 0.05  # ζ of the generic medium; below, the stresses are probably in another unit
+_MAX_ZETA_RATIO = 5.0  # and above
 # least strength, of the generic medium's: weaker stresses are in another unit, or along the motion
-_LEAST_STRENGTH = 5e-4
+_MIN_STRENGTH_RATIO = 5e-4
 
 
 @dataclass(frozen=True, slots=True, kw_only=True, eq=False)
@@ -114,7 +114,7 @@ def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
 
 def checked_medium(medium: Medium) -> Medium:
     """The medium. Raises ValueError if its stresses do not resist the motion, or are far too weak."""
-    if medium.strength < _LEAST_STRENGTH:
+    if medium.strength < _MIN_STRENGTH_RATIO:
         raise ValueError(
             f"the stresses are {medium.strength:.3g} times those of the generic medium: "
             "the force is along the motion, or not in N/cm³; check signs and unit"
@@ -129,11 +129,11 @@ def _rms(stresses: Array) -> float:
 
 def _units(zeta: float) -> list[str]:
     """A sentence on stresses that are weaker or stronger than those of any grains measured so far."""
-    if _WEAKEST <= zeta <= _STRONGEST:
+    if _MIN_ZETA_RATIO <= zeta <= _MAX_ZETA_RATIO:
         return []
     return [
         f"the stresses are {zeta:.3g} times those of the generic medium, "
-        f"outside of {_WEAKEST:g} to {_STRONGEST:g}; they must be in N/cm³, a pressure over its depth"
+        f"outside of {_MIN_ZETA_RATIO:g} to {_MAX_ZETA_RATIO:g}; they must be in N/cm³, a pressure over its depth"
     ]
 
 
@@ -145,11 +145,11 @@ def _far_cells(measured: StressMap, residual: Array, *, size: float) -> list[str
     """
     far = np.hypot(*np.nan_to_num(residual))
     misfit = _rms(residual)
-    most = max(_OUTLIER * float(np.median(far)), _NO_MEDIUM * size)
-    if misfit <= _NO_MEDIUM * size and far.max() <= most:
+    most = max(_OUTLIER_FACTOR * float(np.median(far)), _MAX_MISFIT_SHARE * size)
+    if misfit <= _MAX_MISFIT_SHARE * size and far.max() <= most:
         return []
     cells = []
-    for k in np.argsort(far)[::-1][:_WORST]:
+    for k in np.argsort(far)[::-1][:_LISTED_CELL_COUNT]:
         beta, gamma = np.rad2deg([measured.beta[k], measured.gamma[k]])
         cells.append(f"beta {beta:.4g}, gamma {gamma:.4g} (by {far[k]:.3g} N/cm³)")
     return [
@@ -170,7 +170,7 @@ def _least_squares(terms: Array, values: Array, start: Array) -> tuple[Array, Ar
     count = max(len(values_there), 1)
     # a combination is a column
     mean_squares, combinations = np.linalg.eigh(terms_there.T @ terms_there / count)
-    is_known = mean_squares > _OPEN**2
+    is_known = mean_squares > _OPEN_SHARE**2
     known = combinations[:, is_known]
     inverse = known / mean_squares[is_known] @ known.T / count
     best = start + inverse @ terms_there.T @ (values_there - terms_there @ start)
@@ -179,6 +179,6 @@ def _least_squares(terms: Array, values: Array, start: Array) -> tuple[Array, Ar
     errors = np.full(len(start), np.inf)
     if freedom > 0:
         errors = np.sqrt(residual @ residual / freedom * np.diag(inverse))
-    is_open = (combinations[:, ~is_known] ** 2).sum(axis=1) > _PART**2
+    is_open = (combinations[:, ~is_known] ** 2).sum(axis=1) > _OPEN_PART_SHARE**2
     errors[is_open] = np.nan
     return best, errors

@@ -61,9 +61,9 @@ class Table(NamedTuple):
         """A table from values, shape [n_beta, n_gamma], at any ascending β, shape [n_beta], and γ, shape [n_gamma].
 
         β and γ [rad], α_y [N/cm³]. The grid is the coarsest with a node at every β and γ (to 1e-9 of its range); the
-        table is then exact everywhere. If no grid of up to `FINEST` steps has one, the finest is used: its nodes miss
-        the values by up to half a step, 0.25° in 360°, and α_y errs by up to a quarter of a step times the change of
-        slope.
+        table is then exact everywhere. If no grid of up to `MAX_STEP_COUNT` steps has one, the finest is used: its
+        nodes miss the values by up to half a step, 0.25° in 360°, and α_y errs by up to a quarter of a step times the
+        change of slope.
 
         Raises ValueError that names the argument that cannot be used.
         """
@@ -82,10 +82,10 @@ class Table(NamedTuple):
         return cls(float(b[0]), beta_nodes, float(g[0]), gamma_nodes, np.ascontiguousarray(v.T))
 
 
-UNDIRECTED = math.sin(math.radians(5.0))
+MIN_V23_RATIO = math.sin(math.radians(5.0))
 """abs(v23) over abs(v) below which the refined rule fills v23 up along the normal, for the γ of a table."""
 
-FINEST = 720
+MAX_STEP_COUNT = 720
 """Steps of the finest grid of `Table.sampled` over the range of β, or of γ."""
 
 PAPER_LINEAR = Linear(0.2035, -0.0015)
@@ -102,10 +102,10 @@ def _uniform(
     place = (knots - knots[0]) / span
     on_nodes = (
         n
-        for n in range(len(knots) - 1, FINEST)
+        for n in range(len(knots) - 1, MAX_STEP_COUNT)
         if np.abs(place - np.round(place * n) / n).max() < 1e-9
     )
-    steps = next(on_nodes, FINEST)
+    steps = next(on_nodes, MAX_STEP_COUNT)
     nodes = np.linspace(0.0, 1.0, steps + 1)
     return float(steps / span), np.column_stack(
         [np.interp(nodes, place, column) for column in values.T]
@@ -223,14 +223,14 @@ def pack_treers2021(model: AlphaY, numbers: Mapping[str, float]) -> PackedLaw:
 def _directed(sin_beta, cos_beta, ex, ey, vx, vy, vz):
     """Sine and cosine of γ times a common length, for a motion that has a direction across e1 although v23 may vanish.
 
-    A part of v23 that trails does not count. Where what is left is shorter than `UNDIRECTED`, it is filled up along the
+    A part of v23 that trails does not count. Where the rest is shorter than `MIN_V23_RATIO`, it is filled up along the
     plate's normal, so that rounding decides nothing: not between 0 and 180° where a plate moves along e1, and not
     between 180° and -180° in level motion backwards.
     """
     v2 = vx * ex + vy * ey
     back = min(v2 * sin_beta - vz * cos_beta, 0.0)
     v2, vz = v2 - back * sin_beta, vz + back * cos_beta
-    fill = max(UNDIRECTED - math.sqrt(v2 * v2 + vz * vz), 0.0)
+    fill = max(MIN_V23_RATIO - math.sqrt(v2 * v2 + vz * vz), 0.0)
     return -(vz - fill * cos_beta), v2 + fill * sin_beta
 
 

@@ -20,7 +20,7 @@ POSE = slice(0, 7)
 TWIST = slice(7, 13)
 """The parts of a state, as slices of its columns."""
 
-UNIT_TOLERANCE = 0.01
+UNIT_NORM_TOLERANCE_RATIO = 0.01
 """Largest deviation of a quaternion's norm from 1 that is corrected as rounding."""
 
 
@@ -128,9 +128,9 @@ def _product(
 def unit_quaternion(
     qx: float, qy: float, qz: float, qw: float
 ) -> tuple[float, float, float, float] | None:
-    """The quaternion made unit length, or None if its norm differs from 1 by more than `UNIT_TOLERANCE`, or is NaN."""
+    """The quaternion made unit length, or None if its norm is NaN or differs from 1 by over the tolerance above."""
     norm = math.sqrt(qx * qx + qy * qy + qz * qz + qw * qw)
-    if not abs(norm - 1.0) <= UNIT_TOLERANCE:
+    if not abs(norm - 1.0) <= UNIT_NORM_TOLERANCE_RATIO:
         return None
     return qx / norm, qy / norm, qz / norm, qw / norm
 
@@ -149,8 +149,8 @@ def checked_states(states: ArrayLike) -> NDArray[np.float64]:
         )
     with np.errstate(over="ignore"):
         norm = np.sqrt(np.square(s[:, QUATERNION]).sum(axis=1))  # half the time of numpy's norm
-    if not abs(norm - 1.0).max(initial=0.0) <= UNIT_TOLERANCE:
-        row = np.argmax(abs(norm - 1.0) > UNIT_TOLERANCE)
+    if not abs(norm - 1.0).max(initial=0.0) <= UNIT_NORM_TOLERANCE_RATIO:
+        row = np.argmax(abs(norm - 1.0) > UNIT_NORM_TOLERANCE_RATIO)
         raise ValueError(
             f"row {row}: the quaternion qx, qy, qz, qw has norm {norm[row]:g}; it must be 1"
         )

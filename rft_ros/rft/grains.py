@@ -13,7 +13,7 @@ from rft_ros.rft.kernel.compilation import inlined
 INERTIA = 1.4
 """κ of an upright plate, chosen on simulated runs at 0.5 and 1 m/s; published for plates that are dragged: 1.1."""
 
-CONFINEMENT = 2.0
+CONFINEMENT_FACTOR = 2.0
 """Grains under a plate cannot yield upwards: κ grows by this times the square of the normal's downward part. Chosen on
 one simulated run, a flat plate at 1 m/s; the square is an assumption."""
 
@@ -28,7 +28,7 @@ def inertia_force(inertia, normal, velocity, area, per_scale2):
     ux, uy, uz = velocity
     lead = ux * nx + uy * ny + uz * nz
     down = min(nz, 0.0)
-    push = inertia * (1.0 + CONFINEMENT * down * down) * (lead * lead * per_scale2) * area
+    push = inertia * (1.0 + CONFINEMENT_FACTOR * down * down) * (lead * lead * per_scale2) * area
     return -push * nx, -push * ny, -push * nz
 
 

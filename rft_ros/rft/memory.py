@@ -45,7 +45,7 @@ and a vanishing velocity can have any direction, which decides t once the plate 
 the displacement.
 
 Energy. At constant depth no closed path yields work. Per depth and area a plate stores |τ|² / 2k: the spring gives
-back what it took, yielding takes since the law resists (`rft.traction.LEAST_RESISTANCE`), and a release only loses.
+back what it took, yielding takes since the law resists (`rft.traction.MIN_RESISTANCE_SHARE`), and a release only loses.
 With a change of depth the force follows the load at constant τ.
 """
 

@@ -12,7 +12,7 @@ LEAST_PATH = 0.005
 """Path [m] from which on a kind of motion counts: less is a corner of another one."""
 
 _STEEP = math.sin(math.radians(45.0))
-_TURNING = 0.5  # a wheel that rolls without slip turns by 1, a wheel that is dragged by 0
+_TURN_RATIO = 0.5  # a wheel that rolls without slip turns by 1, a wheel that is dragged by 0
 
 
 def kind_of_motion(x: float, y: float, z: float, turned: float) -> str:
@@ -22,7 +22,7 @@ def kind_of_motion(x: float, y: float, z: float, turned: float) -> str:
     the tool's largest extent, in the same unit.
     """
     distance = math.hypot(x, y, z)
-    if turned > _TURNING * distance:
+    if turned > _TURN_RATIO * distance:
         return "turn"
     if z < -_STEEP * distance:
         return "press"

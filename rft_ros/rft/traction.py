@@ -77,11 +77,11 @@ N_PER_CM3 = 1e6  # 1 N/cm³ in N/m³
 FLAT = 1.0 - 1e-3
 """A plate with abs(n·E3) at or above this counts as horizontal: its e2 comes from the velocity (released code)."""
 
-FLAT_BLEND = 5.0
-"""Tilt [deg] up to which the refined rule blends the tractions with e2 from the velocity and from the normal. The
+BLEND_TILT_DEG = 5.0
+"""Tilt up to which the refined rule blends the tractions with e2 from the velocity and from the normal. The
 released code switches at `FLAT`; the paper does not mention the case."""
 
-_SIN_BLEND = sin(radians(FLAT_BLEND))
+_SIN_BLEND = sin(radians(BLEND_TILT_DEG))
 
 _MAX_STRENGTH_RATIO = 1.5
 """With `PAPER_LINEAR`, a medium raises no doubt if its strength is within this factor of the generic medium's."""
@@ -217,7 +217,7 @@ def described(law: Law) -> str:
     return ", ".join(parts)
 
 
-LEAST_RESISTANCE = 0.08
+MIN_RESISTANCE_SHARE = 0.08
 """Under the refined rule, at least this share of a traction is against the motion of its plate. With much less, the
 springs of the memory, Eq. (10), would store more energy than the motion gives."""
 
@@ -317,7 +317,7 @@ def _treers2021(law, chunk, n, refined):
 
 @inlined
 def _limited(chunk, n):
-    """Limit the tractions: grains do not pull a plate, and they resist its motion by at least `LEAST_RESISTANCE`.
+    """Limit the tractions: grains do not pull a plate, and they resist its motion by at least `MIN_RESISTANCE_SHARE`.
 
     Removes the part along the outward normal where it is positive, and then so much of the velocity's direction, or of
     its part in the plate's plane if the plate trails, that the rest is left against it.
@@ -331,7 +331,7 @@ def _limited(chunk, n):
         away = min(vx * nx + vy * ny + vz * nz, 0.0)
         tx, ty, tz = tx - pull * nx, ty - pull * ny, tz - pull * nz
         vx, vy, vz = vx - away * nx, vy - away * ny, vz - away * nz
-        least = LEAST_RESISTANCE * sqrt(tx * tx + ty * ty + tz * tz)
+        least = MIN_RESISTANCE_SHARE * sqrt(tx * tx + ty * ty + tz * tz)
         push = max(tx * vx + ty * vy + tz * vz + least, 0.0)
         put(chunk, layout.TRACTION, i, (tx - push * vx, ty - push * vy, tz - push * vz))
 
@@ -340,8 +340,8 @@ def _tractions(law: Any, chunk: Any, n: Any, flat: bool, refined: bool) -> None:
     """Traction per depth of the n plates of a chunk that `orient` has stored. `law`: its `packed`.
 
     `flat`: whether plates may be near to horizontal; their tractions switch at `FLAT`, or by the refined rule are
-    blended over `FLAT_BLEND`. `refined`: with the limits of that rule: grains neither pull a plate nor push it in its
-    direction of motion.
+    blended over `BLEND_TILT_DEG`. `refined`: with the limits of that rule: grains neither pull a plate nor push it in
+    its direction of motion.
     """
     wide_vectors()
     numbers = law.numbers[0]

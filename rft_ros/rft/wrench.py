@@ -31,7 +31,7 @@ Array = NDArray[np.float64]
 LEVEL = 0.0, 0.0
 """The slope of a level surface."""
 
-_WORTH_A_THREAD = 200_000  # plate evaluations, about a millisecond
+_MIN_THREAD_PLATE_COUNT = 200_000  # plate evaluations, about a millisecond
 _CORES = os.cpu_count() or 1
 _ROW = (len(STATE),)
 
@@ -103,24 +103,31 @@ def wrenches_in_time(
         )
         memory = after_durations
     arguments = _model_arguments(plates, law, surface_height, slope)
-    kept = _checked_memory(memory, plates)
+    checked_memory = _checked_memory(memory, plates)
     _require_memory(law)
     states = finite_numbers("states", states, _ROW)
     if displacements is None:
-        moved = displacements_between(np.vstack([kept.last, states[:-1]]), states)
+        checked_displacements = displacements_between(
+            np.vstack([checked_memory.last, states[:-1]]), states
+        )
     else:
-        moved = finite_numbers(
+        checked_displacements = finite_numbers(
             "displacements", displacements, (DISPLACEMENT_COUNT,), rows=len(states)
         )
     result = _result(states, sensitivities)
     _loop()(
         *arguments,
         states,
-        Past(has_memory=True, blocks=kept.blocks, stiffness=NO_STIFFNESS, displacements=moved),
+        Past(
+            has_memory=True,
+            blocks=checked_memory.blocks,
+            stiffness=NO_STIFFNESS,
+            displacements=checked_displacements,
+        ),
         result,
     )
     if len(states):
-        kept.last[:] = states[-1]
+        checked_memory.last[:] = states[-1]
     return result
 
 
@@ -135,7 +142,7 @@ def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None
     """
     loop = _loop()
     packed_plates = _checked(plates).packed
-    kept = None if memory is None else _checked_memory(memory, plates)
+    checked_memory = None if memory is None else _checked_memory(memory, plates)
 
     def step(
         law: PackedLaw,
@@ -147,10 +154,10 @@ def prepared(plates: Plates, memory: Memory | None = None) -> Callable[..., None
     ) -> None:
         past = (
             NO_MEMORY
-            if kept is None
+            if checked_memory is None
             else Past(
                 has_memory=True,
-                blocks=kept.blocks,
+                blocks=checked_memory.blocks,
                 stiffness=NO_STIFFNESS,
                 displacements=displacements,
             )
@@ -175,10 +182,10 @@ def plate_forces(
     arguments = _model_arguments(plates, law, surface_height, slope)
     states = numbers("state", state, rows=13).reshape(1, 13)
     forces = np.zeros((plates.bounds.shape[1] * BLOCK, 3))
-    ordered = np.empty((len(plates), 3))
+    ordered_forces = np.empty((len(plates), 3))
     _loop()(*arguments, states, NO_MEMORY, forces)
-    ordered[plates.order] = forces[: len(plates)]
-    return ordered
+    ordered_forces[plates.order] = forces[: len(plates)]
+    return ordered_forces
 
 
 def _checked(plates: Plates) -> Plates:
@@ -215,7 +222,7 @@ def _checked_memory(memory: object, plates: Plates) -> Memory:
 
 def _workers(threads: int | None, states: int, plates: int) -> int:
     most = _CORES if threads is None else whole_number("threads", threads, most=MOST)
-    return min(most, states, 1 + states * plates // _WORTH_A_THREAD)
+    return min(most, states, 1 + states * plates // _MIN_THREAD_PLATE_COUNT)
 
 
 def _result(states: Array, sensitivities: bool) -> Array:

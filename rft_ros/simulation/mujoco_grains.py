@@ -368,7 +368,7 @@ def _body_id(model: Any, name_or_id: object) -> int:
 
 @compiled
 def _take_away(ids, user_forces, written_forces, applied_forces):
-    """Leave the user's forces: what differs from what was written, or else what they were then."""
+    """Restore the user's forces: an entry that we wrote gets the user's old value, any other is their new value."""
     for b in range(len(ids)):
         for k in range(6):
             if not abs(applied_forces[ids[b], k] - written_forces[b, k]) <= ROUNDING_SHARE * abs(

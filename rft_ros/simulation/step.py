@@ -14,9 +14,9 @@ those of the constraints c. Newton's method has the matrix
 
     M_i + Jc^T D Jc P + h^2 J^T B J
 
-with the stiffness B of the grains, and of the constraints that act the Jacobian Jc and the stiffness D: they feel the
-acceleration P x (`rft_ros.simulation.mechanism`). It has the sparsity of M_i, whose joints of one branch do not meet
-those of another: `_eliminate` makes no new numbers there. Twists and wrenches of bodies are linear then
+B is the stiffness of the grains. Jc and D are the Jacobian and the stiffness of the active constraints, for which the
+acceleration is P x (`rft_ros.simulation.mechanism`). The matrix is as sparse as M_i: joints on different branches of
+the mechanism have no common entry, so `_eliminate` fills none in. Twists and wrenches of bodies are linear then
 angular, force then torque, at the body frames' origins, world axes.
 """
 

@@ -1,7 +1,7 @@
 """Makes a tool of plates from a mesh file: finds, reads and checks the file, refines and reduces the plates."""
 
 from rft_ros.tool import solids
-from rft_ros.tool.check import LARGEST, SMALLEST
+from rft_ros.tool.check import MAX_TOOL_SIZE_M, MIN_TOOL_SIZE_M
 from rft_ros.tool.hollow import describe_hollow
 from rft_ros.tool.locate import checked_mesh, is_mesh_path, locate_mesh
 from rft_ros.tool.reduce import random_motions, reduced_for_any_motion
@@ -17,8 +17,8 @@ from rft_ros.tool.urdf import files_of_mesh
 
 __all__ = [
     "FLAT_HALF_ANGLE",
-    "LARGEST",
-    "SMALLEST",
+    "MAX_TOOL_SIZE_M",
+    "MIN_TOOL_SIZE_M",
     "Tool",
     "centroid_plates",
     "checked_mesh",

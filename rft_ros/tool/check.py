@@ -12,26 +12,29 @@ from rft_ros.tool.solids import are_inside
 if TYPE_CHECKING:
     import trimesh
 
-SMALLEST = 1e-3
-"""Least plausible extent of a tool [m]: as small as a grain."""
+MIN_TOOL_SIZE_M = 1e-3
+"""Least plausible extent of a tool: as small as a grain."""
 
-LARGEST = 10.0
-"""Greatest plausible extent of a tool [m]: more than the 7 m of a bulldozer's blade."""
+MAX_TOOL_SIZE_M = 10.0
+"""Greatest plausible extent of a tool: more than the 7 m of a bulldozer's blade."""
 
-_SMALLEST_USUAL = 5e-3  # m; below, and above a thousand times as much, the check proposes a scale
+_MIN_USUAL_SIZE_M = 5e-3  # below, and above a thousand times as much, the check proposes a scale
 _ROUNDING = np.finfo(np.float64).eps  # of the farthest coordinate
 
 # of a facet's longest extent: rounding error of the cross product of parallel edges
-_COLLINEAR = 1e-12
-_CLOSED = 0.01  # greatest sum of the area vectors, over the area, of a surface that counts as closed; 0 without holes
-_HOLLOW = 0.02  # of the largest extent: how far other parts may reach beyond a facet's plane
+_COLLINEAR_RATIO = 1e-12
+# greatest sum of the area vectors, over the area, of a surface that counts as closed; 0 without holes
+_OPEN_AREA_SHARE = 0.01
+_HOLLOW_DEPTH_SHARE = (
+    0.02  # of the largest extent: how far other parts may reach beyond a facet's plane
+)
 _CONCAVE_SHARE = 0.05  # of the area: a tool with a larger share in hollows is concave
-_SAMPLED = 2000  # facets, and points, in the check for hollows
+_SAMPLE_COUNT = 2000  # facets, and points, in the check for hollows
 _COVERED_SHARE = 0.005  # of the area: more of it inside other bodies is no rounding at an edge
-_COVERED_SAMPLES = 400  # points in the check for bodies in each other
-_MOST_PAIRS = 10_000_000  # of a point and a facet in that check
+_COVERED_SAMPLE_COUNT = 400  # points in the check for bodies in each other
+_MAX_PAIR_COUNT = 10_000_000  # of a point and a facet in that check
 # of the largest extent: distance in front of a facet at which another body covers it
-_OUTSIDE = 1e-4
+_OUTSIDE_DISTANCE_SHARE = 1e-4
 
 HULL_ADVICE = "; rft check-mesh says whether the convex hull (mesh.hull, --hull) is better"
 """The end of the sentence on a hollow tool, for all readers but that of ``rft check-mesh``."""
@@ -57,9 +60,9 @@ def with_area(mesh: "trimesh.Trimesh", named: str = "the mesh") -> NDArray[np.bo
     """
     triangles = mesh.triangles
     longest = np.ptp(triangles, axis=1).max(axis=1)
-    doubled = np.linalg.norm(mesh.triangles_cross, axis=1)
-    height = _COLLINEAR * longest + _ROUNDING * np.abs(triangles).max(axis=(1, 2))
-    has_area = doubled > height * longest
+    doubled_areas = np.linalg.norm(mesh.triangles_cross, axis=1)
+    height = _COLLINEAR_RATIO * longest + _ROUNDING * np.abs(triangles).max(axis=(1, 2))
+    has_area = doubled_areas > height * longest
     if not has_area.any():
         raise InputError(
             f"{named} has no facet with an area over the rounding of its coordinates; "
@@ -74,8 +77,8 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
     `scale`: metres per unit of the mesh's file, which the sentence on an unusual size corrects.
     """
     has_area = with_area(mesh)
-    joined = _joined(mesh)
-    is_consistent = joined.is_winding_consistent
+    welded_mesh = _joined(mesh)
+    is_consistent = welded_mesh.is_winding_consistent
     volume = _volume_if_closed(mesh)
     is_inside_out = volume < 0.0
     issues: dict[MeshIssue, str] = {}
@@ -83,7 +86,7 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
         issues["degenerate_facets"] = (
             f"{(~has_area).sum():,} of {len(has_area):,} facets have no area: dropped"
         )
-    open_edges = int((np.bincount(joined.edges_unique_inverse) == 1).sum())
+    open_edges = int((np.bincount(welded_mesh.edges_unique_inverse) == 1).sum())
     if open_edges:
         issues["not_closed"] = f"the surface is not closed (open edges: {open_edges:,})"
     if not is_consistent:
@@ -95,15 +98,15 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
             f"the surface is inside out (volume {1e6 * volume:.3g} cm³): "
             "its trailing facets are taken as leading"
         )
-    repeated = _repeated_facets(joined)
-    if repeated:
+    repeat_count = _repeated_facets(welded_mesh)
+    if repeat_count:
         issues["duplicate_facets"] = (
-            f"repeated facets, whose force counts more than once: {repeated:,}"
+            f"repeated facets, whose force counts more than once: {repeat_count:,}"
         )
-    covered = _covered_share(joined) if is_consistent and not is_inside_out else 0.0
-    if covered > _COVERED_SHARE:
+    covered_share = _covered_share(welded_mesh) if is_consistent and not is_inside_out else 0.0
+    if covered_share > _COVERED_SHARE:
         issues["overlap"] = (
-            f"{100 * covered:.0f} % of the surface lies in or on other bodies of the mesh, "
+            f"{100 * covered_share:.0f} % of the surface lies in or on other bodies of the mesh, "
             "whose force counts although no grains touch it; join the bodies, in CAD or as docs/where-it-fails.md does"
         )
     hollow = _HollowShare() if is_inside_out else _hollow_share(mesh, has_area)
@@ -117,7 +120,7 @@ def check_mesh(mesh: "trimesh.Trimesh", *, scale: float = 1.0) -> dict[MeshIssue
     if unusual:
         issues["size"] = unusual
     away = float(np.linalg.norm(np.clip(0.0, *mesh.bounds)))
-    if away > LARGEST:
+    if away > MAX_TOOL_SIZE_M:
         issues["far"] = (
             f"the mesh lies {away:.3g} m from the tool frame's origin; "
             "set mesh.origin (--origin) to the place of the tool frame's origin in the mesh file"
@@ -136,24 +139,24 @@ def _joined(mesh: "trimesh.Trimesh") -> "trimesh.Trimesh":
 
 def _volume_if_closed(mesh: "trimesh.Trimesh") -> float:
     """Signed volume [m³] of a closed surface, even if its facets share no vertices; 0 if it is open."""
-    doubled = mesh.triangles_cross
-    left_over = np.linalg.norm(doubled.sum(axis=0))
-    if left_over >= _CLOSED * np.linalg.norm(doubled, axis=1).sum():
+    doubled_areas = mesh.triangles_cross
+    open_area = np.linalg.norm(doubled_areas.sum(axis=0))
+    if open_area >= _OPEN_AREA_SHARE * np.linalg.norm(doubled_areas, axis=1).sum():
         return 0.0
     centres = mesh.triangles_center
-    return float(((centres - centres.mean(axis=0)) * doubled).sum()) / 6.0
+    return float(((centres - centres.mean(axis=0)) * doubled_areas).sum()) / 6.0
 
 
 def _repeated_facets(mesh: "trimesh.Trimesh") -> int:
     """Number of facets with the corners of another one, in the same order: the two sides of a sheet are not."""
     first = mesh.faces.argmin(axis=1)[:, None]
-    from_least = np.take_along_axis(mesh.faces, (first + np.arange(3)) % 3, axis=1)
-    return len(from_least) - len(np.unique(from_least, axis=0))
+    sorted_faces = np.take_along_axis(mesh.faces, (first + np.arange(3)) % 3, axis=1)
+    return len(sorted_faces) - len(np.unique(sorted_faces, axis=0))
 
 
 def _unusual_size(extent: float, scale: float) -> str:
     """A sentence on a tool of an unusual largest extent [m], with the scale that is probably meant; or ""."""
-    thousands = np.floor(np.log10(extent / _SMALLEST_USUAL) / 3.0)
+    thousands = np.floor(np.log10(extent / _MIN_USUAL_SIZE_M) / 3.0)
     if thousands == 0.0:
         return ""
     factor = 1000.0**-thousands
@@ -176,10 +179,10 @@ def _covered_share(mesh: "trimesh.Trimesh") -> float:
         return 0.0
     if connected_component_labels(mesh.face_adjacency, node_count=facets).max() == 0:
         return 0.0
-    count = max(1, min(_COVERED_SAMPLES, _MOST_PAIRS // facets))
-    points, sampled = sample_surface(mesh, count, seed=0)[:2]
-    distance = _OUTSIDE * float(mesh.extents.max())
-    places = points + distance * mesh.face_normals[sampled]
+    count = max(1, min(_COVERED_SAMPLE_COUNT, _MAX_PAIR_COUNT // facets))
+    points, faces = sample_surface(mesh, count, seed=0)[:2]
+    distance = _OUTSIDE_DISTANCE_SHARE * float(mesh.extents.max())
+    places = points + distance * mesh.face_normals[faces]
     return float(are_inside(places, mesh.triangles).mean())
 
 
@@ -195,20 +198,20 @@ class _HollowShare(NamedTuple):
     middle: float = 0.0
 
 
-def _hollow_share(mesh: "trimesh.Trimesh", used: NDArray[np.bool_]) -> _HollowShare:
+def _hollow_share(mesh: "trimesh.Trimesh", is_used: NDArray[np.bool_]) -> _HollowShare:
     """Share of the area that has other parts of the tool in front of it, whose shielding RFT ignores."""
-    all_used = np.flatnonzero(used)
-    keep = all_used[:: 1 + len(all_used) // _SAMPLED]
+    used_facets = np.flatnonzero(is_used)
+    keep = used_facets[:: 1 + len(used_facets) // _SAMPLE_COUNT]
     vertices = np.unique(mesh.vertices[np.unique(mesh.faces)], axis=0)
-    points = vertices[:: 1 + len(vertices) // _SAMPLED]
+    points = vertices[:: 1 + len(vertices) // _SAMPLE_COUNT]
     normal = mesh.face_normals[keep]
     area = mesh.area_faces[keep]
     # in chunks of 64 facets: the system clears new memory, and 32 MB at once would delay the node on the same core
     chunks = np.array_split(normal, 1 + len(normal) // 64)
     farthest = np.concatenate([(chunk @ points.T).max(axis=1) for chunk in chunks])
     center = mesh.triangles_center[keep]
-    beyond = farthest - (normal * center).sum(axis=1)
-    is_hollow = beyond > _HOLLOW * mesh.extents.max()
+    protrusion = farthest - (normal * center).sum(axis=1)
+    is_hollow = protrusion > _HOLLOW_DEPTH_SHARE * mesh.extents.max()
     middle = float(mesh.bounds[:, 2].mean())
     is_below = center[:, 2] < middle
 

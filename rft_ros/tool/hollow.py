@@ -23,20 +23,20 @@ from rft_ros.tool.tool import Tool, tool_of_mesh
 Array = NDArray[np.float64]
 
 # of the tool's middle extent: a gap in which grains move along; 0.3 did, 0.8 did not
-_NARROW = 1.0 / 3.0
-_POINTS = 1000  # in the tool's hull
-_MOST_PAIRS = 100_000_000  # of a point and a facet
-_SPEED = 0.01  # m/s
+_NARROW_SHARE = 1.0 / 3.0
+_POINT_COUNT = 1000  # in the tool's hull
+_MAX_PAIR_COUNT = 100_000_000  # of a point and a facet
+_SPEED_M_S = 0.01
 
 # of the larger force: a smaller difference is less than the error of the model
-_SAME_FORCE = 0.1
+_SAME_FORCE_SHARE = 0.1
 
 _HULL = "use the hull (mesh.hull, --hull), as in simulated grains"
 _HULL_OF_DRAGS = (
     "use the hull (mesh.hull, --hull), as in simulated drags; presses were not simulated"
 )
 _FILLS = "use the facets at first, and the hull (mesh.hull, --hull) when the hollow is full, as in simulated grains"
-_FILLED = "use the hull (mesh.hull, --hull), which the tool fills"
+_FILLED_ADVICE = "use the hull (mesh.hull, --hull), which the tool fills"
 _NOT_KNOWN = "close the surface in CAD to know which one to use"
 _FACETS_ARE_NEARER = "use the facets, which are nearer"
 _HULL_IS_NEARER = "use the hull (mesh.hull, --hull), which is nearer"
@@ -77,7 +77,7 @@ def describe_hollow(tool: Tool) -> list[str]:
         "force on the tool, buried to its top, on its facets and on its convex hull (zeta 1, no memory):"
     ]
     hangs = tool.bounds[0, 2] >= 0.0  # all of it on the side to which z of a flange points
-    for motion, direction, is_turned, known in (
+    for motion, direction, is_turned, known_advice in (
         ("press along -z", (0.0, 0.0, -1.0), False, advice.press),
         ("press along +z", (0.0, 0.0, -1.0), True, advice.turned_press),
         ("drag along x", (1.0, 0.0, 0.0), hangs, advice.drag),
@@ -85,7 +85,7 @@ def describe_hollow(tool: Tool) -> list[str]:
     ):
         on_facets = _resistance(tool, direction, is_turned=is_turned)
         on_hull = _resistance(hull, direction, is_turned=is_turned)
-        use = known or _nearer(on_facets, on_hull)
+        use = known_advice or _nearer(on_facets, on_hull)
         lines.append(f"{motion}: {on_facets:.3g} and {on_hull:.3g} N; {use}")
     if advice.errors:
         lines.append(advice.errors)
@@ -101,9 +101,9 @@ def _is_wheel(tool: Tool, hollow: Array) -> bool:
     if not len(hollow):
         return False
     for axle in range(3):
-        across = [axle - 2, axle - 1]
-        first, second = extents[across]
-        distance = np.linalg.norm((hollow - 0.5 * (low + high))[:, across], axis=1)
+        axes_across = [axle - 2, axle - 1]
+        first, second = extents[axes_across]
+        distance = np.linalg.norm((hollow - 0.5 * (low + high))[:, axes_across], axis=1)
         is_round = abs(first - second) <= _ROUND_RATIO * first
         if is_round and distance.min() >= 0.5 * _RIM_RATIO * first:
             return True
@@ -117,7 +117,7 @@ def _nearer(on_facets: float, on_hull: float) -> str:
     less, the hull closes an opening through which grains move.
     """
     difference = abs(on_facets - on_hull) / max(on_facets, on_hull)
-    if difference <= _SAME_FORCE:
+    if difference <= _SAME_FORCE_SHARE:
         return f"use either, since they differ by {100.0 * difference:.0f} % only"
     return _HULL_IS_NEARER if on_facets > on_hull else _FACETS_ARE_NEARER
 
@@ -129,7 +129,7 @@ def _resistance(
 
     `is_turned`: z of the tool frame points down, in place of up.
     """
-    velocity = _SPEED * np.array(direction)
+    velocity = _SPEED_M_S * np.array(direction)
     attitude = (1.0, 0.0, 0.0, 0.0) if is_turned else (0.0, 0.0, 0.0, 1.0)
     low, high = tool.bounds[:, 2]
     top = -low if is_turned else high
@@ -158,13 +158,13 @@ def _supported(tool: Tool, hollow: Array) -> _Advice:
         return _Advice(_NOT_KNOWN, _NOT_KNOWN, _NOT_KNOWN)
     walls = _walls_around(hollow, tool)
     if not walls.size:
-        return _Advice(_FILLED, _FILLED, _FILLED)
+        return _Advice(_FILLED_ADVICE, _FILLED_ADVICE, _FILLED_ADVICE)
     is_open = np.isinf(walls)
     if np.median(is_open.sum(axis=(0, 1))) <= 1.0:
         down, up = is_open[2].mean(axis=1) > 0.5
         return _Advice(_FILLS if down else _HULL, _FILLS if up else _HULL, _HULL)
     gap = np.median(walls.sum(axis=1).min(axis=0))
-    narrow = _NARROW * tool.width
+    narrow = _NARROW_SHARE * tool.width
     if gap <= narrow:
         return _Advice(_HULL_OF_DRAGS, _HULL_OF_DRAGS, _HULL)
     width = f"{1e3 * gap:.3g} mm wide" if np.isfinite(gap) else "open"
@@ -175,7 +175,7 @@ def _supported(tool: Tool, hollow: Array) -> _Advice:
 def _points_in_hollows(tool: Tool, hull: Tool) -> Array:
     """Points in the hull but outside of the tool, shape [n, 3] [m]."""
     triangles = tool.vertices[tool.faces]
-    count = min(_POINTS, _MOST_PAIRS // len(triangles))
+    count = min(_POINT_COUNT, _MAX_PAIR_COUNT // len(triangles))
     low, high = tool.bounds
     points = np.random.default_rng(0).uniform(low, high, (count, 3))
     in_hull = points[are_inside(points, hull.vertices[hull.faces])]

@@ -17,7 +17,7 @@ from rft_ros.rft import (
     rotation_matrix,
     treers2021,
 )
-from rft_ros.rft.traction import FLAT_BLEND
+from rft_ros.rft.traction import BLEND_TILT_DEG
 
 Array = NDArray[np.float64]
 
@@ -30,7 +30,7 @@ INERTIAL = treers2021(GENERIC, alpha_y_model("constant", GENERIC), density=1500.
 FLAT = 1.0 - 1e-3
 """Plates with abs(n·E3) at or above this follow the released code's rule for horizontal plates."""
 
-LEVEL = {"centroid": FLAT, "refined": float(np.cos(np.radians(FLAT_BLEND)))}
+LEVEL = {"centroid": FLAT, "refined": float(np.cos(np.radians(BLEND_TILT_DEG)))}
 """Where each rule begins to take e2 from the velocity, nudged along x."""
 
 RULES = pytest.mark.parametrize("rule", INTEGRATIONS)

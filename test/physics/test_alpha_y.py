@@ -9,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from rft_ros.rft import MEDIA, Constant, Linear, Table, alpha_y_model, medium_named, treers2021
-from rft_ros.rft.alpha_y import FINEST, add_alpha_y
+from rft_ros.rft.alpha_y import MAX_STEP_COUNT, add_alpha_y
 from rft_ros.rft.kernel.chunk import ALONG, COS_B, COS_G, E2_Y, SIN_B, SIN_G, SIZE, TRACTION
 
 attack = st.floats(0.0, 180.0)
@@ -66,7 +66,7 @@ def test_the_error_of_a_table_of_uneven_steps_is_bounded_by_its_change_of_slope(
     """The greatest deviation that `Table.sampled` states, and none where the grid has a node at each value given."""
     knots = np.sort(knots)
     values = np.random.default_rng(seed).uniform(0.0, 0.3, len(knots))
-    step = (knots[-1] - knots[0]) / FINEST
+    step = (knots[-1] - knots[0]) / MAX_STEP_COUNT
     slopes = np.concatenate([[0.0], np.diff(values) / np.diff(knots), [0.0]])
     bound = (
         0.25 * step * np.abs(np.diff(slopes)).max()

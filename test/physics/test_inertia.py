@@ -31,7 +31,7 @@ from rft_ros.rft import (
     wrenches,
     wrenches_in_time,
 )
-from rft_ros.rft.grains import CONFINEMENT, INERTIA
+from rft_ros.rft.grains import CONFINEMENT_FACTOR, INERTIA
 
 DENSITY = 1500.0  # of `INERTIAL`
 
@@ -65,7 +65,10 @@ def test_a_plate_that_leads_feels_the_published_stress_against_its_normal(
         return
     body = plate(normal, rule)
     stress = (
-        INERTIA * (1.0 + CONFINEMENT * min(normal[2], 0.0) ** 2) * DENSITY * (speed * lead) ** 2
+        INERTIA
+        * (1.0 + CONFINEMENT_FACTOR * min(normal[2], 0.0) ** 2)
+        * DENSITY
+        * (speed * lead) ** 2
     )
     expected = -stress * body.area * np.asarray(normal)
     found = added(body, at(speed * np.asarray(velocity), depth))

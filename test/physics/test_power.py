@@ -15,7 +15,7 @@ from rft_ros.rft import (
     treers2021,
     wrenches,
 )
-from rft_ros.rft.traction import LEAST_RESISTANCE
+from rft_ros.rft.traction import MIN_RESISTANCE_SHARE
 
 ZERO_OF_LINEAR = 0.2035 / 0.0015
 """β at which the paper's linear α_y passes through zero [deg]; at 180° it is -0.0665 N/cm³."""
@@ -95,7 +95,8 @@ def test_under_the_refined_rule_grains_neither_pull_a_leading_plate_nor_push_it_
     traction = np.array(traction_per_depth(law, *n, *v, refined=True))
     assert traction @ n <= 1e-9 * law.stiffness
     assert (
-        traction @ v <= -0.99 * LEAST_RESISTANCE * np.linalg.norm(traction) + 1e-9 * law.stiffness
+        traction @ v
+        <= -0.99 * MIN_RESISTANCE_SHARE * np.linalg.norm(traction) + 1e-9 * law.stiffness
     )
 
 
@@ -116,7 +117,7 @@ def test_grains_resist_in_every_one_of_half_a_million_directions(law):
         leads = v @ n > np.sin(0.02)
         force = wrenches(plate_facing(beta, "refined"), law, states[leads])[:, :3]
         power, size = (force * v[leads]).sum(axis=1), np.linalg.norm(force, axis=1)
-        assert (power <= -0.99 * LEAST_RESISTANCE * size).all(), np.degrees(beta)
+        assert (power <= -0.99 * MIN_RESISTANCE_SHARE * size).all(), np.degrees(beta)
         assert (force @ n <= 1e-9 * law.stiffness).all(), np.degrees(beta)
 
 

@@ -19,7 +19,7 @@ ARGUMENTS = {
     "namespace": "left",
     "pose": "/tcp_pose_broadcaster/pose",
 }
-PATIENCE = 600.0  # s: a first start compiles, and other work may keep every core busy
+PATIENCE_NS = 600.0  # s: a first start compiles, and other work may keep every core busy
 
 
 def generate_test_description() -> LaunchDescription:
@@ -31,7 +31,7 @@ def generate_test_description() -> LaunchDescription:
 
 class TestTheNode(unittest.TestCase):
     def test_it_answers_poses_of_the_robots_topic_in_its_namespace(self, proc_output):
-        proc_output.assertWaitFor("ready: tool plate", timeout=PATIENCE)
+        proc_output.assertWaitFor("ready: tool plate", timeout=PATIENCE_NS)
         rclpy.init()
         node = rclpy.create_node("peer")
         answers = []
@@ -40,7 +40,7 @@ class TestTheNode(unittest.TestCase):
         pose = PoseStamped()
         pose.header.frame_id = "base"
         stamp = time.time_ns()
-        end = time.monotonic() + PATIENCE
+        end = time.monotonic() + PATIENCE_NS
         while not answers and time.monotonic() < end:
             stamp += 10_000_000
             pose.header.stamp = Time(nanoseconds=stamp).to_msg()

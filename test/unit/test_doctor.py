@@ -392,7 +392,7 @@ def test_a_live_doctor_listens_until_a_fast_trial_was_in_the_grains_for_some_sec
 
 
 def test_a_long_wait_of_the_doctor_is_not_silent(bag, tmp_path, capsys, monkeypatch):
-    monkeypatch.setattr(progress, "LONGEST_SILENCE", 0.0)
+    monkeypatch.setattr(progress, "MAX_SILENCE_S", 0.0)
     (tmp_path / "cell.yaml").write_text(yaml.safe_dump({"/**": {"ros__parameters": PARAMETERS}}))
     main(["doctor", str(tmp_path / "cell.yaml"), "--bag", str(bag)])
     lines = capsys.readouterr().err.splitlines()

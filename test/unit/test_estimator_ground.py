@@ -8,7 +8,7 @@ from one_plate import MS, SECOND, START, plate_model, pose, push, twist
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, Estimator, Reason, TransformSample
-from rft_ros.ground import DELAY, Cloud, HeightMap
+from rft_ros.ground import CLOUD_DELAY_NS, Cloud, HeightMap
 from rft_ros.parameters import Settings
 
 CELL = 0.004
@@ -49,7 +49,7 @@ def test_a_map_that_knows_nothing_gives_the_bytes_of_the_level_plane():
 def test_a_cloud_counts_from_half_a_second_after_its_stamp_until_the_ground_is_levelled():
     e = on_map()
     found = forces(e, [cloud(START + 100 * MS, 0.005)])
-    changed = (100 * MS + DELAY) // (10 * MS)
+    changed = (100 * MS + CLOUD_DELAY_NS) // (10 * MS)
     assert found[:changed] == [found[0]] * changed
     assert found[changed] == pytest.approx(1.5 * found[0], rel=1e-5)
     assert (e.depth(), e.surface.depth) == pytest.approx((0.015, 0.015), abs=1e-6)
@@ -88,7 +88,7 @@ def test_a_cloud_in_the_frame_of_a_fixed_camera_is_as_one_in_the_world():
         (cloud(0), Reason.SURFACE_STAMP_ZERO),
         (cloud(START, frame="camera"), Reason.SURFACE_FRAME_UNKNOWN),
         (cloud(START, frame="moving"), Reason.SURFACE_FRAME_UNKNOWN),
-        (cloud(START - DELAY), Reason.SURFACE_LATE),
+        (cloud(START - CLOUD_DELAY_NS), Reason.SURFACE_LATE),
     ],
 )
 def test_a_cloud_that_cannot_be_used_is_counted_and_changes_nothing(sent, reason):

@@ -69,7 +69,7 @@ def steps(series, learning, *, delay=0, repeats=False):
             )
         if (j := k - delay) >= 0:
             same = repeats and j > 0 and bool((series.forces[j] == series.forces[j - 1]).all())
-            learning.learn(int(series.stamps[j]), series.forces[j], repeated=same)
+            learning.learn(int(series.stamps[j]), series.forces[j], is_repeated=same)
         if k < n:
             yield k, out
 

@@ -19,7 +19,7 @@ STATE = "t,px,py,pz,qx,qy,qz,qw,vx,vy,vz,wx,wy,wz\n0,0,0,-0.01,0,0,0,1,0,0,-0.01
 
 @pytest.mark.parametrize("wait", [busy, lambda what: bar(what, 1.0)], ids=["busy", "bar"])
 def test_a_long_wait_says_a_line_where_stderr_is_no_terminal(capsys, monkeypatch, wait):
-    monkeypatch.setattr(progress, "LONGEST_SILENCE", 0.0)
+    monkeypatch.setattr(progress, "MAX_SILENCE_S", 0.0)
     said = ""
     with wait("fitting"):
         while not said:
@@ -30,7 +30,7 @@ def test_a_long_wait_says_a_line_where_stderr_is_no_terminal(capsys, monkeypatch
 
 @pytest.mark.parametrize("wait", [busy, lambda what: bar(what, 1.0)], ids=["busy", "bar"])
 def test_a_wait_that_goes_on_says_for_how_long(capsys, monkeypatch, wait):
-    monkeypatch.setattr(progress, "LONGEST_SILENCE", 0.0)
+    monkeypatch.setattr(progress, "MAX_SILENCE_S", 0.0)
     monkeypatch.setattr(progress, "LINE_PERIOD", 0.02)
     said = ""
     end = time.monotonic() + 5.0
@@ -42,7 +42,7 @@ def test_a_wait_that_goes_on_says_for_how_long(capsys, monkeypatch, wait):
 
 
 def test_a_long_compilation_says_for_how_long(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "LONGEST_SILENCE", 0.0)
+    monkeypatch.setattr(progress, "MAX_SILENCE_S", 0.0)
     monkeypatch.setattr(progress, "LINE_PERIOD", 0.02)
     monkeypatch.setattr(machine_code, "prepare", lambda *_, **__: time.sleep(0.5))
     load_code()
@@ -50,7 +50,7 @@ def test_a_long_compilation_says_for_how_long(capsys, monkeypatch):
 
 
 def test_a_short_wait_says_nothing(capsys, monkeypatch):
-    monkeypatch.setattr(progress, "LONGEST_SILENCE", 1000.0)
+    monkeypatch.setattr(progress, "MAX_SILENCE_S", 1000.0)
     with busy("fitting"):
         pass
     assert capsys.readouterr().err == ""

@@ -16,7 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.estimator.sigma import LEVER, SIGMA
+from rft_ros.estimator.sigma import LEVER_SHARE, SIGMA
 from rft_ros.rft.frames import BY_HEIGHT, FORCE, MOMENTS, TORQUE, WRENCH
 from rft_ros.rft.kernel.compilation import inlined
 
@@ -27,25 +27,26 @@ _X_MOMENTS, _Y_MOMENTS, _Z_MOMENTS = (
     slice(MOMENTS.start + 3 * r, MOMENTS.start + 3 * r + 3) for r in (X, Y, Z)
 )
 
-_PRIOR_EACH = 0.3  # deviation of s_v, s_h and ρ, in addition to the error that s_v and s_h share
-_PRIOR_SURFACE = 0.003  # deviation of δ [m]
-_NOISE = 0.093  # deviation over the predicted force
-_NOISE_FLOOR = 0.025  # deviation [N]
-_NOISE_LENGTH = 0.003  # errors of samples closer than this are correlated
+_PRIOR_STRENGTH_SHARE = (
+    0.3  # deviation of s_v, s_h and ρ, in addition to the error that s_v and s_h share
+)
+_PRIOR_SURFACE_M = 0.003  # deviation of δ
+_NOISE_SHARE = 0.093  # deviation over the predicted force
+_NOISE_FLOOR_N = 0.025  # deviation
+_NOISE_PATH_M = 0.003  # errors of samples closer than this are correlated
 # a larger innovation, over the root of the trace of its covariance, is reduced to this
-_GATE = 2.2
-_STRENGTH_LEAST = 0.1
-_STRENGTH_MOST = 10.0
-_HORIZONTAL_SCALE_RISE = 0.0015  # path of the mean of the squared errors while it grows
-_HORIZONTAL_SCALE_FALL = 0.0026  # the same while it falls
-_VERTICAL_SCALE_RISE = 0.0025
-_VERTICAL_SCALE_FALL = 0.004
-_SCALE_LEAST = 1e-6  # keeps σ over 0
-_BIAS_LENGTH = 0.0025  # path of the mean of the vertical errors
-_BIAS_GROWTH = 150.0  # weight of its square over the lag [1/m]
-_BIAS_LAG_MOST = 0.01  # lag [m] up to which it grows
-_ERROR_MOST = 3.0  # a larger error, in standard deviations, counts as this
-_SQUARE_MOST = 9.0  # a larger squared error, in variances, counts as this
+_GATE_FACTOR = 2.2
+_MIN_STRENGTH_RATIO = 0.1
+_MAX_STRENGTH_RATIO = 10.0
+_HORIZONTAL_RISE_PATH_M = 0.0015  # path of the mean of the squared errors while it grows
+_HORIZONTAL_FALL_PATH_M = 0.0026  # the same while it falls
+_VERTICAL_RISE_PATH_M = 0.0025
+_VERTICAL_FALL_PATH_M = 0.004
+_MIN_SCALE_FACTOR = 1e-6  # keeps σ over 0
+_BIAS_PATH_M = 0.0025  # path of the mean of the vertical errors
+_BIAS_GROWTH_PER_M = 150.0  # weight of its square over the lag
+_MAX_BIAS_LAG_M = 0.01  # lag up to which it grows
+_MAX_ERROR_FACTOR = 3.0  # a larger error, in standard deviations, counts as this
 
 
 def _covariance(common: float, each: float, surface: float) -> NDArray[np.float64]:
@@ -56,7 +57,9 @@ def _covariance(common: float, each: float, surface: float) -> NDArray[np.float6
 
 _GROWTH = _covariance(0.153, 0.23, 0.00126) / 0.01  # of P over a metre of path: G of (L2)
 
-_GAUSSIAN = np.dtype([("theta", float, 4), ("p", float, (4, 4))], align=True)
+_GAUSSIAN = np.dtype(
+    (np.record, np.dtype([("theta", float, 4), ("p", float, (4, 4))], align=True))
+)
 
 FILTER_FIELDS = [
     ("latest", _GAUSSIAN),  # mean and covariance of θ after the last record taken
@@ -72,12 +75,13 @@ FILTER_FIELDS = [
 
 def start(state: Any, strength_error: float) -> None:
     """Set a state to the calibration, whose ζ has this relative standard error."""
-    state["prior"]["theta"] = 1.0, 1.0, 0.0, 0.0
-    state["prior"]["p"] = _covariance(strength_error, _PRIOR_EACH, _PRIOR_SURFACE)
-    state["latest"] = state["prior"]
-    state["of_push"] = state["prior"]
-    state["scale"] = 1.0
-    state["bias"] = 0.0
+    prior = state.prior
+    prior.theta[:] = 1.0, 1.0, 0.0, 0.0
+    prior.p[:] = _covariance(strength_error, _PRIOR_STRENGTH_SHARE, _PRIOR_SURFACE_M)
+    copy(state.latest, prior)
+    copy(state.of_push, prior)
+    state.scale[:] = 1.0
+    state.bias = 0.0
 
 
 @inlined
@@ -121,7 +125,7 @@ def copy_place(target, source):
 def _bound(theta):
     """Bound θ to values that the model can have."""
     for i in (VERTICAL, HORIZONTAL):
-        theta[i] = min(max(theta[i], _STRENGTH_LEAST), _STRENGTH_MOST)
+        theta[i] = min(max(theta[i], _MIN_STRENGTH_RATIO), _MAX_STRENGTH_RATIO)
     theta[TURN] = min(max(theta[TURN], -theta[HORIZONTAL]), theta[HORIZONTAL])
 
 
@@ -134,34 +138,36 @@ def grow(belief, path):
 
 
 @inlined
-def _set_row(row, of_vertical, of_horizontal, of_turn):
+def _set_row(row, vertical, horizontal, turn):
     """Set a row of H, but for the surface."""
-    row[VERTICAL] = of_vertical
-    row[HORIZONTAL] = of_horizontal
-    row[TURN] = of_turn
+    row[VERTICAL] = vertical
+    row[HORIZONTAL] = horizontal
+    row[TURN] = turn
 
 
 @inlined
 def _design(h, row):
     """H of (L1): three rows for the force, three for the torque Σ r × f. The force of δ acts where the model's does."""
     force = row[FORCE]
-    by_height = row[BY_HEIGHT]
+    height_derivative = row[BY_HEIGHT]
     x_f, y_f, z_f = row[_X_MOMENTS], row[_Y_MOMENTS], row[_Z_MOMENTS]  # Σ x f, Σ y f, Σ z f
     fx, fy, fz = force[X], force[Y], force[Z]
     square = dot(force, force)
     # smaller squares lose digits
-    per_force = dot(force, by_height) / square if square > 1e-200 else 0.0
-    of_force = h[FORCE]
-    of_torque = h[TORQUE]
-    _set_row(of_force[X], 0.0, fx, -fy)
-    _set_row(of_force[Y], 0.0, fy, fx)
-    _set_row(of_force[Z], fz, 0.0, 0.0)
-    _set_row(of_torque[X], y_f[Z], -z_f[Y], -z_f[X])
-    _set_row(of_torque[Y], -x_f[Z], z_f[X], -z_f[Y])
-    _set_row(of_torque[Z], 0.0, x_f[Y] - y_f[X], x_f[X] + y_f[Y])
+    per_force = dot(force, height_derivative) / square if square > 1e-200 else 0.0
+    force_rows = h[FORCE]
+    torque_rows = h[TORQUE]
+    _set_row(force_rows[X], 0.0, fx, -fy)
+    _set_row(force_rows[Y], 0.0, fy, fx)
+    _set_row(force_rows[Z], fz, 0.0, 0.0)
+    _set_row(torque_rows[X], y_f[Z], -z_f[Y], -z_f[X])
+    _set_row(torque_rows[Y], -x_f[Z], z_f[X], -z_f[Y])
+    _set_row(torque_rows[Z], 0.0, x_f[Y] - y_f[X], x_f[X] + y_f[Y])
     for i in range(3):
-        of_force[i, SURFACE] = by_height[i]
-        of_torque[i, SURFACE] = per_force * (of_torque[i, VERTICAL] + of_torque[i, HORIZONTAL])
+        force_rows[i, SURFACE] = height_derivative[i]
+        torque_rows[i, SURFACE] = per_force * (
+            torque_rows[i, VERTICAL] + torque_rows[i, HORIZONTAL]
+        )
 
 
 @inlined
@@ -181,52 +187,52 @@ def correct(state, record, row, out, apply, lag, reach):
         record.force[i] = force[i]
         record.predicted[i] = dot(h[i], now.theta)
     square = dot(record.predicted, record.predicted)
-    record.r = _NOISE**2 * square + _NOISE_FLOOR**2
+    record.r = _NOISE_SHARE**2 * square + _NOISE_FLOOR_N**2
     for i in range(3):
         for j in range(3):
             record.s[i, j] = _form(h[i], now.p, h[j]) + (record.r if i == j else 0.0)
-    growth = _BIAS_GROWTH * min(lag, _BIAS_LAG_MOST)
+    growth = _BIAS_GROWTH_PER_M * min(lag, _MAX_BIAS_LAG_M)
     vertical = state.scale[Z] + growth * state.bias**2
     greatest = max(state.scale[X], state.scale[Y], vertical)
     for i in range(6):
         model = h[i, VERTICAL] + h[i, HORIZONTAL]
-        learned = dot(h[i], now.theta)
+        corrected = dot(h[i], now.theta)
         if i < 3:
             variance = (vertical if i == Z else state.scale[i]) * record.s[i, i]
         else:
-            variance = greatest * (_form(h[i], now.p, h[i]) + (_NOISE * learned) ** 2)
-            variance += (LEVER * reach) ** 2 * square
-        wrench[i] = learned if apply else model
+            variance = greatest * (_form(h[i], now.p, h[i]) + (_NOISE_SHARE * corrected) ** 2)
+            variance += (LEVER_SHARE * reach) ** 2 * square
+        wrench[i] = corrected if apply else model
         # a correction not applied is an error, too
-        sigma[i] = math.sqrt(variance + (learned - wrench[i]) ** 2)
+        sigma[i] = math.sqrt(variance + (corrected - wrench[i]) ** 2)
 
 
 @inlined
 def _followed_scale(scale, square, rise, fall, step):
     """m of (L5) after a squared error. `rise`, `fall`: path of the mean while it grows, and while it falls."""
-    square = min(square, _SQUARE_MOST)
+    square = min(square, _MAX_ERROR_FACTOR**2)
     length = rise if square > scale else fall
-    return max(scale + (1.0 - math.exp(-step / length)) * (square - scale), _SCALE_LEAST)
+    return max(scale + (1.0 - math.exp(-step / length)) * (square - scale), _MIN_SCALE_FACTOR)
 
 
 @inlined
 def _adapt(state, record, step):
     """Update m and b of (L5) with the error of the prediction that was made at the record's pose."""
     y = record.y
-    predicted = record.predicted
+    prediction = record.predicted
     s = record.s
     scale = state.scale
     for i in (X, Y):
-        square = (y[i] - predicted[i]) ** 2 / s[i, i]
+        square = (y[i] - prediction[i]) ** 2 / s[i, i]
         scale[i] = _followed_scale(
-            scale[i], square, _HORIZONTAL_SCALE_RISE, _HORIZONTAL_SCALE_FALL, step
+            scale[i], square, _HORIZONTAL_RISE_PATH_M, _HORIZONTAL_FALL_PATH_M, step
         )
-    vertical = (y[Z] - predicted[Z]) / math.sqrt(s[Z, Z])
+    vertical = (y[Z] - prediction[Z]) / math.sqrt(s[Z, Z])
     scale[Z] = _followed_scale(
-        scale[Z], vertical**2, _VERTICAL_SCALE_RISE, _VERTICAL_SCALE_FALL, step
+        scale[Z], vertical**2, _VERTICAL_RISE_PATH_M, _VERTICAL_FALL_PATH_M, step
     )
-    error = min(max(vertical, -_ERROR_MOST), _ERROR_MOST)
-    state.bias += (1.0 - math.exp(-step / _BIAS_LENGTH)) * (error - state.bias)
+    error = min(max(vertical, -_MAX_ERROR_FACTOR), _MAX_ERROR_FACTOR)
+    state.bias += (1.0 - math.exp(-step / _BIAS_PATH_M)) * (error - state.bias)
 
 
 @inlined
@@ -253,15 +259,15 @@ def update(state, record):
     state.path_learned = record.path
     _adapt(state, record, step)
     grow(belief, step)
-    fitted = dot(h[X], belief.theta), dot(h[Y], belief.theta), dot(h[Z], belief.theta)
+    force = dot(h[X], belief.theta), dot(h[Y], belief.theta), dot(h[Z], belief.theta)
     square = trace = 0.0
     for i in range(3):
-        square += (y[i] - fitted[i]) ** 2
+        square += (y[i] - force[i]) ** 2
         trace += _form(h[i], belief.p, h[i]) + record.r
-    share = min(1.0, _GATE * math.sqrt(trace / max(square, 1e-300)))
-    variance = record.r * max(1.0, _NOISE_LENGTH / step)
+    share = min(1.0, _GATE_FACTOR * math.sqrt(trace / max(square, 1e-300)))
+    variance = record.r * max(1.0, _NOISE_PATH_M / step)
     for i in range(3):
-        _update_with_component(belief, h[i], fitted[i] + share * (y[i] - fitted[i]), variance)
+        _update_with_component(belief, h[i], force[i] + share * (y[i] - force[i]), variance)
     _bound(belief.theta)
     if not record.passing:
         copy(state.of_push, belief)

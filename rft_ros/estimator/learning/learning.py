@@ -32,11 +32,11 @@ Array = NDArray[np.float64]
 
 _STRENGTHS = slice(0, 2)  # places of s_v and s_h in θ
 _CHANGES = {0: "", 1: "harder", -1: "softer"}
-_CAPACITY = 2048
-_RECORDS_PER_LAG = 1024
-_STEP_LEAST = 1e-15
-_STEP_MOST = 1.0
-"""Limits of a path between two poses [m]. A shorter one counts as rest: the noise of (L3) over it would be infinite."""
+_RECORD_COUNT = 2048
+_PER_LAG_COUNT = 1024
+_MIN_STEP_M = 1e-15
+_MAX_STEP_M = 1.0
+"""Limits of a path between two poses. A shorter one counts as rest: the noise of (L3) over it would be infinite."""
 
 _RECORD = np.dtype(
     [
@@ -56,23 +56,24 @@ _RECORD = np.dtype(
     align=True,
 )
 
-_PUSHING, _INTERRUPTED, _AWAY = range(3)
+_PUSH, _PAUSE, _AIR = range(3)
 """Stages of a push. The tool moves through the grains; it was withdrawn or fast since; it was in the air since."""
 
-_STATE = np.dtype(
+_STATE_FIELDS = np.dtype(
     [
         *FILTER_FIELDS,
         *JUDGE_FIELDS,
-        # number of the first record that waits; record n is at index n modulo `_CAPACITY`
+        # number of the first record that waits; record n is at index n modulo `_RECORD_COUNT`
         ("first", int),
         ("open", int),  # number of the first record whose measurement may still come
         ("end", int),  # number of the next record
         ("travel", float),
         ("path", float),
-        ("stage", int),  # `_PUSHING`, `_INTERRUPTED` or `_AWAY`
+        ("stage", int),  # `_PUSH`, `_PAUSE` or `_AIR`
     ],
     align=True,
 )
+_STATE = np.dtype((np.record, _STATE_FIELDS))
 
 
 class Belief(NamedTuple):
@@ -99,14 +100,14 @@ class Belief(NamedTuple):
 @cache
 def _predict_code() -> Callable[..., None]:
     """The compiled code of `_predict`. To find it by its types takes 0.1 ms: too long for a tick."""
-    arrays = np.zeros(1, _STATE), np.zeros(_CAPACITY, _RECORD), np.zeros(WIDTH), np.zeros(12)
+    arrays = np.zeros(1, _STATE), np.zeros(_RECORD_COUNT, _RECORD), np.zeros(WIDTH), np.zeros(12)
     return machine_code(_predict, (*arrays, 0, 0.0, False, True, 0.0, 0.0))
 
 
 @cache
 def _learn_code() -> Callable[..., None]:
     """The compiled code of `_add_reading`, found once, as that of `_predict`."""
-    arrays = np.zeros(1, _STATE), np.zeros(_CAPACITY, _RECORD), np.zeros(3)
+    arrays = np.zeros(1, _STATE), np.zeros(_RECORD_COUNT, _RECORD), np.zeros(3)
     return machine_code(_add_reading, (*arrays, 0, False, 0.0))
 
 
@@ -126,9 +127,7 @@ class Learning:
         self.reach = reach
         self._states = np.zeros(1, _STATE)
         self._state: Any = self._states[0]
-        self._records = np.zeros(_CAPACITY, _RECORD)
-        self._change = self._states["change"]
-        self._unexplained = self._states["unexplained"]
+        self._records = np.zeros(_RECORD_COUNT, _RECORD)
         self._row = np.zeros(WIDTH)
         self._y = np.zeros(3)
         self._predict = _predict_code()
@@ -143,15 +142,16 @@ class Learning:
     def forget_place(self) -> None:
         """Keep the strength, and reset surface and turn: the tool moved elsewhere or is another one, or time jumped."""
         state = self._state
-        of_push = self._state["of_push"]
         for name, *_ in JUDGE_FIELDS:
             state[name] = 0
-        state["first"] = state["open"] = state["end"]
-        state["path_learned"] = state["path_judged"] = state["path"]
-        state["latest"] = state["prior"]
-        state["latest"]["theta"][_STRENGTHS] = of_push["theta"][_STRENGTHS]
-        state["latest"]["p"][_STRENGTHS, _STRENGTHS] = of_push["p"][_STRENGTHS, _STRENGTHS]
-        state["stage"] = _AWAY
+        state.first = state.end
+        state.open = state.end
+        state.path_learned = state.path
+        state.path_judged = state.path
+        copy(state.latest, state.prior)
+        state.latest.theta[_STRENGTHS] = state.of_push.theta[_STRENGTHS]
+        state.latest.p[_STRENGTHS, _STRENGTHS] = state.of_push.p[_STRENGTHS, _STRENGTHS]
+        state.stage = _AIR
 
     def predict(
         self, stamp: int, row: Array, *, step: float, passing: bool = False, apply: bool = True
@@ -166,7 +166,7 @@ class Learning:
         """
         self._row[:] = row
         out = np.empty(12)
-        path = min(float(step), _STEP_MOST) if step > _STEP_LEAST else 0.0
+        path = min(float(step), _MAX_STEP_M) if step > _MIN_STEP_M else 0.0
         self._predict(
             self._states, self._records, self._row, out, int(stamp), path, bool(passing), bool(apply),
             self.lag, self.reach,
@@ -178,29 +178,34 @@ class Learning:
         stamp: int,
         force: Array | Vector,
         *,
-        repeated: bool = False,
+        is_repeated: bool = False,
         air_load: float = 0.0,
     ) -> None:
         """Add the compensated force [N] at a pose, world axes, shape [3]. A force that is not finite is ignored.
 
-        `repeated`: the load cell's raw reading equals the one before, bit by bit. `air_load`: mean force that it reads
-        in the air [N].
+        `is_repeated`: the load cell's raw reading equals the one before, bit by bit. `air_load`: mean force that it
+        reads in the air [N].
         """
         if math.hypot(*force) < ABSURD:
             self._y[:] = force
             self._learn(
-                self._states, self._records, self._y, int(stamp), bool(repeated), float(air_load)
+                self._states,
+                self._records,
+                self._y,
+                int(stamp),
+                bool(is_repeated),
+                float(air_load),
             )
 
     @property
     def theta(self) -> Array:
         """s_v, s_h, ρ, δ [m], shape [4]: a copy."""
-        return np.array(self._state["latest"]["theta"])
+        return np.array(self._state.latest.theta)
 
     @property
     def covariance(self) -> Array:
         """Covariance of `theta`, shape [4, 4], in its units: a copy."""
-        return np.array(self._state["latest"]["p"])
+        return np.array(self._state.latest.p)
 
     def belief(self) -> Belief:
         """θ in the terms of users, with standard errors."""
@@ -217,11 +222,9 @@ class Learning:
             horizontal_strength_error=horizontal_error,
             turn_error=sideways_error / horizontal,
             surface_error=surface_error,
-            path=float(state["path"]),
-            surprise=float(state["surprise"]),
-            excess=float(state["mean_error"] / state["mean_force"])
-            if state["mean_force"] > 0.0
-            else 0.0,
+            path=float(state.path),
+            surprise=float(state.surprise),
+            excess=float(state.mean_error / state.mean_force) if state.mean_force > 0.0 else 0.0,
         )
 
     def strength(self) -> tuple[float, float] | None:
@@ -229,10 +232,10 @@ class Learning:
 
         It is the mean of s_v and s_h, weighted by the inverse of their variances.
         """
-        of_push = self._state["of_push"]
-        mean = of_push["theta"]
-        covariance = of_push["p"][_STRENGTHS, _STRENGTHS]
-        if np.array_equal(mean, self._state["prior"]["theta"]):
+        state = self._state
+        mean = state.of_push.theta
+        covariance = state.of_push.p[_STRENGTHS, _STRENGTHS]
+        if np.array_equal(mean, state.prior.theta):
             return None
         weights = 1.0 / np.diag(covariance)
         weights /= weights.sum()
@@ -241,22 +244,22 @@ class Learning:
     @property
     def change(self) -> str:
         """How the grains at the last measurement differ from what the filter expected: harder, softer, or "" if not."""
-        return _CHANGES[int(self._change[0])]
+        return _CHANGES[int(self._state.change)]
 
     def surprise_sentence(self) -> str:
         """A sentence: the grains are harder or softer than learned, and by how much; empty if they are as learned."""
         percent = 100.0 * self.belief().excess
-        change = self._change[0]
+        change = self._state.change
         if change == 0:
             return ""
         # not while its sign changes
-        by = f": force {percent:+.0f} %" if percent * change >= 1.0 else ""
-        return f"grains {self.change} than learned{by}"
+        amount = f": force {percent:+.0f} %" if percent * change >= 1.0 else ""
+        return f"grains {self.change} than learned{amount}"
 
     @property
     def excludes_readings(self) -> bool:
         """Whether no strength of the grains explains the last readings, which therefore update nothing."""
-        return bool(self._unexplained[0])
+        return bool(self._state.unexplained)
 
 
 @inlined
@@ -267,17 +270,17 @@ def _move(state, step, wet, passing):
     """
     state.travel += step
     if not wet:
-        state.stage = _AWAY
+        state.stage = _AIR
         return
     state.path += step
     if passing:
-        if state.stage == _PUSHING:
-            state.stage = _INTERRUPTED
-    elif state.stage != _PUSHING and step > 0.0:
+        if state.stage == _PUSH:
+            state.stage = _PAUSE
+    elif state.stage != _PUSH and step > 0.0:
         copy(state.latest, state.of_push)
-        if state.stage == _AWAY:
+        if state.stage == _AIR:
             copy_place(state.latest, state.prior)
-        state.stage = _PUSHING
+        state.stage = _PUSH
         state.path_entered = state.path
 
 
@@ -285,9 +288,10 @@ def _move(state, step, wet, passing):
 def _update_with_due(state, records, lag):
     """Update the filter with the records that the tool has passed by the lag."""
     while (
-        state.first < state.open and records[state.first % _CAPACITY].travel <= state.travel - lag
+        state.first < state.open
+        and records[state.first % _RECORD_COUNT].travel <= state.travel - lag
     ):
-        oldest = records[state.first % _CAPACITY]
+        oldest = records[state.first % _RECORD_COUNT]
         if oldest.fault:  # earlier updates may have been wrong as well
             copy(state.latest, state.prior)
             copy(state.of_push, state.prior)
@@ -296,7 +300,7 @@ def _update_with_due(state, records, lag):
         ):
             update(state, oldest)
         state.first += 1
-    if state.end - state.first == _CAPACITY:  # no reading came for the oldest record: drop it
+    if state.end - state.first == _RECORD_COUNT:  # no reading came for the oldest record: drop it
         state.first += 1
         state.open = max(state.open, state.first)
 
@@ -311,10 +315,10 @@ def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach)
     copy(state.now, state.latest)
     grow(state.now, max(state.path - state.path_learned, 0.0))
 
-    record = records[state.end % _CAPACITY]
+    record = records[state.end % _RECORD_COUNT]
     correct(state, record, row, out, apply, lag, reach)
-    last = records[(state.end - 1) % _CAPACITY].travel
-    close = state.end > state.first and state.travel - last < lag / _RECORDS_PER_LAG
+    last = records[(state.end - 1) % _RECORD_COUNT].travel
+    close = state.end > state.first and state.travel - last < lag / _PER_LAG_COUNT
     if wet and step > 0.0 and not close:
         record.stamp = stamp
         record.travel = state.travel
@@ -326,18 +330,18 @@ def _predict(states, records, row, out, stamp, step, passing, apply, lag, reach)
 
 
 @compiled
-def _add_reading(states, records, y, stamp, repeated, air_load):
+def _add_reading(states, records, y, stamp, is_repeated, air_load):
     """Add the measurement at a stamp to the record of that stamp, and judge it.
 
     `air_load`: mean force that the load cell reads in the air [N].
     """
     state = states[0]
-    while state.open < state.end and records[state.open % _CAPACITY].stamp < stamp:
+    while state.open < state.end and records[state.open % _RECORD_COUNT].stamp < stamp:
         state.open += 1
-    record = records[state.open % _CAPACITY]
+    record = records[state.open % _RECORD_COUNT]
     if state.open < state.end and record.stamp == stamp:
         state.open += 1
         record.r += air_load**2
-        judge(state, record, y, min(record.path - state.path_judged, _STEP_MOST), repeated)
+        judge(state, record, y, min(record.path - state.path_judged, _MAX_STEP_M), is_repeated)
         for i in range(3):
             record.y[i] = y[i]

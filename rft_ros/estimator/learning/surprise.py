@@ -7,31 +7,31 @@ import numpy as np
 from rft_ros.estimator.learning.filter import dot
 from rft_ros.rft.kernel.compilation import inlined
 
-_ENTRY = 0.008  # path [m] after the tool enters in which nothing is judged: the estimate of δ has not settled
-_SURPRISE_LENGTH = 0.0005  # path [m] of the mean of the normalised error
-_SURPRISE_ON = 1.93  # mean normalised error from which on there is a surprise
-_SURPRISE_OFF = 1.0  # the same at which it ends
-_NORMALISED_MOST = 4.0  # a larger normalised error counts as this
-_SHARE_MOST = 0.34  # greatest weight of one sample in that mean: two successive outliers do not count as a surprise
-_SUM_LENGTH = 0.005  # path [m] of the means that compare measurement and model
-_OPPOSING = 0.05  # [N]; the direction of a smaller force is random
-_UNEXPLAINED = 0.1  # a measured force below this many times the model's is explained by no θ
-_TURN_MOST = (
-    45.0  # degrees; a measured horizontal force that is turned by more is explained by no θ
-)
-_TANGENT_MOST = math.tan(math.radians(_TURN_MOST))
-_SIDEWAYS = 0.05  # least share of the horizontal part in the square of the force; the direction of a smaller is random
-_RATIO_MOST = 10.0  # a larger ratio of measured to model force counts as this
+_ENTRY_PATH_M = 0.008  # path after the tool enters in which nothing is judged: the estimate of δ has not settled
+_SURPRISE_PATH_M = 0.0005  # path of the mean of the normalised error
+_SURPRISE_BEGINS_FACTOR = 1.93  # mean normalised error from which on there is a surprise
+_SURPRISE_ENDS_FACTOR = 1.0  # the same at which it ends
+_MAX_ERROR_FACTOR = 4.0  # a larger normalised error counts as this
+# greatest weight of one sample in that mean: two successive outliers do not count as a surprise
+_MAX_SAMPLE_SHARE = 0.34
+_COMPARED_PATH_M = 0.005  # path of the means that compare measurement and model
+_MIN_FORCE_N = 0.05  # the direction of a smaller force is random
+_MIN_FORCE_RATIO = 0.1  # a measured force below this many times the model's is explained by no θ
+_MAX_TURN_DEG = 45.0  # a measured horizontal force that is turned by more is explained by no θ
+_TANGENT_MOST = math.tan(math.radians(_MAX_TURN_DEG))
+# least share of the horizontal part in the square of the force; the direction of a smaller one is random
+_MIN_SIDEWAYS_SHARE = 0.05
+_MAX_FORCE_RATIO = 10.0  # a larger ratio of measured to model force counts as this
 
 JUDGE_FIELDS = [
     ("path_entered", float),  # path at which the tool last entered
     ("path_feeble", float),  # path of the last record with too small a force to compare
     ("path_judged", float),  # path of the last record that was judged
-    ("surprise", float),  # mean over _SURPRISE_LENGTH: error along F' in standard deviations
+    ("surprise", float),  # mean over _SURPRISE_PATH_M: error along F' in standard deviations
     ("mean_error", float),  # the same means of this error and of F' [N]
     ("mean_force", float),
     ("change", int),  # 1: the grains are harder than believed, -1: softer
-    ("along", float),  # mean over _SUM_LENGTH: y·F, with outliers reduced
+    ("along", float),  # mean over _COMPARED_PATH_M: y·F, with outliers reduced
     # the same mean of F·F; next: of the horizontal parts' dot product, cross product and square
     ("square", float),
     ("flat_along", float),
@@ -41,7 +41,7 @@ JUDGE_FIELDS = [
 ]
 """Fields of a state that the functions below use."""
 
-UNEXPLAINED = (
+UNEXPLAINED_SENTENCE = (
     "no strength of the grains explains the measured force, so it updates nothing: rft doctor names the fault of the"
     " load cell or the model"
 )
@@ -49,7 +49,7 @@ UNEXPLAINED = (
 
 
 @inlined
-def judge(state, record, y, step, repeated):
+def judge(state, record, y, step, is_repeated):
     """Judge a reading in the grains: decide whether it will update the filter, and measure the surprise."""
     state.path_judged = record.path
     if not record.passing:
@@ -57,8 +57,8 @@ def judge(state, record, y, step, repeated):
     state.unexplained = _is_unexplained(state)
     # a force that clearly opposes the model's is excluded at once: while the tool enters, an offset of the load cell
     # can outweigh the force of the grains
-    record.fault = state.unexplained or state.along < -(_OPPOSING**2)
-    record.measured = not (repeated or record.fault)  # a repeated reading is no new measurement
+    record.fault = state.unexplained or state.along < -(_MIN_FORCE_N**2)
+    record.measured = not (is_repeated or record.fault)  # a repeated reading is no new measurement
     if record.measured:
         _measure_surprise(state, record, y, step)
 
@@ -68,12 +68,13 @@ def _compare(state, record, y, step):
     """Update the means that compare the measured force with the model's."""
     f = record.force
     square = dot(f, f)
-    if square < _OPPOSING**2:
+    if square < _MIN_FORCE_N**2:
         state.path_feeble = record.path
     ratio = min(
-        1.0, (_RATIO_MOST * math.sqrt(square) + _OPPOSING) / max(math.sqrt(dot(y, y)), 1e-300)
+        1.0,
+        (_MAX_FORCE_RATIO * math.sqrt(square) + _MIN_FORCE_N) / max(math.sqrt(dot(y, y)), 1e-300),
     )
-    share = 1.0 - math.exp(-step / _SUM_LENGTH)
+    share = 1.0 - math.exp(-step / _COMPARED_PATH_M)
     state.along += share * (ratio * dot(y, f) - state.along)
     state.square += share * (square - state.square)
     state.flat_along += share * (ratio * (y[0] * f[0] + y[1] * f[1]) - state.flat_along)
@@ -83,42 +84,42 @@ def _compare(state, record, y, step):
 
 @inlined
 def _is_comparable(state):
-    """Whether the means compare enough: a path of `_ENTRY` since the tool entered, with a large enough force."""
+    """Whether the means compare enough: a path of `_ENTRY_PATH_M` since the tool entered, with a large enough force."""
     return (
         state.square > 0.0
-        and state.path_judged - max(state.path_entered, state.path_feeble) >= _ENTRY
+        and state.path_judged - max(state.path_entered, state.path_feeble) >= _ENTRY_PATH_M
     )
 
 
 @inlined
 def _is_unexplained(state):
     """Whether no θ explains the force: it opposes the model's, is turned from it or far too small."""
-    is_sideways = state.flat_square > _SIDEWAYS * state.square
+    is_sideways = state.flat_square > _MIN_SIDEWAYS_SHARE * state.square
     is_turned = is_sideways and abs(state.flat_cross) > _TANGENT_MOST * state.flat_along
-    return _is_comparable(state) and (state.along < _UNEXPLAINED * state.square or is_turned)
+    return _is_comparable(state) and (state.along < _MIN_FORCE_RATIO * state.square or is_turned)
 
 
 @inlined
 def _measure_surprise(state, record, y, step):
     """Update the mean error along the predicted force, in standard deviations of (L4), and with it the change."""
-    predicted = record.predicted
-    size = math.sqrt(dot(predicted, predicted))
-    if record.passing or record.path - state.path_entered < _ENTRY or not size > 0.0:
+    force = record.predicted
+    size = math.sqrt(dot(force, force))
+    if record.passing or record.path - state.path_entered < _ENTRY_PATH_M or not size > 0.0:
         state.surprise = state.mean_error = state.mean_force = 0.0
     else:
-        error = dot(predicted, y) / size - size
+        error = dot(force, y) / size - size
         variance = 0.0
         for i in range(3):
-            variance += predicted[i] * dot(record.s[i], predicted)
+            variance += force[i] * dot(record.s[i], force)
         variance *= max(1.0, state.scale[0], state.scale[1], state.scale[2])
-        normalised = min(
-            max(error * size / math.sqrt(variance), -_NORMALISED_MOST), _NORMALISED_MOST
+        relative_error = min(
+            max(error * size / math.sqrt(variance), -_MAX_ERROR_FACTOR), _MAX_ERROR_FACTOR
         )
-        share = min(1.0 - math.exp(-step / _SURPRISE_LENGTH), _SHARE_MOST)
-        state.surprise += share * (normalised - state.surprise)
+        share = min(1.0 - math.exp(-step / _SURPRISE_PATH_M), _MAX_SAMPLE_SHARE)
+        state.surprise += share * (relative_error - state.surprise)
         state.mean_error += share * (error - state.mean_error)
         state.mean_force += share * (size - state.mean_force)
-    if abs(state.surprise) > _SURPRISE_ON:
+    if abs(state.surprise) > _SURPRISE_BEGINS_FACTOR:
         state.change = 1 if state.surprise > 0.0 else -1
-    elif abs(state.surprise) < _SURPRISE_OFF:
+    elif abs(state.surprise) < _SURPRISE_ENDS_FACTOR:
         state.change = 0

@@ -53,7 +53,7 @@ from rft_ros.rft.plates import (
     SECOND_CORNER,
 )
 from rft_ros.rft.stiffness import add_stiffness, clear_stiffness
-from rft_ros.rft.traction import FLAT, FLAT_BLEND, orient, tractions
+from rft_ros.rft.traction import BLEND_TILT_DEG, FLAT, orient, tractions
 
 _SKIP_DRY, _SKIP_WET, _PLAIN, _CUT, _FLAT_OR_CUT = range(5)
 """Kinds of blocks: dry (skipped); submerged and trailing (only its area counts); submerged without horizontal plates;
@@ -74,7 +74,7 @@ _AREA = BLOCK * AREA
 _HALF_ANGLE = BLOCK * HALF_ANGLE
 """Where the rows of a block begin in `Plates.blocks`, counted from the block's first number."""
 
-_BLEND_COSINE = cos(radians(FLAT_BLEND))
+_BLEND_COSINE = cos(radians(BLEND_TILT_DEG))
 
 
 class Twist(NamedTuple):
