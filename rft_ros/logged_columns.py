@@ -64,8 +64,8 @@ def parse_columns(text: str) -> dict[str, str]:
                 f"columns entry {shown(entry)} is not of the form NAME=HEADING, each NAME once, such as t=timestamp"
             )
         if name.split("[")[0].strip() not in (*_NAMES, *_SERIES):
-            known = "t, px to qw, rx to rz, vx to wz, fx to tz, pose, twist, wrench, matrix"
-            raise InputError(f"columns entry {shown(entry)}: {name} is none of {known}")
+            column_names = "t, px to qw, rx to rz, vx to wz, fx to tz, pose, twist, wrench, matrix"
+            raise InputError(f"columns entry {shown(entry)}: {name} is none of {column_names}")
         headings[name] = heading
     return headings
 
@@ -89,9 +89,11 @@ def renamed(
                 names |= _places_of_topic(headings, role, layouts, topics.get(role, ""), named)
     for name, heading in columns.items():
         names |= _places_of(headings, name, heading, named)
-    mapped = {name.split("[")[0].strip() for name in names.values()}
-    kept = [f"({heading})" if heading in mapped else heading for heading in headings]
-    return [names.get(place, heading) for place, heading in enumerate(kept)]
+    mapped_headings = {name.split("[")[0].strip() for name in names.values()}
+    other_headings = [
+        f"({heading})" if heading in mapped_headings else heading for heading in headings
+    ]
+    return [names.get(place, heading) for place, heading in enumerate(other_headings)]
 
 
 def _places_of_topic(
@@ -102,21 +104,21 @@ def _places_of_topic(
     named: str,
 ) -> dict[int, str]:
     """Names by the places of one topic's columns."""
-    by_topic: dict[str, dict[int, str]] = {}
+    names_by_topic: dict[str, dict[int, str]] = {}
     for place, heading in enumerate(headings):
         prefix, _, axis = heading.rpartition("/")
         for layout in layouts:
             for field, names in layout.items():
-                wanted = dict(zip("xyzw", names, strict=False))
-                if f"{prefix}/".endswith(field) and axis in wanted:
-                    of_topic = f"{prefix}/".removesuffix(field)
-                    by_topic.setdefault(of_topic, {})[place] = wanted[axis]
-    if len(by_topic) > 1 and topic not in by_topic:
-        choice = f"choose one by --remap {TOPICS[role]}:={next(iter(by_topic))}"
+                names_by_axis = dict(zip("xyzw", names, strict=False))
+                if f"{prefix}/".endswith(field) and axis in names_by_axis:
+                    topic_of_column = f"{prefix}/".removesuffix(field)
+                    names_by_topic.setdefault(topic_of_column, {})[place] = names_by_axis[axis]
+    if len(names_by_topic) > 1 and topic not in names_by_topic:
+        choice = f"choose one by --remap {TOPICS[role]}:={next(iter(names_by_topic))}"
         raise InputError(
-            f"{named} has several topics of a {role}: {', '.join(by_topic)}; {choice}"
+            f"{named} has several topics of a {role}: {', '.join(names_by_topic)}; {choice}"
         )
-    return by_topic.get(topic) or next(iter(by_topic.values()), {})
+    return names_by_topic.get(topic) or next(iter(names_by_topic.values()), {})
 
 
 def _places_of(headings: Sequence[str], name: str, heading: str, named: str) -> dict[int, str]:
@@ -127,17 +129,19 @@ def _places_of(headings: Sequence[str], name: str, heading: str, named: str) -> 
         raise InputError(
             f"{named} has no single column {shown(heading)} for {name}; {_has(headings)}"
         )
-    numbered = re.compile(rf"{re.escape(heading)}[_.\[ /]*(\d+)\]?")
+    pattern = re.compile(rf"{re.escape(heading)}[_.\[ /]*(\d+)\]?")
     matches = [
         (int(match[1]), place)
         for place, text in enumerate(headings)
-        if (match := numbered.fullmatch(text))
+        if (match := pattern.fullmatch(text))
     ]
     names = _SERIES[name].get(len(matches))
     if names is None:
         count = " or ".join(map(str, _SERIES[name]))
-        found = f"{len(matches)} numbered columns {shown(heading)}"
-        raise InputError(f"{named} has {found} for {name}; it needs {count}; {_has(headings)}")
+        count_text = f"{len(matches)} numbered columns {shown(heading)}"
+        raise InputError(
+            f"{named} has {count_text} for {name}; it needs {count}; {_has(headings)}"
+        )
     return {place: names[k] for k, (_, place) in enumerate(sorted(matches))}
 
 

@@ -103,39 +103,39 @@ def _transforms(
     """
     order = _order(data, ros1)
     # CDR begins with 4 bytes, from which on each number is aligned to its size; ROS 1 does neither
-    begin, of_integers, of_doubles = (0, 1, 1) if ros1 else (4, 4, 8)
+    begin, integer_alignment, double_alignment = (0, 1, 1) if ros1 else (4, 4, 8)
     # stamp, length of the parent's name
     header = struct.Struct(order + ("4xIII" if ros1 else "iII"))
     length = struct.Struct(f"{order}I")
     pose = struct.Struct(f"{order}7d")
     (count,) = (1,) if one else length.unpack_from(data, begin)
-    at = begin if one else begin + length.size
-    found: list[TransformSample] = []
+    offset = begin if one else begin + length.size
+    transforms: list[TransformSample] = []
     for _ in range(count):
-        at += (begin - at) % of_integers
-        seconds, nanoseconds, of_parent = header.unpack_from(data, at)
-        at += header.size
-        parent = data[at : at + of_parent].rstrip(b"\x00").decode()
-        at += of_parent
-        at += (begin - at) % of_integers
-        (of_child,) = length.unpack_from(data, at)
-        at += length.size
-        child = data[at : at + of_child].rstrip(b"\x00").decode()
-        at += of_child
-        at += (begin - at) % of_doubles
-        x, y, z, *quaternion = pose.unpack_from(data, at)
-        at += pose.size
-        found.append(
+        offset += (begin - offset) % integer_alignment
+        seconds, nanoseconds, parent_length = header.unpack_from(data, offset)
+        offset += header.size
+        parent = data[offset : offset + parent_length].rstrip(b"\x00").decode()
+        offset += parent_length
+        offset += (begin - offset) % integer_alignment
+        (child_length,) = length.unpack_from(data, offset)
+        offset += length.size
+        child = data[offset : offset + child_length].rstrip(b"\x00").decode()
+        offset += child_length
+        offset += (begin - offset) % double_alignment
+        x, y, z, *quaternion = pose.unpack_from(data, offset)
+        offset += pose.size
+        transforms.append(
             TransformSample(
                 _stamp(seconds, nanoseconds), parent, child, (x, y, z), (*quaternion,), fixed
             )
         )
-    return tuple(found)
+    return tuple(transforms)
 
 
 def _pose_of_transform(data: bytes, *, ros1: bool) -> PoseSample:
-    (found,) = _transforms(data, ros1=ros1, fixed=False, one=True)
-    return PoseSample(found.stamp, found.parent, found.position, found.quaternion)
+    (transform,) = _transforms(data, ros1=ros1, fixed=False, one=True)
+    return PoseSample(transform.stamp, transform.parent, transform.position, transform.quaternion)
 
 
 _COORDINATES = {7: "f4", 8: "f8"}  # of PointField.datatype

@@ -65,27 +65,29 @@ def opened_recording(
     `needs_wrench`. If not `strict`, all may be missing, with the remedy of each in `missing`, and topics of another
     type are left out, with a sentence on each in `mistyped`.
     """
-    given = options or ReplayOptions()
-    with ExitStack() as opened:
+    replay_options = options or ReplayOptions()
+    with ExitStack() as stack:
         with file_errors(f"bag '{bag}'", "read"):
             config = Config.of(parameters)
             faults: list[str] = []
             if is_table(bag):
-                named = topics_of(config_of_tables(config), given.remap, given.node)
-                columns = parse_columns(given.columns)
-                table = read_recorded_table(bag, columns=columns, topics=named)
+                table_topics = topics_of(
+                    config_of_tables(config), replay_options.remap, replay_options.node
+                )
+                columns = parse_columns(replay_options.columns)
+                table = read_recorded_table(bag, columns=columns, topics=table_topics)
                 config = config_for_table(table, config)
-            topics = topics_of(config, given.remap, given.node)
+            topics = topics_of(config, replay_options.remap, replay_options.node)
             if is_table(bag):
                 sources = [source_of_table(bag, table, topics, config.settings)]
             else:
-                sources, faults = sources_of(bag, opened)
+                sources, faults = sources_of(bag, stack)
             recording = Recording(
                 bag,
                 config,
                 topics,
                 sources,
-                options=given,
+                options=replay_options,
                 faults=faults,
                 strict=strict,
                 needs_wrench=needs_wrench,
@@ -197,8 +199,9 @@ class Recording:
         """What is wrong with the bag, and what was used; None for an intact one. Complete after the loop."""
         if not self._faults:
             return None
-        used = f"{sum(self.counts.values())} messages were used"
-        return f"{'; '.join(self._faults)}; {used}, up to {(self.time - self.first) * 1e-9:.3f} s after the start"
+        duration = (self.time - self.first) * 1e-9
+        part = f"{sum(self.counts.values())} messages were used, up to {duration:.3f} s after the start"
+        return f"{'; '.join(self._faults)}; {part}"
 
     def __iter__(self) -> Iterator[Sample]:
         """The samples in order, after the fixed transforms of the whole bag."""
@@ -240,14 +243,14 @@ class Recording:
 
     def _check_topics(self, *, strict: bool, needs_wrench: bool) -> None:
         """Find the decoder of each role. Raises InputError, as `opened_recording` says."""
-        found: dict[str, list[str]] = {}
+        types_by_topic: dict[str, list[str]] = {}
         for topic, msgtype in sorted({pair for source in self._sources for pair in source.types}):
-            found.setdefault(topic, []).append(msgtype)
+            types_by_topic.setdefault(topic, []).append(msgtype)
         for role, topic in list(self.topics.items()):
-            types = found.get(topic, [])
-            candidates = _candidates(role, found)
+            types = types_by_topic.get(topic, [])
+            candidates = _candidates(role, types_by_topic)
             remap = f"--remap {TOPICS[role]}:={next(iter(candidates), 'TOPIC')}"
-            there = f"it has {_listed(found)}"
+            there = f"it has {_listed(types_by_topic)}"
             remedy = f"use {_INSTEAD.get(role, '')}{remap}; {there}"
             if len(types) == 1 and types[0] in TYPES[role]:
                 ros1 = self._sources[0].ros1
@@ -282,17 +285,17 @@ def _is_not(role: Role, types: Collection[str]) -> str:
     return sentence
 
 
-def _candidates(role: Role, found: Mapping[str, Sequence[str]]) -> list[str]:
+def _candidates(role: Role, types_by_topic: Mapping[str, Sequence[str]]) -> list[str]:
     """The topics of a bag that may be that of a role by their types; what a node of this package publishes is none."""
     return [
         topic
-        for topic, types in found.items()
+        for topic, types in types_by_topic.items()
         if len(types) == 1
         and types[0] in TYPES[role]
         and topic.rpartition("/")[2] not in _OUTPUT_NAMES
     ]
 
 
-def _listed(found: Mapping[str, Sequence[str]]) -> str:
+def _listed(types_by_topic: Mapping[str, Sequence[str]]) -> str:
     """The topics of a bag with their types."""
-    return ", ".join(f"{topic} ({' and '.join(types)})" for topic, types in found.items())
+    return ", ".join(f"{topic} ({' and '.join(types)})" for topic, types in types_by_topic.items())

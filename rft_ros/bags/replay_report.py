@@ -75,13 +75,13 @@ def decimated(rows: Rows) -> Rows:
     """
     force = rows["compensated"][:, FORCE]
     residual = rows["residual"][:, FORCE]
-    kept = set()
+    row_numbers = set()
     for size in (rows["depth"], np.linalg.norm(force, axis=1), np.linalg.norm(residual, axis=1)):
         known = np.nan_to_num(size, nan=-math.inf)
         for bucket in np.array_split(np.arange(len(rows)), _BUCKET_COUNT):
             if len(bucket):
-                kept |= {bucket[0], bucket[known[bucket].argmax()]}
-    return np.array(rows[sorted(kept)])
+                row_numbers |= {bucket[0], bucket[known[bucket].argmax()]}
+    return np.array(rows[sorted(row_numbers)])
 
 
 def _tables(summary: Summary) -> Iterator[Table]:
@@ -92,37 +92,42 @@ def _tables(summary: Summary) -> Iterator[Table]:
         " penetration. summary.json has every axis."
     )
     yield Table("Metrics", sentence, ("", *METRIC_HEADS), metric_rows(summary))
-    trusted = ", ".join(f"{level} {count:,}" for level, count in summary.trust.items())
+    trust_counts = ", ".join(f"{level} {count:,}" for level, count in summary.trust.items())
     flags = []
     for name, share in summary.flag_rows():
         flag = QualityFlag[name.upper()]
         flags.append((name, share, trust(flag).value, sentences(flag)))
-    sentence = f"Which share of the {summary.in_grains:,} poses in the grains has each flag (trust of all: {trusted})."
+    sentence = f"Which share of the {summary.in_grains:,} poses in the grains has each flag"
+    sentence = f"{sentence} (trust of all: {trust_counts})."
     yield Table(
         "Quality flags",
         sentence,
         ("flag", "of the poses in the grains", "trust", "meaning"),
         flags or [("none", "0", "", "")],
     )
-    unused = [(name, f"{count:,}") for name, count in summary.reasons.items()] or [("none", "0")]
+    reason_rows = [(name, f"{count:,}") for name, count in summary.reasons.items()] or [
+        ("none", "0")
+    ]
     sentence = (
         "Samples that were not used, poses without an estimate and estimates without a residual."
     )
-    yield Table("Not used or unanswered", sentence, ("reason", "count"), unused)
+    yield Table("Not used or unanswered", sentence, ("reason", "count"), reason_rows)
 
 
 def _parameters(summary: Summary) -> Table:
     """Those that differ from their defaults, and then the others."""
-    by_name = {parameter.name: parameter for parameter in PARAMETERS}
-    changed: list[tuple[str, str, str]] = []
-    unchanged: list[tuple[str, str, str]] = []
+    parameters = {parameter.name: parameter for parameter in PARAMETERS}
+    changed_rows: list[tuple[str, str, str]] = []
+    default_rows: list[tuple[str, str, str]] = []
     for name, value in summary.parameters.items():
-        parameter = by_name[name]
+        parameter = parameters[name]
         row = (name, str(value), parameter.unit)
         is_default = np.array_equal(value, parameter.default)
-        (unchanged if is_default else changed).append(row)
-    sentence = f"The first {len(changed)} differ from the defaults."
-    return Table("Parameters", sentence, ("parameter", "value", "unit"), changed + unchanged)
+        (default_rows if is_default else changed_rows).append(row)
+    sentence = f"The first {len(changed_rows)} differ from the defaults."
+    return Table(
+        "Parameters", sentence, ("parameter", "value", "unit"), changed_rows + default_rows
+    )
 
 
 def replay_charts(rows: Rows) -> list[Figure]:
@@ -130,8 +135,8 @@ def replay_charts(rows: Rows) -> list[Figure]:
     time = (rows["stamp"] - rows["stamp"].min(initial=2**62)) * 1e-9
     depth = np.where(rows["depth"] > _MIN_CHART_DEPTH_M, 1e3 * rows["depth"], math.nan)
     charts = [
-        _wrench(rows, time, over="time", x_title=_TIME),
-        _wrench(rows, depth, over="depth", x_title=_DEPTH),
+        _wrench(rows, time, axis_name="time", x_title=_TIME),
+        _wrench(rows, depth, axis_name="depth", x_title=_DEPTH),
     ]
     if rows["quality_flags"].any():
         charts.append(_flags(rows, time))
@@ -199,25 +204,27 @@ class _Panel(NamedTuple):
         )
 
 
-def _wrench(rows: Rows, x: _Array, *, over: str, x_title: str) -> Figure:
+def _wrench(rows: Rows, x: _Array, *, axis_name: str, x_title: str) -> Figure:
     figure = _figure(3, [x_title, x_title], height=760)
     for k, axis in enumerate(AXES):
         column, row = divmod(k, 3)
         panel = _Panel(figure, row + 1, column + 1)
         panel.label(f"{axis} [{_UNITS[column]}]")
-        measured = rows["compensated"][:, k]
-        predicted = rows["predicted"][:, k]
-        panel.band("± standard deviation", x, predicted, rows["sigma"][:, k], colour="predicted")
+        measurement = rows["compensated"][:, k]
+        prediction = rows["predicted"][:, k]
+        panel.band("± standard deviation", x, prediction, rows["sigma"][:, k], colour="predicted")
         for code, phase in enumerate(PHASES):
-            y = np.where(rows["phase"] == code, measured, math.nan)
+            y = np.where(rows["phase"] == code, measurement, math.nan)
             if not np.isnan(x + y).all():
                 panel.line(f"measured, {phase}", x, y, colour=phase, width=2.0)
-        panel.line("predicted", x, predicted, colour="predicted")
+        panel.line("predicted", x, prediction, colour="predicted")
     sentence = (
         f"Measured, in the colour of the phase, and predicted, with a band of one standard deviation on each side, over"
-        f" {over}. A line breaks where there is no estimate."
+        f" {axis_name}. A line breaks where there is no estimate."
     )
-    return Figure(f"wrench_over_{over}", f"Force and torque over {over}", sentence, figure)
+    return Figure(
+        f"wrench_over_{axis_name}", f"Force and torque over {axis_name}", sentence, figure
+    )
 
 
 def _flags(rows: Rows, time: _Array) -> Figure:
@@ -225,10 +232,10 @@ def _flags(rows: Rows, time: _Array) -> Figure:
     figure = _figure(1, [_TIME], height=200 + 26 * len(flags))
     panel = _Panel(figure, 1, 1)
     for place, flag in enumerate(flags):
-        raised = (rows["quality_flags"] & int(flag)) != 0
-        raised[1:] |= raised[:-1]  # up to the next pose
+        is_raised = (rows["quality_flags"] & int(flag)) != 0
+        is_raised[1:] |= is_raised[:-1]  # up to the next pose
         level = trust(flag).value.lower()
-        y = np.where(raised, float(place), math.nan)
+        y = np.where(is_raised, float(place), math.nan)
         panel.line(f"trust: {level}", time, y, colour=level, width=9.0)
     figure.update_xaxes(range=[time.min(), time.max()])
     figure.update_yaxes(
@@ -264,13 +271,13 @@ def _learned(rows: Rows, time: _Array, depth: _Array) -> Figure:
 def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
     """The animation of the tool in the grains; none if it never was in the grains."""
     begin = rows["stamp"].min(initial=2**62)
-    shown = rows[~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)]
-    if not len(shown):
+    rows_in_grains = rows[~np.isnan(rows["predicted"][:, 0]) & (rows["depth"] > 0.0)]
+    if not len(rows_in_grains):
         return
     yield tool_figure(
         "Tool and traction",
         estimator.model,
-        played_motion(shown, estimator, begin=begin),
+        played_motion(rows_in_grains, estimator, begin=begin),
         surface_height=estimator.settings.surface_height,
         learned=estimator.settings.learning_mode == "apply",
         where="World axes; the surface is the one at the end. The slider selects a moment in the grains.",

@@ -81,21 +81,21 @@ def fault_of(name: str, error: Exception) -> str:
     return f"{name} is damaged: {reason}; try '{_REPAIRS[_kind(Path(name))]}'"
 
 
-def sources_of(bag: Path, opened: ExitStack) -> tuple[list[Source], list[str]]:
-    """The sources of a bag that can be opened, until `opened` is closed; and a sentence on each fault.
+def sources_of(bag: Path, stack: ExitStack) -> tuple[list[Source], list[str]]:
+    """The sources of a bag that can be opened, until `stack` is closed; and a sentence on each fault.
 
     Raises InputError for a path that is not a bag.
     """
     files, faults = _files_of(bag)
-    found = []
+    sources = []
     for file in files:
         try:
-            found.append(_opened(file, opened))
+            sources.append(_opened(file, stack))
         except InputError as error:
             faults.append(str(error))
         except Exception as error:  # parsers raise anything on damage
             faults.append(fault_of(file.name, error))
-    return found, faults
+    return sources, faults
 
 
 def _files_of(bag: Path) -> tuple[list[Path], list[str]]:
@@ -106,16 +106,16 @@ def _files_of(bag: Path) -> tuple[list[Path], list[str]]:
             names = read_metadata(bag)["relative_file_paths"]
             return [bag / Path(name).name for name in names], []
         except (InputError, LookupError, TypeError) as error:
-            without = "its files were read one by one, without a metadata.yaml that can be used"
-            faults = [f"{without} ({reason_of(error)}); 'ros2 bag reindex' writes it"]
+            fault = "its files were read one by one, without a metadata.yaml that can be used"
+            faults = [f"{fault} ({reason_of(error)}); 'ros2 bag reindex' writes it"]
             files = sorted(file for file in bag.iterdir() if _kind(file) in _REPAIRS)
     else:
         faults = []
         files = [bag] if _kind(bag) in _REPAIRS else []
     if not files:
-        known = ", ".join(_REPAIRS)
+        suffixes = ", ".join(_REPAIRS)
         raise InputError(
-            f"'{bag}' is not a bag: give a rosbag2 folder, a file that ends in {known}, or a .csv table"
+            f"'{bag}' is not a bag: give a rosbag2 folder, a file that ends in {suffixes}, or a .csv table"
         )
     return files, faults
 
@@ -125,30 +125,30 @@ def _kind(file: Path) -> str:
     return Path(file.stem).suffix if file.suffix in _PACKED_SUFFIXES else file.suffix
 
 
-def _opened(file: Path, opened: ExitStack) -> Source:
+def _opened(file: Path, stack: ExitStack) -> Source:
     """Open a file. Raises any exception at damage, and InputError for what is no file."""
-    intact = _unpacked(checked_file(file, "bag file", limit=None), opened)
-    unmerged = [
+    intact = _unpacked(checked_file(file, "bag file", limit=None), stack)
+    journals = [
         log
         for log in (f"{file.name}-wal", f"{file.name}-journal")
         if (file.parent / log).is_file()
     ]
-    if unmerged:
+    if journals:
         raise InputError(
-            f"{file.name} was not closed by its recorder: {unmerged[0]} has a part of it; "
+            f"{file.name} was not closed by its recorder: {journals[0]} has a part of it; "
             f"'sqlite3 {file.name} .schema' merges it"
         )
     try:
-        return _by_rosbags(file.name, intact, opened)
+        return _by_rosbags(file.name, intact, stack)
     except Exception:
         if intact.suffix != ".mcap":
             raise
-    return _by_index(file.name, intact, opened)
+    return _by_index(file.name, intact, stack)
 
 
-def _by_index(name: str, file: Path, opened: ExitStack) -> Source:
+def _by_index(name: str, file: Path, stack: ExitStack) -> Source:
     """An .mcap file of another recorder than that of ROS 2: rosbags refuses other profiles and schemas."""
-    stream = opened.enter_context(_Bounded(file).open())
+    stream = stack.enter_context(_Bounded(file).open())
     reader = make_reader(stream, validate_crcs=True)
     summary = reader.get_summary()
     if summary is None or summary.statistics is None:
@@ -174,11 +174,11 @@ def _by_index(name: str, file: Path, opened: ExitStack) -> Source:
     )
 
 
-def _by_rosbags(name: str, file: Path, opened: ExitStack) -> Source:
+def _by_rosbags(name: str, file: Path, stack: ExitStack) -> Source:
     ros1 = file.suffix == ".bag"
     reader = Reader1(_Bounded(file)) if ros1 else Reader2(_Bounded(file))
     reader.open()
-    opened.callback(reader.close)
+    stack.callback(reader.close)
     first = int(reader.start_time)
     last = int(reader.end_time) - 1
     if reader.message_count and last < first:
@@ -189,10 +189,12 @@ def _by_rosbags(name: str, file: Path, opened: ExitStack) -> Source:
         types.add((str(connection.topic), _type(connection.msgtype, encoding)))
 
     def read(topics: Collection[str], begin: int, end: int) -> Messages:
-        chosen = [connection for connection in reader.connections if connection.topic in topics]
-        if not chosen:  # of which rosbags would read all
+        connections = [
+            connection for connection in reader.connections if connection.topic in topics
+        ]
+        if not connections:  # of which rosbags would read all
             return
-        for connection, time, content in reader.messages(chosen, begin, end + 1):
+        for connection, time, content in reader.messages(connections, begin, end + 1):
             data = bytes(content)  # SQLite keeps anything in any column
             if data[:4] == _ZSTD:
                 data = zstandard.ZstdDecompressor().decompressobj().decompress(data)
@@ -230,13 +232,13 @@ class _Stream(io.BufferedReader):
         return super().readline(_MAX_LINE_BYTES)
 
 
-def _unpacked(file: Path, opened: ExitStack) -> Path:
+def _unpacked(file: Path, stack: ExitStack) -> Path:
     """The file, or an unpacked copy."""
     if file.suffix not in _PACKED_SUFFIXES:
         return file
-    copy = Path(opened.enter_context(TemporaryDirectory())) / file.stem
-    with file.open("rb") as packed, copy.open("wb") as out:
-        stream = zstandard.ZstdDecompressor().stream_reader(packed, read_across_frames=True)
+    copy = Path(stack.enter_context(TemporaryDirectory())) / file.stem
+    with file.open("rb") as packed_file, copy.open("wb") as out:
+        stream = zstandard.ZstdDecompressor().stream_reader(packed_file, read_across_frames=True)
         shutil.copyfileobj(stream, out)
     return copy
 

@@ -124,8 +124,10 @@ class Summary(Group):
             text.append(f"  not used or unanswered: {reason} {n}{frame}")
         flags = ", ".join(f"{name} {share}" for name, share in self.flag_rows())
         if flags:
-            trusted = ", ".join(f"{name} {n}" for name, n in self.trust.items())
-            text.append(f"  quality flags, of the poses in the grains: {flags}; trust: {trusted}")
+            trust_counts = ", ".join(f"{name} {n}" for name, n in self.trust.items())
+            text.append(
+                f"  quality flags, of the poses in the grains: {flags}; trust: {trust_counts}"
+            )
         if self.damage:
             text.append(f"  damage: {self.damage}")
         text += [f"  warning: {sentence}" for sentence in self.warnings]
@@ -152,16 +154,16 @@ def summary_of(
     faults of the set-up.
     """
     whole, phases = statistics(rows)
-    answered = rows["reason"] < 0
-    flags = rows["quality_flags"][answered]
-    in_grains = answered & (rows["depth"] > 0.0)
+    is_estimate = rows["reason"] < 0
+    flags = rows["quality_flags"][is_estimate]
+    in_grains = is_estimate & (rows["depth"] > 0.0)
     flags_in_grains = rows["quality_flags"][in_grains]
     shares = {
         flag.label: float(np.mean(flags_in_grains & flag > 0)) if len(flags_in_grains) else 0.0
         for flag in QualityFlag
         if flag
     }
-    by_flag = {flag.label: int(np.count_nonzero(flags & flag)) for flag in QualityFlag if flag}
+    flag_counts = {flag.label: int(np.count_nonzero(flags & flag)) for flag in QualityFlag if flag}
     levels = Counter(map(trust, flags.tolist()))
     # a fault of the load cell's zero says more, and is judged on the whole recording
     warnings = [
@@ -171,15 +173,15 @@ def summary_of(
     if error is not None and error > _LARGE_ERROR_SHARE:
         doctor = "check the set-up with rft doctor FILE --bag BAG"
         warnings.append(f"the median error is {100.0 * error:.0f} %: {doctor}")
-    impossible = by_flag[QualityFlag.IMPOSSIBLE.label]
-    first_depth = float(rows["depth"][np.argmax(answered)]) if answered.any() else 0.0
+    impossible = flag_counts[QualityFlag.IMPOSSIBLE.label]
+    first_depth = float(rows["depth"][np.argmax(is_estimate)]) if is_estimate.any() else 0.0
     if impossible:
         warnings.append(f"{QualityFlag.IMPOSSIBLE.sentence} (at {impossible:,} poses)")
     elif first_depth > TOUCH_DEPTH_M:
         warnings.append(begins_in_grains(first_depth))
     return Summary(
         **vars(whole),
-        quality_flags=by_flag,
+        quality_flags=flag_counts,
         trust={level.value: levels[level] for level in Trust},
         in_grains=len(flags_in_grains),
         flag_shares=shares,
@@ -191,32 +193,32 @@ def summary_of(
 
 def statistics(rows: Rows) -> tuple[Group, dict[str, PhaseGroup]]:
     """Statistics of all estimates, and of each phase by name; a phase has them also by depth in the grains."""
-    answered = rows["reason"] < 0
+    is_estimate = rows["reason"] < 0
     depth = rows["depth"]
-    measured = np.linalg.norm(rows["compensated"][:, FORCE], axis=1)
-    least = _MIN_FORCE_SHARE * float(np.fmax.reduce(measured, initial=0.0))
-    edges = _bin_edges(float(depth[answered].max(initial=0.0)))
+    force = np.linalg.norm(rows["compensated"][:, FORCE], axis=1)
+    least = _MIN_FORCE_SHARE * float(np.fmax.reduce(force, initial=0.0))
+    edges = _bin_edges(float(depth[is_estimate].max(initial=0.0)))
     bin_of = np.where(depth > 0.0, np.digitize(depth, edges[1:-1]), -1)
     groups = {}
     for code, phase in enumerate(PHASES):
         in_phase = rows["phase"] == code
-        chosen = in_phase & answered
-        by_depth = {}
+        is_counted = in_phase & is_estimate
+        depth_bins = {}
         for k, (low, high) in enumerate(itertools.pairwise(1e3 * edges)):
-            in_bin = chosen & (bin_of == k)
+            in_bin = is_counted & (bin_of == k)
             if in_bin.any():
-                by_depth[f"{low:g}-{high:g}mm"] = _group(rows, in_bin, least)
-        own = vars(_group(rows, chosen, least))
-        groups[phase] = PhaseGroup(**own, poses=int(in_phase.sum()), depth_bins=by_depth)
-    return _group(rows, answered, least), groups
+                depth_bins[f"{low:g}-{high:g}mm"] = _group(rows, in_bin, least)
+        group = vars(_group(rows, is_counted, least))
+        groups[phase] = PhaseGroup(**group, poses=int(in_phase.sum()), depth_bins=depth_bins)
+    return _group(rows, is_estimate, least), groups
 
 
-def _group(rows: Rows, chosen: NDArray[np.bool_], least_force: float) -> Group:
+def _group(rows: Rows, is_counted: NDArray[np.bool_], least_force: float) -> Group:
     """Statistics of the chosen rows, shape [n]. The relative error is taken of forces over `least_force` [N]."""
     wrenches = {
-        "measured": _with_magnitudes(rows["compensated"][chosen]),
-        "predicted": _with_magnitudes(rows["predicted"][chosen]),
-        "residual": _with_magnitudes(rows["residual"][chosen]),
+        "measured": _with_magnitudes(rows["compensated"][is_counted]),
+        "predicted": _with_magnitudes(rows["predicted"][is_counted]),
+        "residual": _with_magnitudes(rows["residual"][is_counted]),
     }
     wrench = {}
     for column, name in enumerate(_COMPONENTS):
@@ -225,18 +227,18 @@ def _group(rows: Rows, chosen: NDArray[np.bool_], least_force: float) -> Group:
     big = force > least_force
     relative = wrenches["residual"][big, _SIZE_OF_FORCE] / force[big]
     in_grains = np.any(wrenches["predicted"][:, FORCE], axis=1)
-    sigma = rows["sigma"][chosen][in_grains, FORCE]
+    sigma = rows["sigma"][is_counted][in_grains, FORCE]
     scores = np.abs(wrenches["residual"][in_grains, FORCE]) / sigma
-    known = scores[~np.isnan(scores)]
+    numbers = scores[~np.isnan(scores)]
     rms = wrench["force"]["residual"]["rms"]
     peak = wrench["force"]["measured"]["peak"]
     return Group(
-        estimates=int(chosen.sum()),
+        estimates=int(is_counted.sum()),
         wrench=wrench,
         rms_over_peak=rms / peak if rms is not None and peak else None,
         median_relative_error=float(np.median(relative)) if len(relative) else None,
-        within_sigma=float(np.mean(known < 1.0)) if len(known) else None,
-        within_two_sigma=float(np.mean(known < 2.0)) if len(known) else None,
+        within_sigma=float(np.mean(numbers < 1.0)) if len(numbers) else None,
+        within_two_sigma=float(np.mean(numbers < 2.0)) if len(numbers) else None,
     )
 
 
@@ -248,22 +250,22 @@ def _with_magnitudes(wrenches: _Array) -> _Array:
 
 
 def _spread(values: _Array) -> dict[str, float | None]:
-    known = values[~np.isnan(values)]
-    if not len(known):
+    numbers = values[~np.isnan(values)]
+    if not len(numbers):
         return {"rms": None, "peak": None, "mean": None}
-    rms = math.sqrt(float(np.mean(known * known)))
-    return {"rms": rms, "peak": float(np.abs(known).max()), "mean": float(known.mean())}
+    rms = math.sqrt(float(np.mean(numbers * numbers)))
+    return {"rms": rms, "peak": float(np.abs(numbers).max()), "mean": float(numbers.mean())}
 
 
 def _bin_edges(deepest: float) -> _Array:
     """Edges [m] of at most ten bins from 0 to `deepest`, whose width is 1, 2 or 5 times a power of ten."""
     if not deepest > 0.0:
         return np.zeros(1)
-    below = deepest * (1.0 - 1e-9)
-    power = 10.0 ** math.floor(math.log10(below / _MAX_BIN_COUNT))
+    edge = deepest * (1.0 - 1e-9)
+    power = 10.0 ** math.floor(math.log10(edge / _MAX_BIN_COUNT))
     widths = [factor * power for factor in (1, 2, 5, 10)]
-    width = next(width for width in widths if below < _MAX_BIN_COUNT * width)
-    return np.asarray(width * np.arange(math.ceil(below / width) + 1))
+    width = next(width for width in widths if edge < _MAX_BIN_COUNT * width)
+    return np.asarray(width * np.arange(math.ceil(edge / width) + 1))
 
 
 METRIC_HEADS = (
@@ -315,14 +317,14 @@ def read_limits(file: Path) -> dict[str, tuple[float, float]]:
             f"limits file '{file}' has no metrics; write lines such as 'estimates: {{min: 1000}}'"
         )
     limits = {}
-    for metric, given in tree.items():
-        bounds = given if isinstance(given, dict) else {}
+    for metric, value in tree.items():
+        bounds = value if isinstance(value, dict) else {}
         low = bounds.get("min", -math.inf)
         high = bounds.get("max", math.inf)
         are_numbers = all(type(bound) in (int, float) for bound in (low, high))
         if not bounds or bounds.keys() - {"min", "max"} or not are_numbers or low > high:
             must = "it must be {min: NUMBER, max: NUMBER} or one of them, of finite numbers, min not above max"
-            raise InputError(f"limits file '{file}': {metric} is {shown(given)}; {must}")
+            raise InputError(f"limits file '{file}': {metric} is {shown(value)}; {must}")
         limits[metric] = (low, high)
     return limits
 
@@ -333,11 +335,11 @@ def check(limits: dict[str, tuple[float, float]], summary: Summary) -> list[tupl
     checks = []
     for metric, (low, high) in limits.items():
         value = values.get(metric)
-        kept = False
+        is_kept = False
         number = "no value"
         if isinstance(value, int | float):
-            kept = low <= value <= high
+            is_kept = low <= value <= high
             number = f"{value:.5g}"
-        verdict = "ok    " if kept else "FAILED"
-        checks.append((kept, f"  {verdict} {metric}: {number} (min {low:g}, max {high:g})"))
+        verdict = "ok    " if is_kept else "FAILED"
+        checks.append((is_kept, f"  {verdict} {metric}: {number} (min {low:g}, max {high:g})"))
     return checks

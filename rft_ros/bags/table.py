@@ -48,14 +48,16 @@ def _check_digits_of_times(rows: TableColumns, named: str) -> None:
     """Raise InputError if rows with different poses have the same time, as where a logger writes six digits."""
     at_pose = rows.at(rows.has_any(STATE[POSE]))
     steps = np.diff(at_pose.columns["t"])
-    moved = (np.diff(columns_of(at_pose, STATE[POSE]), axis=0) != 0.0).any(axis=1)
-    repeated = moved & (steps == 0.0)
-    if moved.any() and repeated.sum() > MAX_REPEATED_SHARE * moved.sum():
-        line = at_pose.lines[1 + int(np.argmax(repeated))]
-        same = (
+    has_moved = (np.diff(columns_of(at_pose, STATE[POSE]), axis=0) != 0.0).any(axis=1)
+    is_repeat = has_moved & (steps == 0.0)
+    if has_moved.any() and is_repeat.sum() > MAX_REPEATED_SHARE * has_moved.sum():
+        line = at_pose.lines[1 + int(np.argmax(is_repeat))]
+        sentence = (
             f"t is {at_pose.columns['t'][0]:.15g} again in line {line}, where the pose has changed"
         )
-        raise InputError(f"{named}: {same}; write t with more digits, to the millisecond or finer")
+        raise InputError(
+            f"{named}: {sentence}; write t with more digits, to the millisecond or finer"
+        )
 
 
 def config_of_tables(config: Config) -> Config:
@@ -93,14 +95,14 @@ def source_of_table(
             columns[role] = columns_of(rows, names).tolist()
             has_message[role] = rows.has_any(names).tolist()
 
-    def read(wanted: Collection[str], first: int, last: int) -> Messages:
+    def read(asked_topics: Collection[str], first: int, last: int) -> Messages:
         for k, stamp in enumerate(stamps):
             for role, numbers in columns.items():
-                is_asked = first <= stamp <= last and topics[role] in wanted
+                is_asked = first <= stamp <= last and topics[role] in asked_topics
                 if is_asked and has_message[role][k]:
                     frame = settings.sensor_frame if role == "wrench" else settings.world_frame
-                    serialised = stamped_cdr(frame, len(numbers[k]))
-                    yield stamp, topics[role], serialised(stamp, numbers[k])
+                    serialise = stamped_cdr(frame, len(numbers[k]))
+                    yield stamp, topics[role], serialise(stamp, numbers[k])
 
     return Source(
         name=file.name,

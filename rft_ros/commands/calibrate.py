@@ -23,7 +23,7 @@ def calibrate_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("bags", type=Path, nargs="+", metavar="BAG", help=options.RECORDING)
     params = "the node's own parameter file"
     command.add_argument("--params", type=Path, required=True, metavar="FILE.yaml", help=params)
-    options.share(command, *options.OF_RECORDING[1:])
+    options.share(command, *options.RECORDING_OPTIONS[1:])
     command.add_argument(
         "-o", "--output", type=Path, required=True, metavar="CALIBRATED.yaml", help="file to write"
     )

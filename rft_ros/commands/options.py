@@ -9,23 +9,29 @@ from typing import Any
 
 from rft_ros.bags.options import ReplayOptions, read_replay_options
 from rft_ros.files import refuse_overwriting
-from rft_ros.parameters import NODE, OPTIONS, Config, config_of_options, read_parameter_file
+from rft_ros.parameters import (
+    NODE,
+    OPTIONS,
+    Config,
+    MediumConfig,
+    config_of_options,
+    read_parameter_file,
+)
+from rft_ros.parameters.parameter import parameter_fields
 from rft_ros.rft import ALPHA_Y_MODELS, MEDIA
 
 BAG = "rosbag2 folder (MCAP or sqlite3), .mcap or .db3 file, also with .zstd, or ROS 1 .bag"
 RECORDING = f"{BAG}; or a .csv table with the columns t,px..qw, and if known vx..wz and fx..tz"
 
-PLACED = ("--scale", "--origin", "--rotate", "--hull")
-OF_LAW = (
-    "--law",
-    "--medium",
-    "--zeta",
-    "--alpha-y",
-    "--density",
-    "--inertia",
-    "--surface-friction",
+MESH_OPTIONS = ("--scale", "--origin", "--rotate", "--hull")
+LAW_OPTIONS = tuple(
+    f"--{parameter.option.replace('_', '-')}"
+    for parameter in parameter_fields(MediumConfig).values()
+    if parameter.option and parameter.option != "mobilization_length"
 )
-OF_RECORDING = ("--params", "--node", "--remap", "--columns", "--start", "--end")
+"""The options of all numbers of a law but its memory, which only evaluations in time have."""
+
+RECORDING_OPTIONS = ("--params", "--node", "--remap", "--columns", "--start", "--end")
 
 _AXES = ("X", "Y", "Z", "W")
 

@@ -26,7 +26,7 @@ def predict_options(command: argparse.ArgumentParser) -> None:
     )
     options.share(command, "--columns")
     command.add_argument("--mesh", required=True, metavar="FILE", help=MESH)
-    options.share(command, *options.PLACED, *options.OF_LAW)
+    options.share(command, *options.MESH_OPTIONS, *options.LAW_OPTIONS)
     options.share(command, *_OF_EVALUATION)
     _add_memory(command)
     header = "file to write: t,fx,fy,fz,tx,ty,tz [s, N, N m], on the tool, world axes, about the tool frame's origin"
@@ -90,9 +90,9 @@ def predict(arguments: argparse.Namespace) -> int:
     return 0
 
 
-_SHARED_FOR_STATES = (*options.PLACED, *options.OF_LAW, *_OF_EVALUATION)
+_SHARED_FOR_STATES = (*options.MESH_OPTIONS, *options.LAW_OPTIONS, *_OF_EVALUATION)
 _FOR_STATES = ("--columns", "--mesh", "--mobilization-length", *_SHARED_FOR_STATES)
-_FOR_BAG = tuple(option for option in options.OF_RECORDING if option != "--columns")
+_FOR_BAG = tuple(option for option in options.RECORDING_OPTIONS if option != "--columns")
 
 
 def view_options(command: argparse.ArgumentParser) -> None:

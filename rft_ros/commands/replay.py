@@ -21,7 +21,7 @@ def replay_options(command: argparse.ArgumentParser) -> None:
     command.add_argument(
         "-o", "--output", type=Path, required=True, metavar="DIR", help="folder for the results"
     )
-    options.share(command, *options.OF_RECORDING)
+    options.share(command, *options.RECORDING_OPTIONS)
     tare = "take the load cell's bias from the first S seconds; 0: none (default: the parameter file's, else none)"
     command.add_argument("--tare", type=options.number, metavar="S", help=tare)
     limits = "exit with 1 if a metric of a bag's summary is outside its limits"

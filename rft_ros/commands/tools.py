@@ -15,7 +15,7 @@ from rft_ros.tool import describe_hollow, describe_tool
 
 def check_mesh_options(command: argparse.ArgumentParser) -> None:
     command.add_argument("mesh", metavar="FILE", help=MESH)
-    options.share(command, *options.PLACED)
+    options.share(command, *options.MESH_OPTIONS)
 
 
 def check_mesh(arguments: argparse.Namespace) -> int:

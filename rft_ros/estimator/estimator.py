@@ -122,23 +122,25 @@ class Estimator:
 
         With learning also readings that no strength of the grains explains.
         """
-        found = []
+        sentences = []
         if self.ground is not None and self.ground.issue:
-            found.append(self.ground.issue)
+            sentences.append(self.ground.issue)
         jumps = self._lifetimes.motion.jumps.sentence
         if jumps:
-            found.append(jumps)
+            sentences.append(jumps)
         elif self.pose_noise > NOISY and not sentence_on(
             self.model.tool, depth=self.depth(), force=0.0
         ):
-            found.append(NOISY_SENTENCE)
+            sentences.append(NOISY_SENTENCE)
         if self._intake.unknown_axes:
             axes = ", ".join(self._intake.unknown_axes)
-            found.append(f"the load cell gives no number on {axes}: check its driver and cable")
-        found += self._lifetimes.contact.unseen.sentences(self.settings.calibrated_motions)
+            sentences.append(
+                f"the load cell gives no number on {axes}: check its driver and cable"
+            )
+        sentences += self._lifetimes.contact.unseen.sentences(self.settings.calibrated_motions)
         if self.learning is not None and self.learning.excludes_readings:
-            found.append(UNEXPLAINED_SENTENCE)
-        return found + self._lifetimes.air.issues()
+            sentences.append(UNEXPLAINED_SENTENCE)
+        return sentences + self._lifetimes.air.issues()
 
     @property
     def pose_noise(self) -> float:
@@ -229,17 +231,17 @@ class Estimator:
 
     def _follow_changes(self) -> None:
         """End what ends with the changes since the last call: of the settings, the model, or the sensor's place."""
-        before = self._compared
+        old_values = self._compared
         self._compared = self._values_compared()
-        self._end(changes(before, self._compared))
+        self._end(changes(old_values, self._compared))
 
-    def _end(self, changed: Change) -> None:
+    def _end(self, change: Change) -> None:
         """Make anew what ends with these changes."""
-        if not changed:
+        if not change:
             return
-        if changed & (TABLE["readings"].ends_with | Change.JUMP):
+        if change & (TABLE["readings"].ends_with | Change.JUMP):
             self._comparison.settle(math.inf, self._lifetimes)
-        self._lifetimes = self._lifetimes.after(changed, self.settings, self.model)
+        self._lifetimes = self._lifetimes.after(change, self.settings, self.model)
 
     # --- samples
 

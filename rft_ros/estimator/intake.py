@@ -220,7 +220,7 @@ class Intake:
         mapper.add(cloud, camera)
 
     def _linked(
-        self, role: str, stamp: int, frame: str, *expected: str
+        self, role: str, stamp: int, frame: str, *expected_frames: str
     ) -> tuple[str, Placement | None]:
         """The first of the expected frames to which fixed transforms link a frame, and the frame's placement there.
 
@@ -229,31 +229,33 @@ class Intake:
         """
         if stamp <= 0:
             raise RefusedError(Reason(f"{role}_stamp_zero"))
-        if frame in expected:
+        if frame in expected_frames:
             return frame, None
-        for target in expected:
+        for target in expected_frames:
             if (placement := self.transforms.fixed(target, frame)) is not None:
                 return target, placement
         reason = Reason(f"{role}_frame_unknown")
-        self._unknown[reason] = frame, *expected
+        self._unknown[reason] = frame, *expected_frames
         raise RefusedError(reason)
 
     def unknown_frames(self) -> dict[Reason, str]:
         """For each reason the frame refused last under these settings, unless it is linked now, and what to do."""
         s = self._settings
         tree = self.transforms
-        found = dict[Reason, str]()
-        for reason, (frame, *expected) in self._unknown.items():
-            if all(tree.fixed(target, frame) is None for target in expected):
-                found[reason] = _UNKNOWN[reason].format(frame, *expected)
+        faults = dict[Reason, str]()
+        for reason, (frame, *expected_frames) in self._unknown.items():
+            if all(tree.fixed(target, frame) is None for target in expected_frames):
+                faults[reason] = _UNKNOWN[reason].format(frame, *expected_frames)
         if tool := tree.unlinked("tool_frame", s.tool_frame, s.world_frame):
-            found[Reason.TF_FRAME_UNKNOWN] = tool
+            faults[Reason.TF_FRAME_UNKNOWN] = tool
         sensor = tree.unlinked("sensor_frame", s.sensor_frame, s.tool_frame, fixed=True)
         if sensor and s.sensor_source == "tf":
-            found[Reason.SENSOR_FRAME_UNKNOWN] = sensor
-        said = {reason: f"{sentence}; {_LINK}" for reason, sentence in found.items()}
-        said |= {reason: f"{sentence}; {_CORRECT}" for reason, sentence in tree.sentences.items()}
-        return {reason: sentence for reason, sentence in said.items() if self._counts[reason]}
+            faults[Reason.SENSOR_FRAME_UNKNOWN] = sensor
+        sentences = {reason: f"{sentence}; {_LINK}" for reason, sentence in faults.items()}
+        sentences |= {
+            reason: f"{sentence}; {_CORRECT}" for reason, sentence in tree.sentences.items()
+        }
+        return {reason: sentence for reason, sentence in sentences.items() if self._counts[reason]}
 
     # --- poses from transforms
 
@@ -311,13 +313,13 @@ class Intake:
         A pose whose transforms will not come any more is dropped, and the reason is counted.
         """
         s = self._settings
-        found: list[PoseSample] = []
+        poses: list[PoseSample] = []
         may_come = (Reason.TF_STALE, Reason.TF_FRAME_UNKNOWN)
         while self._wanted:
             stamp = self._wanted[0]
             place = self.transforms.at(s.world_frame, s.tool_frame, stamp, s.max_age)
             if isinstance(place, Placement):
-                found.append(PoseSample(stamp, s.world_frame, *place))
+                poses.append(PoseSample(stamp, s.world_frame, *place))
             elif (
                 place in may_come
                 and now <= stamp + PATIENCE_NS
@@ -327,4 +329,4 @@ class Intake:
             else:
                 self._counts[place] += 1
             self._wanted.popleft()
-        return found
+        return poses

@@ -127,16 +127,16 @@ class Lifetimes:
         """All values as they are before the first sample."""
         return cls(**{name: part.made(settings, model) for name, part in TABLE.items()})
 
-    def after(self, changed: Change, settings: Settings, model: Model) -> "Lifetimes":
+    def after(self, change: Change, settings: Settings, model: Model) -> "Lifetimes":
         """The values after changes. `settings` and `model`: the new ones. Compare what waits for readings before."""
-        if changed & PLACE and self.learning is not None:
+        if change & PLACE and self.learning is not None:
             self.learning.forget_place()
-        made_anew = {
+        new_values = {
             name: part.made(settings, model)
             for name, part in TABLE.items()
-            if changed & part.ends_with
+            if change & part.ends_with
         }
-        return replace(self, **made_anew)
+        return replace(self, **new_values)
 
     def begin_run(self, stamp: int) -> None:
         """Drop the samples of the run before the one that begins at a pose with this stamp [ns]."""
@@ -202,6 +202,6 @@ def compared(
     }
 
 
-def changes(before: dict[Change, object], after: dict[Change, object]) -> Change:
+def changes(old: dict[Change, object], new: dict[Change, object]) -> Change:
     """The changes between two results of `compared`."""
-    return reduce(or_, [change for change in after if after[change] != before[change]], Change(0))
+    return reduce(or_, [change for change in new if new[change] != old[change]], Change(0))

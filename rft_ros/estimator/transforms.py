@@ -17,8 +17,8 @@ from rft_ros.estimator.timeline import (
 from rft_ros.rft import unit_quaternion
 from rft_ros.rft.frames import Placement
 
-_HISTORY = 1024  # transforms kept of a moving frame: 2 s at 500 Hz, twice `PATIENCE_NS`
-_MOST_LISTED = 20
+_HISTORY_COUNT = 1024  # transforms kept of a moving frame: 2 s at 500 Hz, twice `PATIENCE_NS`
+_MAX_LISTED_COUNT = 20
 
 
 class Transforms:
@@ -80,7 +80,7 @@ class Transforms:
         if follows is NEW_RUN:
             self.start_run(sample.stamp)
         if not goes_on or follows is NEW_RUN:
-            self._frames[child] = Timeline(maxlen=_HISTORY)
+            self._frames[child] = Timeline(maxlen=_HISTORY_COUNT)
         stamp = 0 if sample.fixed else sample.stamp  # a fixed transform is before all others
         self._frames[child].append(sample._replace(stamp=stamp, quaternion=quaternion))
         if not (goes_on and is_same_link and follows is NEXT):
@@ -158,24 +158,25 @@ class Transforms:
     def frames(self) -> list[str]:
         """The frames, each with its parent, such as ``'tool' in 'flange' (fixed)``; at most 20, and how many more."""
         found = [_described(link) for _, link in sorted(self._links().items())]
-        if len(found) <= _MOST_LISTED:
+        if len(found) <= _MAX_LISTED_COUNT:
             return found
-        return [*found[:_MOST_LISTED], f"{len(found) - _MOST_LISTED:,} more"]
+        return [*found[:_MAX_LISTED_COUNT], f"{len(found) - _MAX_LISTED_COUNT:,} more"]
 
     def unlinked(
-        self, parameter: str, frame: str, other: str, *, fixed: bool = False
+        self, parameter: str, frame: str, other_frame: str, *, fixed: bool = False
     ) -> str | None:
-        """A sentence if no transforms link `frame`, the value of `parameter`, and `other`; None if some do.
+        """A sentence if no transforms link `frame`, the value of `parameter`, and `other_frame`; None if some do.
 
         `fixed`: only fixed transforms count.
         """
-        linked = self.fixed(other, frame) if fixed else self._way(other, frame)
-        if linked is not None:
+        link = self.fixed(other_frame, frame) if fixed else self._way(other_frame, frame)
+        if link is not None:
             return None
         missing = f"no transform names {parameter} {frame!r}"
         links = self._links()
         if frame in links or any(link.parent == frame for link in links.values()):
-            missing = f"no {'fixed transforms' if fixed else 'transforms'} link {parameter} {frame!r} and {other!r}"
+            kind = "fixed transforms" if fixed else "transforms"
+            missing = f"no {kind} link {parameter} {frame!r} and {other_frame!r}"
         return f"{missing}; there are {', '.join(self.frames()) or 'none'}"
 
     def links(self, target: str, source: str) -> list[str]:
@@ -218,8 +219,8 @@ class Transforms:
         """A frame's parent at a stamp [ns]; None at the root of the tree."""
         if frame not in self._frames:
             return None
-        before, after, _ = self._frames[frame].around(stamp)
-        link = before or after
+        transform_before, transform_after, _ = self._frames[frame].around(stamp)
+        link = transform_before or transform_after
         return link.parent if link else None
 
     def _way(
@@ -249,18 +250,20 @@ def _placed(frame: Timeline[TransformSample], stamp: int, max_age: int) -> Place
 
     Both are within `max_age` [ns] of the stamp. If the parent changes between them, the one before the stamp is used.
     """
-    before, after, share = frame.around(stamp)
-    if before is None:
+    transform_before, transform_after, share = frame.around(stamp)
+    if transform_before is None:
         return Reason.TF_MISSING
-    if not before.fixed and before.stamp < stamp:
-        if after is None:
+    if not transform_before.fixed and transform_before.stamp < stamp:
+        if transform_after is None:
             return Reason.TF_STALE
-        if max(after.stamp - stamp, stamp - before.stamp) > max_age:
+        if max(transform_after.stamp - stamp, stamp - transform_before.stamp) > max_age:
             return Reason.TF_GAP
-        if after.parent == before.parent:
-            x, y, z = interpolated(before.position, after.position, share)
-            return Placement((x, y, z), slerp(before.quaternion, after.quaternion, share))
-    return Placement(before.position, before.quaternion)
+        if transform_after.parent == transform_before.parent:
+            x, y, z = interpolated(transform_before.position, transform_after.position, share)
+            return Placement(
+                (x, y, z), slerp(transform_before.quaternion, transform_after.quaternion, share)
+            )
+    return Placement(transform_before.position, transform_before.quaternion)
 
 
 def _described(sample: TransformSample) -> str:

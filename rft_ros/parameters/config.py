@@ -209,10 +209,10 @@ class MediumConfig:
             found["table"] = AlphaYTable(file=self.alpha_y_table)
         return found
 
-    def law_of(self, loaded: Mapping[str, Any]) -> Law:
-        """The law. `loaded`: of `load_parts`, those of the medium and of α_y."""
-        medium = loaded.get("medium") or medium_named(self.name)
-        alpha_y = alpha_y_model(self.alpha_y_model, medium, loaded.get("table"))
+    def law_of(self, parts_by_name: Mapping[str, Any]) -> Law:
+        """The law. `parts_by_name`: of `load_parts`, those of the medium and of α_y."""
+        medium = parts_by_name.get("medium") or medium_named(self.name)
+        alpha_y = alpha_y_model(self.alpha_y_model, medium, parts_by_name.get("table"))
         numbers = {name: getattr(self, name) for name in LAW_NUMBERS}
         return law_named(self.law, medium, alpha_y, **numbers)
 
@@ -389,14 +389,16 @@ class Config:
             )
         return found | self.medium.parts()
 
-    def model(self, loaded: Mapping[str, Any] | None = None, *, generation: int = 0) -> Model:
-        """The model. `loaded`: by `load_parts`; None: the parts are loaded here. Raises InputError."""
-        if loaded is None:
-            loaded = load_parts(self.parts())
+    def model(
+        self, parts_by_name: Mapping[str, Any] | None = None, *, generation: int = 0
+    ) -> Model:
+        """The model. `parts_by_name`: by `load_parts`; None: the parts are loaded here. Raises InputError."""
+        if parts_by_name is None:
+            parts_by_name = load_parts(self.parts())
         return Model(
-            tool=loaded["tool"],
-            law=self.medium.law_of(loaded),
-            ground=loaded.get("ground"),
+            tool=parts_by_name["tool"],
+            law=self.medium.law_of(parts_by_name),
+            ground=parts_by_name.get("ground"),
             generation=generation,
         )
 

@@ -83,8 +83,8 @@ class Parameter:
         numbers = tuple(map(self._number, value))
         return self._unit(numbers) if self.kind == "quaternion" else numbers
 
-    def _refuse(self, value: object, wanted: str) -> NoReturn:
-        raise InputError(f"{self.name} is {shown(value)}; it must be {wanted}")
+    def _refuse(self, value: object, allowed_values: str) -> NoReturn:
+        raise InputError(f"{self.name} is {shown(value)}; it must be {allowed_values}")
 
     def _text(self, value: object) -> str:
         if value is False and "off" in self.choices:  # as YAML reads an unquoted off
@@ -101,11 +101,11 @@ class Parameter:
         return value
 
     def _number(self, value: object) -> float:
-        wanted = "a finite number (such as 1.0)"
+        allowed_values = "a finite number (such as 1.0)"
         if isinstance(value, bool) or not isinstance(value, int | float):
-            self._refuse(value, wanted)
+            self._refuse(value, allowed_values)
         if not abs(value) <= _LARGEST:
-            self._refuse(value, wanted)
+            self._refuse(value, allowed_values)
         low, high = self.bounds
         if not low <= value <= high:
             raise InputError(f"{self.name} is {value:g}; it must lie between {low:g} and {high:g}")

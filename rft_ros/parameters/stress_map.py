@@ -61,44 +61,44 @@ class MediumFit:
     @property
     def remarks(self) -> list[str]:
         """Sentences on stresses without a cell, and on the coefficients that the generic medium times ζ fills in."""
-        filled = [name for name, error in self.errors.items() if np.isnan(error)]
-        if not filled:
+        open_names = [name for name, error in self.errors.items() if np.isnan(error)]
+        if not open_names:
             return []
         return [
             *(f"no {stress} was measured" for stress in self.unmeasured),
-            f"{', '.join(filled)}: not identifiable from the measured stresses and angles; "
+            f"{', '.join(open_names)}: not identifiable from the measured stresses and angles; "
             f"the generic medium times {self.zeta:.3g} fills in",
         ]
 
 
-def fit_medium(measured: StressMap, *, name: str) -> MediumFit:
+def fit_medium(stress_map: StressMap, *, name: str) -> MediumFit:
     """The coefficients that fit the map best in the sense of least squares; cells without a number do not count.
 
     Raises ValueError where the map has no stress at all, or stresses that point along the motion.
     """
-    stress = np.array([measured.alpha_x, measured.alpha_z])
+    stress = np.array([stress_map.alpha_x, stress_map.alpha_z])
     if not np.nan_to_num(stress).any():
         raise ValueError("no cell has a stress that is a number other than 0")
-    generic = np.array(MEDIA["generic"].stresses(measured.beta, measured.gamma))
+    generic = np.array(MEDIA["generic"].stresses(stress_map.beta, stress_map.gamma))
     generic_there = generic[np.isfinite(stress)]
     stress_there = stress[np.isfinite(stress)]
     zeta = max(float(generic_there @ stress_there / (generic_there @ generic_there)), 0.0)
-    terms_of_z, terms_of_x = stress_terms(measured.beta, measured.gamma)
+    terms_of_z, terms_of_x = stress_terms(stress_map.beta, stress_map.gamma)
     coefficients: dict[str, float] = {}
     errors: dict[str, float] = {}
     for names, terms, values in (
-        (OF_ALPHA_Z, terms_of_z, measured.alpha_z),
-        (OF_ALPHA_X, terms_of_x, measured.alpha_x),
+        (OF_ALPHA_Z, terms_of_z, stress_map.alpha_z),
+        (OF_ALPHA_X, terms_of_x, stress_map.alpha_x),
     ):
         start = np.array([zeta * MEDIA["generic"].coefficients[name] for name in names])
         best, error = _least_squares(terms, values, start)
         coefficients |= dict(zip(names, best.tolist(), strict=True))
         errors |= dict(zip(names, error.tolist(), strict=True))
-    fitted = checked_medium(Medium.of(name, coefficients))
-    residual = stress - fitted.stresses(measured.beta, measured.gamma)
-    doubts = _units(zeta) or _far_cells(measured, residual, size=_rms(stress))
+    medium = checked_medium(Medium.of(name, coefficients))
+    residual = stress - medium.stresses(stress_map.beta, stress_map.gamma)
+    doubts = _units(zeta) or _far_cells(stress_map, residual, size=_rms(stress))
     return MediumFit(
-        medium=replace(fitted, doubts=tuple(doubts)),
+        medium=replace(medium, doubts=tuple(doubts)),
         errors=errors,
         unmeasured=tuple(
             name
@@ -137,7 +137,7 @@ def _units(zeta: float) -> list[str]:
     ]
 
 
-def _far_cells(measured: StressMap, residual: Array, *, size: float) -> list[str]:
+def _far_cells(stress_map: StressMap, residual: Array, *, size: float) -> list[str]:
     """A sentence on the worst cells, where the fit leaves much of the stress, or some cells stand out.
 
     Both come of swapped columns, of copied cells, of wrong signs and of angles that are counted from elsewhere.
@@ -150,7 +150,7 @@ def _far_cells(measured: StressMap, residual: Array, *, size: float) -> list[str
         return []
     cells = []
     for k in np.argsort(far)[::-1][:_LISTED_CELL_COUNT]:
-        beta, gamma = np.rad2deg([measured.beta[k], measured.gamma[k]])
+        beta, gamma = np.rad2deg([stress_map.beta[k], stress_map.gamma[k]])
         cells.append(f"beta {beta:.4g}, gamma {gamma:.4g} (by {far[k]:.3g} N/cm³)")
     return [
         f"the fit leaves {misfit:.3g} of {size:.3g} N/cm³ (RMS); "
@@ -171,8 +171,8 @@ def _least_squares(terms: Array, values: Array, start: Array) -> tuple[Array, Ar
     # a combination is a column
     mean_squares, combinations = np.linalg.eigh(terms_there.T @ terms_there / count)
     is_known = mean_squares > _OPEN_SHARE**2
-    known = combinations[:, is_known]
-    inverse = known / mean_squares[is_known] @ known.T / count
+    determined_combinations = combinations[:, is_known]
+    inverse = determined_combinations / mean_squares[is_known] @ determined_combinations.T / count
     best = start + inverse @ terms_there.T @ (values_there - terms_there @ start)
     residual = values_there - terms_there @ best
     freedom = len(values_there) - int(is_known.sum())

@@ -10,10 +10,10 @@ which gives a flat plate 21 % more force and lets the grains pull at 12 % of all
 
 from dataclasses import dataclass, field
 from math import radians, sin, sqrt
-from typing import ClassVar
+from typing import ClassVar, NamedTuple
 
 from rft_ros.rft.arguments import number
-from rft_ros.rft.grains import AGARWAL2023, GranularLaw, PackedLaw, pack
+from rft_ros.rft.grains import AGARWAL2023, GranularLaw, PackedLaw, own_numbers, pack
 from rft_ros.rft.kernel.compilation import inlined
 
 # fmt: off
@@ -44,6 +44,15 @@ _UPRIGHT = 1.0 / sin(radians(5.0))
 _TINY = 1e-290
 
 
+class Own(NamedTuple):
+    """The numbers of this law alone, for the compiled loop."""
+
+    surface_friction: float  # of Eq. (12), no unit
+
+
+_numbers_of = own_numbers(Own)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Agarwal2023(GranularLaw):
     """The grains by this law.
@@ -59,13 +68,10 @@ class Agarwal2023(GranularLaw):
 
     def __post_init__(self) -> None:
         GranularLaw.__post_init__(self)
-        numbers = {
-            **self.shared(self.stiffness),
-            "surface_friction": number(
-                "medium.surface_friction", self.surface_friction, least=0.0
-            ),
-        }
-        object.__setattr__(self, "packed", pack(AGARWAL2023, numbers))
+        friction = number("medium.surface_friction", self.surface_friction, least=0.0)
+        law_numbers = Own(surface_friction=friction)._asdict()
+        packed_law = pack(AGARWAL2023, self.shared(self.stiffness), law_numbers)
+        object.__setattr__(self, "packed", packed_law)
 
     @property
     def stiffness(self) -> float:
@@ -127,13 +133,12 @@ def agarwal2023_traction(law, normal, velocity):
     x3s = x3 * side
     f1, f2, f3 = side * even1 + x3 * odd1, even2 + x3s * odd2, even3 + x3s * odd3
     # traction f1 n + f2 v - f3 E3: normal to the plate, and along it
-    across = f1 + f2 * x3 - f3 * nz
-    back = f1 - across
+    normal_part = f1 + f2 * x3 - f3 * nz
+    back = f1 - normal_part
     ax, ay, az = back * nx + f2 * vx, back * ny + f2 * vy, back * nz + f2 * vz - f3
-    pressure = max(-across, 0.0)  # grains do not pull
-    share = min(
-        law.surface_friction * pressure / sqrt(max(ax * ax + ay * ay + az * az, _TINY)), 1.0
-    )
+    pressure = max(-normal_part, 0.0)  # grains do not pull
+    friction = _numbers_of(law).surface_friction
+    share = min(friction * pressure / sqrt(max(ax * ax + ay * ay + az * az, _TINY)), 1.0)
     stiffness = law.stiffness if vx * vx + vy * vy + vz * vz > 0.0 else 0.0
     return (
         stiffness * (share * ax - pressure * nx),

@@ -211,12 +211,15 @@ def alpha_y_name(model: AlphaY) -> str:
     return ALPHA_Y_MODELS[_TYPES.index(type(model))]
 
 
-def pack_treers2021(model: AlphaY, numbers: Mapping[str, float]) -> PackedLaw:
-    """The law `treers2021` with a model. `numbers`: all others by their names in `rft_ros.rft.grains.LAW`."""
-    place = ALPHA_Y_MODELS.index(alpha_y_name(model))
+def pack_treers2021(
+    model: AlphaY, shared_numbers: Mapping[str, float], law_numbers: Mapping[str, float]
+) -> PackedLaw:
+    """The law `treers2021` with a model. The numbers: as for `pack`."""
+    index = ALPHA_Y_MODELS.index(alpha_y_name(model))
     fields = model._asdict()
     table = fields.pop("values", NO_TABLE)
-    return pack(TREERS2021, {**numbers, "alpha_y_model": place}, alpha_y=fields, table=table)
+    numbers = {**shared_numbers, "alpha_y_model": index}
+    return pack(TREERS2021, numbers, law_numbers, alpha_y=fields, table=table)
 
 
 @inlined
@@ -251,27 +254,27 @@ def _step_of(model: Any, function: Any) -> Any:
     gamma_of = _directed if has_values else _directed_unit
 
     @inlined
-    def add_to(chunk, n, fields, refined):
+    def add_to(chunk, n, fields, is_refined):
         wide_vectors()
         for i in range(n):
             sin_b, cos_b, sin_g = triple(chunk, layout.SIN_B, i)
             cos_g = chunk[at(layout.COS_G, i)]
             ex, ey = chunk[at(layout.E2_X, i)], chunk[at(layout.E2_Y, i)]
-            if refined:  # a model that does not use γ leaves no code of this
+            if is_refined:  # a model that does not use γ leaves no code of this
                 vx, vy, vz = triple(chunk, layout.VELOCITY, i)
                 sin_g, cos_g = gamma_of(sin_b, cos_b, ex, ey, vx, vy, vz)
             alpha_y = alpha_y_of(fields, sin_b, cos_b, sin_g, cos_g)
-            size = chunk[at(layout.E1_FACTOR, i)] * (max(alpha_y, 0.0) if refined else alpha_y)
+            size = chunk[at(layout.E1_FACTOR, i)] * (max(alpha_y, 0.0) if is_refined else alpha_y)
             # e1 = e2 x E3
             chunk[at(layout.TRACTION, i)] += size * ey
             chunk[at(layout.TRACTION + layout.LENGTH, i)] -= size * ex
 
     @inlined
-    def add(law, chunk, n, refined):
+    def add(law, chunk, n, is_refined):
         constants = law.numbers[0].alpha_y
         numbers = (constants[0], constants[1], constants[2], constants[3])[:count]
         fields = model(*numbers, law.table) if has_values else model(*numbers)
-        if refined:  # two loops: LLVM would else test the rule in each turn of one
+        if is_refined:  # two loops: LLVM would else test the rule in each turn of one
             add_to(chunk, n, fields, True)
         else:
             add_to(chunk, n, fields, False)
@@ -283,11 +286,11 @@ def _choice(place: int, step: Any, otherwise: Any) -> Any:
     """The step `add_alpha_y` with one more model, at this place in `ALPHA_Y_MODELS`."""
 
     @inlined
-    def choose(law, chunk, n, refined):
+    def choose(law, chunk, n, is_refined):
         if law.numbers[0].alpha_y_model == place:
-            step(law, chunk, n, refined)
+            step(law, chunk, n, is_refined)
         else:
-            otherwise(law, chunk, n, refined)
+            otherwise(law, chunk, n, is_refined)
 
     return choose
 
@@ -300,7 +303,7 @@ _steps = [_step_of(model, function) for model, function, _ in _MODELS.values()]
 add_alpha_y = _steps[0]
 """Add the traction along e1 to the n plates of a chunk; `law`: of `pack_treers2021`.
 
-`refined`: by the refined rule α_y is never negative, since grains do not push a plate in its direction of motion, and γ
-is `_directed`."""
+`is_refined`: by the refined rule α_y is never negative, since grains do not push a plate in its direction of motion;
+and γ is `_directed`."""
 for _place in range(1, len(_steps)):
     add_alpha_y = _choice(_place, _steps[_place], otherwise=add_alpha_y)

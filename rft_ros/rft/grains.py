@@ -1,8 +1,8 @@
 """What all laws have in common: strength, inertia and memory of the grains, and the form for the compiled loop."""
 
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,6 +36,10 @@ TREERS2021 = 0
 AGARWAL2023 = 1
 """The laws, for `LAW`."""
 
+MAX_OWN_COUNT = 12
+"""Greatest number of numbers that only one law has."""
+
+
 LAW = np.dtype(
     (
         np.record,
@@ -44,23 +48,27 @@ LAW = np.dtype(
             ("inertia", float),  # κ ρ [kg/m³]
             ("stiffness", float),  # ζ or ξ [N/m³]
             ("mobilization_length", float),  # λ [m]
-            # Eq. (4) with sin(±2β + γ) and cos(±2β + γ) expanded, so that no angle is computed [N/cm³]
-            ("A00", float),
-            ("A10", float),
-            ("B11_plus_Bm11", float),
-            ("B11_minus_Bm11", float),
-            ("B01", float),
-            ("C01", float),
-            ("C11_plus_Cm11", float),
-            ("Cm11_minus_C11", float),
-            ("D10", float),
-            ("alpha_y_model", np.int64),  # its place in `ALPHA_Y_MODELS`
+            ("own", float, MAX_OWN_COUNT),  # a NamedTuple of the law, by `own_numbers`
+            ("alpha_y_model", np.int64),  # its index in `ALPHA_Y_MODELS`
             ("alpha_y", float, 4),  # the numbers of that model
-            ("surface_friction", float),  # of Eq. (12), no unit
         ],
     )
 )
 """The numbers of a law for the compiled loop. Those that a law does not have are 0."""
+
+
+def own_numbers(kind: Any) -> Callable[[Any], Any]:
+    """The function that reads a law's own numbers from a record of `LAW` as the law's NamedTuple `kind`."""
+    count = len(kind._fields)
+
+    @inlined
+    def read(record):
+        n = record.own
+        numbers = (n[0], n[1], n[2], n[3], n[4], n[5], n[6], n[7], n[8], n[9], n[10], n[11])
+        return kind(*numbers[:count])
+
+    return read
+
 
 NO_TABLE = np.zeros((2, 2))
 """`PackedLaw.table` where a model of α_y has none."""
@@ -75,15 +83,16 @@ class PackedLaw(NamedTuple):
 
 def pack(
     law: int,
-    fields: Mapping[str, float],
+    shared_numbers: Mapping[str, float],
+    law_numbers: Mapping[str, float],
     *,
     alpha_y: Mapping[str, float] | None = None,
     table: ArrayLike = NO_TABLE,
 ) -> PackedLaw:
     """A law for the compiled loop, in arrays of the types that it takes, which no caller can change.
 
-    `fields`: its numbers by the names in `LAW`. `alpha_y`: those of its model of α_y, at most four. Raises
-    ValueError or TypeError for what is not finite, or is no table.
+    `shared_numbers`: by their names in `LAW`. `law_numbers`: those of this law alone. `alpha_y`: those of its
+    model of α_y, at most four. Raises ValueError or TypeError for what is not finite, or is no table.
     """
     given = real_numbers("alpha_y.values of the law", table)
     values = np.array(given, dtype=np.float64, order="C")
@@ -93,10 +102,12 @@ def pack(
         )
     record = np.zeros(1, LAW)
     record["law"] = law
-    for name, value in fields.items():
+    for name, value in shared_numbers.items():
         record[name] = number(f"{name} of the law", value)
-    for place, (name, value) in enumerate((alpha_y or {}).items()):
-        record["alpha_y"][0, place] = number(f"alpha_y.{name} of the law", value)
+    for index, (name, value) in enumerate(law_numbers.items()):
+        record["own"][0, index] = number(f"{name} of the law", value)
+    for index, (name, value) in enumerate((alpha_y or {}).items()):
+        record["alpha_y"][0, index] = number(f"alpha_y.{name} of the law", value)
     record.flags.writeable = False
     values.flags.writeable = False
     return PackedLaw(record, values)

@@ -9,7 +9,7 @@ import math
 from collections.abc import Callable
 from dataclasses import MISSING, dataclass, field, fields
 from math import radians, sin, sqrt
-from typing import Any, ClassVar
+from typing import Any, ClassVar, NamedTuple
 
 from rft_ros.rft.agarwal2023 import Agarwal2023, agarwal2023_traction
 from rft_ros.rft.alpha_y import (
@@ -20,7 +20,7 @@ from rft_ros.rft.alpha_y import (
     alpha_y_name,
     pack_treers2021,
 )
-from rft_ros.rft.grains import AGARWAL2023, GranularLaw, PackedLaw
+from rft_ros.rft.grains import AGARWAL2023, GranularLaw, PackedLaw, own_numbers
 from rft_ros.rft.kernel import chunk as layout
 from rft_ros.rft.kernel.chunk import at, put, triple, wide_vectors
 from rft_ros.rft.kernel.compilation import STEP, compiled, inlined
@@ -90,6 +90,23 @@ _NUDGE_RATIO = 1e-5
 """Added to a unit velocity's x by the released code, so that a horizontal plate has an e2 in vertical motion."""
 
 
+class ExpandedStresses(NamedTuple):
+    """Eq. (4) with sin(±2β + γ) and cos(±2β + γ) expanded, so that no angle is computed [N/cm³]."""
+
+    A00: float
+    A10: float
+    B11_plus_Bm11: float
+    B11_minus_Bm11: float
+    B01: float
+    C01: float
+    C11_plus_Cm11: float
+    Cm11_minus_C11: float
+    D10: float
+
+
+_stresses_of = own_numbers(ExpandedStresses)
+
+
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Treers2021(GranularLaw):
     """The grains by 3D RFT of Treers, Cao, Stuart 2021 on the 2D stresses of Li, Zhang, Goldman 2013: Eqs. (2) to (8).
@@ -110,19 +127,21 @@ class Treers2021(GranularLaw):
         m = self.medium
         if not isinstance(m, Medium):
             raise TypeError(f"medium is {m!r}; choose one of MEDIA or create a Medium")
-        numbers = {
-            **self.shared(self.stiffness),
-            "A00": m.A00,
-            "A10": m.A10,
-            "B11_plus_Bm11": m.B11 + m.Bm11,
-            "B11_minus_Bm11": m.B11 - m.Bm11,
-            "B01": m.B01,
-            "C01": m.C01,
-            "C11_plus_Cm11": m.C11 + m.Cm11,
-            "Cm11_minus_C11": m.Cm11 - m.C11,
-            "D10": m.D10,
-        }
-        object.__setattr__(self, "packed", pack_treers2021(self.alpha_y, numbers))
+        law_stresses = ExpandedStresses(
+            A00=m.A00,
+            A10=m.A10,
+            B11_plus_Bm11=m.B11 + m.Bm11,
+            B11_minus_Bm11=m.B11 - m.Bm11,
+            B01=m.B01,
+            C01=m.C01,
+            C11_plus_Cm11=m.C11 + m.Cm11,
+            Cm11_minus_C11=m.Cm11 - m.C11,
+            D10=m.D10,
+        )
+        packed_law = pack_treers2021(
+            self.alpha_y, self.shared(self.stiffness), law_stresses._asdict()
+        )
+        object.__setattr__(self, "packed", packed_law)
 
     @property
     def stiffness(self) -> float:
@@ -269,10 +288,10 @@ def _turn_flat_plates(chunk, n, flat_cosine):
 
 
 @inlined
-def _stresses(c, sin_b, cos_b, e2, velocity):
+def _stresses(c, stiffness, sin_b, cos_b, e2, velocity):
     """Eq. (8) without α_y: the traction along e2 and E3, the factor of α_y along e1, sin and cos of γ.
 
-    `c`: the numbers of the law, whose stiffness is ζ in N/m³ per N/cm³.
+    `c`: `ExpandedStresses`. `stiffness`: ζ in N/m³ per N/cm³.
     """
     ex, ey = e2
     vx, vy, vz = velocity
@@ -292,27 +311,29 @@ def _stresses(c, sin_b, cos_b, e2, velocity):
     alpha_x = (c.C01 + c.C11_plus_Cm11 * cos_2b) * cos_g + (
         c.Cm11_minus_C11 * sin_g + c.D10
     ) * sin_2b
-    along = c.stiffness * f1
-    across = c.stiffness * f23
-    t2 = -across * alpha_x
-    return (t2 * ex, t2 * ey, across * alpha_z), (-along if v1 > 0.0 else along), sin_g, cos_g
+    e1_factor = stiffness * f1
+    e23_factor = stiffness * f23
+    t2 = -e23_factor * alpha_x
+    t3 = e23_factor * alpha_z
+    return (t2 * ex, t2 * ey, t3), (-e1_factor if v1 > 0.0 else e1_factor), sin_g, cos_g
 
 
 @inlined
-def _treers2021(law, chunk, n, refined):
+def _treers2021(law, chunk, n, is_refined):
     wide_vectors()
-    numbers = law.numbers[0]
+    stresses = _stresses_of(law.numbers[0])
+    stiffness = law.numbers[0].stiffness
     for i in range(n):
         sin_b = chunk[at(layout.SIN_B, i)]
         cos_b = chunk[at(layout.COS_B, i)]
         e2 = (chunk[at(layout.E2_X, i)], chunk[at(layout.E2_Y, i)])
         velocity = triple(chunk, layout.VELOCITY, i)
-        t, along, sin_g, cos_g = _stresses(numbers, sin_b, cos_b, e2, velocity)
+        t, e1_factor, sin_g, cos_g = _stresses(stresses, stiffness, sin_b, cos_b, e2, velocity)
         put(chunk, layout.TRACTION, i, t)
-        chunk[at(layout.E1_FACTOR, i)] = along
+        chunk[at(layout.E1_FACTOR, i)] = e1_factor
         chunk[at(layout.SIN_G, i)] = sin_g
         chunk[at(layout.COS_G, i)] = cos_g
-    add_alpha_y(law, chunk, n, refined)
+    add_alpha_y(law, chunk, n, is_refined)
 
 
 @inlined
@@ -336,12 +357,12 @@ def _limited(chunk, n):
         put(chunk, layout.TRACTION, i, (tx - push * vx, ty - push * vy, tz - push * vz))
 
 
-def _tractions(law: Any, chunk: Any, n: Any, flat: bool, refined: bool) -> None:
+def _tractions(law: Any, chunk: Any, n: Any, flat: bool, is_refined: bool) -> None:
     """Traction per depth of the n plates of a chunk that `orient` has stored. `law`: its `packed`.
 
     `flat`: whether plates may be near to horizontal; their tractions switch at `FLAT`, or by the refined rule are
-    blended over `BLEND_TILT_DEG`. `refined`: with the limits of that rule: grains neither pull a plate nor push it in
-    its direction of motion.
+    blended over `BLEND_TILT_DEG`. `is_refined`: with the limits of that rule: grains neither pull a plate nor push it
+    in its direction of motion.
     """
     wide_vectors()
     numbers = law.numbers[0]
@@ -350,14 +371,14 @@ def _tractions(law: Any, chunk: Any, n: Any, flat: bool, refined: bool) -> None:
             normal = triple(chunk, layout.NORMAL, i)
             velocity = triple(chunk, layout.VELOCITY, i)
             put(chunk, layout.TRACTION, i, agarwal2023_traction(numbers, normal, velocity))
-        if refined:
+        if is_refined:
             _limited(chunk, n)
         return
-    blends = flat and refined
+    blends = flat and is_refined
     for pass_index in range(2 if blends else 1):
         if pass_index == 1 or (flat and not blends):
             _turn_flat_plates(chunk, n, -1.0 if blends else FLAT)
-        _treers2021(law, chunk, n, refined)
+        _treers2021(law, chunk, n, is_refined)
         if blends and pass_index == 0:
             for i in range(n):
                 put(chunk, layout.STEEP_TRACTION, i, triple(chunk, layout.TRACTION, i))
@@ -373,7 +394,7 @@ def _tractions(law: Any, chunk: Any, n: Any, flat: bool, refined: bool) -> None:
                 i,
                 (ax + share * (bx - ax), ay + share * (by - ay), az + share * (bz - az)),
             )
-    if refined:
+    if is_refined:
         _limited(chunk, n)
 
 

@@ -14,10 +14,10 @@ from numba.extending import intrinsic, overload
 from rft_ros.rft.kernel.compilation import inlined
 from rft_ros.rft.plates import BLOCK
 
-BLOCKS = 8
+BLOCK_COUNT = 8
 """Blocks of plates in a chunk."""
 
-LENGTH = BLOCKS * BLOCK + 8
+LENGTH = BLOCK_COUNT * BLOCK + 8
 """Numbers from one row to the next: rows a multiple of 512 bytes apart would compete for lines of the cache."""
 
 POSITION, NORMAL, VELOCITY, TRACTION, STEEP_TRACTION = (3 * LENGTH * k for k in range(5))
@@ -34,7 +34,7 @@ BLOCK_KIND, STEEP_BLOCKS, FLAT_BLOCKS, TOTAL = (LENGTH * k for k in range(27, 31
 """Where other rows begin: kinds of the blocks in a window; numbers of those to evaluate, without and with plates that
 may be horizontal; totals of the state, in the order of a result."""
 
-WINDOW = BLOCKS * BLOCK
+WINDOW = BLOCK_COUNT * BLOCK
 """Blocks that are classified together; a row has room for a number of each."""
 
 SIZE = LENGTH * 31

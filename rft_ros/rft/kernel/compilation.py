@@ -41,7 +41,10 @@ from numba.core.serialize import dumps
 from numba.extending import register_jitable
 
 _PACKAGE = Path(__file__).resolve().parents[2]
-_SHARED = "rft", "ground"  # folders whose functions become part of loops elsewhere in the package
+_SHARED_FOLDERS = (
+    "rft",
+    "ground",
+)  # folders whose functions become part of loops elsewhere in the package
 
 OPTIONS: dict[str, Any] = {
     "error_model": "numpy",
@@ -74,9 +77,11 @@ def compiled(function: Callable[_P, _R], **options: Any) -> Callable[_P, _R]:
 
     It may call functions of its own folder in the package, of `rft` and of `ground`. `options`: passed to `numba.njit`.
     """
-    made = numba.njit(nogil=True, **{"error_model": "numpy", **options})(function)
-    made._cache = _Cache(made.py_func)  # numba's `cache=True` sets its own `FunctionCache` here
-    return made
+    dispatcher = numba.njit(nogil=True, **{"error_model": "numpy", **options})(function)
+    dispatcher._cache = _Cache(
+        dispatcher.py_func
+    )  # numba's `cache=True` sets its own `FunctionCache` here
+    return dispatcher
 
 
 def machine_code(function: Any, arguments: tuple[object, ...]) -> Callable[..., None]:
@@ -172,16 +177,16 @@ class _Cache(NullCache):
                     part.replace(file)
                 finally:
                     part.unlink(missing_ok=True)  # as where the disk is full
-                for other in file.parent.glob(f"{self._name}.*.nbc"):
-                    if f".{sources(self._source)}." not in other.name:
-                        other.unlink(missing_ok=True)
+                for old_file in file.parent.glob(f"{self._name}.*.nbc"):
+                    if f".{sources(self._source)}." not in old_file.name:
+                        old_file.unlink(missing_ok=True)
                 return
 
 
 @cache
 def sources(file: Path) -> str:
     """Checksum of numba's version and of the sources that a file's code, also compiled, can be made of."""
-    folders = [_PACKAGE / name for name in _SHARED]
+    folders = [_PACKAGE / name for name in _SHARED_FOLDERS]
     if file.is_relative_to(_PACKAGE):
         folders.append(_PACKAGE / file.relative_to(_PACKAGE).parts[0])
     files = {file, *(source for folder in folders for source in folder.rglob("*.py"))}
@@ -196,8 +201,8 @@ def _folders() -> list[Path]:
     take the folder that is left for the package.
     """
     name = f"{_PACKAGE.name}_{digest(str(_PACKAGE).encode())}"
-    if chosen := numba.config.CACHE_DIR:
-        return [Path(chosen) / name]
+    if folder := numba.config.CACHE_DIR:
+        return [Path(folder) / name]
     folders = [_PACKAGE.parent / "__pycache__"]
     with suppress(RuntimeError):  # a user without a home
         folders.append(

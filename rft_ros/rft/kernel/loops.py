@@ -487,8 +487,8 @@ def _sums(plates, law, height, slope, states, past, out):
             for flat in (False, True):
                 list_begin = layout.FLAT_BLOCKS if flat else layout.STEEP_BLOCKS
                 length = flat_count if flat else steep_count
-                for begin in range(np.uint64(0), length, np.uint64(layout.BLOCKS)):
-                    count = min(np.uint64(layout.BLOCKS), length - begin)
+                for begin in range(np.uint64(0), length, np.uint64(layout.BLOCK_COUNT)):
+                    count = min(np.uint64(layout.BLOCK_COUNT), length - begin)
                     n = count * np.uint64(BLOCK)
                     numbers = at(list_begin, begin)
                     _geometry_of_blocks(chunk, numbers, count, plates, first, scene, has_memory)
