@@ -12,11 +12,11 @@ from dataclasses import (
 )
 from functools import cache
 from typing import (
-    TYPE_CHECKING,
     Any,
     Literal,
     NoReturn,
     TypeVar,
+    cast,
     get_args,
     get_origin,
     get_type_hints,
@@ -26,13 +26,10 @@ from rft_ros.errors import InputError, shown
 from rft_ros.rft.frames import UNIT_NORM_TOLERANCE_RATIO
 from rft_ros.rft.motion_kinds import MOTIONS
 
-if TYPE_CHECKING:
-    from _typeshed import DataclassInstance
-
 Value = str | bool | float | tuple[float, ...]
 """A parameter's value, in the parameter's type."""
 
-_Group = TypeVar("_Group", bound="DataclassInstance")
+_Group = TypeVar("_Group")
 
 Values = Mapping[str, Any]
 """The values of all parameters, by name, each a `Value`."""
@@ -159,7 +156,10 @@ def field_values(owner: type, values: Values) -> dict[str, Any]:
 def with_values(group: _Group, values: Values) -> _Group:
     """The same dataclass with other values of those fields that are among these parameters. Raises InputError."""
     given = _given_fields(type(group), values)
-    return replace(group, **given) if given else group
+    if not given:
+        return group
+    changed: _Group = replace(cast(Any, group), **given)
+    return changed
 
 
 def _given_fields(owner: type, values: Values) -> dict[str, Any]:

@@ -10,7 +10,7 @@ from hypothesis import strategies as st
 
 from rft_ros.rft import MEDIA, Constant, Linear, Table, alpha_y_model, medium_named, treers2021
 from rft_ros.rft.alpha_y import MAX_STEP_COUNT, add_alpha_y
-from rft_ros.rft.kernel.chunk import ALONG, COS_B, COS_G, E2_Y, SIN_B, SIN_G, SIZE, TRACTION
+from rft_ros.rft.kernel.chunk import COS_B, COS_G, E1_FACTOR, E2_Y, SIN_B, SIN_G, SIZE, TRACTION
 
 attack = st.floats(0.0, 180.0)
 
@@ -33,7 +33,7 @@ def at(model, beta_deg: float, gamma_deg: float = 0.0) -> float:
         math.sin(g),
         math.cos(g),
     )
-    chunk[ALONG] = chunk[E2_Y] = 1.0
+    chunk[E1_FACTOR] = chunk[E2_Y] = 1.0
     add_alpha_y(treers2021(MEDIA["generic"], model).packed, chunk, 1, False)
     return float(chunk[TRACTION])
 
