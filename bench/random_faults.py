@@ -408,7 +408,7 @@ FAULTS: dict[str, Fault] = {
     "axes swapped": _fault(_axes_swapped, *_AXES),
     "axes 20 to 40": _fault(_angle, *_AXES, low=20.0, high=40.0),
     "axes 40 to 150": _fault(_angle, *_AXES, low=40.0, high=150.0),
-    "mirrored": _fault(_mirrored, "left-handed axes", *_SIGN_AND_AXES),
+    "mirrored": _fault(_mirrored, *_SIGN_AND_AXES),
     "sign and axes": _fault(_sign_and_axes, *_SIGN_AND_AXES),
     "lever 60 mm": _fault(_lever, "lever", "sensor.position", metres=0.06),
     "lever 150 mm": _fault(_lever, "lever", "sensor.position", metres=0.15),

@@ -9,12 +9,10 @@ from dataclasses import replace
 
 import numpy as np
 
-from rft_ros.diagnosis.attitude import OF_POSES
 from rft_ros.diagnosis.checks import dead_axes, jumps
 from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Evidence
 from rft_ros.diagnosis.finding import Finding
 from rft_ros.diagnosis.fit import MOMENTS_COUNT, TOOL_TOLERANCE_SHARE, Setup
-from rft_ros.diagnosis.hypotheses import COSTLY
 from rft_ros.diagnosis.search import Diagnosis, diagnose
 from rft_ros.diagnosis.sentences import of_diagnosis
 from rft_ros.diagnosis.trial import Trial
@@ -32,8 +30,6 @@ _SENDING_NAMES = {
 """Findings on what was sent, which need no model."""
 _AT_STOPS = "delay"
 """The finding that only stops and turns show: they are short, and hardly count in a fit over stretches of the path."""
-MAX_LEFT_SHARE = 0.5
-"""Of the misfit of the cell as given: a cause that leaves less explains the cell."""
 
 
 def examine(
@@ -49,20 +45,13 @@ def examine(
         return
     findings = list(judge(e))
     sending_findings = [finding for finding in findings if finding.name in _SENDING_NAMES]
-    # the force held in the grains at the start is not known, and would explain much
-    has_start_in_grains = len(e.time) > 0 and e.depth[0] > 0.0
-    is_sent_right = e.has_torque and all(finding.ok for finding in sending_findings)
-    is_right = all(finding.ok for finding in findings)
-    if len(e.time) < ENOUGH or not is_sent_right or (has_start_in_grains and is_right):
+    if len(e.time) < ENOUGH or not all(finding.ok for finding in sending_findings):
         yield from findings
         return
     diagnosis = diagnose(followed(e), setup_of(e), has_search=has_search)
-    if has_start_in_grains and not _has_start_in_air(diagnosis):
-        yield from findings
-        return
     causes = list(of_diagnosis(e, diagnosis))
     names = {finding.name for finding in findings if not finding.ok}
-    is_decided = diagnosis.is_clean or has_start_in_grains or _has_other_cause(diagnosis, names)
+    is_decided = bool(causes) or diagnosis.is_clean
     if not (is_decided and _is_pushed(e, diagnosis)):
         yield from findings
     elif {cause.name for cause in causes} == names:
@@ -73,26 +62,6 @@ def examine(
         yield from causes
     else:
         yield from (finding for finding in findings if finding.ok or finding.name == _AT_STOPS)
-
-
-def _has_start_in_air(diagnosis: Diagnosis) -> bool:
-    """Whether the tool begins in the air once a wrong mesh or world is mended."""
-    if not diagnosis.causes or diagnosis.causes[0].best.cause not in COSTLY:
-        return False
-    return bool(diagnosis.problem.model.low[0] > diagnosis.setup.surface)
-
-
-def _has_other_cause(diagnosis: Diagnosis, names: set[str]) -> bool:
-    """Whether the searches turn the world, and the fit explains most of the misfit of the cell by something else.
-
-    Other findings of the searches stand beside each other, and one cause of the fit seldom replaces them all.
-    """
-    if not diagnosis.causes or not names.intersection(OF_POSES):
-        return False
-    cause = diagnosis.causes[0]
-    is_explained = cause.best.fit.misfit <= MAX_LEFT_SHARE * cause.fit_before.misfit
-    titles = {x.cause.title for x in (cause.best, *cause.ties)}
-    return is_explained and titles.isdisjoint(names)
 
 
 def _is_pushed(e: Evidence, diagnosis: Diagnosis) -> bool:
@@ -129,4 +98,5 @@ def setup_of(e: Evidence) -> Setup:
         law=e.law,
         surface=e.settings.surface_height,
         reads_in_world=e.settings.sensor_source == "world",
+        has_torque=e.has_torque,
     )

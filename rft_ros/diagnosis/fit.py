@@ -5,6 +5,7 @@ with an error that says so. Most parameters are linear in the readings; delay, s
 Gauss-Newton steps around a coarse search.
 """
 
+import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -80,6 +81,11 @@ ROBUST_FACTOR = 3.0
 USUAL_MISFIT_RATIO = 0.5
 """Misfit per stretch of right cells by errors of the model, beside that by the noise of the load cell."""
 MIN_ZETA_RATIO = 1e-6
+MIN_USUAL_ZETA = 0.2
+MAX_USUAL_ZETA = 3.0
+"""Range of ζ of dry grains: with others, forces in another unit or a wrong mesh are likelier."""
+IMPLAUSIBILITY = 30.0
+"""Misfit of an e-fold beyond that range."""
 REST_M = 1e-6
 """Path between two moments below which the tool rests."""
 BLOCK_COUNT = 100
@@ -131,8 +137,11 @@ class Setup:
     `reads_in_world`: the readings are in world axes. `lag`: of a filter in the load cell's driver [s].
     `course`: of a zero that moves, at the moments of the trial: what each of six numbers adds to a reading in tool
     axes, shape [n, 6, 6]. `units` of force [N] and torque [N m]. `late`: of the readings, on top of the delay
-    with which the trial was read [s]. `left_out`: moments that do not count, shape [n].
-    `unknown`: numbers that are not given, of `TOLERANCES`: they are free in every fit.
+    with which the trial was read [s]. `capped`: for each axis of the load cell the direction
+    in which its reading stops at a limit, in tool axes, shape [n, 3, 3], and 0 where it does not: a greater force of
+    the model is no misfit there.
+    `unknown`: numbers that are not given, of `TOLERANCES`: they are free in every fit. `has_torque`: whether the load
+    cell gives torques; without, only the force counts.
     """
 
     cell: LoadCell
@@ -144,13 +153,14 @@ class Setup:
     units: tuple[float, float] = (1.0, 1.0)
     late: float = 0.0
     course: Array | None = None
-    left_out: Array | None = None
+    capped: Array | None = None
     unknown: tuple[str, ...] = ()
+    has_torque: bool = True
 
     def thinned(self, count: int) -> "Setup":
         """The same for a trial that is thinned."""
         thin: dict[str, Any] = {}
-        for name in ("course", "left_out"):
+        for name in ("course", "capped"):
             series = getattr(self, name)
             if series is not None:
                 thin[name] = series[thin_rows(len(series), count)]
@@ -160,6 +170,12 @@ class Setup:
     def length(self) -> float:
         """λ [m], at least `LEAST_LENGTH_M`: real grains hold their force at rest."""
         return max(self.law.mobilization_length, LEAST_LENGTH_M)
+
+    def cell_axes(self, trial: Trial) -> Array:
+        """The matrices that turn readings into tool axes at the moments of a trial, shape [n, 3, 3]."""
+        if self.reads_in_world:
+            return np.asarray(self.cell.sign * np.swapaxes(trial.matrices, 1, 2))
+        return np.repeat(self.in_tool[None], len(trial), axis=0)
 
     @cached_property
     def in_tool(self) -> Array:
@@ -268,10 +284,12 @@ class _Slopes(NamedTuple):
         return abs(surface - self.surface) < 1e-3 and abs(np.log(length / self.length)) < 0.15
 
 
-TIED_NUMBERS = ("lever", "turn", "moment")
-FREEDOM_FACTOR = 20.0
-OTHER_FREEDOM_FACTOR = 300.0
-"""How many times as far as its tolerance a free number may be off; of `TIED`, a straight press tells only a part."""
+FREEDOM_FACTOR = 300.0
+TIED_FREEDOM_FACTORS = {"lever": 20.0, "turn": 20.0, "moment": 20.0}
+"""How many times as far as its tolerance a free number may be off; of some a straight press tells only a part."""
+UNKNOWN_FREEDOM_FACTOR = 30.0
+UNKNOWN_FREEDOM_FACTORS = {**TIED_FREEDOM_FACTORS, "zeta": 5.0}
+"""The same of a number that nobody gives: it lies within what load cells and dry grains have."""
 MIN_EIGENVALUE = 1e-12
 """Of the normal matrix with ones on its diagonal: rounding makes smaller ones negative."""
 STEP_M = 5e-4
@@ -282,17 +300,15 @@ LENGTH_STEP_FACTOR = 1.1
 class Problem:
     """The fit of one trial with one set-up: what does not change while its numbers do."""
 
-    def __init__(self, trial: Trial, setup: Setup) -> None:
+    def __init__(self, trial: Trial, setup: Setup, *, model: Model | None = None) -> None:
         self.setup = setup
         self.trial = trial
         self.tool = setup.tool
         self.time = trial.time
-        self.model = Model(trial, setup)
+        self.model = model or Model(trial, setup)
         self.down = trial.down
         self.count_of = stretches(trial.time, self.model.path)
         self.count = float(self.count_of.sum())
-        if setup.left_out is not None:
-            self.count_of = np.where(setup.left_out, 0.0, self.count_of)
         self.middle = np.array(setup.tool.middle)
         self._slopes: _Slopes | None = None
         self._readings: dict[float, Array] = {}
@@ -300,6 +316,11 @@ class Problem:
         kinds = np.array(self.model.kinds)
         self.kinds = np.column_stack([kinds == kind for kind in ("rest", *MOTIONS[1:])]) * 1.0
         self._weigh()
+
+    def beside(self, trial: Trial, setup: Setup) -> "Problem":
+        """The fit of another trial or set-up, with the same forces of the model where poses and tool are the same."""
+        is_same = trial is self.trial and setup.tool is self.tool and setup.law is self.setup.law
+        return Problem(trial, setup, model=self.model if is_same else None)
 
     def _weigh(self) -> None:
         """Standard errors of force and torque at each moment, from the reading alone."""
@@ -327,6 +348,8 @@ class Problem:
             self.count, 1e-9
         )
         self.sigma = np.repeat(1.0 / self.error, 3, axis=1)
+        if not self.setup.has_torque:
+            self.sigma[:, TORQUE] = 0.0
         scale = np.ones(NUMBERS)
         given_values = max(self.setup.law.zeta, 1e-6)
         for name, tolerance in TOLERANCES.items():
@@ -359,13 +382,8 @@ class Problem:
 
     def into_tool(self, raw: Array) -> Array:
         """Readings as the driver gave them, in tool axes and with the sign of a wrench on the tool, shape [n, 6]."""
-        parts = raw.reshape(-1, 2, 3)
-        if self.setup.reads_in_world:
-            to_tool = np.swapaxes(self.trial.matrices, 1, 2)
-            angle = self.setup.cell.sign * np.einsum("nij,nkj->nki", to_tool, parts)
-        else:
-            angle = parts @ self.setup.in_tool.T
-        return np.asarray(angle.reshape(-1, 6))
+        axes = self.setup.cell_axes(self.trial)
+        return np.asarray(np.einsum("nij,nkj->nki", axes, raw.reshape(-1, 2, 3)).reshape(-1, 6))
 
     def given(self) -> Array:
         """The given numbers; bias in tool axes."""
@@ -418,6 +436,8 @@ class Problem:
             displacement = self.course @ x[_SLICES["course"]]
             e[:, FORCE] -= displacement[:, FORCE]
             e[:, TORQUE] -= displacement[:, TORQUE] + crossed(lever, displacement[:, FORCE])
+        capped_directions = self._capped(e[:, FORCE])
+        self._uncap(e[:, :, None], lever, capped_directions)
         if not jacobian:
             return e, model, None
         J = np.zeros((n, 6, NUMBERS))
@@ -451,7 +471,23 @@ class Problem:
         df = slope[:, FORCE] @ turn.T
         dt = slope[:, TORQUE] @ turn.T + crossed(lever, df)
         J[:, :, _SLICES["delay"]] = np.hstack([df, dt])[:, :, None]
+        self._uncap(J, lever, capped_directions)
         return e, model, J
+
+    def _capped(self, misfit: Array) -> Array | None:
+        """The directions in which the reading is at its limit and the model's force beyond; 0 at other moments."""
+        if self.setup.capped is None:
+            return None
+        is_beyond = np.einsum("ni,nai->na", misfit, self.setup.capped) < 0.0
+        return np.asarray(self.setup.capped * is_beyond[:, :, None])
+
+    def _uncap(self, wrenches: Array, lever: Array, directions: Array | None) -> None:
+        """Take the force along capped directions, and its torque, from wrenches or derivatives, shape [n, 6, k]."""
+        if directions is None:
+            return
+        forces = np.einsum("nai,nik->nak", directions, wrenches[:, FORCE])
+        wrenches[:, FORCE] -= np.einsum("nai,nak->nik", directions, forces)
+        wrenches[:, TORQUE] -= np.einsum("nai,nak->nik", crossed(lever, directions), forces)
 
     def _slopes_at(self, surface: float, length: float) -> "_Slopes":
         """The derivatives of the model's wrench, as they were computed last if that was near."""
@@ -517,6 +553,27 @@ def _normal_equations(rows: Array, values: Array) -> tuple[Array, Array]:
     return normal, right
 
 
+def _inverse(normal: Array) -> Array:
+    """The inverse of a normal matrix whose numbers differ by up to 20 digits: each one counts by its own size."""
+    size = np.sqrt(np.diag(normal))
+    eigenvalues, vectors = np.linalg.eigh(normal / np.outer(size, size))
+    half = vectors / size[:, None] / np.sqrt(np.maximum(eigenvalues, MIN_EIGENVALUE))
+    return np.asarray(half @ half.T)
+
+
+def implausibility(zeta: float) -> float:
+    """Misfit of a ζ that nobody gives and that dry grains do not have: a wrong mesh is likelier."""
+    plausible = float(np.clip(zeta, MIN_USUAL_ZETA, MAX_USUAL_ZETA))
+    return IMPLAUSIBILITY * abs(math.log(max(zeta, MIN_ZETA_RATIO) / plausible))
+
+
+def _freedom(name: str, *, is_given: bool) -> float:
+    """How many tolerances a free number may be off."""
+    if is_given:
+        return TIED_FREEDOM_FACTORS.get(name, FREEDOM_FACTOR)
+    return UNKNOWN_FREEDOM_FACTORS.get(name, UNKNOWN_FREEDOM_FACTOR)
+
+
 def fit(
     problem: Problem,
     free: Collection[str] = (),
@@ -534,10 +591,9 @@ def fit(
     for name, value in (start or {}).items():
         x[_SLICES[name]] = value
     prior = 1.0 / problem.scale**2
-    for name in {*free, *problem.setup.unknown}:
-        prior[_SLICES[name]] /= (
-            FREEDOM_FACTOR if name in TIED_NUMBERS else OTHER_FREEDOM_FACTOR
-        ) ** 2
+    names = sorted({*free, *problem.setup.unknown})
+    for name in names:
+        prior[_SLICES[name]] /= _freedom(name, is_given=name in free) ** 2
     is_free = np.ones(NUMBERS, dtype=bool)
     for name in fixed_names:
         is_free[_SLICES[name]] = False
@@ -551,6 +607,14 @@ def fit(
 
     total, e, weight, model = cost_at(x)
     covariance = np.zeros(NUMBERS)
+    # the errors of freed numbers are those as if what is given were right
+    told_rows = np.array(
+        [
+            row
+            for name in sorted({"zeta", *NUISANCES, *names})
+            for row in range(NUMBERS)[_SLICES[name]]
+        ]
+    )
     for _ in range(steps):
         e, model, J = problem.residual(x, jacobian=True)
         assert J is not None
@@ -561,18 +625,12 @@ def fit(
         )
         normal += np.diag(prior)
         gradient += prior * (x - given_values)
-        # in units of the tolerances, so that it is well conditioned
-        s = problem.scale
-        normal = normal * s[:, None] * s[None, :]
         rows = np.flatnonzero(is_free)
-        sub = normal[np.ix_(rows, rows)]
-        # a cell that is far off has numbers that differ by 20 digits: each one counts by its own size
-        size = np.sqrt(np.diag(sub)) / s[rows]
-        eigenvalues, vectors = np.linalg.eigh(sub / np.outer(size * s[rows], size * s[rows]))
-        eigenvalues = np.maximum(eigenvalues, MIN_EIGENVALUE)
         move = np.zeros(NUMBERS)
-        move[rows] = -(vectors @ (vectors.T @ (gradient[rows] / size) / eigenvalues)) / size
-        covariance[rows] = (vectors**2 @ (1.0 / eigenvalues)) / size**2
+        inverse = _inverse(normal[np.ix_(rows, rows)])
+        move[rows] = -inverse @ gradient[rows]
+        covariance[rows] = np.diag(inverse)
+        covariance[told_rows] = np.diag(_inverse(normal[np.ix_(told_rows, told_rows)]))
         # bounded steps of what is not linear
         limit = np.full(NUMBERS, np.inf)
         limit[_SLICES["surface"]] = 0.01
@@ -598,6 +656,8 @@ def fit(
         if gain < 1e-3 * total + 1e-3:
             break
     total, e, weight, model = cost_at(x)
+    if "zeta" in problem.setup.unknown:
+        total += implausibility(float(x[_SLICES["zeta"]][0]))
     data, _ = problem.misfit(e)
     spread = max(data / (2.0 * problem.count), 1.0)
     errors = np.sqrt(covariance * spread)

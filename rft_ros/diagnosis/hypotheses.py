@@ -8,61 +8,57 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 from enum import Enum
 from itertools import product
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from scipy.optimize import fmin
 from scipy.spatial.transform import Rotation
 
-from rft_ros.diagnosis.fit import Fit, Problem, Setup, fit, rows_of
+from rft_ros.diagnosis.coarse import GROUP, Coarse, coarse
+from rft_ros.diagnosis.fit import Fit, Problem, Setup, fit
 from rft_ros.diagnosis.trial import Array, Trial
 from rft_ros.estimator import GRAVITY
 from rft_ros.parameters import Value
-from rft_ros.rft import FORCE, QUATERNION, Plates
-from rft_ros.rft.plates import AREA, FIRST_CORNER, SECOND_CORNER
+from rft_ros.rft import FORCE, POSITION, QUATERNION, Plates
+from rft_ros.rft.plates import AREA, FIRST_CORNER, NORMAL, SECOND_CORNER
 from rft_ros.tool import Tool
 
 
 class Cause(Enum):
-    """What is wrong with a cell: the title of its finding, and whether a calibration may go on in spite of it."""
+    """What is wrong with a cell: the title of its finding, and after a colon which of those that share it."""
 
-    SIGN = "sign", False
-    TURN = "turn", False
-    SIGN_AND_TURN = "sign and turn", False
-    ANGLE = "angle", False
-    AXES_OF_READING = "axes of the reading", False
-    LEVER = "lever", True
-    BIAS = "load cell", True
-    WEIGHT = "load cell", False
-    DELAY = "delay", True
-    FILTER = "delay", False
-    SURFACE = "surface_height", True
-    STRENGTH = "strength", True
-    TORQUE_UNIT = "units of torque", False
-    UNIT = "strength", False
-    MESH_TURNED = "mesh turned", False
-    MESH_UNIT = "mesh", False
-    TCP = "TCP", False
-    QUATERNIONS = "quaternions", False
-    WORLD = "world frame", False
-    STIFFNESS = "yielding arm", False
-    ZERO_MOVES = "zero that moves", False
-    SATURATION = "saturation", False
+    SIGN = "sign"
+    TURN = "turn"
+    SIGN_AND_TURN = "sign and turn"
+    ANGLE = "angle"
+    AXES_OF_READING = "axes of the reading"
+    LEVER = "lever"
+    BIAS = "load cell: bias"
+    WEIGHT = "load cell: weight"
+    PAYLOAD = "payload"
+    DELAY = "delay"
+    FILTER = "delay: filter"
+    SURFACE = "surface_height"
+    STRENGTH = "strength"
+    UNIT = "strength: unit"
+    TORQUE_UNIT = "units of torque"
+    MESH_TURNED = "mesh turned"
+    MESH_UNIT = "mesh"
+    TCP = "TCP"
+    QUATERNIONS = "quaternions"
+    WORLD = "world frame"
+    STIFFNESS = "yielding arm"
+    ZERO_MOVES = "zero that moves"
+    SATURATION = "saturation"
 
     @property
     def title(self) -> str:
         """The name of its finding."""
-        return self.value[0]
-
-    @property
-    def may_calibrate(self) -> bool:
-        """Whether a calibration may go on."""
-        return self.value[1]
+        return str(self.value).partition(":")[0]
 
 
 COSTLY = {
     Cause.MESH_TURNED,
-    Cause.MESH_UNIT,
     Cause.WORLD,
     Cause.TCP,
     Cause.QUATERNIONS,
@@ -74,7 +70,7 @@ COSTLY = {
 class Variant:
     """A trial and its set-up as a hypothesis mends them, and the values of parameters that do.
 
-    `number`: what it is by how much, for the sentence.
+    `number`: what it is by how much, `axis`: of the load cell, and `course`: of a zero that moves, for the sentence.
     """
 
     trial: Trial
@@ -82,6 +78,7 @@ class Variant:
     remedy: Mapping[str, Value] = field(default_factory=dict)
     number: float = 0.0
     axis: int = 0
+    course: Literal["", "step", "drift", "friction"] = ""
 
 
 Family = Callable[[Trial, Setup, Array], Variant]
@@ -94,7 +91,10 @@ def _as_given(trial: Trial, setup: Setup) -> Iterator[Variant]:
 
 @dataclass(frozen=True, kw_only=True)
 class Hypothesis:
-    """A cause: how it mends a trial, the numbers that it frees, and how much rarer it is, in units of the misfit."""
+    """A cause: how it mends a trial, the numbers that it frees, and how much rarer it is, in units of the misfit.
+
+    `min_gain`: of the misfit, from which on it is told.
+    """
 
     cause: Cause
     free: tuple[str, ...] = ()
@@ -103,12 +103,18 @@ class Hypothesis:
     family: Family | None = None
     points: tuple[tuple[float, ...], ...] = ()
     step: float = 0.0
+    min_gain: float = 12.0
     searches_surface: bool = False
 
     @property
     def is_costly(self) -> bool:
         """Whether the model's force is computed anew for many variants: only where no simple cause fits."""
         return self.cause in COSTLY
+
+    @property
+    def is_of_numbers(self) -> bool:
+        """Whether it frees numbers of the cell and changes nothing else."""
+        return self.mend is _as_given and self.family is None
 
     def variants(self, trial: Trial, setup: Setup) -> list[Variant]:
         """The variants of a trial that it mends; those of a family at its points."""
@@ -136,10 +142,6 @@ def quaternion_of(turn: Rotation) -> tuple[float, float, float, float]:
     """The quaternion xyzw of a turn, with w at least 0."""
     x, y, z, w = turn.as_quat(canonical=True).tolist()
     return x, y, z, w
-
-
-GROUP = [turn for turn in Rotation.create_group("O") if turn.magnitude() > 0.1]
-GROUP = sorted(GROUP, key=lambda turn: round(turn.magnitude(), 3))
 
 
 def _cell(setup: Setup, *, sign: float = 1.0, turn: Rotation | None = None) -> Setup:
@@ -181,19 +183,17 @@ def _sign_and_turn(trial: Trial, setup: Setup) -> Iterator[Variant]:
 
 
 def _angle(trial: Trial, setup: Setup) -> Iterator[Variant]:
-    """The turn that aligns the measured force best, by rounds of alignment."""
-    problem = Problem(trial, setup)
-    for turn in coarse(problem).best_turns:
-        cell_turn = Rotation.from_quat(setup.cell.quaternion)
-        in_cell = cell_turn.inv() * turn * cell_turn
-        if in_cell.magnitude() > np.radians(5.0):
-            other_setup = _cell(setup, turn=in_cell)
-            yield Variant(
-                trial=trial,
-                setup=other_setup,
-                remedy={"sensor.quaternion": other_setup.cell.quaternion},
-                number=float(np.degrees(in_cell.magnitude())),
-            )
+    """The turn that aligns the measured force best."""
+    cell_turn = Rotation.from_quat(setup.cell.quaternion)
+    turn = cell_turn.inv() * coarse(Problem(trial, setup)).best_turn * cell_turn
+    if turn.magnitude() > np.radians(5.0):
+        other_setup = _cell(setup, turn=turn)
+        yield Variant(
+            trial=trial,
+            setup=other_setup,
+            remedy={"sensor.quaternion": other_setup.cell.quaternion},
+            number=float(np.degrees(turn.magnitude())),
+        )
 
 
 def _axes_of_reading(trial: Trial, setup: Setup) -> Iterator[Variant]:
@@ -218,13 +218,45 @@ def _unit(trial: Trial, setup: Setup) -> Iterator[Variant]:
         yield Variant(trial=trial, setup=replace(setup, units=(newtons, newtons)), number=newtons)
 
 
+MAX_LAG_S = 0.5
+
+
 def _filter(trial: Trial, setup: Setup, point: Array) -> Variant:
-    lag = float(np.exp(point[0]))
+    lag = min(float(np.exp(point[0])), MAX_LAG_S)
     return Variant(trial=trial, setup=replace(setup, lag=lag), number=1e3 * lag)
 
 
-def _mesh_turned(trial: Trial, setup: Setup) -> Iterator[Variant]:
+SAME_SHAPE = 0.01
+"""Difference of moments, over the tool's size, up to which two turns of it look the same."""
+
+
+def _shape(tool: Tool, turn: Rotation) -> Array:
+    """Moments of a turned tool's plates, which those of one that looks the same in that turn share."""
+    area = tool.plates.rows[AREA]
+    parts = []
+    for vectors, scale in (
+        (tool.plates.rows[POSITION], tool.size),
+        (tool.plates.rows[NORMAL], 1.0),
+    ):
+        vectors_turned = turn.apply(np.array(vectors.T)) / scale
+        parts += [vectors_turned.T @ area, ((vectors_turned.T * area) @ vectors_turned).ravel()]
+    return np.asarray(np.concatenate(parts) / area.sum())
+
+
+def _turns_of_mesh(tool: Tool) -> list[Rotation]:
+    """The turns of `GROUP` in which a tool looks different from how it is, and from how it is in another one."""
+    shapes = [_shape(tool, Rotation.identity())]
+    turns = []
     for turn in GROUP:
+        shape = _shape(tool, turn)
+        if min(np.abs(shape - other_shape).max() for other_shape in shapes) > SAME_SHAPE:
+            shapes.append(shape)
+            turns.append(turn)
+    return turns
+
+
+def _mesh_turned(trial: Trial, setup: Setup) -> Iterator[Variant]:
+    for turn in _turns_of_mesh(setup.tool):
         yield Variant(
             trial=trial.posed(trial.position, trial.rotation * turn),
             setup=_turned_poses(setup, turn),
@@ -312,23 +344,24 @@ def _step(trial: Trial, setup: Setup, point: Array) -> Variant:
     share = float(np.clip(point[0], MIN_STEP_SHARE, 1.0 - MIN_STEP_SHARE))
     begin = float(time[0] + share * (time[-1] - time[0]))
     course = np.eye(6) * (time > begin)[:, None, None]
-    return Variant(trial=trial, setup=replace(setup, course=course), number=begin)
+    return Variant(trial=trial, setup=replace(setup, course=course), number=begin, course="step")
 
 
 def _drift(trial: Trial, setup: Setup) -> Iterator[Variant]:
     share = (trial.time - trial.time[0]) / max(trial.time[-1] - trial.time[0], 1e-9)
     course = np.eye(6) * share[:, None, None]
-    yield Variant(trial=trial, setup=replace(setup, course=course))
+    yield Variant(trial=trial, setup=replace(setup, course=course), course="drift")
 
 
 def _friction(trial: Trial, setup: Setup) -> Iterator[Variant]:
-    """The zero follows the direction of the motion along the vertical."""
+    """The zero follows the direction of the motion along the vertical: a force there, or along axes of the tool."""
     sinking = np.gradient(trial.position[:, 2], trial.time)
     limit = 0.2 * float(np.quantile(np.abs(sinking), 0.9))
     way = np.where(np.abs(sinking) > limit, np.sign(sinking), 0.0)
-    course = np.zeros((len(trial), 6, 6))
-    course[:, FORCE, 0] = -way[:, None] * trial.down
-    yield Variant(trial=trial, setup=replace(setup, course=course))
+    for axes in (trial.down[:, :, None], np.repeat(np.eye(3)[None], len(trial), axis=0)):
+        course = np.zeros((len(trial), 6, 6))
+        course[:, FORCE, : axes.shape[2]] = -way[:, None, None] * axes
+        yield Variant(trial=trial, setup=replace(setup, course=course), course="friction")
 
 
 MIN_AT_LIMIT = 8
@@ -337,21 +370,36 @@ MIN_LIMIT_NOISES_FACTOR = 15.0
 
 
 def _saturation(trial: Trial, setup: Setup) -> Iterator[Variant]:
-    """The moments at which an axis is at its greatest reading do not count."""
+    """An axis stops at its greatest reading, or all of them do."""
     force = trial.readings_at(trial.time)[:, FORCE]
     height = trial.position[:, 2]
     force = force - np.median(force[height >= np.quantile(height, 0.9)], axis=0)
+    directions = np.swapaxes(setup.cell_axes(trial), 1, 2)
+    capped_by_axis: list[Array] = []
     for axis, side in product(range(3), (1.0, -1.0)):
         reading = side * force[:, axis]
         noise = float(trial.noise[axis])
         limit = float(reading.max())
         at_limit = reading >= limit - NOISES_AT_LIMIT * noise - 1e-9
-        is_limit = limit > max(MIN_LIMIT_NOISES_FACTOR * noise, 0.5 * float(np.abs(force).max()))
+        is_limit = limit > max(MIN_LIMIT_NOISES_FACTOR * noise, 0.3 * float(np.abs(force).max()))
         # also where it is none, so that the variants keep their numbers
-        left_out = at_limit & (is_limit and at_limit.sum() >= MIN_AT_LIMIT)
+        is_capped = at_limit & (is_limit and at_limit.sum() >= MIN_AT_LIMIT)
+        directions_capped = np.zeros((len(trial), 3, 3))
+        directions_capped[:, axis] = side * directions[:, axis] * is_capped[:, None]
+        capped_by_axis.append(directions_capped)
         yield Variant(
-            trial=trial, setup=replace(setup, left_out=left_out), number=side * limit, axis=axis
+            trial=trial,
+            setup=replace(setup, capped=directions_capped),
+            number=side * limit,
+            axis=axis,
         )
+    highest = int(np.abs(force).max(axis=0).argmax())
+    yield Variant(
+        trial=trial,
+        setup=replace(setup, capped=np.sum(capped_by_axis, axis=0)),
+        number=float(np.abs(force[:, highest]).max()),
+        axis=highest,
+    )
 
 
 def _ways(angle: float, count: int) -> tuple[tuple[float, float], ...]:
@@ -377,12 +425,22 @@ HYPOTHESES = (
     Hypothesis(
         cause=Cause.WEIGHT, free=("mass", "moment", "force_bias", "torque_bias"), rarity=3.0
     ),
+    Hypothesis(
+        cause=Cause.PAYLOAD, free=("mass", "moment", "force_bias", "torque_bias"), rarity=4.0
+    ),
     Hypothesis(cause=Cause.DELAY, free=("delay",)),
     Hypothesis(cause=Cause.STRENGTH, free=("zeta",)),
     Hypothesis(cause=Cause.LEVER, free=("lever",)),
     Hypothesis(cause=Cause.SIGN, mend=_sign),
+    Hypothesis(
+        cause=Cause.SIGN,
+        mend=_sign,
+        free=("mass", "moment", "force_bias", "torque_bias"),
+        rarity=6.0,
+    ),
     Hypothesis(cause=Cause.TURN, mend=_turn, rarity=3.0),
     Hypothesis(cause=Cause.SIGN_AND_TURN, mend=_sign_and_turn, free=("moment",), rarity=6.0),
+    Hypothesis(cause=Cause.ANGLE, free=("turn",), rarity=3.0),
     Hypothesis(cause=Cause.ANGLE, mend=_angle, free=("turn",), rarity=8.0),
     Hypothesis(cause=Cause.AXES_OF_READING, mend=_axes_of_reading, rarity=1.0),
     Hypothesis(cause=Cause.TORQUE_UNIT, mend=_torque_unit),
@@ -392,7 +450,8 @@ HYPOTHESES = (
         family=_filter,
         points=tuple((float(np.log(lag)),) for lag in (0.02, 0.06, 0.15)),
         step=0.4,
-        rarity=3.0,
+        rarity=0.5,
+        min_gain=5.0,
     ),
     Hypothesis(cause=Cause.SATURATION, mend=_saturation, rarity=6.0),
     Hypothesis(
@@ -428,135 +487,6 @@ HYPOTHESES = (
 )
 
 COARSE_MOMENTS_COUNT = 180
-DELAYS_S = (-0.25, -0.12, -0.06, -0.03, 0.0, 0.03, 0.06, 0.12, 0.25, 0.4)
-SURFACES_COUNT = 14
-
-
-@dataclass(frozen=True, eq=False)
-class Coarse:
-    """The misfit of the force over a grid of surfaces, delays and orientations of the load cell.
-
-    `costs`, shape [surfaces, delays, 48]: the first orientation is the given one, then `GROUP`, then the 24 with the
-    other sign. `aligned`: the turns in tool axes that fit best at the best surface.
-    """
-
-    surfaces: Array
-    costs: Array
-    best_turns: list[Rotation]
-
-
-def surfaces_of(problem: Problem) -> Array:
-    """Heights at which the surface may lie [m]: the given one first."""
-    low = problem.model.low
-    bottom = float(low.min())
-    top = float(low.max())
-    heights = bottom + (top - bottom) * np.linspace(0.03, 1.0, SURFACES_COUNT)
-    return np.append(problem.setup.surface, heights)
-
-
-ORIENTATIONS = np.array(
-    [sign * turn.as_matrix() for sign in (1.0, -1.0) for turn in (Rotation.identity(), *GROUP)]
-)
-
-
-def coarse(problem: Problem, *, delays: bool = True) -> Coarse:
-    """The misfit of the force for all orientations at once, from sums over the moments that do not depend on them."""
-    setup = problem.setup
-    weight = problem.count_of / problem.error[:, 0] ** 2 / 3.0
-    gravity = GRAVITY * problem.down
-    given_values = problem.given()
-    scale = problem.scale
-    freedom = 10.0 if "force_bias" in setup.unknown else 3.0
-    bias_prior = 1.0 / (freedom * scale[rows_of("force_bias")][0]) ** 2
-    mass_prior = 1.0 / (freedom * scale[rows_of("mass")][0]) ** 2
-    surfaces = surfaces_of(problem)
-    to_tool = setup.in_tool
-    # an orientation turns the reading in the axes of the load cell
-    turns = np.einsum("ij,kjl,ml->kim", to_tool, ORIENTATIONS, to_tool)
-    least = 0.2 * setup.law.zeta
-    most = 5.0 * setup.law.zeta
-    bias = given_values[rows_of("force_bias")]
-    costs = np.full((len(surfaces), len(DELAYS_S), len(turns)), np.inf)
-    least_cost = np.inf
-    best_height = setup.surface
-    best_late = 0.0
-    for k, late in enumerate(DELAYS_S):
-        if not delays and late != 0.0:
-            continue
-        y = problem.reading(late)[:, FORCE] - bias
-        total = float(weight @ (y**2).sum(axis=1))
-        s_y = weight @ y
-        m_yw = np.einsum("n,ni,nj->ij", weight, y, gravity)
-        for j, height in enumerate(surfaces):
-            g = problem.basis(height, setup.length).wrench[:, FORCE]
-            s_w = weight @ gravity
-            s_g = weight @ g
-            n = np.zeros((5, 5))
-            n[:3, :3] = np.eye(3) * (weight.sum() + bias_prior)
-            n[:3, 3] = n[3, :3] = s_w
-            n[:3, 4] = n[4, :3] = s_g
-            n[3, 3] = weight @ (gravity**2).sum(axis=1) + mass_prior
-            n[3, 4] = n[4, 3] = weight @ (gravity * g).sum(axis=1)
-            n[4, 4] = weight @ (g**2).sum(axis=1) + 1e-9
-            m_yg = np.einsum("n,ni,nj->ij", weight, y, g)
-            mass = given_values[1]
-            right = np.empty((len(turns), 5))
-            # y turned, less the given weight
-            right[:, :3] = turns @ s_y - mass * s_w
-            right[:, 3] = np.einsum("kij,ji->k", turns, m_yw) - mass * (n[3, 3] - mass_prior)
-            right[:, 4] = np.einsum("kij,ji->k", turns, m_yg) - mass * n[3, 4]
-            square = (
-                total
-                - 2.0 * mass * np.einsum("kij,ji->k", turns, m_yw)
-                + mass**2 * (n[3, 3] - mass_prior)
-            )
-            results = np.linalg.solve(n, right.T).T
-            cost = square - np.einsum("kj,kj->k", results, right)
-            zeta = np.clip(results[:, 4], least, most)
-            off = np.flatnonzero(zeta != results[:, 4])
-            if len(off):
-                rest = right[off, :4] - n[:4, 4] * zeta[off, None]
-                sub = np.linalg.solve(n[:4, :4], rest.T).T
-                cost[off] = (
-                    square[off]
-                    - 2.0 * zeta[off] * right[off, 4]
-                    + zeta[off] ** 2 * n[4, 4]
-                    - np.einsum("kj,kj->k", sub, rest)
-                )
-            costs[j, k] = cost
-            if cost.min() < least_cost:
-                least_cost = float(cost.min())
-                best_height = float(height)
-                best_late = late
-    y = problem.reading(best_late)[:, FORCE] - bias
-    g = problem.basis(best_height, setup.length).wrench[:, FORCE]
-    best_turns = list(_aligned(problem, y, g, weight, gravity, given_values[1]))
-    return Coarse(surfaces, costs, best_turns)
-
-
-def _aligned(
-    problem: Problem, y: Array, g: Array, weight: Array, gravity: Array, mass: float
-) -> Iterator[Rotation]:
-    """The turn of the readings that aligns them with the model's force and weight, with ζ in turns."""
-    zeta = problem.setup.law.zeta
-    turn = Rotation.identity()
-    for _ in range(4):
-        expected_force = zeta * g + mass * gravity
-        expected_force = expected_force - np.average(expected_force, axis=0, weights=weight)
-        product = (
-            weight[:, None] * (y - np.average(y, axis=0, weights=weight))
-        ).T @ expected_force
-        left_vectors, _, right = np.linalg.svd(product)
-        handedness = np.diag((1.0, 1.0, float(np.sign(np.linalg.det(left_vectors @ right)))))
-        turn = Rotation.from_matrix(right.T @ handedness @ left_vectors.T)
-        turned_force = turn.apply(y) - mass * gravity
-        turned_force = turned_force - np.average(turned_force, axis=0, weights=weight)
-        centred_force = g - np.average(g, axis=0, weights=weight)
-        zeta = float(weight @ (turned_force * centred_force).sum(axis=1)) / max(
-            float(weight @ (centred_force**2).sum(axis=1)), 1e-12
-        )
-        zeta = max(zeta, 0.1 * problem.setup.law.zeta)
-    yield turn
 
 
 @dataclass(frozen=True, eq=False)
@@ -599,14 +529,18 @@ def explained(trial: Trial, setup: Setup) -> list[Explanation]:
     problem = Problem(few_moments, few_setup)
     base = coarse(problem)
     candidates: list[_Candidate] = []
-    enough = problem.usual * problem.count
-    for hypothesis in HYPOTHESES:
-        if hypothesis.is_costly and min(one.cost for one in candidates) < enough:
-            continue
-        for candidate in _promising(hypothesis, few_moments, few_setup, base):
-            result = _fitted(candidate, few_moments, few_setup, problem, steps=6).fit
-            cost = result.misfit + hypothesis.rarity
-            candidates.append(replace(candidate, start=result.values, cost=cost))
+    for is_costly in (False, True):
+        if (
+            is_costly
+            and min(one.cost for one in candidates) < ENOUGH_SHARE * problem.usual * problem.count
+        ):
+            break
+        for hypothesis in HYPOTHESES:
+            if hypothesis.is_costly is is_costly:
+                for candidate in _promising(hypothesis, problem, base):
+                    result = _fitted(candidate, few_moments, few_setup, problem, steps=6).fit
+                    cost = result.misfit + hypothesis.rarity
+                    candidates.append(replace(candidate, start=result.values, cost=cost))
     candidates.sort(key=lambda one: one.cost)
     limit = KEPT_FACTOR * candidates[0].cost + KEPT_MISFIT_COUNT
     full = Problem(trial, setup)
@@ -625,50 +559,48 @@ def _fitted(
 ) -> Explanation:
     """The candidate, fitted. `problem`: that of the trial as it is."""
     variant = candidate.again(trial, setup)
-    if variant.trial is not trial or variant.setup is not setup:
-        problem = Problem(variant.trial, variant.setup)
+    problem = problem.beside(variant.trial, variant.setup)
     result = fit(problem, candidate.hypothesis.free, start=candidate.start, steps=steps)
     return Explanation(candidate.hypothesis, variant, problem, result)
 
 
+ENOUGH_SHARE = 0.7
+"""Of the usual misfit: if a simple cause leaves less, none that costs much time is tried."""
 KEPT_FACTOR = 1.6
 KEPT_MISFIT_COUNT = 10.0
 FITTED_COUNT = 6
 REFINEMENTS_COUNT = 9
 
 
-def _promising(
-    hypothesis: Hypothesis, trial: Trial, setup: Setup, base: Coarse
-) -> Iterator[_Candidate]:
-    """The variants of a hypothesis that may fit."""
-    now = DELAYS_S.index(0.0)
+def _promising(hypothesis: Hypothesis, problem: Problem, base: Coarse) -> Iterator[_Candidate]:
+    """The variants of a hypothesis that may fit. `problem`: of the cell as given."""
+    trial = problem.trial
+    setup = problem.setup
 
     def numbered(k: int, start: Mapping[str, Any]) -> _Candidate:
         return _Candidate(hypothesis, lambda t, s: hypothesis.variants(t, s)[k], start)
 
-    if hypothesis.mend is _as_given and hypothesis.family is None:
+    if hypothesis.is_of_numbers:
         yield numbered(0, {})
         if "surface" in hypothesis.free:
-            height = float(base.surfaces[base.costs[:, now, 0].argmin()])
-            yield numbered(0, {"surface": height})
+            yield numbered(0, {"surface": base.surface})
         if "delay" in hypothesis.free:
-            yield numbered(0, {"delay": DELAYS_S[int(base.costs[0, :, 0].argmin())]})
+            yield numbered(0, {"delay": base.delay})
         return
     variants = hypothesis.variants(trial, setup)
     first = ORIENTATION_OF.get(hypothesis.cause)
     if first is not None:
-        costs = base.costs[0, now, first : first + len(variants)]
+        costs = base.given_costs[first : first + len(variants)]
         for k in np.argsort(costs)[:3]:
             yield numbered(int(k), {})
         return
 
     def cost_of(variant: Variant) -> tuple[float, Mapping[str, Any]]:
-        problem = Problem(variant.trial, variant.setup)
+        problem_of_variant = problem.beside(variant.trial, variant.setup)
         start: Mapping[str, Any] = {}
-        if hypothesis.searches_surface:
-            grid = coarse(problem, delays=False)
-            start = {"surface": float(grid.surfaces[grid.costs[:, now, 0].argmin()])}
-        return fit(problem, hypothesis.free, start=start, steps=2).misfit, start
+        if hypothesis.searches_surface or "surface" in setup.unknown:
+            start = {"surface": coarse(problem_of_variant, has_delays=False).surface}
+        return fit(problem_of_variant, hypothesis.free, start=start, steps=2).misfit, start
 
     if not variants:
         return

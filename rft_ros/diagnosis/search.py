@@ -5,8 +5,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 from scipy.spatial.transform import Rotation
 
+from rft_ros.diagnosis.coarse import coarse
 from rft_ros.diagnosis.fit import NUISANCES, TOLERANCES, Fit, Problem, Setup, fit, rows_of
-from rft_ros.diagnosis.hypotheses import Cause, Explanation, explained, quaternion_of
+from rft_ros.diagnosis.hypotheses import (
+    COARSE_MOMENTS_COUNT,
+    Cause,
+    Explanation,
+    explained,
+    quaternion_of,
+)
 from rft_ros.diagnosis.trial import Trial
 
 
@@ -14,8 +21,8 @@ from rft_ros.diagnosis.trial import Trial
 class Limits:
     """When a cause is told.
 
-    `max_off`: greatest deviation in tolerances of a cell that needs no search. `min_gain` of the misfit by any cause;
-    `min_gain_of_other` and `max_ratio` of the misfit by one that frees nothing. `told_off`: least deviation in
+    `max_off`: greatest deviation in tolerances of a cell that needs no search. `min_gain` of the misfit by numbers, and
+    `max_ratio` of the misfit by another cause. `told_off`: least deviation in
     tolerances of a number that is told, `told_ratio`: of ζ; `min_tilt_degrees`: of a world that is tilted, since grains
     push plates up to 3° out of the model's direction. `tie` and `tie_share` of the misfit: causes within this of the
     best one fit alike. `max_error` in tolerances of a number that is written to a file: a straight press determines
@@ -24,7 +31,6 @@ class Limits:
 
     max_off: float = 1.0
     min_gain: float = 5.0
-    min_gain_of_other: float = 12.0
     max_ratio: float = 0.6
     told_off: float = 2.0
     told_ratio: float = 2.1
@@ -35,16 +41,23 @@ class Limits:
 
 
 LIMITS = Limits()
-CAUSES_COUNT = 1
+MAX_COARSE_DELAY_S = 0.021
+"""Delay by the coarse search, one of its steps, that is none."""
+MAX_MISFIT_FACTOR = 3.0
+"""Misfit over the usual one that no right cell has."""
+MIN_MASS_KG = 0.02
+"""A smaller negative mass is none."""
+CAUSES_COUNT = 3
 """Causes that are searched: of several faults at once the fit is no better than the searches of `judge`."""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A cause that is told, and others that fit alike; `fit_before`: without it."""
+    """A cause that is told, and others that fit alike; `setup_before` and `fit_before`: without it."""
 
     best: Explanation
     ties: tuple[Explanation, ...]
+    setup_before: Setup
     fit_before: Fit
 
 
@@ -70,18 +83,32 @@ def diagnose(trial: Trial, setup: Setup, *, has_search: bool = True) -> Diagnosi
 
     `trial`: followed, of at most `MOMENTS_COUNT`.
     """
+    delay = _coarse_delay(trial, setup)
+    if "delay" in setup.unknown:
+        setup = replace(setup, late=setup.late + delay)
+        delay = 0.0
     problem = Problem(trial, setup)
     result = fit(problem)
-    if not has_search or _needs_nothing(problem, result):
+    # stops show a delay; they are short, and hardly count in the whole misfit
+    is_right = _needs_nothing(problem, result) and abs(delay) <= MAX_COARSE_DELAY_S
+    if is_right or not has_search:
         return Diagnosis((), trial, setup, problem, result)
     return _found_along(trial, setup, result)
 
 
+def _coarse_delay(trial: Trial, setup: Setup) -> float:
+    few_moments = Problem(trial.thinned(COARSE_MOMENTS_COUNT), setup.thinned(COARSE_MOMENTS_COUNT))
+    return coarse(few_moments).delay
+
+
 def _found_along(trial: Trial, setup: Setup, result: Fit) -> Diagnosis:
-    """The causes one after the other, each as if those before were mended. `result`: of the cell as given."""
+    """The causes one after the other, each as if those before were mended. `result`: of the cell as given.
+
+    Of several causes at once those are told that leave no more than right cells do.
+    """
     problem = Problem(trial, setup)
-    causes: list[Found] = []
-    while len(causes) < CAUSES_COUNT:
+    chain = [Diagnosis((), trial, setup, problem, result)]
+    while len(chain) <= CAUSES_COUNT:
         candidates = explained(trial, setup)
         told_causes = [x for x in candidates if _is_told(x, result)]
         if not told_causes:
@@ -89,19 +116,28 @@ def _found_along(trial: Trial, setup: Setup, result: Fit) -> Diagnosis:
         best, *other_causes = told_causes
         limit = best.cost + LIMITS.tie + LIMITS.tie_share * best.fit.misfit
         ties = tuple(x for x in other_causes if x.cost <= limit and _is_other(x, best))
-        causes.append(Found(best, ties, result))
+        causes = (*chain[-1].causes, Found(best, ties, setup, result))
         trial = best.variant.trial
         setup = mended(best)
         problem = Problem(trial, setup)
         result = fit(problem)
-        if ties or not is_mended_by_parameters(best) or _needs_nothing(problem, result):
+        # what no parameter mends is left as the explanation does
+        fit_left = best.fit if not is_mended_by_parameters(best) else result
+        chain.append(Diagnosis(causes, trial, setup, problem, fit_left))
+        if ties or fit_left is best.fit or _needs_nothing(problem, result):
             break
-    return Diagnosis(tuple(causes), trial, setup, problem, result)
+    for diagnosis in reversed(chain[1:]):
+        factor = MAX_MISFIT_FACTOR if len(diagnosis.causes) == 1 else 1.0
+        if diagnosis.fit.per_stretch <= factor * diagnosis.problem.usual:
+            return diagnosis
+    return chain[0]
 
 
 def is_mended_by_parameters(x: Explanation) -> bool:
     """Whether values of parameters mend a cause: if none do, nothing more is known of the cell."""
-    return bool(x.variant.remedy) or x.cause in _NUMBER_CAUSES
+    if x.cause is Cause.PAYLOAD:
+        return False
+    return bool(x.variant.remedy) or (x.hypothesis.is_of_numbers and not undetermined(x))
 
 
 def undetermined(x: Explanation) -> list[str]:
@@ -139,11 +175,20 @@ def deviations(problem: Problem, result: Fit) -> dict[str, float]:
 
 def _is_told(x: Explanation, as_given: Fit) -> bool:
     gain = as_given.misfit - x.cost
+    is_explained = x.fit.per_stretch <= max(
+        x.problem.usual, LIMITS.max_ratio * as_given.per_stretch
+    )
+    if not is_explained:
+        return False
     unknown = (*NUISANCES, *x.problem.setup.unknown)
     free = [name for name in x.hypothesis.free if name not in unknown]
-    if x.cause is Cause.LEVER and x.fit.misfit > LIMITS.max_ratio * as_given.misfit:
+    if x.cause is Cause.LEVER and undetermined(x):
         return False
-    if x.cause in _NUMBER_CAUSES:
+    if x.cause in (Cause.WEIGHT, Cause.PAYLOAD):
+        has_weight = float(x.fit.values["mass"][0]) >= -MIN_MASS_KG
+        if has_weight is not (x.cause is Cause.WEIGHT):
+            return False
+    if x.hypothesis.is_of_numbers:
         given_values = x.problem.given()
         for name in free:
             rows = rows_of(name)
@@ -157,38 +202,30 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
         return False
     if x.cause is Cause.WORLD and x.variant.number < LIMITS.min_tilt_degrees:
         return False
-    return gain >= LIMITS.min_gain_of_other and x.fit.misfit <= LIMITS.max_ratio * as_given.misfit
+    return gain >= x.hypothesis.min_gain
 
 
-_NUMBER_CAUSES = {
-    Cause.SURFACE,
-    Cause.BIAS,
-    Cause.WEIGHT,
-    Cause.DELAY,
-    Cause.STRENGTH,
-    Cause.LEVER,
-}
+TURN_CAUSES = {Cause.TURN, Cause.SIGN_AND_TURN, Cause.MESH_TURNED}
+"""Causes of which several turns may fit alike."""
 
 # causes of which the first contains the second: the rarer one is not told beside it
 _CONTAINS = {
     (Cause.WEIGHT, Cause.BIAS),
+    (Cause.PAYLOAD, Cause.BIAS),
     (Cause.BIAS, Cause.WEIGHT),
     (Cause.BIAS, Cause.ZERO_MOVES),
     (Cause.ANGLE, Cause.TURN),
     (Cause.TURN, Cause.ANGLE),
     (Cause.SURFACE, Cause.WORLD),
     (Cause.FILTER, Cause.DELAY),
+    (Cause.DELAY, Cause.FILTER),
 }
 
 
 def _is_other(x: Explanation, best: Explanation) -> bool:
     """Whether an explanation is another one than the best, and not one that contains it."""
     if x.cause is best.cause:
-        return (
-            bool(x.variant.remedy)
-            and x.variant.remedy != best.variant.remedy
-            and x.cause is not Cause.TCP
-        )
+        return x.cause in TURN_CAUSES and x.variant.remedy != best.variant.remedy
     return (best.cause, x.cause) not in _CONTAINS
 
 

@@ -3,22 +3,18 @@
 from collections.abc import Iterator, Mapping
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from rft_ros.diagnosis.evidence import Evidence
 from rft_ros.diagnosis.finding import Finding, in_words
-from rft_ros.diagnosis.fit import rows_of
+from rft_ros.diagnosis.fit import MAX_USUAL_ZETA, MIN_USUAL_ZETA, rows_of
 from rft_ros.diagnosis.hypotheses import UNITS_N, Cause, Explanation
 from rft_ros.diagnosis.search import Diagnosis, Found, mended, undetermined
 from rft_ros.parameters import Value
 from rft_ros.rft import FORCE
 
-MIN_WRITTEN_ZETA = 0.2
-MAX_WRITTEN_ZETA = 3.0
-"""Range of ζ that is written to a file: with others, forces in another unit are likelier."""
-MIN_MASS_KG = 0.02
-"""A smaller negative mass is none."""
-
 ADVICE = {
+    Cause.PAYLOAD: "correct the payload in the driver",
     Cause.DELAY: "fit it with rft calibrate",
     Cause.FILTER: "raise the cut-off frequency in the load cell's driver",
     Cause.TORQUE_UNIT: "the driver must give N m, and not N mm or kN m",
@@ -54,6 +50,8 @@ def of_diagnosis(e: Evidence, diagnosis: Diagnosis) -> Iterator[Finding]:
 
 def remedy_of(e: Evidence, x: Explanation) -> dict[str, Value]:
     """The values of parameters that mend a cause."""
+    if x.cause is Cause.PAYLOAD:
+        return {}
     changes = dict(x.variant.remedy)
     setup = mended(x)
     cell = setup.cell
@@ -78,7 +76,7 @@ def remedy_of(e: Evidence, x: Explanation) -> dict[str, Value]:
         changes["sensor.delay"] = round(cell.delay, 3)
     if "zeta" in free:
         zeta = setup.law.zeta
-        if MIN_WRITTEN_ZETA <= zeta <= MAX_WRITTEN_ZETA:
+        if MIN_USUAL_ZETA <= zeta <= MAX_USUAL_ZETA:
             changes["medium.zeta"] = float(f"{zeta:.4g}")
     if e.place_parameter:
         for name in ("sensor.quaternion", "sensor.position"):
@@ -96,13 +94,6 @@ def _of_cause(e: Evidence, cause_found: Found) -> Finding:
     if motions and not remedy:
         advice.append(f"{motions[0]}: the motion seen does not determine the value")
     name = cause.title
-    if cause is Cause.WEIGHT and float(x.fit.values["mass"][0]) < -MIN_MASS_KG:
-        name = "payload"
-        excess = -float(x.fit.values["mass"][0])
-        sentence = f"the driver subtracts {excess:.2g} kg more than the tool weighs"
-        evidence = {"too_much": excess}
-        remedy = {}
-        advice = ["correct the payload in the driver"]
     if cause_found.ties:
         advice += [a for other_cause in cause_found.ties if (a := _advice(e, other_cause))]
         advice.append(APART)
@@ -160,6 +151,10 @@ def _sentence(cause_found: Found) -> tuple[str, Mapping[str, float]]:
         case Cause.WEIGHT:
             sentence = f"it reads a weight of {values['mass'][0]:.3g} ± {errors['mass'][0]:.1g} kg"
             evidence["mass"] = float(values["mass"][0])
+        case Cause.PAYLOAD:
+            excess = -float(values["mass"][0])
+            sentence = f"the driver subtracts {excess:.2g} kg more than the tool weighs"
+            evidence["too_much"] = excess
         case Cause.DELAY:
             late = 1e3 * float(values["delay"][0])
             side = "later" if late > 0.0 else "earlier"
@@ -173,8 +168,8 @@ def _sentence(cause_found: Found) -> tuple[str, Mapping[str, float]]:
             zeta = float(values["zeta"][0])
             ratio = zeta / x.problem.setup.law.zeta
             sentence = f"measured over predicted force {ratio:.3g}"
-            if not MIN_WRITTEN_ZETA <= zeta <= MAX_WRITTEN_ZETA:
-                usual_range = f"{MIN_WRITTEN_ZETA:g} to {MAX_WRITTEN_ZETA:g}"
+            if not MIN_USUAL_ZETA <= zeta <= MAX_USUAL_ZETA:
+                usual_range = f"{MIN_USUAL_ZETA:g} to {MAX_USUAL_ZETA:g}"
                 sentence += f", a ζ of {zeta:.2g}; dry grains usually have {usual_range}"
             evidence["ratio"] = ratio
         case Cause.UNIT:
@@ -185,6 +180,9 @@ def _sentence(cause_found: Found) -> tuple[str, Mapping[str, float]]:
             sentence = f"a sensor {far:.0f} mm away explains the torque"
             evidence["millimetres"] = far
         case Cause.TURN | Cause.SIGN_AND_TURN | Cause.ANGLE:
+            turn_before = Rotation.from_quat(cause_found.setup_before.cell.quaternion)
+            turn = turn_before.inv() * Rotation.from_quat(mended(x).cell.quaternion)
+            number = float(np.degrees(turn.magnitude()))
             sentence = f"measured and predicted force do not agree, by {number:.0f} degrees"
             evidence["angle"] = number
         case Cause.WORLD:
@@ -214,13 +212,16 @@ def _sentence(cause_found: Found) -> tuple[str, Mapping[str, float]]:
 
 
 def _moved_zero(x: Explanation) -> tuple[str, float]:
-    course = x.problem.setup.course
     change = float(np.linalg.norm(x.fit.values["course"][FORCE]))
-    if x.variant.number > 0.0:
-        sentence = f"the zero of the load cell steps by {change:.3g} N at {x.variant.number:.3g} s"
-    elif course is not None and course[-1, 1, 1] == 1.0:
-        sentence = f"the zero of the load cell drifts by {change:.3g} N"
-    else:
-        change *= 2.0
-        sentence = f"the reading depends on the motion: it changes by {change:.3g} N where the motion turns back"
+    match x.variant.course:
+        case "step":
+            sentence = (
+                f"the zero of the load cell steps by {change:.3g} N at {x.variant.number:.3g} s"
+            )
+        case "drift":
+            sentence = f"the zero of the load cell drifts by {change:.3g} N"
+        case _:
+            change *= 2.0
+            turns = f"it changes by {change:.3g} N where the motion turns back"
+            sentence = f"the reading depends on the motion: {turns}"
     return sentence, change

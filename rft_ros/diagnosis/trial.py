@@ -3,6 +3,7 @@
 A trial knows nothing of what is above it: it comes from a bag, from live messages, or from the rows of estimates.
 """
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 
@@ -19,6 +20,8 @@ STRETCH_M = 0.006
 """Path over which errors of the model are alike: a stretch counts as one measurement."""
 STRETCH_S = 1.0
 """The same at rest: the time over which errors of a load cell are alike."""
+CHANGE_S = 0.03
+"""Time before and after a moment in which a change of the motion is seen."""
 _MIN_DEAD_BAND_M = 1e-5
 _MAX_DEAD_BAND_M = 1e-3
 _DEAD_BAND_FACTOR = 5.0
@@ -104,7 +107,9 @@ class Trial:
         poses = self.poses.copy()
         poses[:, POSITION] = self.position[0] + np.cumsum(displacement[:, :3], axis=0)
         quiet = replace(self, poses=poses)
-        rows = _rows_along(self.time, quiet.path(reach), count)
+        rows = _rows_along(
+            (self.time, quiet.path(reach), _changes(self.time, quiet.position)), count
+        )
         return replace(quiet, time=self.time[rows], poses=poses[rows])
 
 
@@ -121,12 +126,36 @@ def noise_of(series: Array) -> Array:
     return np.asarray(1.48 * np.median(np.abs(steps), axis=0) / 6.0**0.5)
 
 
-def _rows_along(time: Array, path: Array, count: int) -> Indices:
-    """At most `count` rows, spread evenly over time and path alike."""
-    if len(time) <= count:
-        return np.arange(len(time))
-    course = (time - time[0]) / max(time[-1] - time[0], 1e-9) + path / max(path[-1], 1e-9)
-    return np.unique(np.searchsorted(course, np.linspace(0.0, course[-1], count)))
+def _rows_along(courses: Sequence[Array], count: int) -> Indices:
+    """At most `count` rows, spread evenly over several courses alike, each shape [n] and never falling."""
+    length = len(courses[0])
+    if length <= count:
+        return np.arange(length)
+    course = np.sum([(c - c[0]) / max(c[-1] - c[0], 1e-9) for c in courses], axis=0)
+    rows = np.arange(0)
+    # where the courses rise most, several places fall on one row
+    for places in (count * np.array([1.0, 1.3, 1.7, 2.2, 3.0, 4.0])).astype(int):
+        more = np.unique(np.searchsorted(course, np.linspace(0.0, course[-1], places)))
+        if len(more) > count:
+            break
+        rows = more
+    return rows
+
+
+def _changes(time: Array, position: Array) -> Array:
+    """How much the velocity has changed so far [m/s], shape [n]: starts, stops and turns show a delay."""
+
+    def differences(values: Array) -> Array:
+        later_values, earlier_values = (
+            np.column_stack([np.interp(time + shift, time, axis) for axis in values.T])
+            for shift in (CHANGE_S, -CHANGE_S)
+        )
+        return np.asarray(later_values - earlier_values)
+
+    change = np.linalg.norm(differences(differences(position)), axis=1) / (2.0 * CHANGE_S)
+    noise = np.median(change)
+    steps = np.maximum(change - 2.0 * noise, 0.0) * np.gradient(time)
+    return np.asarray(np.cumsum(steps))
 
 
 def stretches(time: Array, path: Array) -> Array:

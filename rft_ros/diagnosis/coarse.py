@@ -1,0 +1,167 @@
+"""A coarse search of what a fit by small steps does not find: surface, delay, and the orientation of the load cell.
+
+Force alone is compared, and bias, mass and ζ are fitted for each candidate by linear least squares.
+"""
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from rft_ros.diagnosis.fit import Problem, rows_of
+from rft_ros.diagnosis.trial import Array
+from rft_ros.estimator import GRAVITY
+from rft_ros.rft import FORCE
+
+DELAYS_S = [0.02 * step for step in range(-20, 21)]
+"""Delays that are tried: at stops the misfit falls within 20 ms of the right one only."""
+SURFACES_COUNT = 14
+MAX_ZETA_FACTOR = 5.0
+"""ζ over the given one, or the other way round, that is tried."""
+FREEDOM_FACTOR = 3.0
+UNKNOWN_FREEDOM_FACTOR = 10.0
+"""How many tolerances bias and mass may be off, where they are given and where they are not."""
+ALIGNMENTS_COUNT = 4
+
+GROUP = sorted(
+    (turn for turn in Rotation.create_group("O") if turn.magnitude() > 0.1),
+    key=lambda turn: round(turn.magnitude(), 3),
+)
+"""The 23 turns that swap or reverse axes, by their angle."""
+ORIENTATIONS = np.array(
+    [sign * turn.as_matrix() for sign in (1.0, -1.0) for turn in (Rotation.identity(), *GROUP)]
+)
+
+
+@dataclass(frozen=True, eq=False)
+class Coarse:
+    """The misfit of the force over heights of the surface and delays, each with the other as given.
+
+    `surfaces` [m]: the given one first. `surface_costs`, shape [surfaces]; `delay_costs`, shape [delays]; `given_costs`
+    with both as given, of all orientations of the load cell, shape [48]: the given one first, then `GROUP`, then the
+    24 with the other sign. `best_turn`: of the readings in tool axes, that fits best at the best surface.
+    """
+
+    surfaces: Array
+    surface_costs: Array
+    delay_costs: Array
+    given_costs: Array
+    best_turn: Rotation
+
+    @property
+    def surface(self) -> float:
+        """The height that fits best [m]."""
+        return float(self.surfaces[self.surface_costs.argmin()])
+
+    @property
+    def delay(self) -> float:
+        """The delay that fits best [s]."""
+        return DELAYS_S[int(self.delay_costs.argmin())]
+
+
+def coarse(problem: Problem, *, has_delays: bool = True) -> Coarse:
+    """Try heights and delays with all orientations at once; without delays for a cell whose delay is not searched."""
+    setup = problem.setup
+    surfaces = _surfaces(problem)
+    weight = np.sqrt(problem.count_of / 3.0) / problem.error[:, 0]
+    # an orientation turns the reading in the axes of the load cell
+    turns = np.einsum("ij,kjl,ml->kim", setup.in_tool, ORIENTATIONS, setup.in_tool)
+    gravity = GRAVITY * problem.down
+    mass = setup.cell.mass
+    bias = problem.given()[rows_of("force_bias")]
+
+    def readings(late: float) -> Array:
+        """Weighted forces without the given bias and weight, in all orientations, shape [3 n, 48]."""
+        forces = (problem.reading(late)[:, FORCE] - bias) @ np.swapaxes(turns, 1, 2)
+        return np.asarray((weight[:, None] * (forces - mass * gravity)).reshape(len(turns), -1).T)
+
+    def columns(height: float) -> Array:
+        """What a unit of bias, mass and ζ adds to the weighted forces, shape [3 n, 5]."""
+        unit_forces = np.empty((len(weight), 3, 5))
+        unit_forces[:, :, :3] = np.eye(3)
+        unit_forces[:, :, 3] = gravity
+        unit_forces[:, :, 4] = problem.basis(height, setup.length).wrench[:, FORCE]
+        return np.asarray((weight[:, None, None] * unit_forces).reshape(-1, 5))
+
+    priors = _priors(problem)
+    zeta = setup.law.zeta
+    now = readings(0.0)
+    here = columns(setup.surface)
+    given_costs = _costs(here, now, priors, zeta)
+    surface_costs = [_costs(columns(height), now, priors, zeta) for height in surfaces]
+    delays = DELAYS_S if has_delays else [0.0]
+    delay_costs = [_costs(here, readings(late), priors, zeta) for late in delays]
+    best_surface = surfaces[int(np.min(surface_costs, axis=1).argmin())]
+    best_turn = _aligned(problem, float(best_surface), weight**2)
+    return Coarse(
+        surfaces=surfaces,
+        surface_costs=np.array(surface_costs)[:, 0],
+        delay_costs=np.array(delay_costs)[:, 0],
+        given_costs=given_costs,
+        best_turn=best_turn,
+    )
+
+
+def _surfaces(problem: Problem) -> Array:
+    """Heights at which the surface may lie [m]: the given one first."""
+    bottom = float(problem.model.low.min())
+    top = float(problem.model.low.max())
+    heights = bottom + (top - bottom) * np.linspace(0.03, 1.0, SURFACES_COUNT)
+    return np.append(problem.setup.surface, heights)
+
+
+def _priors(problem: Problem) -> Array:
+    """Inverse squares of how far bias, mass and ζ may be off, shape [5]."""
+    unknown = problem.setup.unknown
+    factor = UNKNOWN_FREEDOM_FACTOR if "force_bias" in unknown else FREEDOM_FACTOR
+    bias = factor * problem.scale[rows_of("force_bias")]
+    mass = factor * problem.scale[rows_of("mass")]
+    return np.asarray(np.append(np.append(bias, mass) ** -2.0, 1e-9))
+
+
+def _costs(columns: Array, readings: Array, priors: Array, zeta: float) -> Array:
+    """The misfit of readings in several orientations, shape [k], with bias, mass and a plausible ζ that fit best."""
+
+    def solved(columns: Array, readings: Array, priors: Array) -> tuple[Array, Array]:
+        right = columns.T @ readings
+        values = np.linalg.solve(columns.T @ columns + np.diag(priors), right)
+        costs: Array = (readings**2).sum(axis=0) - (right * values).sum(axis=0)
+        return np.asarray(values), costs
+
+    values, costs = solved(columns, readings, priors)
+    plausible = np.clip(values[4], zeta / MAX_ZETA_FACTOR, zeta * MAX_ZETA_FACTOR)
+    is_off = plausible != values[4]
+    if is_off.any():
+        rest = readings[:, is_off] - columns[:, 4:] * plausible[is_off]
+        _, costs[is_off] = solved(columns[:, :4], rest, priors[:4])
+    return np.asarray(costs)
+
+
+def _aligned(problem: Problem, height: float, weight: Array) -> Rotation:
+    """The turn of the readings that aligns them with the model's force and weight, with ζ in turns."""
+    mass = problem.setup.cell.mass
+    gravity = GRAVITY * problem.down
+    reading = problem.reading(0.0)[:, FORCE] - problem.given()[rows_of("force_bias")]
+    model_force = problem.basis(height, problem.setup.length).wrench[:, FORCE]
+    zeta = problem.setup.law.zeta
+
+    def centred(force: Array) -> Array:
+        return np.asarray(force - np.average(force, axis=0, weights=weight))
+
+    turn = Rotation.identity()
+    for _ in range(ALIGNMENTS_COUNT):
+        expected_force = centred(zeta * model_force + mass * gravity)
+        left_vectors, _, right_vectors = np.linalg.svd(
+            (weight[:, None] * centred(reading)).T @ expected_force
+        )
+        handedness = np.diag(
+            (1.0, 1.0, float(np.sign(np.linalg.det(left_vectors @ right_vectors))))
+        )
+        turn = Rotation.from_matrix(right_vectors.T @ handedness @ left_vectors.T)
+        grains = centred(turn.apply(reading) - mass * gravity)
+        shape = centred(model_force)
+        square = max(float(weight @ (shape**2).sum(axis=1)), 1e-12)
+        zeta = max(
+            float(weight @ (grains * shape).sum(axis=1)) / square, 0.1 * problem.setup.law.zeta
+        )
+    return turn
