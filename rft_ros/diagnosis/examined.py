@@ -1,7 +1,7 @@
 """Examines a cell twice: by the searches of `judge`, and by one fit of all its numbers, which decides between them.
 
-A cell that fits as it is given has no fault, whatever a single search says. Where one cause mends the whole
-misfit, it is what is told. Otherwise the searches stand as they are.
+A cell that fits as it is given has no fault, whatever a single search says. What explains the cell is what is told.
+Otherwise the searches stand as they are.
 """
 
 from collections.abc import Callable, Iterable, Iterator
