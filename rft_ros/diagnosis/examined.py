@@ -54,7 +54,7 @@ def examine(
     is_decided = bool(causes) or diagnosis.is_clean
     if not (is_decided and _is_pushed(e, diagnosis)):
         yield from findings
-    elif {cause.name for cause in causes} == names:
+    elif {cause.name for cause in causes} == names and all(cause.remedy for cause in causes):
         # they agree, and a search knows its own numbers better, such as a bias from the air alone
         yield from findings
     elif causes:

@@ -73,9 +73,8 @@ class Diagnosis:
 
     @property
     def is_clean(self) -> bool:
-        """Whether the cell needs nothing more once the causes are mended, of which none fits alike another one."""
-        has_ties = any(cause.ties for cause in self.causes)
-        return not has_ties and _needs_nothing(self.problem, self.fit)
+        """Whether the cell as given leaves no more than right cells do, and nothing explains that better."""
+        return not self.causes and self.fit.per_stretch <= self.problem.usual
 
 
 def diagnose(trial: Trial, setup: Setup, *, has_search: bool = True) -> Diagnosis:
@@ -124,7 +123,8 @@ def _found_along(trial: Trial, setup: Setup, result: Fit) -> Diagnosis:
         # what no parameter mends is left as the explanation does
         fit_left = best.fit if not is_mended_by_parameters(best) else result
         chain.append(Diagnosis(causes, trial, setup, problem, fit_left))
-        if ties or fit_left is best.fit or _needs_nothing(problem, result):
+        # a small rest is no ground for another cause
+        if ties or fit_left is best.fit or result.per_stretch <= problem.usual:
             break
     for diagnosis in reversed(chain[1:]):
         factor = MAX_MISFIT_FACTOR if len(diagnosis.causes) == 1 else 1.0
