@@ -184,6 +184,9 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
     free = [name for name in x.hypothesis.free if name not in unknown]
     if x.cause is Cause.LEVER and undetermined(x):
         return False
+    # in a smaller unit any torque nearly vanishes, and with it its misfit
+    if x.cause is Cause.TORQUE_UNIT and x.fit.per_stretch > x.problem.usual:
+        return False
     if x.cause in (Cause.WEIGHT, Cause.PAYLOAD):
         has_weight = float(x.fit.values["mass"][0]) >= -MIN_MASS_KG
         if has_weight is not (x.cause is Cause.WEIGHT):
