@@ -51,7 +51,7 @@ def examine(
     diagnosis = diagnose(followed(e), setup_of(e), has_search=has_search)
     causes = list(of_diagnosis(e, diagnosis))
     names = {finding.name for finding in findings if not finding.ok}
-    is_decided = bool(causes) or diagnosis.is_clean
+    is_decided = bool(causes) or diagnosis.is_right
     if not (is_decided and _is_pushed(e, diagnosis)):
         yield from findings
     elif {cause.name for cause in causes} == names and all(cause.remedy for cause in causes):

@@ -63,18 +63,18 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The causes in the order of what they explain, and the cell as if they were mended, with its fit."""
+    """The causes in the order of what they explain, and the cell as if they were mended, with its fit.
+
+    `is_right`: whether the cell as given needs no mending: without a search no number may deviate, and after one the
+    misfit must be that of right cells.
+    """
 
     causes: tuple[Found, ...]
     trial: Trial
     setup: Setup
     problem: Problem
     fit: Fit
-
-    @property
-    def is_clean(self) -> bool:
-        """Whether the cell as given leaves no more than right cells do, and nothing explains that better."""
-        return not self.causes and self.fit.per_stretch <= self.problem.usual
+    is_right: bool
 
 
 def diagnose(trial: Trial, setup: Setup, *, has_search: bool = True) -> Diagnosis:
@@ -91,7 +91,7 @@ def diagnose(trial: Trial, setup: Setup, *, has_search: bool = True) -> Diagnosi
     # stops show a delay; they are short, and hardly count in the whole misfit
     is_right = _needs_nothing(problem, result) and abs(delay) <= MAX_COARSE_DELAY_S
     if is_right or not has_search:
-        return Diagnosis((), trial, setup, problem, result)
+        return Diagnosis((), trial, setup, problem, result, is_right)
     return _found_along(trial, setup, result)
 
 
@@ -106,7 +106,8 @@ def _found_along(trial: Trial, setup: Setup, result: Fit) -> Diagnosis:
     Of several causes at once those are told that leave no more than right cells do.
     """
     problem = Problem(trial, setup)
-    chain = [Diagnosis((), trial, setup, problem, result)]
+    is_right = result.per_stretch <= problem.usual
+    chain = [Diagnosis((), trial, setup, problem, result, is_right)]
     while len(chain) <= CAUSES_COUNT:
         candidates = explained(trial, setup)
         told_causes = [x for x in candidates if _is_told(x, result)]
@@ -122,7 +123,7 @@ def _found_along(trial: Trial, setup: Setup, result: Fit) -> Diagnosis:
         result = fit(problem)
         # what no parameter mends is left as the explanation does
         fit_left = best.fit if not is_mended_by_parameters(best) else result
-        chain.append(Diagnosis(causes, trial, setup, problem, fit_left))
+        chain.append(Diagnosis(causes, trial, setup, problem, fit_left, is_right=False))
         # a small rest is no ground for another cause
         if ties or fit_left is best.fit or result.per_stretch <= problem.usual:
             break

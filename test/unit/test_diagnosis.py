@@ -16,7 +16,7 @@ from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
 from rft_ros.demo import virtual_arm
-from rft_ros.diagnosis import CellAlong, Finding
+from rft_ros.diagnosis import CellAlong, Finding, examine
 from rft_ros.diagnosis.examined import followed, setup_of
 from rft_ros.diagnosis.hypotheses import Cause, explained
 from rft_ros.diagnosis.sentences import remedy_of
@@ -498,23 +498,53 @@ def test_a_delay_is_named_although_the_whole_recording_fits_without_it(delay):
     assert finding.remedy["sensor.delay"] == pytest.approx(0.0, abs=0.008)
 
 
+@pytest.fixture
+def evidence_of(monkeypatch):
+    """The evidence of a cell, that of `faults`."""
+
+    def evidence_of(**cell):
+        examined = []
+
+        def keep(evidence):
+            examined.append(evidence)
+            return []
+
+        with monkeypatch.context() as patch:
+            patch.setattr(checkup, "examine", keep)
+            faults(**cell)
+        (evidence,) = examined
+        return evidence
+
+    return evidence_of
+
+
+def test_a_replay_names_a_wrong_surface_without_a_search_although_the_whole_recording_fits(
+    evidence_of,
+):
+    evidence = evidence_of(readings=LOADS + NOISE, surface_height=SURFACE + 0.02)
+    findings = [finding for finding in examine(evidence, has_search=False) if not finding.ok]
+    assert named(findings) == ["surface_height"]
+
+
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_load_cell_without_torque_is_judged_by_its_force(sign):
+    readings = LOADS + NOISE
+    readings[:, TORQUE] = np.nan
+    findings = faults(readings=readings, sensor__sign=sign)
+    remedies = {name: value for finding in findings for name, value in finding.remedy.items()}
+    assert named(findings) == (["wrench"] if sign > 0.0 else ["wrench", "sign"])
+    assert remedies == ({} if sign > 0.0 else {"sensor.sign": 1.0})
+
+
 @pytest.mark.parametrize(("motions", "is_known"), [(450, False), (len(STATES), True)])
 def test_the_fit_writes_a_lever_that_a_drag_determines_and_none_of_a_straight_press(
-    monkeypatch, motions, is_known
+    evidence_of, motions, is_known
 ):
-    examined = []
-
-    def keep(evidence):
-        examined.append(evidence)
-        return []
-
-    monkeypatch.setattr(checkup, "examine", keep)
-    faults(
+    evidence = evidence_of(
         states=STATES[:motions],
         readings=(LOADS + NOISE)[:motions],
         sensor__position=[0.15, 0.1, 0.05],
     )
-    (evidence,) = examined
     explanations = explained(followed(evidence), setup_of(evidence))
     (lever,) = [one for one in explanations if one.cause is Cause.LEVER]
     remedy = remedy_of(evidence, lever)
