@@ -95,9 +95,7 @@ def replay(
         evidence = evidence_of(rows[:_JUDGED], estimator)
         faults = []
         if TWO_PUBLISHERS not in table.issues:  # whose poses no judge can tell from noise
-            faults += [
-                finding.text for finding in examine(evidence, has_search=False) if not finding.ok
-            ]
+            faults += [finding.text for finding in examine(evidence) if not finding.ok]
         if "wrench" in recording.missing and not is_table(bag):
             there = recording.missing["wrench"]
             faults.append(f"no load cell: nothing on {recording.topics['wrench']}; {there}")

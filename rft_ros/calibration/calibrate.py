@@ -18,9 +18,10 @@ from rft_ros.calibration.grains import GIVEN_SURFACE_ERROR, Given, fit_grains
 from rft_ros.calibration.phases import Contact, find_contacts
 from rft_ros.calibration.recorded import BedValues, Recorded
 from rft_ros.calibration.smoothing import interpolated
-from rft_ros.calibration.suspicion import doubts, refuse_implausible, without_repeats
+from rft_ros.calibration.suspicion import judge_fitted, refuse_implausible
 from rft_ros.calibration.tool_weight import fit_tool_weight
 from rft_ros.calibration.track import Track, thinned
+from rft_ros.diagnosis import rows_of_new_poses
 from rft_ros.errors import InputError
 from rft_ros.parameters import (
     Config,
@@ -30,7 +31,7 @@ from rft_ros.parameters import (
     Values,
     load_parts,
 )
-from rft_ros.rft import FORCE, Law, rotate_vectors, wrenches
+from rft_ros.rft import FORCE, POSE, Law, rotate_vectors, wrenches
 from rft_ros.rft.frames import Placement
 
 PARTS = ("sensor", "surface", "zeta", "mobilization")
@@ -66,8 +67,8 @@ def calibrate(
     """Fit `parts` to the tracks. Other values, and those that are not identifiable, are taken from `parameters`.
 
     `parameters`: the node's, all or some by name. `trusts_surface`: their surface height is known, so that a fitted one
-    far from it shows a fault. If the result has `refusals`, it must not be used; if one refuses before the fits,
-    nothing is fitted. Raises InputError for no recordings, for one that `refuse_implausible` refuses, and, if
+    far from it shows a fault. If the result has `refusals`, it has no values. Raises InputError for no recordings,
+    for one that `refuse_implausible` refuses, and, if
     sensor.frame_source is tf, for one whose transforms give no place of the load cell, or another than the first one's.
     """
     if not tracks_sent:
@@ -78,21 +79,12 @@ def calibrate(
     for track in tracks_sent:
         refuse_implausible(track)
     cell = _placed_cell(settings, tracks_sent)
-    tracks_placed = [
-        thinned(without_repeats(replace(track, cell=cell)), MAX_RATE_HZ) for track in tracks_sent
-    ]
+    tracks_on_cell = [replace(track, cell=cell) for track in tracks_sent]
+    tracks_placed = [thinned(_without_repeats(track), MAX_RATE_HZ) for track in tracks_on_cell]
     law = _law_of(config.medium)
     surface_placed = _surface(result, tracks_placed, law, settings, parts)
 
     length = config.medium.mobilization_length
-    law_with_memory = replace(law, density=0.0, mobilization_length=length)
-    for sent, placed in zip(tracks_sent, tracks_placed, strict=True):
-        doubted = doubts(sent, placed, settings, law_with_memory, surface=surface_placed.height)
-        result.warnings += doubted.warnings
-        result.refusals += doubted.refusals
-    if result.refusals:
-        return result
-
     tracks_aligned = tracks_placed
     delay_error = 0.0
     if "sensor" in parts:
@@ -125,6 +117,10 @@ def calibrate(
         parts=parts,
     )
     _check_surface(result, settings.surface_height, trusts_surface=trusts_surface)
+    judge_fitted(result, tracks_on_cell, config)
+    if result.refusals:
+        result.fitted.clear()
+        result.motions.clear()
     return result
 
 
@@ -162,6 +158,14 @@ def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
                 "of the two mountings on its own"
             )
     return settings.load_cell.at(places[0])
+
+
+def _without_repeats(track: Track) -> Track:
+    """The recording without the moments at which a moving tool has the pose of the moment before."""
+    rows = rows_of_new_poses(track.time, track.states[:, POSE])
+    return replace(
+        track, time=track.time[rows], states=track.states[rows], readings=track.readings[rows]
+    )
 
 
 def _law_of(medium: MediumConfig) -> Law:

@@ -30,8 +30,9 @@ from rft_ros.calibration.fitting import (
 from rft_ros.calibration.recorded import LATEST, BedValues, Recorded, course_of_force
 from rft_ros.calibration.smoothing import interpolated
 from rft_ros.calibration.track import FEWEST, Indices, Track, Turn, down_strokes
-from rft_ros.diagnosis import press_states
-from rft_ros.rft import FORCE, Law, wrenches
+from rft_ros.rft import FORCE, STATE, Law, wrenches
+from rft_ros.rft.frames import TWIST
+from rft_ros.tool import Tool
 
 Array = NDArray[np.float64]
 
@@ -220,6 +221,17 @@ def fitted(
     return Phase(part=part, free=free, values=values._replace(**dict(named)), fit=fit)
 
 
+def _press_states(tool: Tool, state: Array, depths: Array) -> Array:
+    """States of a press straight down in the attitude of a state, shape [13], into grains whose surface lies at z = 0.
+
+    `depths` of the tool's lowest point [m], shape [m]; the states: shape [m, 13].
+    """
+    states = np.repeat(state[None], len(depths), axis=0)
+    states[:, TWIST] = (0.0, 0.0, -1.0, 0.0, 0.0, 0.0)
+    states[:, STATE.index("pz")] -= tool.lowest_points(state[None])[0] + depths
+    return states
+
+
 def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Contact:
     """Find the contact of one stroke: fit the vertical force with a free scale and bias, without memory."""
     force = track.forces[stroke, _VERTICAL]
@@ -227,7 +239,7 @@ def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Cont
     low = float(height.min())
     high = float(height.max())
     depths = np.linspace(0.0, high - low, _DEPTHS)
-    pressed = press_states(track.tool, track.states[stroke[-1]], depths)
+    pressed = _press_states(track.tool, track.states[stroke[-1]], depths)
     force_of_law = wrenches(track.tool.plates, law, pressed, threads=1)[:, 2]
 
     used = np.ones(len(stroke), dtype=np.bool_)

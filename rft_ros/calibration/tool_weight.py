@@ -11,9 +11,9 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
+from rft_ros.calibration.air import BIAS, MASS, MOMENT, SPREAD, columns_in_air, fit_in_air, spread
 from rft_ros.calibration.fitting import FitResults, FittedValue, NotIdentifiable, fit_linear
 from rft_ros.calibration.track import Track, still_intervals
-from rft_ros.diagnosis import BIAS, MASS, MOMENT, SPREAD, columns_in_air, fit_in_air, spread
 from rft_ros.errors import InputError
 from rft_ros.estimator import GRAVITY
 from rft_ros.parameters import LoadCell

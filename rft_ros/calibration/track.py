@@ -15,8 +15,8 @@ from rft_ros.bags.estimates import ESTIMATE
 from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.playback import played, reasons
 from rft_ros.bags.reading import bag_name, opened_recording
+from rft_ros.calibration.cell_along import CellAlong
 from rft_ros.calibration.smoothing import interpolated, segments
-from rft_ros.diagnosis import CellAlong
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimator
 from rft_ros.parameters import Config, LoadCell, Settings, Values

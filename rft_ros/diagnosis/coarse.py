@@ -13,14 +13,15 @@ from rft_ros.diagnosis.trial import Array
 from rft_ros.estimator import GRAVITY
 from rft_ros.rft import FORCE
 
-DELAYS_S = [0.02 * step for step in range(-20, 21)]
+DELAYS_S = [0.01 * step for step in range(-40, 41)]
 """Delays that are tried: at stops the misfit falls within 20 ms of the right one only."""
+LENGTHS_M = (1e-4, 6e-4, 3e-3)
+"""λ that are tried with the delays: a start in grains of another λ looks like a delay."""
 SURFACES_COUNT = 14
 MAX_ZETA_FACTOR = 5.0
 """ζ over the given one, or the other way round, that is tried."""
 FREEDOM_FACTOR = 3.0
-UNKNOWN_FREEDOM_FACTOR = 10.0
-"""How many tolerances bias and mass may be off, where they are given and where they are not."""
+"""How many tolerances bias and mass may be off."""
 ALIGNMENTS_COUNT = 4
 
 GROUP = sorted(
@@ -37,21 +38,19 @@ ORIENTATIONS = np.array(
 class Coarse:
     """The misfit of the force over heights of the surface and delays, each with the other as given.
 
-    `surfaces` [m]: the given one first. `surface_costs`, shape [surfaces]; `delay_costs`, shape [delays]; `given_costs`
-    with both as given, of all orientations of the load cell, shape [48]: the given one first, then `GROUP`, then the
-    24 with the other sign. `best_turn`: of the readings in tool axes, that fits best at the best surface.
+    `surfaces` [m]: the given one first. `costs` of each with all orientations of the load cell, shape [surfaces, 48]:
+    the given one first, then `GROUP`, then the 24 with the other sign. `delay_costs`, shape [delays]. `best_turn`: of
+    the readings in tool axes, that fits best at the best surface.
     """
 
     surfaces: Array
-    surface_costs: Array
+    costs: Array
     delay_costs: Array
-    given_costs: Array
     best_turn: Rotation
 
-    @property
-    def surface(self) -> float:
-        """The height that fits best [m]."""
-        return float(self.surfaces[self.surface_costs.argmin()])
+    def surface(self, orientation: int = 0) -> float:
+        """The height that fits best with an orientation [m]."""
+        return float(self.surfaces[self.costs[:, orientation].argmin()])
 
     @property
     def delay(self) -> float:
@@ -75,29 +74,32 @@ def coarse(problem: Problem, *, has_delays: bool = True) -> Coarse:
         forces = (problem.reading(late)[:, FORCE] - bias) @ np.swapaxes(turns, 1, 2)
         return np.asarray((weight[:, None] * (forces - mass * gravity)).reshape(len(turns), -1).T)
 
-    def columns(height: float) -> Array:
+    def columns(height: float, length: float) -> Array:
         """What a unit of bias, mass and ζ adds to the weighted forces, shape [3 n, 5]."""
         unit_forces = np.empty((len(weight), 3, 5))
         unit_forces[:, :, :3] = np.eye(3)
         unit_forces[:, :, 3] = gravity
-        unit_forces[:, :, 4] = problem.basis(height, setup.length).wrench[:, FORCE]
+        unit_forces[:, :, 4] = problem.basis(height, length).wrench[:, FORCE]
         return np.asarray((weight[:, None, None] * unit_forces).reshape(-1, 5))
 
     priors = _priors(problem)
     zeta = setup.law.zeta
     now = readings(0.0)
-    here = columns(setup.surface)
-    given_costs = _costs(here, now, priors, zeta)
-    surface_costs = [_costs(columns(height), now, priors, zeta) for height in surfaces]
+    here = [columns(setup.surface, length) for length in (setup.length, *LENGTHS_M)]
+    costs = np.array(
+        [_costs(columns(height, setup.length), now, priors, zeta) for height in surfaces]
+    )
     delays = DELAYS_S if has_delays else [0.0]
-    delay_costs = [_costs(here, readings(late), priors, zeta) for late in delays]
-    best_surface = surfaces[int(np.min(surface_costs, axis=1).argmin())]
+    delay_costs = [
+        min(float(_costs(length, given, priors, zeta)[0]) for length in here)
+        for given in (readings(late)[:, :1] for late in delays)
+    ]
+    best_surface = surfaces[int(costs.min(axis=1).argmin())]
     best_turn = _aligned(problem, float(best_surface), weight**2)
     return Coarse(
         surfaces=surfaces,
-        surface_costs=np.array(surface_costs)[:, 0],
-        delay_costs=np.array(delay_costs)[:, 0],
-        given_costs=given_costs,
+        costs=costs,
+        delay_costs=np.array(delay_costs),
         best_turn=best_turn,
     )
 
@@ -112,10 +114,8 @@ def _surfaces(problem: Problem) -> Array:
 
 def _priors(problem: Problem) -> Array:
     """Inverse squares of how far bias, mass and ζ may be off, shape [5]."""
-    unknown = problem.setup.unknown
-    factor = UNKNOWN_FREEDOM_FACTOR if "force_bias" in unknown else FREEDOM_FACTOR
-    bias = factor * problem.scale[rows_of("force_bias")]
-    mass = factor * problem.scale[rows_of("mass")]
+    bias = FREEDOM_FACTOR * problem.scale[rows_of("force_bias")]
+    mass = FREEDOM_FACTOR * problem.scale[rows_of("mass")]
     return np.asarray(np.append(np.append(bias, mass) ** -2.0, 1e-9))
 
 

@@ -1,99 +1,154 @@
-"""Examines a cell twice: by the searches of `judge`, and by one fit of all its numbers, which decides between them.
+"""Examines a cell: checks of what was sent, and then the causes of the misfit between load cell and model."""
 
-A cell that fits as it is given has no fault, whatever a single search says. What explains the cell is what is told.
-Otherwise the searches stand as they are.
-"""
-
-from collections.abc import Callable, Iterable, Iterator
+from collections.abc import Iterator
 from dataclasses import replace
 
 import numpy as np
 
-from rft_ros.diagnosis.checks import dead_axes, jumps
-from rft_ros.diagnosis.evidence import ENOUGH, LEAST_FORCE, Evidence
+from rft_ros.diagnosis.evidence import ENOUGH, Evidence
 from rft_ros.diagnosis.finding import Finding
 from rft_ros.diagnosis.fit import MOMENTS_COUNT, TOOL_TOLERANCE_SHARE, Setup
-from rft_ros.diagnosis.search import Diagnosis, diagnose
-from rft_ros.diagnosis.sentences import of_diagnosis
+from rft_ros.diagnosis.hypotheses import Cause
+from rft_ros.diagnosis.poses import (
+    jumps,
+    noise_of_poses,
+    repeated_poses,
+    rounded_poses,
+    rows_of_new_poses,
+    size_of_tool,
+    unit_of_poses,
+)
+from rft_ros.diagnosis.readings import cut_off, dead_axes, mount, threshold
+from rft_ros.diagnosis.saturation import saturation
+from rft_ros.diagnosis.search import MAX_RIGHT_FACTOR, Diagnosis, diagnose
+from rft_ros.diagnosis.sentences import of_diagnosis, of_right_cell
 from rft_ros.diagnosis.trial import Trial
 from rft_ros.rft import FORCE, POSE
 
-_SENDING_NAMES = {
-    "units",
-    "mesh",
-    "noise",
-    "threshold",
-    "sensor",
-    "rounded poses",
-    "repeated poses",
-}
-"""Findings on what was sent, which need no model."""
-_AT_STOPS = "delay"
-"""The finding that only stops and turns show: they are short, and hardly count in a fit over stretches of the path."""
+MIN_CLEAR_MOMENTS = 10
+"""Moments in the air, of `MOMENTS_COUNT`, that show the zero of the load cell."""
+CLEAR_M = 0.002
+"""Height of the tool's lowest point above the surface from which on it is in the air."""
+MIN_PUSH_NOISES = 10.0
+"""Change of the measured force over its noise by which a push is seen, whatever its unit."""
+SEEN_IN_AIR = {Cause.BIAS, Cause.WEIGHT, Cause.PAYLOAD}
+"""Causes that need no push."""
 
 
-def examine(
-    e: Evidence, judge: Callable[[Evidence], Iterable[Finding]], *, has_search: bool
-) -> Iterator[Finding]:
-    """The findings on a cell. `judge`: the searches that are decided between.
-
-    `has_search`: whether the causes of a misfit are searched, which takes seconds.
-    """
-    hidden = [*jumps(e), *dead_axes(e)]
-    if hidden:
-        yield from hidden
+def examine(e: Evidence) -> Iterator[Finding]:
+    """The findings on a cell; a cause comes before its effects."""
+    for checks in (_of_lengths, _of_poses):
+        findings = list(checks(e))
+        yield from findings
+        if not all(finding.ok for finding in findings):
+            return
+    yield from repeated_poses(e)
+    mount_findings = list(mount(e))
+    yield from mount_findings
+    yield from threshold(e)
+    cut_off_findings = list(cut_off(e))
+    yield from cut_off_findings
+    if cut_off_findings or len(e.time) < ENOUGH:
+        yield from _of_default_surface(e)
         return
-    findings = list(judge(e))
-    sending_findings = [finding for finding in findings if finding.name in _SENDING_NAMES]
-    if len(e.time) < ENOUGH or not all(finding.ok for finding in sending_findings):
-        yield from findings
+    measured = e.at(rows_of_new_poses(e.time, e.state[:, POSE]))
+    if e.place_on_tf and not all(finding.ok for finding in mount_findings):
+        measured = replace(measured, load_cell=e.load_cell.at(e.place_on_tf))
+    yield from _of_forces(measured)
+
+
+def _of_lengths(e: Evidence) -> Iterator[Finding]:
+    """Lengths in another unit, and what hides everything else: a pose that jumps, and a dead axis."""
+    yield from unit_of_poses(e)
+    yield from size_of_tool(e)
+    yield from jumps(e)
+    yield from dead_axes(e)
+
+
+def _of_poses(e: Evidence) -> Iterator[Finding]:
+    """Poses that are too coarse for a velocity and a depth."""
+    rounded = list(rounded_poses(e))
+    yield from rounded
+    if not rounded and not list(repeated_poses(e)):
+        yield from noise_of_poses(e)
+
+
+def _of_default_surface(e: Evidence) -> Iterator[Finding]:
+    if "surface_height" not in e.named:
+        given = e.settings.surface_height
+        yield Finding(
+            name="surface_height",
+            said=f"{given:g} m, the default, since it is not set",
+            advice="measure it, or run rft calibrate",
+        )
+
+
+def _of_forces(e: Evidence) -> Iterator[Finding]:
+    """The causes of the misfit, or what shows that there is none."""
+    diagnosis = diagnose(followed(e), setup_of(e))
+    limits = list(saturation(diagnosis.problem))
+    if limits:
+        yield from limits
         return
-    diagnosis = diagnose(followed(e), setup_of(e), has_search=has_search)
-    causes = list(of_diagnosis(e, diagnosis))
-    names = {finding.name for finding in findings if not finding.ok}
-    is_decided = bool(causes) or diagnosis.is_right
-    if not (is_decided and _is_pushed(e, diagnosis)):
-        yield from findings
-    elif {cause.name for cause in causes} == names and all(cause.remedy for cause in causes):
-        # they agree, and a search knows its own numbers better, such as a bias from the air alone
-        yield from findings
+    causes = diagnosis.causes
+    is_clear = diagnosis.problem.model.low > diagnosis.setup.surface + CLEAR_M
+    if is_clear.sum() < MIN_CLEAR_MOMENTS and e.complete and not e.tare:
+        yield Finding(
+            name="load cell",
+            said="it was hardly seen in the air",
+            advice="lift the tool out and run again",
+        )
+    if not _is_pushed(e, diagnosis):
+        yield from _of_default_surface(e)
+        yield from of_diagnosis(e, [found for found in causes if found.best.cause in SEEN_IN_AIR])
+        # if messages are missing, the push may have been among them
+        yield Finding(
+            name="sign",
+            ok=not e.complete,
+            said="no push was seen",
+            advice="push the tool down into the grains and run again",
+        )
     elif causes:
-        yield from sending_findings
-        yield from causes
+        yield from of_diagnosis(e, causes)
+    elif diagnosis.is_explained:
+        yield from of_right_cell(e, diagnosis)
     else:
-        yield from (finding for finding in findings if finding.ok or finding.name == _AT_STOPS)
+        yield _of_misfit(e, diagnosis)
+
+
+def _of_misfit(e: Evidence, diagnosis: Diagnosis) -> Finding:
+    """A misfit that no cause explains."""
+    misfit = diagnosis.fit.per_stretch
+    usual = MAX_RIGHT_FACTOR * diagnosis.problem.usual
+    to_check = e.place_parameter or "sensor.quaternion"
+    return Finding(
+        name="misfit",
+        said=f"measured and predicted force do not agree: the misfit is {misfit:.2g}, and at most"
+        f" {usual:.2g} with right cells; no single cause explains it",
+        evidence={"own": misfit, "usual": usual},
+        advice=f"check {to_check}, sensor.sign, mesh.origin, mesh.quaternion and surface_height",
+        spoils_calibration=True,
+    )
 
 
 def _is_pushed(e: Evidence, diagnosis: Diagnosis) -> bool:
     """Whether grains push the tool, in the load cell and in the model of the cell as it is mended."""
-    measured_force = np.abs(e.raw[:, FORCE] - np.median(e.raw[:, FORCE], axis=0)).max()
+    force = e.readings[:, FORCE]
+    measured_force = np.abs(force - np.median(force, axis=0)).max()
+    noise = float(diagnosis.trial.noise[FORCE].max())
     modelled_force = np.abs(diagnosis.fit.model[:, FORCE]).max(initial=0.0)
-    return bool(measured_force >= LEAST_FORCE and modelled_force > 0.0)
+    return bool(measured_force > MIN_PUSH_NOISES * noise and modelled_force > 0.0)
 
 
 def followed(e: Evidence) -> Trial:
     """The trial of a cell, without the noise of its poses, at `MOMENTS_COUNT`."""
-    readings = e.load_cell.sign * e.raw
-    if e.settings.sensor_source == "world":
-        to_world = e.cell_along.to_world
-        parts = readings.reshape(-1, 2, 3)
-        readings = np.einsum("nij,nkj->nki", to_world, parts).reshape(-1, 6)
-    trial = Trial(
-        time=e.time, poses=e.state[:, POSE], wrench_time=e.time, wrenches=np.asarray(readings)
-    )
-    return trial.followed(e.tool.plates.reach, MOMENTS_COUNT)
+    return e.trial.followed(e.tool.plates.reach, MOMENTS_COUNT)
 
 
 def setup_of(e: Evidence) -> Setup:
-    """What is given of a cell, with a reduced tool, and the bias by a replay's tare."""
-    cell = e.load_cell
-    if e.tare:
-        first = e.at(e.time <= e.tare)
-        bias = cell.sign * first.measured.mean(axis=0) + np.array(cell.bias)
-        fx, fy, fz, tx, ty, tz = bias.tolist()
-        cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
+    """What is given of a cell, with a reduced tool."""
     return Setup(
-        cell=cell,
+        cell=e.load_cell,
         tool=e.tool.reduced(TOOL_TOLERANCE_SHARE),
         law=e.law,
         surface=e.settings.surface_height,

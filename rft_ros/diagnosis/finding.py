@@ -23,7 +23,7 @@ class Finding:
     `said`: a sentence. `evidence`: by name the numbers that show it. `remedy`: by name the values of parameters that
     mend it; `alike`: the remedies of other explanations that leave as small a residual, {} for one that no parameter
     mends. `remap`: the rule of a replay that mends it, or "". `advice`: what to do beside or in place of them.
-    `is_note`: for the reader only, neither right nor wrong.
+    `is_note`: for the reader only, neither right nor wrong. `spoils_calibration`: whether every fit would believe it.
     """
 
     name: str
@@ -35,6 +35,7 @@ class Finding:
     remap: str = ""
     advice: str = ""
     is_note: bool = False
+    spoils_calibration: bool = False
 
     @property
     def text(self) -> str:

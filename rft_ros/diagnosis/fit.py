@@ -5,7 +5,6 @@ with an error that says so. Most parameters are linear in the readings; delay, s
 Gauss-Newton steps around a coarse search.
 """
 
-import math
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, field, replace
 from functools import cached_property
@@ -47,7 +46,7 @@ class Tolerance(NamedTuple):
 
 
 TOLERANCES = {
-    "zeta": Tolerance(0.3, 1, "of its value", "beds of the same grains, and motions"),
+    "zeta": Tolerance(0.3, 1, "of its logarithm", "beds of the same grains, and motions"),
     "mass": Tolerance(0.03, 1, "kg", "cables, screws"),
     "moment": Tolerance(0.003, 3, "kg m", "mass times centre of mass, of the same"),
     "force_bias": Tolerance(0.02, 3, "of the greatest force", "drift of a load cell"),
@@ -57,7 +56,9 @@ TOLERANCES = {
     ),
     "lever": Tolerance(0.01, 3, "m", "where the grains' force acts on the tool"),
     "surface": Tolerance(0.003, 1, "m", "levelling of a bed"),
-    "delay": Tolerance(0.008, 1, "s", "time between two samples"),
+    "delay": Tolerance(
+        0.008, 1, "s", "time between two samples; half that between two poses, if longer"
+    ),
     "length": Tolerance(0.5, 1, "of its logarithm", "λ differs between grains"),
     "power": Tolerance(0.3, 1, "of depth", "growth of the force with depth unlike the model's"),
     "kinds": Tolerance(
@@ -74,18 +75,18 @@ MODEL_ERROR_SHARE = 0.06
 """Error of the model's force over the force, where all parameters are right."""
 FLOOR_SHARE = 0.015
 """The same over the greatest force, and the drift of a load cell."""
-LEAST_LENGTH_M = 5e-4
-MOST_LENGTH_M = 0.03
+MIN_LENGTH_M = 1e-4
+"""Of grains without memory, too: with it, real ones hold their force at rest."""
+MAX_LENGTH_M = 0.03
+UNKNOWN_LENGTH_TOLERANCE = 1.5
+"""Tolerance of the logarithm of a λ that is not given."""
 ROBUST_FACTOR = 3.0
 """Standard errors beyond which a residual counts linearly."""
 USUAL_MISFIT_RATIO = 0.5
 """Misfit per stretch of right cells by errors of the model, beside that by the noise of the load cell."""
-MIN_ZETA_RATIO = 1e-6
 MIN_USUAL_ZETA = 0.2
 MAX_USUAL_ZETA = 3.0
 """Range of ζ of dry grains: with others, forces in another unit or a wrong mesh are likelier."""
-IMPLAUSIBILITY = 30.0
-"""Misfit of an e-fold beyond that range."""
 REST_M = 1e-6
 """Path between two moments below which the tool rests."""
 BLOCK_COUNT = 100
@@ -137,11 +138,8 @@ class Setup:
     `reads_in_world`: the readings are in world axes. `lag`: of a filter in the load cell's driver [s].
     `course`: of a zero that moves, at the moments of the trial: what each of six numbers adds to a reading in tool
     axes, shape [n, 6, 6]. `units` of force [N] and torque [N m]. `late`: of the readings, on top of the delay
-    with which the trial was read [s]. `capped`: for each axis of the load cell the direction
-    in which its reading stops at a limit, in tool axes, shape [n, 3, 3], and 0 where it does not: a greater force of
-    the model is no misfit there.
-    `unknown`: numbers that are not given, of `TOLERANCES`: they are free in every fit. `has_torque`: whether the load
-    cell gives torques; without, only the force counts.
+    with which the trial was read [s]. `has_torque`: whether the load cell gives
+    torques; without, only the force counts.
     """
 
     cell: LoadCell
@@ -153,23 +151,18 @@ class Setup:
     units: tuple[float, float] = (1.0, 1.0)
     late: float = 0.0
     course: Array | None = None
-    capped: Array | None = None
-    unknown: tuple[str, ...] = ()
     has_torque: bool = True
 
     def thinned(self, count: int) -> "Setup":
         """The same for a trial that is thinned."""
-        thin: dict[str, Any] = {}
-        for name in ("course", "capped"):
-            series = getattr(self, name)
-            if series is not None:
-                thin[name] = series[thin_rows(len(series), count)]
-        return replace(self, **thin)
+        if self.course is None:
+            return self
+        return replace(self, course=self.course[thin_rows(len(self.course), count)])
 
     @property
     def length(self) -> float:
-        """λ [m], at least `LEAST_LENGTH_M`: real grains hold their force at rest."""
-        return max(self.law.mobilization_length, LEAST_LENGTH_M)
+        """λ [m]."""
+        return max(self.law.mobilization_length, MIN_LENGTH_M)
 
     def cell_axes(self, trial: Trial) -> Array:
         """The matrices that turn readings into tool axes at the moments of a trial, shape [n, 3, 3]."""
@@ -251,7 +244,7 @@ class Model:
 
 @dataclass(frozen=True, eq=False)
 class Fit:
-    """Fitted numbers of a cell, `TOLERANCES` by name, and their standard errors.
+    """Fitted numbers of a cell, `TOLERANCES` by name, and their standard errors; logarithms of ζ and λ.
 
     `misfit`: the robust sum of squares over the independent stretches, priors included; `count` of the stretches.
     """
@@ -264,6 +257,11 @@ class Fit:
     residuals: Array = field(repr=False)
     weights: Array = field(repr=False)
     model: Array = field(repr=False)
+
+    @property
+    def zeta(self) -> float:
+        """ζ."""
+        return float(np.exp(self.values["zeta"][0]))
 
     @property
     def per_stretch(self) -> float:
@@ -285,11 +283,8 @@ class _Slopes(NamedTuple):
 
 
 FREEDOM_FACTOR = 300.0
-TIED_FREEDOM_FACTORS = {"lever": 20.0, "turn": 20.0, "moment": 20.0}
+TIED_FREEDOM_FACTORS = {"lever": 20.0, "turn": 20.0, "moment": 20.0, "delay": 30.0}
 """How many times as far as its tolerance a free number may be off; of some a straight press tells only a part."""
-UNKNOWN_FREEDOM_FACTOR = 30.0
-UNKNOWN_FREEDOM_FACTORS = {**TIED_FREEDOM_FACTORS, "zeta": 5.0}
-"""The same of a number that nobody gives: it lies within what load cells and dry grains have."""
 MIN_EIGENVALUE = 1e-12
 """Of the normal matrix with ones on its diagonal: rounding makes smaller ones negative."""
 STEP_M = 5e-4
@@ -306,7 +301,8 @@ class Problem:
         self.tool = setup.tool
         self.time = trial.time
         self.model = model or Model(trial, setup)
-        self.down = trial.down
+        # the model's force of a step is that half-way through it, and so must be weight and reading
+        self.down = trial.down - 0.5 * np.diff(trial.down, axis=0, prepend=trial.down[:1])
         self.count_of = stretches(trial.time, self.model.path)
         self.count = float(self.count_of.sum())
         self.middle = np.array(setup.tool.middle)
@@ -351,10 +347,15 @@ class Problem:
         if not self.setup.has_torque:
             self.sigma[:, TORQUE] = 0.0
         scale = np.ones(NUMBERS)
-        given_values = max(self.setup.law.zeta, 1e-6)
         for name, tolerance in TOLERANCES.items():
             scale[_SLICES[name]] = tolerance.value
-        scale[_SLICES["zeta"]] *= given_values
+        is_moving = np.diff(self.model.path, prepend=0.0) > REST_M
+        steps = np.diff(self.time, prepend=self.time[:1])[is_moving]
+        scale[_SLICES["delay"]] = max(
+            TOLERANCES["delay"].value, 0.5 * float(np.median(steps)) if len(steps) else 0.0
+        )
+        if not self.setup.law.mobilization_length:
+            scale[_SLICES["length"]] = UNKNOWN_LENGTH_TOLERANCE
         scale[_SLICES["turn"]] = np.radians(TOLERANCES["turn"].value)
         scale[_SLICES["force_bias"]] = max(TOLERANCES["force_bias"].value * self.peak, force_noise)
         scale[_SLICES["torque_bias"]] = max(
@@ -374,7 +375,7 @@ class Problem:
         if late not in self._readings:
             if len(self._readings) > 100:
                 self._readings.clear()
-            raw = self.trial.readings_at(self.time + self.setup.late + late)
+            raw = self.trial.readings_at(self.trial.half_time + self.setup.late + late)
             bias = np.array(self.setup.cell.bias)
             raw = bias + np.repeat(self.setup.units, 3) * (raw - bias)
             self._readings[late] = self.into_tool(raw)
@@ -386,10 +387,10 @@ class Problem:
         return np.asarray(np.einsum("nij,nkj->nki", axes, raw.reshape(-1, 2, 3)).reshape(-1, 6))
 
     def given(self) -> Array:
-        """The given numbers; bias in tool axes."""
+        """The given numbers; bias in tool axes, logarithms of ζ and λ."""
         cell = self.setup.cell
         x = np.zeros(NUMBERS)
-        x[_SLICES["zeta"]] = self.setup.law.zeta
+        x[_SLICES["zeta"]] = np.log(self.setup.law.zeta)
         x[_SLICES["mass"]] = cell.mass
         turn = self.setup.in_tool
         # the moment of the weight needs no sign
@@ -421,7 +422,7 @@ class Problem:
         about = couple + crossed(lever, grains)
         deep = np.log(np.clip(basis.depth / max(basis.depth.max(), 1e-3), 0.05, 1.0))
         kinds = self.kinds
-        zeta = x[_SLICES["zeta"]][0]
+        zeta = float(np.exp(x[_SLICES["zeta"]][0]))
         growth = 1.0 + x[_SLICES["power"]][0] * deep + kinds @ x[_SLICES["kinds"]]
         factor = zeta * growth
         model = factor[:, None] * g
@@ -436,12 +437,10 @@ class Problem:
             displacement = self.course @ x[_SLICES["course"]]
             e[:, FORCE] -= displacement[:, FORCE]
             e[:, TORQUE] -= displacement[:, TORQUE] + crossed(lever, displacement[:, FORCE])
-        capped_directions = self._capped(e[:, FORCE])
-        self._uncap(e[:, :, None], lever, capped_directions)
         if not jacobian:
             return e, model, None
         J = np.zeros((n, 6, NUMBERS))
-        J[:, :, _SLICES["zeta"]] = -(growth[:, None] * g)[:, :, None]
+        J[:, :, _SLICES["zeta"]] = -model[:, :, None]
         J[:, :3, _SLICES["mass"]] = -weight[:, :, None]
         J[:, 3:, _SLICES["mass"]] = -crossed(lever, weight)[:, :, None]
         J[:, 3:, _SLICES["moment"]] = -cross_matrices(weight)
@@ -471,23 +470,7 @@ class Problem:
         df = slope[:, FORCE] @ turn.T
         dt = slope[:, TORQUE] @ turn.T + crossed(lever, df)
         J[:, :, _SLICES["delay"]] = np.hstack([df, dt])[:, :, None]
-        self._uncap(J, lever, capped_directions)
         return e, model, J
-
-    def _capped(self, misfit: Array) -> Array | None:
-        """The directions in which the reading is at its limit and the model's force beyond; 0 at other moments."""
-        if self.setup.capped is None:
-            return None
-        is_beyond = np.einsum("ni,nai->na", misfit, self.setup.capped) < 0.0
-        return np.asarray(self.setup.capped * is_beyond[:, :, None])
-
-    def _uncap(self, wrenches: Array, lever: Array, directions: Array | None) -> None:
-        """Take the force along capped directions, and its torque, from wrenches or derivatives, shape [n, 6, k]."""
-        if directions is None:
-            return
-        forces = np.einsum("nai,nik->nak", directions, wrenches[:, FORCE])
-        wrenches[:, FORCE] -= np.einsum("nai,nak->nik", directions, forces)
-        wrenches[:, TORQUE] -= np.einsum("nai,nak->nik", crossed(lever, directions), forces)
 
     def _slopes_at(self, surface: float, length: float) -> "_Slopes":
         """The derivatives of the model's wrench, as they were computed last if that was near."""
@@ -510,7 +493,8 @@ class Problem:
         basis_by_values = self.model.at(surface, length)
         if self.setup.lag > 0.0:
             return Basis(
-                filtered(self.time, basis_by_values.wrench, self.setup.lag), basis_by_values.depth
+                filtered(self.trial.half_time, basis_by_values.wrench, self.setup.lag),
+                basis_by_values.depth,
             )
         return basis_by_values
 
@@ -561,28 +545,14 @@ def _inverse(normal: Array) -> Array:
     return np.asarray(half @ half.T)
 
 
-def implausibility(zeta: float) -> float:
-    """Misfit of a ζ that nobody gives and that dry grains do not have: a wrong mesh is likelier."""
-    plausible = float(np.clip(zeta, MIN_USUAL_ZETA, MAX_USUAL_ZETA))
-    return IMPLAUSIBILITY * abs(math.log(max(zeta, MIN_ZETA_RATIO) / plausible))
-
-
-def _freedom(name: str, *, is_given: bool) -> float:
-    """How many tolerances a free number may be off."""
-    if is_given:
-        return TIED_FREEDOM_FACTORS.get(name, FREEDOM_FACTOR)
-    return UNKNOWN_FREEDOM_FACTORS.get(name, UNKNOWN_FREEDOM_FACTOR)
-
-
 def fit(
     problem: Problem,
     free: Collection[str] = (),
     *,
-    fixed_names: Collection[str] = (),
-    start: Mapping[str, float] | None = None,
+    start: Mapping[str, Any] | None = None,
     steps: int = 12,
 ) -> Fit:
-    """Fit all numbers; those in `free` without a prior, those in `fixed` not at all.
+    """Fit all numbers; those in `free` hardly with a prior.
 
     `start`: first values of some numbers.
     """
@@ -591,14 +561,10 @@ def fit(
     for name, value in (start or {}).items():
         x[_SLICES[name]] = value
     prior = 1.0 / problem.scale**2
-    names = sorted({*free, *problem.setup.unknown})
-    for name in names:
-        prior[_SLICES[name]] /= _freedom(name, is_given=name in free) ** 2
-    is_free = np.ones(NUMBERS, dtype=bool)
-    for name in fixed_names:
-        is_free[_SLICES[name]] = False
-    low = np.log(LEAST_LENGTH_M)
-    high = np.log(MOST_LENGTH_M)
+    for name in sorted({*free}):
+        prior[_SLICES[name]] /= TIED_FREEDOM_FACTORS.get(name, FREEDOM_FACTOR) ** 2
+    low = np.log(MIN_LENGTH_M)
+    high = np.log(MAX_LENGTH_M)
 
     def cost_at(values_tried: Array) -> tuple[float, Array, Array, Array]:
         e, model, _ = problem.residual(values_tried)
@@ -611,7 +577,7 @@ def fit(
     told_rows = np.array(
         [
             row
-            for name in sorted({"zeta", *NUISANCES, *names})
+            for name in sorted({"zeta", *NUISANCES, *free})
             for row in range(NUMBERS)[_SLICES[name]]
         ]
     )
@@ -625,11 +591,9 @@ def fit(
         )
         normal += np.diag(prior)
         gradient += prior * (x - given_values)
-        rows = np.flatnonzero(is_free)
-        move = np.zeros(NUMBERS)
-        inverse = _inverse(normal[np.ix_(rows, rows)])
-        move[rows] = -inverse @ gradient[rows]
-        covariance[rows] = np.diag(inverse)
+        inverse = _inverse(normal)
+        move = -inverse @ gradient
+        covariance = np.diag(inverse).copy()
         covariance[told_rows] = np.diag(_inverse(normal[np.ix_(told_rows, told_rows)]))
         # bounded steps of what is not linear
         limit = np.full(NUMBERS, np.inf)
@@ -637,11 +601,11 @@ def fit(
         limit[_SLICES["delay"]] = 0.05
         limit[_SLICES["length"]] = 0.7
         limit[_SLICES["turn"]] = 0.3
+        limit[_SLICES["zeta"]] = 1.0
         share = float(min(1.0, (limit / np.maximum(np.abs(move), 1e-12)).min()))
         has_gain = False
         for _ in range(5):
             new = x + share * move
-            new[_SLICES["zeta"]] = np.maximum(new[_SLICES["zeta"]], MIN_ZETA_RATIO)
             new[_SLICES["length"]] = np.clip(new[_SLICES["length"]], low, high)
             trial_cost, *_ = cost_at(new)
             if trial_cost < total:
@@ -656,8 +620,6 @@ def fit(
         if gain < 1e-3 * total + 1e-3:
             break
     total, e, weight, model = cost_at(x)
-    if "zeta" in problem.setup.unknown:
-        total += implausibility(float(x[_SLICES["zeta"]][0]))
     data, _ = problem.misfit(e)
     spread = max(data / (2.0 * problem.count), 1.0)
     errors = np.sqrt(covariance * spread)

@@ -4,10 +4,9 @@ Each one mends a trial or its set-up and frees parameters of the fit. To add a f
 to `HYPOTHESES`.
 """
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
-from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -19,7 +18,7 @@ from rft_ros.diagnosis.fit import Fit, Problem, Setup, fit
 from rft_ros.diagnosis.trial import Array, Trial
 from rft_ros.estimator import GRAVITY
 from rft_ros.parameters import Value
-from rft_ros.rft import FORCE, POSITION, QUATERNION, Plates
+from rft_ros.rft import FORCE, POSITION, QUATERNION, TORQUE, Plates
 from rft_ros.rft.plates import AREA, FIRST_CORNER, NORMAL, SECOND_CORNER
 from rft_ros.tool import Tool
 
@@ -49,7 +48,7 @@ class Cause(Enum):
     WORLD = "world frame"
     STIFFNESS = "yielding arm"
     ZERO_MOVES = "zero that moves"
-    SATURATION = "saturation"
+    NUMBERS = "several numbers"
 
     @property
     def title(self) -> str:
@@ -70,14 +69,13 @@ COSTLY = {
 class Variant:
     """A trial and its set-up as a hypothesis mends them, and the values of parameters that do.
 
-    `number`: what it is by how much, `axis`: of the load cell, and `course`: of a zero that moves, for the sentence.
+    `number`: what it is by how much, and `course`: of a zero that moves, for the sentence.
     """
 
     trial: Trial
     setup: Setup
     remedy: Mapping[str, Value] = field(default_factory=dict)
     number: float = 0.0
-    axis: int = 0
     course: Literal["", "step", "drift", "friction"] = ""
 
 
@@ -205,8 +203,22 @@ def _axes_of_reading(trial: Trial, setup: Setup) -> Iterator[Variant]:
     )
 
 
+MIN_UNIT_FACTOR = 10.0
+"""Torque over that of the force at the tool's distance, or the other way round, as of another unit."""
+
+
 def _torque_unit(trial: Trial, setup: Setup) -> Iterator[Variant]:
-    for factor in (1e-3, 1e3):
+    """Torque in N mm or kN m: much greater or smaller than a force at the tool's distance makes."""
+    changes = trial.wrenches - np.median(trial.wrenches, axis=0)
+    force, torque = (np.sqrt((changes[:, part] ** 2).sum()) for part in (FORCE, TORQUE))
+    distance = float(np.linalg.norm(np.array(setup.cell.position) - setup.tool.middle))
+    ratio = torque / max(force * (distance + 0.5 * setup.tool.size), 1e-12)
+    factors = []
+    if ratio > MIN_UNIT_FACTOR:
+        factors.append(1e-3)
+    if ratio < 1.0 / MIN_UNIT_FACTOR:
+        factors.append(1e3)
+    for factor in factors:
         yield Variant(trial=trial, setup=replace(setup, units=(1.0, factor)), number=factor)
 
 
@@ -276,9 +288,13 @@ def _turned_poses(setup: Setup, turn: Rotation) -> Setup:
     return replace(setup, cell=replace(setup.cell, position=position, quaternion=quaternion))
 
 
+MAX_SHIFT_M = 0.15
+
+
 def _tcp(trial: Trial, setup: Setup, point: Array) -> Variant:
-    """The poses are those of another point of the tool: the mesh lies elsewhere in its frame, by `at` [m]."""
+    """The poses are those of another point of the tool: the mesh lies elsewhere in its frame, by a `point` [m]."""
     tool = setup.tool
+    point = point * min(1.0, MAX_SHIFT_M / max(float(np.linalg.norm(point)), 1e-9))
     shift = tool.frame.rotation @ point
     place = trial.position + trial.rotation.apply(shift)
     cell = replace(setup.cell, position=tuple((np.array(setup.cell.position) - shift).tolist()))
@@ -364,44 +380,6 @@ def _friction(trial: Trial, setup: Setup) -> Iterator[Variant]:
         yield Variant(trial=trial, setup=replace(setup, course=course), course="friction")
 
 
-MIN_AT_LIMIT = 8
-NOISES_AT_LIMIT = 4.0
-MIN_LIMIT_NOISES_FACTOR = 15.0
-
-
-def _saturation(trial: Trial, setup: Setup) -> Iterator[Variant]:
-    """An axis stops at its greatest reading, or all of them do."""
-    force = trial.readings_at(trial.time)[:, FORCE]
-    height = trial.position[:, 2]
-    force = force - np.median(force[height >= np.quantile(height, 0.9)], axis=0)
-    directions = np.swapaxes(setup.cell_axes(trial), 1, 2)
-    capped_by_axis: list[Array] = []
-    for axis, side in product(range(3), (1.0, -1.0)):
-        reading = side * force[:, axis]
-        noise = float(trial.noise[axis])
-        limit = float(reading.max())
-        at_limit = reading >= limit - NOISES_AT_LIMIT * noise - 1e-9
-        is_limit = limit > max(MIN_LIMIT_NOISES_FACTOR * noise, 0.3 * float(np.abs(force).max()))
-        # also where it is none, so that the variants keep their numbers
-        is_capped = at_limit & (is_limit and at_limit.sum() >= MIN_AT_LIMIT)
-        directions_capped = np.zeros((len(trial), 3, 3))
-        directions_capped[:, axis] = side * directions[:, axis] * is_capped[:, None]
-        capped_by_axis.append(directions_capped)
-        yield Variant(
-            trial=trial,
-            setup=replace(setup, capped=directions_capped),
-            number=side * limit,
-            axis=axis,
-        )
-    highest = int(np.abs(force).max(axis=0).argmax())
-    yield Variant(
-        trial=trial,
-        setup=replace(setup, capped=np.sum(capped_by_axis, axis=0)),
-        number=float(np.abs(force[:, highest]).max()),
-        axis=highest,
-    )
-
-
 def _ways(angle: float, count: int) -> tuple[tuple[float, float], ...]:
     """Rotation vectors of an angle [degrees] in some directions."""
     ways = np.linspace(0.0, 2.0 * np.pi, count, endpoint=False)
@@ -450,10 +428,9 @@ HYPOTHESES = (
         family=_filter,
         points=tuple((float(np.log(lag)),) for lag in (0.02, 0.06, 0.15)),
         step=0.4,
-        rarity=0.5,
+        rarity=2.0,
         min_gain=5.0,
     ),
-    Hypothesis(cause=Cause.SATURATION, mend=_saturation, rarity=6.0),
     Hypothesis(
         cause=Cause.ZERO_MOVES,
         family=_step,
@@ -485,6 +462,23 @@ HYPOTHESES = (
         rarity=4.0,
     ),
 )
+
+CELL_NUMBERS = ("surface", "force_bias", "torque_bias", "mass", "moment", "delay", "zeta", "lever")
+"""The numbers of a cell that may be wrong beside another cause, and together."""
+HYPOTHESES_OF_NUMBERS = [
+    one for one in HYPOTHESES if {*one.free} <= {*CELL_NUMBERS} and one.is_of_numbers
+]
+ALONE = {Cause.ZERO_MOVES, Cause.TCP, Cause.STIFFNESS, Cause.MESH_UNIT}
+"""Causes with so much freedom that they are told alone only."""
+SEVERAL_CAUSES = (
+    *(
+        replace(one, free=(*CELL_NUMBERS, *one.free), searches_surface=True)
+        for one in HYPOTHESES
+        if one not in HYPOTHESES_OF_NUMBERS and one.cause not in ALONE
+    ),
+    Hypothesis(cause=Cause.NUMBERS, free=CELL_NUMBERS),
+)
+"""The hypotheses of several causes at once: any of the numbers, and at most one other cause."""
 
 COARSE_MOMENTS_COUNT = 180
 
@@ -519,53 +513,61 @@ class _Candidate:
     cost: float = 0.0
 
 
-def explained(trial: Trial, setup: Setup) -> list[Explanation]:
+def explained(
+    problem: Problem, base: Coarse, hypotheses: Sequence[Hypothesis] = HYPOTHESES
+) -> list[Explanation]:
     """The hypotheses that may be true, each as it fits best, the best one first.
 
-    All are fitted to few moments first. `trial`: followed, of at most `MOMENTS_COUNT`.
+    All are fitted to few moments first. `problem`, `base`: of the cell as given, with at most `MOMENTS_COUNT`.
     """
-    few_moments = trial.thinned(COARSE_MOMENTS_COUNT)
-    few_setup = setup.thinned(COARSE_MOMENTS_COUNT)
-    problem = Problem(few_moments, few_setup)
-    base = coarse(problem)
+    few_moments = problem.trial.thinned(COARSE_MOMENTS_COUNT)
+    few_setup = problem.setup.thinned(COARSE_MOMENTS_COUNT)
+    coarse_problem = Problem(few_moments, few_setup)
     candidates: list[_Candidate] = []
+    enough = ENOUGH_SHARE * coarse_problem.usual * coarse_problem.count
     for is_costly in (False, True):
-        if (
-            is_costly
-            and min(one.cost for one in candidates) < ENOUGH_SHARE * problem.usual * problem.count
-        ):
+        if is_costly and min(one.cost for one in candidates) < enough:
             break
-        for hypothesis in HYPOTHESES:
+        for hypothesis in hypotheses:
             if hypothesis.is_costly is is_costly:
-                for candidate in _promising(hypothesis, problem, base):
-                    result = _fitted(candidate, few_moments, few_setup, problem, steps=6).fit
+                for candidate in _promising(hypothesis, coarse_problem, base):
+                    result = _fitted(candidate, coarse_problem, steps=COARSE_STEPS_COUNT).fit
                     cost = result.misfit + hypothesis.rarity
                     candidates.append(replace(candidate, start=result.values, cost=cost))
     candidates.sort(key=lambda one: one.cost)
     limit = KEPT_FACTOR * candidates[0].cost + KEPT_MISFIT_COUNT
-    full = Problem(trial, setup)
+    kept = [one for one in candidates[:FITTED_COUNT] if one.cost <= limit]
+    # few moments do not show stops
+    kept += [one for one in candidates[FITTED_COUNT:] if one.hypothesis.cause is Cause.DELAY]
     results: dict[tuple[Cause, str], Explanation] = {}
-    for candidate in candidates[:FITTED_COUNT]:
-        if candidate.cost <= limit:
-            explanation = _fitted(candidate, trial, setup, full, steps=12)
-            key = explanation.cause, str(sorted(explanation.variant.remedy.items()))
-            if key not in results or explanation.cost < results[key].cost:
-                results[key] = explanation
+    for candidate in kept:
+        explanation = _fitted(candidate, problem, steps=FINAL_STEPS_COUNT)
+        key = explanation.cause, str(sorted(explanation.variant.remedy.items()))
+        if key not in results or explanation.cost < results[key].cost:
+            results[key] = explanation
     return sorted(results.values(), key=lambda one: one.cost)
 
 
-def _fitted(
-    candidate: _Candidate, trial: Trial, setup: Setup, problem: Problem, *, steps: int
-) -> Explanation:
-    """The candidate, fitted. `problem`: that of the trial as it is."""
-    variant = candidate.again(trial, setup)
+def _fitted(candidate: _Candidate, problem: Problem, *, steps: int) -> Explanation:
+    """The candidate, fitted. `problem`: of the cell as given."""
+    variant = candidate.again(problem.trial, problem.setup)
     problem = problem.beside(variant.trial, variant.setup)
-    result = fit(problem, candidate.hypothesis.free, start=candidate.start, steps=steps)
+    free = candidate.hypothesis.free
+    results = [fit(problem, free, start=candidate.start, steps=steps)]
+    if "delay" in free and steps == FINAL_STEPS_COUNT:
+        late = results[0].values["delay"]
+        starts = [{**results[0].values, "delay": late + off} for off in DELAY_STEPS_S]
+        results += [fit(problem, free, start=start, steps=steps) for start in starts]
+    result = min(results, key=lambda one: one.misfit)
     return Explanation(candidate.hypothesis, variant, problem, result)
 
 
-ENOUGH_SHARE = 0.7
+ENOUGH_SHARE = 0.4
 """Of the usual misfit: if a simple cause leaves less, none that costs much time is tried."""
+COARSE_STEPS_COUNT = 6
+FINAL_STEPS_COUNT = 12
+DELAY_STEPS_S = (-0.02, -0.01, 0.01, 0.02)
+"""Off a fitted delay, where the fit starts again: between two readings at a sharp stop it finds no way."""
 KEPT_FACTOR = 1.6
 KEPT_MISFIT_COUNT = 10.0
 FITTED_COUNT = 6
@@ -583,23 +585,28 @@ def _promising(hypothesis: Hypothesis, problem: Problem, base: Coarse) -> Iterat
     if hypothesis.is_of_numbers:
         yield numbered(0, {})
         if "surface" in hypothesis.free:
-            yield numbered(0, {"surface": base.surface})
+            yield numbered(0, {"surface": base.surface()})
         if "delay" in hypothesis.free:
             yield numbered(0, {"delay": base.delay})
+        if {"surface", "delay"} <= {*hypothesis.free}:
+            yield numbered(0, {"surface": base.surface(), "delay": base.delay})
         return
     variants = hypothesis.variants(trial, setup)
     first = ORIENTATION_OF.get(hypothesis.cause)
     if first is not None:
-        costs = base.given_costs[first : first + len(variants)]
-        for k in np.argsort(costs)[:3]:
-            yield numbered(int(k), {})
+        orientations = range(first, first + len(variants))
+        heights_tried = slice(None) if hypothesis.searches_surface else slice(1)
+        costs = base.costs[heights_tried, orientations].min(axis=0)
+        for k in np.argsort(costs)[:3].tolist():
+            height = base.surface(first + k)
+            yield numbered(k, {"surface": height} if hypothesis.searches_surface else {})
         return
 
     def cost_of(variant: Variant) -> tuple[float, Mapping[str, Any]]:
         problem_of_variant = problem.beside(variant.trial, variant.setup)
         start: Mapping[str, Any] = {}
-        if hypothesis.searches_surface or "surface" in setup.unknown:
-            start = {"surface": coarse(problem_of_variant, has_delays=False).surface}
+        if hypothesis.searches_surface:
+            start = {"surface": coarse(problem_of_variant, has_delays=False).surface()}
         return fit(problem_of_variant, hypothesis.free, start=start, steps=2).misfit, start
 
     if not variants:

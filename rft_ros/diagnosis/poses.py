@@ -1,23 +1,32 @@
-"""Hypotheses on the poses, the tool's size and the surface."""
+"""Checks of the poses and the tool's size, which need no model of the grains."""
 
 from collections.abc import Iterator
 
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.diagnosis.contact import Contact
-from rft_ros.diagnosis.evidence import ENOUGH, Array, Evidence
+from rft_ros.diagnosis.evidence import ENOUGH, Evidence
 from rft_ros.diagnosis.finding import Finding
+from rft_ros.diagnosis.trial import Array, Indices
 from rft_ros.estimator import NOISY, PoseNoise, PoseSample, sentence_on
-from rft_ros.rft import POSE, POSITION
+from rft_ros.rft import POSITION, VELOCITY
 
-_FASTEST = 5.0  # m/s: no arm moves a tool faster
-_FAR = 10.0  # m: no arm exceeds both this extent and the next mean speed [m/s] in grains
-_FAST = 1.0
-_USUAL_SIZE = 0.05  # m, of a tool
-_APART = 0.1  # s between two changes of the pose; a longer time is a rest
+MAX_SPEED_M_S = 5.0
+"""No arm moves a tool faster."""
+MAX_EXTENT_M = 10.0
+MAX_MEAN_SPEED_M_S = 1.0
+"""No arm exceeds both this extent and this mean speed in grains."""
+USUAL_SIZE_M = 0.05
+"""Of a tool."""
+MIN_REST_S = 0.1
+"""Time between two changes of the pose from which on the tool rests."""
 MIN_ROUNDING_M = 5e-4
 """Resolution of positions from which on velocity and depth are too coarse."""
+MIN_JUMP_M = 0.01
+MIN_JUMP_FACTOR = 30.0
+"""Least jump of a pose, and that over the steps of a moving tool."""
+MIN_GAP_FACTOR = 5.0
+"""Time between two poses over the usual one, after which the tool may be elsewhere."""
 REPEATED = 1.5
 """Poses per new pose of a moving tool, from which on they are sent more often than measured."""
 
@@ -42,9 +51,9 @@ def unit_of_poses(e: Evidence) -> Iterator[Finding]:
     ]
     far = [sentence for sentence in far if "poses" in sentence]
     advice = "the poses' driver must give metres, and not millimetres (factor 0.001)"
-    if extent > _FAR and mean > _FAST:
+    if extent > MAX_EXTENT_M and mean > MAX_MEAN_SPEED_M_S:
         said = f"the tool moves over {extent:.3g} m at {mean:.3g} m/s on average"
-    elif speed > _FASTEST or (twist > 0.0 and speed_beside_twist > 100.0 * twist):
+    elif speed > MAX_SPEED_M_S or (twist > 0.0 and speed_beside_twist > 100.0 * twist):
         said = f"the tool moves at {max(speed, speed_beside_twist):.3g} m/s by the poses"
     elif far:
         said = far[0]
@@ -53,7 +62,13 @@ def unit_of_poses(e: Evidence) -> Iterator[Finding]:
         advice = "the twists' driver must give m/s, and not mm/s"
     else:
         return
-    yield Finding(name="units", said=said, evidence=evidence, advice=advice)
+    yield Finding(
+        name="units",
+        said=said,
+        evidence=evidence,
+        advice=advice,
+        spoils_calibration=True,
+    )
 
 
 def _speeds_by_twists_and_poses(e: Evidence) -> tuple[float, float]:
@@ -63,7 +78,7 @@ def _speeds_by_twists_and_poses(e: Evidence) -> tuple[float, float]:
     """
     if e.settings.twist_source != "topic" or len(e.time) < ENOUGH:
         return 0.0, 0.0
-    given = np.linalg.norm(e.velocity[1:], axis=1)
+    given = np.linalg.norm(e.state[1:, VELOCITY], axis=1)
     is_fast = given >= 0.5 * np.quantile(given, 0.9)
     seconds = np.diff(e.time)[is_fast]
     distance = np.linalg.norm(np.diff(e.state[:, POSITION], axis=0), axis=1)[is_fast]
@@ -77,9 +92,9 @@ def size_of_tool(e: Evidence) -> Iterator[Finding]:
     said = f"{e.tool.name}, {extents} mm"
     fault = e.tool.issues.get("size")
     if fault:
-        thousands = round(np.log10(_USUAL_SIZE / max(e.tool.size, 1e-30)) / 3.0)
+        thousands = round(np.log10(USUAL_SIZE_M / max(e.tool.size, 1e-30)) / 3.0)
         remedy = {"mesh.scale": float(e.tool.frame.scale * 1000.0**thousands)}
-        yield Finding(name="mesh", said=f"{said}: {fault}", remedy=remedy)
+        yield Finding(name="mesh", said=f"{said}: {fault}", remedy=remedy, spoils_calibration=True)
         return
     deepest = 1e3 * e.depth.max(initial=0.0)
     if deepest > 0.0:
@@ -144,11 +159,11 @@ def noise_of_poses(e: Evidence) -> Iterator[Finding]:
         )
 
 
-def repeats(time: Array, poses: Array) -> tuple[NDArray[np.int64], NDArray[np.bool_], float]:
+def repeats(time: Array, poses: Array) -> tuple[Indices, NDArray[np.bool_], float]:
     """The rows at which the pose changes; between which of them the tool moves; and the poses per new pose there."""
     changed = np.flatnonzero((np.diff(poses, axis=0) != 0.0).any(axis=1)) + 1
     seconds = np.diff(time[changed])
-    moving = (seconds > 0.0) & (seconds < _APART)
+    moving = (seconds > 0.0) & (seconds < MIN_REST_S)
     return changed, moving, float(np.diff(changed)[moving].mean()) if moving.any() else 1.0
 
 
@@ -174,40 +189,38 @@ def _is_step_of_grid(poses: Array) -> bool:
     return grid > 0.0 and float(np.median(steps)) < 1.5 * grid
 
 
-def without_repeats(e: Evidence) -> Evidence:
-    """The moments without those at which a moving tool has the pose of the moment before: nobody measured it there."""
-    changed, moving, _ = repeats(e.time, e.state[:, POSE])
-    if not moving.any():
-        return e
-    interval = float(np.diff(e.time[changed])[moving].max())
-    is_new = np.zeros(len(e.time), dtype=np.bool_)
-    is_new[changed] = True
-    last_change = np.maximum.accumulate(np.where(is_new, e.time, -np.inf))
-    return e.at(is_new | (e.time - last_change > interval))
+def rows_of_new_poses(time: Array, poses: Array) -> Indices:
+    """The rows of a tool at rest, and those of a moving one that differ from the row before.
+
+    A driver that publishes faster than it measures repeats poses: those readings belong to poses that nobody measured.
+    The last repeats of a rest are left out, too: the tool may have started after they were measured.
+    """
+    changed, _, often = repeats(time, poses)
+    rows = np.arange(len(time))
+    if often <= REPEATED:
+        return rows
+    next_change = np.append(changed, np.iinfo(np.int64).max)[np.searchsorted(changed, rows)]
+    waits = next_change - rows
+    return np.flatnonzero((waits == 0) | (waits >= often))
 
 
-def surface(e: Evidence, contact: Contact | None, height: float) -> Finding:
-    """`surface_height` against the `height` [m] at which the measured force begins, if the contact was seen."""
-    given = e.settings.surface_height
-    if contact is None:
-        known = "surface_height" in e.named
-        return Finding(
-            name="surface_height",
-            ok=known,
-            said=f"{given:g} m" if known else f"{given:g} m, the default, since it is not set",
-            advice="" if known else "measure it, or run rft calibrate",
+def jumps(e: Evidence) -> Iterator[Finding]:
+    """A pose that jumps, as if another TCP were chosen on the arm."""
+    steps = np.linalg.norm(np.diff(e.poses[:, POSITION], axis=0), axis=1)
+    seconds = np.diff(e.pose_time)
+    if len(steps) < ENOUGH or not (steps > 0.0).any():
+        return
+    usual = float(np.quantile(steps[steps > 0.0], 0.9))
+    row = int(steps.argmax())
+    far = float(steps[row])
+    # after a gap the tool is elsewhere
+    is_gap = seconds[row] > MIN_GAP_FACTOR * np.median(seconds)
+    if far > max(MIN_JUMP_M, MIN_JUMP_FACTOR * usual) and not is_gap:
+        yield Finding(
+            name="jump",
+            said=f"a pose jumps by {1e3 * far:.0f} mm in {1e3 * seconds[row]:.3g} ms,"
+            f" {e.pose_time[row + 1]:.1f} s after the first one: faster than a tool can move",
+            evidence={"millimetres": 1e3 * far},
+            advice="do not change the TCP within a recording, and take the parts with --start and --end",
+            spoils_calibration=True,
         )
-    above = height - given
-    if abs(above) <= contact.allowed:
-        within = f"the measured force begins within {1e3 * contact.allowed:.0f} mm of it"
-        return Finding(name="surface_height", ok=True, said=f"{given:g} m; {within}")
-    side = "above" if above > 0.0 else "below"
-    millimetres = 1e3 * abs(above)
-    begins = f"the measured force begins {millimetres:.0f} mm {side} where it should"
-    return Finding(
-        name="surface_height",
-        said=f"{begins} with {given:g} m",
-        evidence={"millimetres": millimetres},
-        remedy={"surface_height": round(height, 4)},
-        advice="if that height was measured, correct mesh.origin or the TCP",
-    )

@@ -1,16 +1,20 @@
-"""Finds what is wrong with a cell: the hypotheses that explain its misfit, one after the other."""
+"""Finds what is wrong with a cell: the hypothesis that explains its misfit, or several at once."""
 
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
 
-from rft_ros.diagnosis.coarse import coarse
+from rft_ros.diagnosis.coarse import Coarse, coarse
 from rft_ros.diagnosis.fit import NUISANCES, TOLERANCES, Fit, Problem, Setup, fit, rows_of
 from rft_ros.diagnosis.hypotheses import (
-    COARSE_MOMENTS_COUNT,
+    CELL_NUMBERS,
+    HYPOTHESES_OF_NUMBERS,
+    SEVERAL_CAUSES,
     Cause,
     Explanation,
+    Hypothesis,
     explained,
     quaternion_of,
 )
@@ -21,17 +25,18 @@ from rft_ros.diagnosis.trial import Trial
 class Limits:
     """When a cause is told.
 
-    `max_off`: greatest deviation in tolerances of a cell that needs no search. `min_gain` of the misfit by numbers, and
-    `max_ratio` of the misfit by another cause. `told_off`: least deviation in
-    tolerances of a number that is told, `told_ratio`: of ζ; `min_tilt_degrees`: of a world that is tilted, since grains
-    push plates up to 3° out of the model's direction. `tie` and `tie_share` of the misfit: causes within this of the
-    best one fit alike. `max_error` in tolerances of a number that is written to a file: a straight press determines
-    neither lever nor mass.
+    `max_off`: greatest deviation in tolerances of a cell that needs no search. `min_gain` of the misfit by numbers;
+    `min_gain_undetermined` by a lever that a straight press does not determine. `max_ratio` of the misfit by another
+    cause. `told_off`: least deviation in tolerances of a number that is told, `told_ratio`: of ζ. `min_tilt_degrees`:
+    of a world that is tilted, since grains push plates up to 3° out of the model's direction. `tie` and `tie_share` of
+    the misfit: causes within this of the best one fit alike. `max_error` in tolerances of a number that is written to
+    a file: a straight press determines neither lever nor mass.
     """
 
     max_off: float = 1.0
     min_gain: float = 5.0
-    max_ratio: float = 0.6
+    min_gain_undetermined: float = 20.0
+    max_ratio: float = 0.7
     told_off: float = 2.0
     told_ratio: float = 2.1
     min_tilt_degrees: float = 6.0
@@ -41,19 +46,23 @@ class Limits:
 
 
 LIMITS = Limits()
-MAX_COARSE_DELAY_S = 0.021
+MAX_COARSE_DELAY_S = 0.015
 """Delay by the coarse search, one of its steps, that is none."""
+MAX_SINGLE_FACTOR = 1.5
+"""Misfit over the usual one up to which one cause explains a cell, and several are not searched."""
 MAX_MISFIT_FACTOR = 3.0
-"""Misfit over the usual one that no right cell has."""
+"""Misfit over the usual one that one cause may leave, in grains unlike the model."""
+MAX_RIGHT_FACTOR = 5.0
+"""Misfit over the usual one that no right cell has: presses of real plates have up to 3."""
 MIN_MASS_KG = 0.02
 """A smaller negative mass is none."""
-CAUSES_COUNT = 3
-"""Causes that are searched: of several faults at once the fit is no better than the searches of `judge`."""
+RARITY_BESIDE = 3.0
+"""How much rarer each further number is that is wrong, in units of the misfit."""
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """A cause that is told, and others that fit alike; `setup_before` and `fit_before`: without it."""
+    """A cause that is told, and others that fit alike; `setup_before` and `fit_before`: of the cell as given."""
 
     best: Explanation
     ties: tuple[Explanation, ...]
@@ -63,93 +72,185 @@ class Found:
 
 @dataclass(frozen=True, eq=False)
 class Diagnosis:
-    """The causes in the order of what they explain, and the cell as if they were mended, with its fit.
-
-    `is_right`: whether the cell as given needs no mending: without a search no number may deviate, and after one the
-    misfit must be that of right cells.
-    """
+    """The causes in the order of what they explain, and the cell as if they were mended, with its fit."""
 
     causes: tuple[Found, ...]
     trial: Trial
     setup: Setup
     problem: Problem
     fit: Fit
-    is_right: bool
+
+    @property
+    def is_explained(self) -> bool:
+        """Whether what is left is less than any wrong cell leaves, in grains unlike the model, too."""
+        return self.fit.per_stretch <= MAX_RIGHT_FACTOR * self.problem.usual
 
 
-def diagnose(trial: Trial, setup: Setup, *, has_search: bool = True) -> Diagnosis:
-    """Find the causes of a cell's misfit; without a search, say only whether it has any.
+def diagnose(trial: Trial, setup: Setup) -> Diagnosis:
+    """Find the causes of a cell's misfit.
 
     `trial`: followed, of at most `MOMENTS_COUNT`.
     """
-    delay = _coarse_delay(trial, setup)
-    if "delay" in setup.unknown:
-        setup = replace(setup, late=setup.late + delay)
-        delay = 0.0
     problem = Problem(trial, setup)
+    base = coarse(problem)
     result = fit(problem)
     # stops show a delay; they are short, and hardly count in the whole misfit
-    is_right = _needs_nothing(problem, result) and abs(delay) <= MAX_COARSE_DELAY_S
-    if is_right or not has_search:
-        return Diagnosis((), trial, setup, problem, result, is_right)
-    return _found_along(trial, setup, result)
+    if _needs_nothing(problem, result) and abs(base.delay) <= MAX_COARSE_DELAY_S:
+        return Diagnosis((), trial, setup, problem, result)
+    return _searched(problem, base, result)
 
 
-def _coarse_delay(trial: Trial, setup: Setup) -> float:
-    few_moments = Problem(trial.thinned(COARSE_MOMENTS_COUNT), setup.thinned(COARSE_MOMENTS_COUNT))
-    return coarse(few_moments).delay
+def _searched(problem: Problem, base: Coarse, result: Fit) -> Diagnosis:
+    """The cause that explains the misfit, or several at once. `base`, `result`: of the cell as given.
 
-
-def _found_along(trial: Trial, setup: Setup, result: Fit) -> Diagnosis:
-    """The causes one after the other, each as if those before were mended. `result`: of the cell as given.
-
-    Of several causes at once those are told that leave no more than right cells do.
+    One cause may leave more than right cells do, as in grains unlike the model; several must not.
     """
-    problem = Problem(trial, setup)
-    is_right = result.per_stretch <= problem.usual
-    chain = [Diagnosis((), trial, setup, problem, result, is_right)]
-    while len(chain) <= CAUSES_COUNT:
-        candidates = explained(trial, setup)
-        told_causes = [x for x in candidates if _is_told(x, result)]
-        if not told_causes:
-            break
-        best, *other_causes = told_causes
-        limit = best.cost + LIMITS.tie + LIMITS.tie_share * best.fit.misfit
-        ties = tuple(x for x in other_causes if x.cost <= limit and _is_other(x, best))
-        causes = (*chain[-1].causes, Found(best, ties, setup, result))
-        trial = best.variant.trial
-        setup = mended(best)
-        problem = Problem(trial, setup)
-        result = fit(problem)
-        # what no parameter mends is left as the explanation does
-        fit_left = best.fit if not is_mended_by_parameters(best) else result
-        chain.append(Diagnosis(causes, trial, setup, problem, fit_left, is_right=False))
-        # a small rest is no ground for another cause
-        if ties or fit_left is best.fit or result.per_stretch <= problem.usual:
-            break
-    for diagnosis in reversed(chain[1:]):
-        factor = MAX_MISFIT_FACTOR if len(diagnosis.causes) == 1 else 1.0
-        if diagnosis.fit.per_stretch <= factor * diagnosis.problem.usual:
-            return diagnosis
-    return chain[0]
+    setup = problem.setup
+    candidates = [x for x in explained(problem, base) if _is_told(x, result)]
+    best = candidates[0] if candidates else None
+    if best and best.fit.per_stretch <= MAX_SINGLE_FACTOR * best.problem.usual:
+        whole, numbers = _with_deviating(best)
+        found = Found(best, _ties(candidates), setup, result)
+        return _mended_by(whole, (found, *_found_numbers(whole, numbers, setup, result)))
+    several = _several(problem, base, result) if result.per_stretch > problem.usual else None
+    if several:
+        return several
+    if best and best.fit.per_stretch <= MAX_MISFIT_FACTOR * best.problem.usual:
+        return _mended_by(best, (Found(best, _ties(candidates), setup, result),))
+    return Diagnosis((), problem.trial, setup, problem, result)
 
 
-def is_mended_by_parameters(x: Explanation) -> bool:
-    """Whether values of parameters mend a cause: if none do, nothing more is known of the cell."""
-    if x.cause is Cause.PAYLOAD:
-        return False
-    return bool(x.variant.remedy) or (x.hypothesis.is_of_numbers and not undetermined(x))
+def _mended_by(x: Explanation, causes: tuple[Found, ...]) -> Diagnosis:
+    return Diagnosis(causes, x.variant.trial, mended(x), x.problem, x.fit)
+
+
+def _ties(candidates: Sequence[Explanation]) -> tuple[Explanation, ...]:
+    """Those that fit like the first one."""
+    best, *others = candidates
+    limit = best.cost + LIMITS.tie + LIMITS.tie_share * best.fit.misfit
+    return tuple(x for x in others if x.cost <= limit and _is_other(x, best))
+
+
+def _several(problem: Problem, base: Coarse, result: Fit) -> Diagnosis | None:
+    """Several causes that together leave no more than right cells do: numbers, and at most one other cause."""
+    setup = problem.setup
+    explanations = explained(problem, base, SEVERAL_CAUSES)
+    candidates = [x for x in explanations if x.fit.per_stretch <= x.problem.usual]
+    if not candidates:
+        return None
+    best, numbers = _needed(candidates[0])
+    found = []
+    if best.cause is not Cause.NUMBERS:
+        own = replace(best.hypothesis, free=_own_names(best))
+        others = [x for x in candidates if x.variant is not best.variant]
+        found.append(Found(replace(best, hypothesis=own), _ties([best, *others]), setup, result))
+    found += _found_numbers(best, numbers, setup, result)
+    return _mended_by(best, tuple(found)) if found else None
+
+
+def _found_numbers(
+    best: Explanation, numbers: Sequence[Hypothesis], setup: Setup, result: Fit
+) -> Iterator[Found]:
+    """The numbers that are wrong in an explanation. `setup`, `result`: of the cell as given."""
+    variant = replace(best.variant, remedy={})
+    for hypothesis in numbers:
+        yield Found(replace(best, hypothesis=hypothesis, variant=variant), (), setup, result)
+
+
+def _with_deviating(x: Explanation) -> tuple[Explanation, list[Hypothesis]]:
+    """An explanation, and the numbers that deviate beside it although what is given holds them."""
+    numbers = [
+        hypothesis
+        for hypothesis in _deviating(x)
+        if not {*hypothesis.free} & {*x.hypothesis.free} and hypothesis.cause is not Cause.LEVER
+    ]
+    if not numbers:
+        return x, []
+    free = (*x.hypothesis.free, *(name for hypothesis in numbers for name in hypothesis.free))
+    whole = replace(
+        x,
+        hypothesis=replace(x.hypothesis, free=free),
+        fit=fit(x.problem, free, start=x.fit.values),
+    )
+    is_better = x.fit.misfit - whole.fit.misfit >= LIMITS.min_gain * len(numbers)
+    return (whole, numbers) if is_better else (x, [])
+
+
+def _own_names(x: Explanation) -> tuple[str, ...]:
+    return tuple(name for name in x.hypothesis.free if name not in CELL_NUMBERS)
+
+
+def _needed(x: Explanation) -> tuple[Explanation, list[Hypothesis]]:
+    """An explanation with only those of its numbers free that it needs, and their hypotheses."""
+    numbers = list(_deviating(x))
+    best = _with_numbers(x, numbers)
+    for hypothesis in numbers:
+        fewer = _with_numbers(best, [other for other in numbers if other is not hypothesis])
+        is_enough = fewer.fit.per_stretch <= fewer.problem.usual
+        if is_enough and fewer.fit.misfit - best.fit.misfit < LIMITS.min_gain:
+            best = fewer
+            numbers = [other for other in numbers if other is not hypothesis]
+    return best, numbers
+
+
+def _with_numbers(x: Explanation, numbers: Sequence[Hypothesis]) -> Explanation:
+    """The explanation with these numbers free, beside its own."""
+    free = (*_own_names(x), *(name for hypothesis in numbers for name in hypothesis.free))
+    return replace(
+        x,
+        hypothesis=replace(x.hypothesis, free=free),
+        fit=fit(x.problem, free, start=x.fit.values),
+    )
+
+
+def _deviating(x: Explanation) -> Iterator[Hypothesis]:
+    """The hypotheses of numbers that differ from the given ones by more than their tolerances."""
+    is_weight_known = not {"mass", "moment"} & {*undetermined(x)}
+    is_other_weight = is_weight_known and (_is_off("mass", x) or _is_off("moment", x))
+    for hypothesis in HYPOTHESES_OF_NUMBERS:
+        match hypothesis.cause:
+            case Cause.WEIGHT | Cause.PAYLOAD:
+                has_weight = float(x.fit.values["mass"][0]) >= -MIN_MASS_KG
+                is_needed = is_other_weight and has_weight is (hypothesis.cause is Cause.WEIGHT)
+            case Cause.BIAS:
+                is_off = _is_off("force_bias", x) or _is_off("torque_bias", x)
+                is_needed = is_off and not is_other_weight
+            case Cause.SURFACE if x.cause is Cause.WORLD:
+                is_needed = False
+            case _:
+                is_needed = any(_is_off(name, x) for name in hypothesis.free)
+        if is_needed:
+            yield hypothesis
+
+
+def _is_shown_in_air(x: Explanation, as_given: Fit) -> bool:
+    """Whether the misfit in the air falls, too: in the grains the model's own errors look like a zero that moves."""
+    problem = x.problem
+    in_air = problem.model.low > float(x.fit.values["surface"][0])
+    misfits = [
+        float(problem.count_of[in_air] @ ((e * problem.sigma)[in_air] ** 2).sum(axis=1)) / 3.0
+        for e in (as_given.residuals, x.fit.residuals)
+    ]
+    return misfits[0] - misfits[1] >= LIMITS.min_gain
+
+
+def _is_off(name: str, x: Explanation) -> bool:
+    """Whether a number differs from the given one by more than its tolerance."""
+    rows = rows_of(name)
+    value = x.fit.values[name]
+    given = x.problem.given()[rows]
+    if name == "zeta":
+        return bool(np.abs(value - given)[0] > np.log(LIMITS.told_ratio))
+    return bool(np.any(np.abs(value - given) > LIMITS.told_off * x.problem.scale[rows]))
 
 
 def undetermined(x: Explanation) -> list[str]:
     """The numbers that an explanation frees, and that the trial does not determine."""
     names = []
     for name in x.hypothesis.free:
-        if name in NUISANCES or name in x.problem.setup.unknown:
+        if name in NUISANCES:
             continue
         scale = x.problem.scale[rows_of(name)]
-        if name == "zeta":
-            scale = TOLERANCES[name].value * np.abs(x.fit.values[name])
         if np.any(x.fit.errors[name] > LIMITS.max_error * scale):
             names.append(name)
     return names
@@ -170,7 +271,7 @@ def deviations(problem: Problem, result: Fit) -> dict[str, float]:
             ).max()
         )
         for name in TOLERANCES
-        if name not in NUISANCES and name not in problem.setup.unknown
+        if name not in NUISANCES
     }
 
 
@@ -181,9 +282,10 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
     )
     if not is_explained:
         return False
-    unknown = (*NUISANCES, *x.problem.setup.unknown)
-    free = [name for name in x.hypothesis.free if name not in unknown]
-    if x.cause is Cause.LEVER and undetermined(x):
+    free = [name for name in x.hypothesis.free if name not in NUISANCES]
+    if x.cause is Cause.LEVER and undetermined(x) and gain < LIMITS.min_gain_undetermined:
+        return False
+    if x.cause is Cause.PAYLOAD and "mass" in undetermined(x):
         return False
     # in a smaller unit any torque nearly vanishes, and with it its misfit
     if x.cause is Cause.TORQUE_UNIT and x.fit.per_stretch > x.problem.usual:
@@ -192,18 +294,10 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
         has_weight = float(x.fit.values["mass"][0]) >= -MIN_MASS_KG
         if has_weight is not (x.cause is Cause.WEIGHT):
             return False
-    if x.hypothesis.is_of_numbers:
-        given_values = x.problem.given()
-        for name in free:
-            rows = rows_of(name)
-            off = np.abs(x.fit.values[name] - given_values[rows])
-            if name == "zeta":
-                ratio = float(x.fit.values[name][0] / given_values[rows][0])
-                if max(ratio, 1.0 / ratio) > LIMITS.told_ratio:
-                    return gain >= LIMITS.min_gain
-            elif np.any(off > LIMITS.told_off * x.problem.scale[rows]):
-                return gain >= LIMITS.min_gain
+    if x.cause is Cause.ZERO_MOVES and not _is_shown_in_air(x, as_given):
         return False
+    if x.hypothesis.is_of_numbers:
+        return any(_is_off(name, x) for name in free) and gain >= LIMITS.min_gain
     if x.cause is Cause.WORLD and x.variant.number < LIMITS.min_tilt_degrees:
         return False
     return gain >= x.hypothesis.min_gain
@@ -216,6 +310,7 @@ TURN_CAUSES = {Cause.TURN, Cause.SIGN_AND_TURN, Cause.MESH_TURNED}
 _CONTAINS = {
     (Cause.WEIGHT, Cause.BIAS),
     (Cause.PAYLOAD, Cause.BIAS),
+    (Cause.BIAS, Cause.PAYLOAD),
     (Cause.BIAS, Cause.WEIGHT),
     (Cause.BIAS, Cause.ZERO_MOVES),
     (Cause.ANGLE, Cause.TURN),
@@ -261,7 +356,7 @@ def mended(x: Explanation) -> Setup:
         cell = replace(cell, delay=cell.delay + float(values["delay"][0]))
     law = setup.law
     if "zeta" in free:
-        law = replace(law, zeta=float(values["zeta"][0]))
+        law = replace(law, zeta=x.fit.zeta)
     surface = setup.surface
     if "surface" in free:
         surface = float(values["surface"][0])

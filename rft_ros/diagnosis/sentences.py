@@ -1,6 +1,6 @@
 """What is told of a cell: the findings of its diagnosis, each with a sentence, a remedy and what to do."""
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -9,7 +9,7 @@ from rft_ros.diagnosis.evidence import Evidence
 from rft_ros.diagnosis.finding import Finding, in_words
 from rft_ros.diagnosis.fit import MAX_USUAL_ZETA, MIN_USUAL_ZETA, rows_of
 from rft_ros.diagnosis.hypotheses import UNITS_N, Cause, Explanation
-from rft_ros.diagnosis.search import Diagnosis, Found, mended, undetermined
+from rft_ros.diagnosis.search import MAX_RIGHT_FACTOR, Diagnosis, Found, mended, undetermined
 from rft_ros.parameters import Value
 from rft_ros.rft import FORCE
 
@@ -23,8 +23,8 @@ ADVICE = {
     Cause.STIFFNESS: "record poses as measured, and not as commanded",
     Cause.ZERO_MOVES: "zero the load cell once, before the recording, and let it warm up; calibrate would trust it",
     Cause.TCP: "check the TCP on the arm, too",
+    Cause.LEVER: "check sensor.position",
     Cause.BIAS: "tare it there (~/tare, --tare)",
-    Cause.SATURATION: "set a larger range in the load cell or its driver, or press less",
 }
 """What to do about a cause beside its remedy, or in place of it."""
 MOTIONS_THAT_DETERMINE = {
@@ -38,14 +38,55 @@ MOTIONS_THAT_DETERMINE = {
     "surface": "press it straight down",
 }
 """The motion that determines a number of the fit."""
+HARMLESS = {
+    Cause.SURFACE,
+    Cause.BIAS,
+    Cause.WEIGHT,
+    Cause.PAYLOAD,
+    Cause.DELAY,
+    Cause.FILTER,
+    Cause.STRENGTH,
+    Cause.LEVER,
+    Cause.TORQUE_UNIT,
+}
+"""Causes beside which a calibration goes on: it fits them itself, or fits the force alone."""
 APART = "drag it along x and y, and push at another attitude, to see which"
 """The motion that tells causes apart that fit alike."""
 
 
-def of_diagnosis(e: Evidence, diagnosis: Diagnosis) -> Iterator[Finding]:
+def of_diagnosis(e: Evidence, causes: Iterable[Found]) -> Iterator[Finding]:
     """The causes of a cell's misfit, that of the greatest one first."""
-    for cause_found in diagnosis.causes:
+    for cause_found in causes:
         yield _of_cause(e, cause_found)
+
+
+def of_right_cell(e: Evidence, diagnosis: Diagnosis) -> Iterator[Finding]:
+    """What shows that a cell is right."""
+    result = diagnosis.fit
+    given_values = diagnosis.problem.given()
+    given = e.settings.surface_height
+    off = 1e3 * float(result.values["surface"][0] - given)
+    error = 1e3 * float(result.errors["surface"][0])
+    is_known = "surface_height" in e.named
+    yield Finding(
+        name="surface_height",
+        ok=is_known,
+        said=f"{given:g} m{'' if is_known else ', the default, since it is not set'}; by the force"
+        f" the grains begin {off:+.1f} ± {error:.1g} mm from it",
+        advice="" if is_known else "measure it, or run rft calibrate",
+    )
+    load = np.linalg.norm(result.values["force_bias"] - given_values[rows_of("force_bias")])
+    tare = ""
+    if e.tare:
+        tare = f", after the tare of the first {e.tare:g} s; for the node call ~/tare in the air"
+    said = f"it reads {load:.3g} N more in the air than its bias and weight{tare}"
+    yield Finding(name="load cell", ok=True, said=said, evidence={"load": float(load)})
+    said = f"measured and predicted force agree: the misfit is {result.per_stretch:.2g}"
+    usual = MAX_RIGHT_FACTOR * diagnosis.problem.usual
+    yield Finding(name="sign", ok=True, said=f"{said}, and with right cells up to {usual:.2g}")
+    ratio = result.zeta / diagnosis.setup.law.zeta
+    said = f"measured over predicted force {ratio:.3g}"
+    yield Finding(name="strength", ok=True, said=said, evidence={"ratio": ratio})
 
 
 def remedy_of(e: Evidence, x: Explanation) -> dict[str, Value]:
@@ -104,6 +145,7 @@ def _of_cause(e: Evidence, cause_found: Found) -> Finding:
         remedy=remedy,
         alike=tuple(remedy_of(e, other_cause) for other_cause in cause_found.ties),
         advice=", or ".join(dict.fromkeys(advice)),
+        spoils_calibration=cause not in HARMLESS,
     )
 
 
@@ -115,7 +157,7 @@ def _advice(e: Evidence, x: Explanation) -> str:
     if place and x.cause is Cause.LEVER:
         return f"correct {place} to the position {in_words(tuple(np.round(cell.position, 3).tolist()))}"
     if x.cause in (Cause.STRENGTH, Cause.UNIT):
-        ratio = x.fit.values["zeta"][0] / x.problem.setup.law.zeta
+        ratio = x.fit.zeta / x.problem.setup.law.zeta
         if x.cause is Cause.UNIT:
             ratio = 1.0 / x.variant.number
         unit = min(UNITS_N, key=lambda name: abs(np.log(max(ratio, 1e-9) * UNITS_N[name])))
@@ -165,7 +207,7 @@ def _sentence(cause_found: Found) -> tuple[str, Mapping[str, float]]:
             sentence = f"the force follows the motion like a filter of {number:.0f} ms"
             evidence["lag"] = number
         case Cause.STRENGTH:
-            zeta = float(values["zeta"][0])
+            zeta = x.fit.zeta
             ratio = zeta / x.problem.setup.law.zeta
             sentence = f"measured over predicted force {ratio:.3g}"
             if not MIN_USUAL_ZETA <= zeta <= MAX_USUAL_ZETA:
@@ -201,9 +243,6 @@ def _sentence(cause_found: Found) -> tuple[str, Mapping[str, float]]:
         case Cause.TCP:
             sentence = f"a mesh {number:.0f} mm elsewhere in its frame explains the force"
             evidence["millimetres"] = number
-        case Cause.SATURATION:
-            sentence = f"the force along {'xyz'[x.variant.axis]} stays at {number:.3g} N where the model's grows on"
-            evidence["limit"] = number
         case Cause.TORQUE_UNIT:
             sentence = f"the torque is {1.0 / number:.3g} times that of the force at its lever"
         case _:

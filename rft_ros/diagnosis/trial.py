@@ -4,7 +4,7 @@ A trial knows nothing of what is above it: it comes from a bag, from live messag
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,6 +22,8 @@ STRETCH_S = 1.0
 """The same at rest: the time over which errors of a load cell are alike."""
 CHANGE_S = 0.03
 """Time before and after a moment in which a change of the motion is seen."""
+NOISE_STEPS = (1, 2, 4, 8)
+"""Samples between the values of which differences are taken."""
 _MIN_DEAD_BAND_M = 1e-5
 _MAX_DEAD_BAND_M = 1e-3
 _DEAD_BAND_FACTOR = 5.0
@@ -33,13 +35,16 @@ class Trial:
 
     `time` [s], shape [n], and `poses` of the tool frame in the world, position [m] and quaternion xyzw, shape [n, 7].
     `wrench_time`, shape [m], on the clock of the poses and with the given delay removed, and `wrenches` [N], [N m],
-    shape [m, 6]: as the driver gave them, in its own axes and sign.
+    shape [m, 6]: as the driver gave them, in its own axes and sign. `course`: path of the tool so far [m], and
+    `half_time`: when it was half-way from the moment before [s], both shape [n], of a trial that is followed.
     """
 
     time: Array
     poses: Array
     wrench_time: Array
     wrenches: Array
+    course: Array = field(default_factory=lambda: np.zeros(0))
+    half_time: Array = field(default_factory=lambda: np.zeros(0))
 
     def __len__(self) -> int:
         return len(self.time)
@@ -73,8 +78,20 @@ class Trial:
 
     def thinned(self, count: int) -> "Trial":
         """At most `count` of its moments."""
-        rows = thin_rows(len(self), count)
-        return replace(self, time=self.time[rows], poses=self.poses[rows])
+        return self._at(np.arange(len(self))[thin_rows(len(self), count)], self.course)
+
+    def _at(self, rows: Indices, course: Array) -> "Trial":
+        """Some of its moments. `course` of all moments."""
+        ends = course[rows]
+        begins = np.append(ends[:1], ends[:-1])
+        half_time = np.interp(0.5 * (begins + ends), course, self.time)
+        return replace(
+            self,
+            time=self.time[rows],
+            poses=self.poses[rows],
+            course=ends,
+            half_time=np.where(ends > begins, half_time, self.time[rows]),
+        )
 
     def posed(self, position: Array, rotation: Rotation) -> "Trial":
         """The same readings at other poses."""
@@ -88,8 +105,15 @@ class Trial:
 
     @cached_property
     def noise(self) -> Array:
-        """Standard deviation of the noise of each axis of the load cell [N], [N m], shape [6]."""
-        return noise_of(self.wrenches)
+        """Standard deviation of the noise of each axis of the load cell [N], [N m], shape [6].
+
+        By fourth differences over several intervals: readings may be interpolated, and are smooth between samples then.
+        """
+        return np.asarray(
+            np.max(
+                [_noise_by_fourth_differences(self.wrenches, step) for step in NOISE_STEPS], axis=0
+            )
+        )
 
     def followed(self, reach: float, count: int) -> "Trial":
         """At most `count` moments of it, evenly over time and path, without the noise of the poses.
@@ -107,10 +131,9 @@ class Trial:
         poses = self.poses.copy()
         poses[:, POSITION] = self.position[0] + np.cumsum(displacement[:, :3], axis=0)
         quiet = replace(self, poses=poses)
-        rows = _rows_along(
-            (self.time, quiet.path(reach), _changes(self.time, quiet.position)), count
-        )
-        return replace(quiet, time=self.time[rows], poses=poses[rows])
+        course = quiet.path(reach)
+        rows = _rows_along((self.time, course, _changes(self.time, quiet.position)), count)
+        return quiet._at(rows, course)
 
 
 def thin_rows(length: int, count: int) -> slice:
@@ -124,6 +147,15 @@ def noise_of(series: Array) -> Array:
         return np.zeros(series.shape[1])
     steps = np.diff(series, 2, axis=0)
     return np.asarray(1.48 * np.median(np.abs(steps), axis=0) / 6.0**0.5)
+
+
+def _noise_by_fourth_differences(series: Array, step: int) -> Array:
+    """As `noise_of`, of every `step`-th value: hardly changed by any motion."""
+    if len(series) <= 4 * step:
+        return np.zeros(series.shape[1])
+    shifted = [series[k * step : len(series) - (4 - k) * step] for k in range(5)]
+    differences = shifted[0] - 4.0 * shifted[1] + 6.0 * shifted[2] - 4.0 * shifted[3] + shifted[4]
+    return np.asarray(1.48 * np.median(np.abs(differences), axis=0) / 70.0**0.5)
 
 
 def _rows_along(courses: Sequence[Array], count: int) -> Indices:

@@ -252,8 +252,8 @@ class Checkup:
         # otherwise the node may have received samples that are missing here
         whole = complete and not late
         poses = np.array(self._poses).reshape(-1, 8)
-        evidence = evidence_of(rows, self._estimator, poses=poses)
-        evidence = replace(evidence, named=self._cell.named, tare=self._tare, complete=whole)
+        evidence = evidence_of(rows, self._estimator, poses=poses, tare=self._tare)
+        evidence = replace(evidence, named=self._cell.named, complete=whole)
         inputs = [
             self._of_input(role, role_arrivals)
             for role, role_arrivals in arrivals.items()

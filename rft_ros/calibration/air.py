@@ -71,11 +71,3 @@ def spread(directions: Array) -> float:
     """RMS spread of unit vectors, shape [n, 3], in the second of their main directions."""
     sizes = np.linalg.svd(directions - directions.mean(axis=0), compute_uv=False)
     return float(sizes[1] / np.sqrt(len(directions))) if len(sizes) > 1 else 0.0
-
-
-def noise(series: Array) -> Array:
-    """Standard deviation of the noise of series, shape [n, k], by the median of their steps, which outliers leave."""
-    steps = np.diff(series, axis=0)
-    return np.asarray(
-        1.48 * np.median(np.abs(steps - np.median(steps, axis=0)), axis=0) / 2.0**0.5
-    )

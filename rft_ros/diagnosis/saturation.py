@@ -1,0 +1,56 @@
+"""A component of the force that stays at its greatest reading, with its noise, while the model's force grows on.
+
+A limit without noise is seen without a model (module `readings`).
+"""
+
+from collections.abc import Iterator
+from itertools import product
+
+import numpy as np
+
+from rft_ros.diagnosis.finding import Finding
+from rft_ros.diagnosis.fit import Problem
+from rft_ros.rft import FORCE
+
+MIN_AT_LIMIT = 10
+"""Moments at the limit, and below it, that show it."""
+NOISES_AT_LIMIT = 4.0
+"""How near to the greatest reading others are at the limit, by the noise."""
+MAX_NOISE_SHARE = 0.02
+"""Of the greatest reading: with more noise no limit is seen."""
+MIN_GROWTH = 1.15
+"""Of the model's force over that at the limit."""
+
+
+def saturation(problem: Problem) -> Iterator[Finding]:
+    """Axes of the force at their limits, in both of their directions. `problem`: of the cell as it is mended."""
+    trial = problem.trial
+    setup = problem.setup
+    readings = trial.readings_at(trial.time + setup.late)[:, FORCE]
+    low = problem.model.low
+    is_high = low >= np.quantile(low, 0.9)
+    change = readings - np.median(readings[is_high], axis=0)
+    world_force = problem.basis(setup.surface, setup.length).wrench[:, FORCE]
+    expected = np.einsum("nji,nj->ni", setup.cell_axes(trial), world_force)
+    for axis, side in product(range(3), (1.0, -1.0)):
+        reading = side * change[:, axis]
+        force = side * expected[:, axis]
+        limit = float(np.quantile(reading, 0.995))
+        band = NOISES_AT_LIMIT * float(trial.noise[axis])
+        at_limit = reading >= limit - max(band, 1e-6 * abs(limit))
+        below = (reading > 0.2 * limit) & (reading < 0.9 * limit)
+        if band > MAX_NOISE_SHARE * limit or min(at_limit.sum(), below.sum()) < MIN_AT_LIMIT:
+            continue
+        # the model's force in the unit of the readings
+        scale = (reading * force)[below].sum() / max((force[below] ** 2).sum(), 1e-12)
+        low_growth, high_growth = np.quantile(scale * force[at_limit] / limit, (0.2, 0.9))
+        if scale > 0.0 and low_growth > 0.9 and high_growth > MIN_GROWTH:
+            stays = float(readings[at_limit, axis].mean())
+            yield Finding(
+                name="saturation",
+                said=f"the force along {'xyz'[axis]} stays at {stays:.3g} N where the model's grows on,"
+                f" to {high_growth:.2g} times it",
+                evidence={"limit": stays},
+                advice="set a larger range in the load cell or its driver, or press less",
+                spoils_calibration=True,
+            )
