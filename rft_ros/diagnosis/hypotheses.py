@@ -142,42 +142,30 @@ def quaternion_of(turn: Rotation) -> tuple[float, float, float, float]:
     return x, y, z, w
 
 
-def _cell(setup: Setup, *, sign: float = 1.0, turn: Rotation | None = None) -> Setup:
-    quaternion = Rotation.from_quat(setup.cell.quaternion)
-    if turn is not None:
-        quaternion = quaternion * turn
-    cell = replace(setup.cell, sign=setup.cell.sign * sign, quaternion=quaternion_of(quaternion))
-    return replace(setup, cell=cell)
+def _other_cell(trial: Trial, setup: Setup, *, sign: float, turn: Rotation) -> Variant:
+    """The load cell with the other sign if `sign` is -1, and turned in its own axes."""
+    quaternion = quaternion_of(Rotation.from_quat(setup.cell.quaternion) * turn)
+    cell = replace(setup.cell, sign=sign * setup.cell.sign, quaternion=quaternion)
+    remedy: dict[str, Value] = {}
+    if sign < 0.0:
+        remedy["sensor.sign"] = cell.sign
+    if turn.magnitude() > 0.0:
+        remedy["sensor.quaternion"] = cell.quaternion
+    return Variant(trial=trial, setup=replace(setup, cell=cell), remedy=remedy)
 
 
 def _sign(trial: Trial, setup: Setup) -> Iterator[Variant]:
-    other_setup = _cell(setup, sign=-1.0)
-    yield Variant(trial=trial, setup=other_setup, remedy={"sensor.sign": other_setup.cell.sign})
+    yield _other_cell(trial, setup, sign=-1.0, turn=Rotation.identity())
 
 
 def _turn(trial: Trial, setup: Setup) -> Iterator[Variant]:
     for turn in GROUP:
-        other_setup = _cell(setup, turn=turn)
-        yield Variant(
-            trial=trial,
-            setup=other_setup,
-            remedy={"sensor.quaternion": other_setup.cell.quaternion},
-            number=float(np.degrees(turn.magnitude())),
-        )
+        yield _other_cell(trial, setup, sign=1.0, turn=turn)
 
 
 def _sign_and_turn(trial: Trial, setup: Setup) -> Iterator[Variant]:
     for turn in GROUP:
-        other_setup = _cell(setup, sign=-1.0, turn=turn)
-        yield Variant(
-            trial=trial,
-            setup=other_setup,
-            remedy={
-                "sensor.sign": other_setup.cell.sign,
-                "sensor.quaternion": other_setup.cell.quaternion,
-            },
-            number=float(np.degrees(turn.magnitude())),
-        )
+        yield _other_cell(trial, setup, sign=-1.0, turn=turn)
 
 
 def _angle(trial: Trial, setup: Setup) -> Iterator[Variant]:
@@ -185,13 +173,7 @@ def _angle(trial: Trial, setup: Setup) -> Iterator[Variant]:
     cell_turn = Rotation.from_quat(setup.cell.quaternion)
     turn = cell_turn.inv() * coarse(Problem(trial, setup)).best_turn * cell_turn
     if turn.magnitude() > np.radians(5.0):
-        other_setup = _cell(setup, turn=turn)
-        yield Variant(
-            trial=trial,
-            setup=other_setup,
-            remedy={"sensor.quaternion": other_setup.cell.quaternion},
-            number=float(np.degrees(turn.magnitude())),
-        )
+        yield _other_cell(trial, setup, sign=1.0, turn=turn)
 
 
 def _axes_of_reading(trial: Trial, setup: Setup) -> Iterator[Variant]:

@@ -22,8 +22,9 @@ STRETCH_S = 1.0
 """The same at rest: the time over which errors of a load cell are alike."""
 CHANGE_S = 0.03
 """Time before and after a moment in which a change of the motion is seen."""
-NOISE_STEPS = (1, 2, 4, 8)
-"""Samples between the values of which differences are taken."""
+NOISE_STEPS = (1, 2, 4, 8, 16)
+MAX_NOISE_STEP_S = 0.021
+"""Samples, and the longest time, between the values of which differences are taken: load cells have 50 Hz or more."""
 _MIN_DEAD_BAND_M = 1e-5
 _MAX_DEAD_BAND_M = 1e-3
 _DEAD_BAND_FACTOR = 5.0
@@ -109,11 +110,12 @@ class Trial:
 
         By fourth differences over several intervals: readings may be interpolated, and are smooth between samples then.
         """
-        return np.asarray(
-            np.max(
-                [_noise_by_fourth_differences(self.wrenches, step) for step in NOISE_STEPS], axis=0
-            )
+        interval = (
+            float(np.median(np.diff(self.wrench_time))) if len(self.wrench_time) > 1 else 1.0
         )
+        steps = [step for step in NOISE_STEPS if step == 1 or step * interval <= MAX_NOISE_STEP_S]
+        noises = [_noise_by_fourth_differences(self.wrenches, step) for step in steps]
+        return np.asarray(np.max(noises, axis=0))
 
     def followed(self, reach: float, count: int) -> "Trial":
         """At most `count` moments of it, evenly over time and path, without the noise of the poses.

@@ -23,6 +23,7 @@ from rft_ros.diagnosis.examined import followed, setup_of
 from rft_ros.diagnosis.fit import Problem
 from rft_ros.diagnosis.hypotheses import Cause, explained
 from rft_ros.diagnosis.sentences import remedy_of
+from rft_ros.diagnosis.trial import Trial
 from rft_ros.doctor import checkup
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import LoadCellFrame, TransformSample, WrenchSample
@@ -227,7 +228,22 @@ def test_what_spoils_the_weight_of_a_heavy_tool_that_turns_in_the_air_is_no_othe
     wrong_value = np.asarray(value).tolist()
     found = faults(states=states, readings=readings, **{**OF_HEAVY_TOOL, parameter: wrong_value})
     assert "surface_height" not in named(found)
-    assert any(parameter in finding.remedy for finding in found)
+    remedies = [finding.remedy for finding in found if parameter in finding.remedy]
+    assert remedies
+    if parameter == "sensor.delay":
+        assert remedies[0][parameter] == pytest.approx(0.0, abs=0.008)
+
+
+@pytest.mark.parametrize("rate", [100.0, 250.0, 1000.0])
+def test_the_noise_of_readings_is_known_although_they_are_interpolated_at_the_poses(rate):
+    """Between two samples of a load cell at 100 Hz the interpolated reading has no noise of its own."""
+    sent = np.arange(0.0, 20.0, 0.01)
+    random = np.random.default_rng(2)
+    readings = np.outer(np.sin(sent), np.full(6, 5.0)) + random.normal(0.0, 0.02, (len(sent), 6))
+    time = np.arange(0.0, 19.9, 1.0 / rate)
+    at_poses = np.column_stack([np.interp(time, sent, axis) for axis in readings.T])
+    trial = Trial(time=time, poses=np.zeros((len(time), 7)), wrench_time=time, wrenches=at_poses)
+    assert trial.noise == pytest.approx(0.02, rel=0.3)
 
 
 def test_nothing_follows_a_fault_with_two_remedies():
