@@ -89,7 +89,7 @@ def judge_fitted(result: FitResults, tracks: Sequence[Track], config: Config) ->
             poses=track.states[:, POSE],
         )
         fitted_names = {fit.name for fit in result.fitted}
-        for finding in examine(evidence):
+        for finding in examine(evidence, search="misfit"):
             sentence = f"{track.name}: {finding.text}"
             if finding.ok:
                 continue

@@ -20,7 +20,7 @@ from rft_ros.diagnosis.poses import (
 )
 from rft_ros.diagnosis.readings import cut_off, dead_axes, mount, threshold
 from rft_ros.diagnosis.saturation import saturation
-from rft_ros.diagnosis.search import MAX_RIGHT_FACTOR, Diagnosis, diagnose
+from rft_ros.diagnosis.search import MAX_RIGHT_FACTOR, Diagnosis, Search, diagnose
 from rft_ros.diagnosis.sentences import of_diagnosis, of_right_cell
 from rft_ros.diagnosis.trial import Trial
 from rft_ros.rft import FORCE, POSE
@@ -35,8 +35,11 @@ SEEN_IN_AIR = {Cause.BIAS, Cause.WEIGHT, Cause.PAYLOAD}
 """Causes that need no push."""
 
 
-def examine(e: Evidence) -> Iterator[Finding]:
-    """The findings on a cell; a cause comes before its effects."""
+def examine(e: Evidence, search: Search = "full") -> Iterator[Finding]:
+    """The findings on a cell; a cause comes before its effects.
+
+    `search`: when causes other than numbers are searched, which takes seconds.
+    """
     for checks in (_of_lengths, _of_poses):
         findings = list(checks(e))
         yield from findings
@@ -54,7 +57,7 @@ def examine(e: Evidence) -> Iterator[Finding]:
     measured = e.at(rows_of_new_poses(e.time, e.state[:, POSE]))
     if e.place_on_tf and not all(finding.ok for finding in mount_findings):
         measured = replace(measured, load_cell=e.load_cell.at(e.place_on_tf))
-    yield from _of_forces(measured)
+    yield from _of_forces(measured, search)
 
 
 def _of_lengths(e: Evidence) -> Iterator[Finding]:
@@ -83,9 +86,9 @@ def _of_default_surface(e: Evidence) -> Iterator[Finding]:
         )
 
 
-def _of_forces(e: Evidence) -> Iterator[Finding]:
+def _of_forces(e: Evidence, search: Search) -> Iterator[Finding]:
     """The causes of the misfit, or what shows that there is none."""
-    diagnosis = diagnose(followed(e), setup_of(e))
+    diagnosis = diagnose(followed(e), setup_of(e), search)
     limits = list(saturation(diagnosis.problem))
     if limits:
         yield from limits
@@ -113,18 +116,21 @@ def _of_forces(e: Evidence) -> Iterator[Finding]:
     elif diagnosis.is_explained:
         yield from of_right_cell(e, diagnosis)
     else:
-        yield _of_misfit(e, diagnosis)
+        yield _of_misfit(e, diagnosis, search)
 
 
-def _of_misfit(e: Evidence, diagnosis: Diagnosis) -> Finding:
+def _of_misfit(e: Evidence, diagnosis: Diagnosis, search: Search) -> Finding:
     """A misfit that no cause explains."""
     misfit = diagnosis.fit.per_stretch
     usual = MAX_RIGHT_FACTOR * diagnosis.problem.usual
     to_check = e.place_parameter or "sensor.quaternion"
+    searched = "no cause explains it"
+    if search == "numbers":
+        searched = "rft doctor --bag searches the cause"
     return Finding(
         name="misfit",
         said=f"measured and predicted force do not agree: the misfit is {misfit:.2g}, and at most"
-        f" {usual:.2g} with right cells; no single cause explains it",
+        f" {usual:.2g} with right cells; {searched}",
         evidence={"own": misfit, "usual": usual},
         advice=f"check {to_check}, sensor.sign, mesh.origin, mesh.quaternion and surface_height",
         spoils_calibration=True,

@@ -1,7 +1,8 @@
 """Finds what is wrong with a cell: the hypothesis that explains its misfit, or several at once."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Literal
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -15,6 +16,7 @@ from rft_ros.diagnosis.hypotheses import (
     Cause,
     Explanation,
     Hypothesis,
+    Variant,
     explained,
     quaternion_of,
 )
@@ -86,7 +88,11 @@ class Diagnosis:
         return self.fit.per_stretch <= MAX_RIGHT_FACTOR * self.problem.usual
 
 
-def diagnose(trial: Trial, setup: Setup) -> Diagnosis:
+Search = Literal["full", "misfit", "numbers"]
+"""When causes other than numbers are searched: for each deviation, for a misfit that right cells have not, or never."""
+
+
+def diagnose(trial: Trial, setup: Setup, search: Search = "full") -> Diagnosis:
     """Find the causes of a cell's misfit.
 
     `trial`: followed, of at most `MOMENTS_COUNT`.
@@ -97,7 +103,28 @@ def diagnose(trial: Trial, setup: Setup) -> Diagnosis:
     # stops show a delay; they are short, and hardly count in the whole misfit
     if _needs_nothing(problem, result) and abs(base.delay) <= MAX_COARSE_DELAY_S:
         return Diagnosis((), trial, setup, problem, result)
+    is_right = result.per_stretch <= problem.usual
+    if search == "numbers" or (search == "misfit" and is_right):
+        return _by_numbers(problem, base, result)
     return _searched(problem, base, result)
+
+
+def _by_numbers(problem: Problem, base: Coarse, result: Fit) -> Diagnosis:
+    """The numbers of the cell that are wrong, if nothing else is. `base`, `result`: of the cell as given."""
+    starts: list[Mapping[str, float]] = [{}, {"surface": base.surface(), "delay": base.delay}]
+    fits = [fit(problem, CELL_NUMBERS, start=start) for start in starts]
+    x = Explanation(
+        Hypothesis(cause=Cause.NUMBERS, free=CELL_NUMBERS),
+        Variant(trial=problem.trial, setup=problem.setup),
+        problem,
+        min(fits, key=lambda one: one.misfit),
+    )
+    best, numbers = _needed(x)
+    gain = result.misfit - best.fit.misfit
+    is_explained = best.fit.per_stretch <= MAX_SINGLE_FACTOR * problem.usual
+    if numbers and is_explained and gain >= LIMITS.min_gain * len(numbers):
+        return _mended_by(best, tuple(_found_numbers(best, numbers, problem.setup, result)))
+    return Diagnosis((), problem.trial, problem.setup, problem, result)
 
 
 def _searched(problem: Problem, base: Coarse, result: Fit) -> Diagnosis:
@@ -215,6 +242,8 @@ def _deviating(x: Explanation) -> Iterator[Hypothesis]:
             case Cause.BIAS:
                 is_off = _is_off("force_bias", x) or _is_off("torque_bias", x)
                 is_needed = is_off and not is_other_weight
+            case Cause.LEVER:
+                is_needed = _is_off("lever", x) and "lever" not in undetermined(x)
             case Cause.SURFACE if x.cause is Cause.WORLD:
                 is_needed = False
             case _:

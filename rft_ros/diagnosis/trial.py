@@ -109,13 +109,14 @@ class Trial:
         """Standard deviation of the noise of each axis of the load cell [N], [N m], shape [6].
 
         By fourth differences over several intervals: readings may be interpolated, and are smooth between samples then.
+        At least that of their resolution.
         """
         interval = (
             float(np.median(np.diff(self.wrench_time))) if len(self.wrench_time) > 1 else 1.0
         )
         steps = [step for step in NOISE_STEPS if step == 1 or step * interval <= MAX_NOISE_STEP_S]
         noises = [_noise_by_fourth_differences(self.wrenches, step) for step in steps]
-        return np.asarray(np.max(noises, axis=0))
+        return np.asarray(np.max([*noises, _resolutions(self.wrenches) / 12.0**0.5], axis=0))
 
     def followed(self, reach: float, count: int) -> "Trial":
         """At most `count` moments of it, evenly over time and path, without the noise of the poses.
@@ -158,6 +159,12 @@ def _noise_by_fourth_differences(series: Array, step: int) -> Array:
     shifted = [series[k * step : len(series) - (4 - k) * step] for k in range(5)]
     differences = shifted[0] - 4.0 * shifted[1] + 6.0 * shifted[2] - 4.0 * shifted[3] + shifted[4]
     return np.asarray(1.48 * np.median(np.abs(differences), axis=0) / 70.0**0.5)
+
+
+def _resolutions(series: Array) -> Array:
+    """The least difference of two values of series, shape [n, k]."""
+    steps = [np.diff(np.unique(values)) for values in series.T]
+    return np.array([step.min(initial=np.inf) if len(step) else 0.0 for step in steps])
 
 
 def _rows_along(courses: Sequence[Array], count: int) -> Indices:

@@ -73,13 +73,13 @@ def test_the_newcomers_way_leads_to_right_numbers(bag, rft, tmp_path, capsys):
 
 LEARNING = {"learning.mode": "observe"}
 FAULTS = {
-    "no tare": ("load cell: it reads 2.78 N in the air; set sensor.bias: [", {}, False),
+    "no tare": ("N more in the air than its bias and weight", {}, False),
     "tared at the wrong height": ("set surface_height: 0.1", {"surface_height": SURFACE - 0.03}),
     "no tare, learning": ("or tare it there (~/tare, --tare)", LEARNING, False),
     "sign": (" %: check the set-up with rft doctor", {"sensor.sign": -1.0}),
-    "sign, learning": ("set sensor.sign: 1", LEARNING | {"sensor.sign": -1.0}),
+    "sign, learning": ("rft doctor --bag searches the cause", LEARNING | {"sensor.sign": -1.0}),
     "turned, learning": (
-        "set sensor.quaternion: [0, 0, 0.7071, 0.7071]",
+        "rft doctor --bag searches the cause",
         LEARNING | {"sensor.quaternion": [0.0, 0.0, 0.0, 1.0]},
     ),
     "surface": (
