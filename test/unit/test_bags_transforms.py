@@ -132,7 +132,10 @@ def test_a_calibration_reads_the_same_motion_readings_and_mount_from_transforms(
         calibrate(*one, parts=("zeta",)) for one in (([posed], told), ([transformed], from_tf))
     )
     # forces of no grains: both are refused, for the same misfit
-    said = [[text.partition(": ")[2].partition("; ")[0] for text in one.refusals] for one in (found, expected)]
+    said = [
+        [text.partition(": ")[2].partition("; ")[0] for text in one.refusals]
+        for one in (found, expected)
+    ]
     assert said[0] == said[1]
     assert said[0]
     with pytest.raises(
