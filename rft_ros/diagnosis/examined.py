@@ -26,9 +26,7 @@ from rft_ros.diagnosis.trial import Trial
 from rft_ros.rft import FORCE, POSE
 
 MIN_CLEAR_MOMENTS = 10
-"""Moments in the air, of `MOMENTS_COUNT`, that show the zero of the load cell."""
-CLEAR_M = 0.002
-"""Height of the tool's lowest point above the surface from which on it is in the air."""
+"""Moments in the air that show the zero of the load cell."""
 MIN_PUSH_NOISES = 10.0
 """Change of the measured force over its noise by which a push is seen, whatever its unit."""
 SEEN_IN_AIR = {Cause.BIAS, Cause.WEIGHT, Cause.PAYLOAD}
@@ -94,8 +92,10 @@ def _of_forces(e: Evidence, search: Search) -> Iterator[Finding]:
         yield from limits
         return
     causes = diagnosis.causes
-    is_clear = diagnosis.problem.model.low > diagnosis.setup.surface + CLEAR_M
-    if is_clear.sum() < MIN_CLEAR_MOMENTS and e.complete and not e.tare:
+    surface = diagnosis.setup.surface
+    # in the cell as it is mended, or as it was sent
+    clear_counts = [(low > surface).sum() for low in (diagnosis.problem.model.low, e.height)]
+    if max(clear_counts) < MIN_CLEAR_MOMENTS and e.complete and not e.tare:
         yield Finding(
             name="load cell",
             said="it was hardly seen in the air",
