@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
-from rft_ros.diagnosis.trial import Array, Trial
+from rft_ros.diagnosis.trial import Array, Readings, Trial
 from rft_ros.estimator import GRAVITY, Estimator
 from rft_ros.parameters import LoadCell, Settings
 from rft_ros.rft import FORCE, POSE, QUATERNION, TORQUE, VELOCITY, Law
@@ -70,8 +70,7 @@ class Evidence:
         return Trial(
             time=self.time,
             poses=self.state[:, POSE],
-            wrench_time=self.time,
-            wrenches=self.readings,
+            readings=Readings(time=self.time, wrenches=self.readings),
         )
 
     def at(self, rows: NDArray[Any]) -> "Evidence":

@@ -87,7 +87,7 @@ def _of_default_surface(e: Evidence) -> Iterator[Finding]:
 def _of_forces(e: Evidence, search: Search) -> Iterator[Finding]:
     """The causes of the misfit, or what shows that there is none."""
     diagnosis = diagnose(followed(e), setup_of(e), search)
-    limits = list(saturation(diagnosis.problem))
+    limits = list(saturation(diagnosis.problem, diagnosis.setup))
     if limits:
         yield from limits
         return
@@ -141,7 +141,7 @@ def _is_pushed(e: Evidence, diagnosis: Diagnosis) -> bool:
     """Whether grains push the tool, in the load cell and in the model of the cell as it is mended."""
     force = e.readings[:, FORCE]
     measured_force = np.abs(force - np.median(force, axis=0)).max()
-    noise = float(diagnosis.trial.noise[FORCE].max())
+    noise = float(diagnosis.trial.readings.noise[FORCE].max())
     modelled_force = np.abs(diagnosis.fit.model[:, FORCE]).max(initial=0.0)
     return bool(measured_force > MIN_PUSH_NOISES * noise and modelled_force > 0.0)
 

@@ -326,7 +326,7 @@ class Problem:
         zero = np.median(reading[top], axis=0)
         size = np.linalg.norm((reading - zero)[:, FORCE], axis=1)
         self.peak = float(np.quantile(size, 0.99)) + 1e-9
-        noise = np.repeat(self.setup.units, 3) * self.trial.noise
+        noise = np.repeat(self.setup.units, 3) * self.trial.readings.noise
         force_noise = float(noise[FORCE].max())
         torque_noise = float(noise[TORQUE].max())
         lever = float(np.linalg.norm(np.array(self.setup.cell.position) - self.middle))
@@ -375,7 +375,7 @@ class Problem:
         if late not in self._readings:
             if len(self._readings) > 100:
                 self._readings.clear()
-            raw = self.trial.readings_at(self.trial.half_time + self.setup.late + late)
+            raw = self.trial.readings.at(self.trial.half_time + self.setup.late + late)
             bias = np.array(self.setup.cell.bias)
             raw = bias + np.repeat(self.setup.units, 3) * (raw - bias)
             self._readings[late] = self.into_tool(raw)

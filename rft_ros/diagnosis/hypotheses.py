@@ -191,7 +191,7 @@ MIN_UNIT_FACTOR = 10.0
 
 def _torque_unit(trial: Trial, setup: Setup) -> Iterator[Variant]:
     """Torque in N mm or kN m: much greater or smaller than a force at the tool's distance makes."""
-    changes = trial.wrenches - np.median(trial.wrenches, axis=0)
+    changes = trial.readings.wrenches - np.median(trial.readings.wrenches, axis=0)
     force, torque = (np.sqrt((changes[:, part] ** 2).sum()) for part in (FORCE, TORQUE))
     distance = float(np.linalg.norm(np.array(setup.cell.position) - setup.tool.middle))
     ratio = torque / max(force * (distance + 0.5 * setup.tool.size), 1e-12)
@@ -318,7 +318,7 @@ def _world(trial: Trial, setup: Setup, point: Array) -> Variant:
 
 def _stiffness(trial: Trial, setup: Setup, point: Array) -> Variant:
     """The tool is where the arm yields to the measured force, by up to exp(`at`) [m]."""
-    raw = trial.readings_at(trial.time) - np.array(setup.cell.bias)
+    raw = trial.readings.at(trial.time) - np.array(setup.cell.bias)
     if setup.reads_in_world:
         force = setup.cell.sign * raw[:, FORCE]
     else:

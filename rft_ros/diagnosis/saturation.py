@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from rft_ros.diagnosis.finding import Finding
-from rft_ros.diagnosis.fit import Problem
+from rft_ros.diagnosis.fit import Problem, Setup
 from rft_ros.rft import FORCE
 
 MIN_AT_LIMIT = 10
@@ -22,11 +22,10 @@ MIN_GROWTH = 1.15
 """Of the model's force over that at the limit."""
 
 
-def saturation(problem: Problem) -> Iterator[Finding]:
-    """Axes of the force at their limits, in both of their directions. `problem`: of the cell as it is mended."""
+def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
+    """Axes of the force at their limits, in both of their directions. `setup`: of the cell as it is mended."""
     trial = problem.trial
-    setup = problem.setup
-    readings = trial.readings_at(trial.time + setup.late)[:, FORCE]
+    readings = trial.readings.at(trial.time + setup.late)[:, FORCE]
     low = problem.model.low
     is_high = low >= np.quantile(low, 0.9)
     change = readings - np.median(readings[is_high], axis=0)
@@ -36,7 +35,7 @@ def saturation(problem: Problem) -> Iterator[Finding]:
         reading = side * change[:, axis]
         force = side * expected[:, axis]
         limit = float(np.quantile(reading, 0.995))
-        band = NOISES_AT_LIMIT * float(trial.noise[axis])
+        band = NOISES_AT_LIMIT * float(trial.readings.noise[axis])
         at_limit = reading >= limit - max(band, 1e-6 * abs(limit))
         below = (reading > 0.2 * limit) & (reading < 0.9 * limit)
         if band > MAX_NOISE_SHARE * limit or min(at_limit.sum(), below.sum()) < MIN_AT_LIMIT:

@@ -31,19 +31,44 @@ _DEAD_BAND_FACTOR = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
+class Readings:
+    """m readings of a load cell, in the order of time.
+
+    `time` [s], shape [m], on the clock of the poses and with the given delay removed; `wrenches` [N], [N m], shape
+    [m, 6]: as the driver gave them, in its own axes and sign.
+    """
+
+    time: Array
+    wrenches: Array
+
+    def at(self, time: Array) -> Array:
+        """The readings at other times, shape [k, 6]."""
+        return np.column_stack([np.interp(time, self.time, axis) for axis in self.wrenches.T])
+
+    @cached_property
+    def noise(self) -> Array:
+        """Standard deviation of the noise of each axis [N], [N m], shape [6], at least that of its resolution.
+
+        By fourth differences over several intervals: readings may be interpolated, and are smooth between samples then.
+        """
+        interval = float(np.median(np.diff(self.time))) if len(self.time) > 1 else 1.0
+        steps = [step for step in NOISE_STEPS if step == 1 or step * interval <= MAX_NOISE_STEP_S]
+        noises = [_noise_by_fourth_differences(self.wrenches, step) for step in steps]
+        return np.asarray(np.max([*noises, _resolutions(self.wrenches) / 12.0**0.5], axis=0))
+
+
+@dataclass(frozen=True, kw_only=True, eq=False)
 class Trial:
-    """n moments of a cell and m readings of its load cell, each in the order of time.
+    """n moments of a cell in the order of time, and the readings of its load cell.
 
     `time` [s], shape [n], and `poses` of the tool frame in the world, position [m] and quaternion xyzw, shape [n, 7].
-    `wrench_time`, shape [m], on the clock of the poses and with the given delay removed, and `wrenches` [N], [N m],
-    shape [m, 6]: as the driver gave them, in its own axes and sign. `course`: path of the tool so far [m], and
+    `course`: path of the tool so far [m], and
     `half_time`: when it was half-way from the moment before [s], both shape [n], of a trial that is followed.
     """
 
     time: Array
     poses: Array
-    wrench_time: Array
-    wrenches: Array
+    readings: Readings
     course: Array = field(default_factory=lambda: np.zeros(0))
     half_time: Array = field(default_factory=lambda: np.zeros(0))
 
@@ -97,26 +122,6 @@ class Trial:
     def posed(self, position: Array, rotation: Rotation) -> "Trial":
         """The same readings at other poses."""
         return replace(self, poses=np.hstack([position, rotation.as_quat()]))
-
-    def readings_at(self, time: Array) -> Array:
-        """The readings at other times, shape [k, 6]."""
-        return np.column_stack(
-            [np.interp(time, self.wrench_time, axis) for axis in self.wrenches.T]
-        )
-
-    @cached_property
-    def noise(self) -> Array:
-        """Standard deviation of the noise of each axis of the load cell [N], [N m], shape [6].
-
-        By fourth differences over several intervals: readings may be interpolated, and are smooth between samples then.
-        At least that of their resolution.
-        """
-        interval = (
-            float(np.median(np.diff(self.wrench_time))) if len(self.wrench_time) > 1 else 1.0
-        )
-        steps = [step for step in NOISE_STEPS if step == 1 or step * interval <= MAX_NOISE_STEP_S]
-        noises = [_noise_by_fourth_differences(self.wrenches, step) for step in steps]
-        return np.asarray(np.max([*noises, _resolutions(self.wrenches) / 12.0**0.5], axis=0))
 
     def followed(self, reach: float, count: int) -> "Trial":
         """At most `count` moments of it, evenly over time and path, without the noise of the poses.

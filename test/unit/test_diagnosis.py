@@ -23,7 +23,7 @@ from rft_ros.diagnosis.examined import followed, setup_of
 from rft_ros.diagnosis.fit import Problem
 from rft_ros.diagnosis.hypotheses import Cause, explained
 from rft_ros.diagnosis.sentences import remedy_of
-from rft_ros.diagnosis.trial import Trial
+from rft_ros.diagnosis.trial import Readings
 from rft_ros.doctor import checkup
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import LoadCellFrame, TransformSample, WrenchSample
@@ -242,8 +242,7 @@ def test_the_noise_of_readings_is_known_although_they_are_interpolated_at_the_po
     readings = np.outer(np.sin(sent), np.full(6, 5.0)) + random.normal(0.0, 0.02, (len(sent), 6))
     time = np.arange(0.0, 19.9, 1.0 / rate)
     at_poses = np.column_stack([np.interp(time, sent, axis) for axis in readings.T])
-    trial = Trial(time=time, poses=np.zeros((len(time), 7)), wrench_time=time, wrenches=at_poses)
-    assert trial.noise == pytest.approx(0.02, rel=0.3)
+    assert Readings(time=time, wrenches=at_poses).noise == pytest.approx(0.02, rel=0.3)
 
 
 def test_nothing_follows_a_fault_with_two_remedies():
