@@ -86,7 +86,8 @@ class Evidence:
         if s.sensor_source != "tf":
             return ""
         ends = f"from tool_frame {s.tool_frame!r} to sensor_frame {s.sensor_frame!r}"
-        return f"the transform {ends} on /tf_static ({self.links})"
+        links = f" ({self.links})" if self.links else ""
+        return f"the transform {ends} on /tf_static{links}"
 
 
 def evidence_of(
