@@ -136,3 +136,8 @@ def test_a_calibration_reads_the_same_motion_readings_and_mount_from_transforms(
         calibrate(*one, parts=("zeta",)) for one in (([posed], told), ([transformed], from_tf))
     )
     assert found.fitted[0].values == pytest.approx(expected.fitted[0].values, rel=1e-6)
+    with pytest.raises(
+        InputError,
+        match="posed: no fixed transforms link tool_frame 'tool' and sensor_frame 'ft_sen",
+    ):
+        calibrate([posed], from_tf)
