@@ -329,6 +329,11 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
         return any(_is_off(name, x) for name in free) and gain >= LIMITS.min_gain
     if x.cause is Cause.WORLD and x.variant.number < LIMITS.min_tilt_degrees:
         return False
+    # a filter holds a reading back by its time constant, as a delay does
+    if x.cause is Cause.FILTER and x.variant.setup.lag < LIMITS.told_off * float(
+        x.problem.scale[rows_of("delay")][0]
+    ):
+        return False
     return gain >= x.hypothesis.min_gain
 
 
