@@ -73,8 +73,8 @@ class FeedForward:
 
     Controllers apply the last wrench that they received, without a time limit. So the target is zero for an estimate
     without trust, when no estimate has come for ``feedforward.timeout``, with a gain of 0, and when the node ends. A
-    thread of its own watches for this, so that nothing that blocks the node's callbacks holds a force.
-
+    thread of its own watches for this, so that nothing that blocks the node's callbacks holds a force. While there is
+    no wrench it sleeps: each time that it woke, ticks on a busy machine would wait for it.
     """
 
     def __init__(self, node: Node, estimator: Estimator, config: FeedforwardConfig) -> None:
@@ -87,8 +87,8 @@ class FeedForward:
         self._moved = -math.inf  # times of `time.monotonic` [s]
         self._estimated = -math.inf
         self._active = False
-        self._lock = threading.Lock()
-        self._ended = threading.Event()
+        self._changed = threading.Condition()  # of what is active, and whether it has ended
+        self._has_ended = False
         self._watchdog = threading.Thread(target=self._watch, daemon=True)
         self._watchdog.start()
 
@@ -97,23 +97,26 @@ class FeedForward:
         if self.config.gain == 0.0:
             return
         target = self._target(estimate)
-        with self._lock:
-            self._active = True
+        with self._changed:
+            if not self._active:
+                self._active = True
+                self._changed.notify()
             self._estimated = time.monotonic()
             self._publish(target, estimate.stamp)
 
     def _watch(self) -> None:
-        while not self._ended.wait(_PERIOD) and self._context.ok():
-            self._without_estimate()
+        with self._changed:
+            while self._context.ok() and not self._has_ended:
+                self._without_estimate()
+                self._changed.wait(_PERIOD if self._active else None)
 
     def _without_estimate(self) -> None:
         """Move towards zero if no estimate has come for ``feedforward.timeout``."""
         is_off = self.config.gain == 0.0
-        with self._lock:
-            age = time.monotonic() - self._estimated
-            if self._active and (is_off or age > self.config.timeout):
-                self._publish(_ZERO, self._clock.now().nanoseconds)
-                self._active = not is_off or self._ramp.wrench != _ZERO
+        age = time.monotonic() - self._estimated
+        if self._active and (is_off or age > self.config.timeout):
+            self._publish(_ZERO, self._clock.now().nanoseconds)
+            self._active = not is_off or self._ramp.wrench != _ZERO
 
     def end(self) -> None:
         """Ramp to zero in at most 0.25 s, and wait until the subscribers have received it.
@@ -121,7 +124,9 @@ class FeedForward:
         On a machine so busy that the ramp takes twice as long, the last wrench is zero all the same. Once ROS is shut
         down, nothing can be published any more.
         """
-        self._ended.set()
+        with self._changed:
+            self._has_ended = True
+            self._changed.notify()
         self._watchdog.join()
         if not self._context.ok():
             return
