@@ -58,50 +58,67 @@ class Coarse:
         return DELAYS_S[int(self.delay_costs.argmin())]
 
 
-def coarse(problem: Problem, *, has_delays: bool = True) -> Coarse:
-    """Try heights and delays with all orientations at once; without delays for a cell whose delay is not searched."""
+def coarse(problem: Problem) -> Coarse:
+    """Try heights and delays with all orientations at once."""
     setup = problem.setup
     surfaces = _surfaces(problem)
-    weight = np.sqrt(problem.count_of / 3.0) / problem.error[:, 0]
-    # an orientation turns the reading in the axes of the load cell
-    turns = np.einsum("ij,kjl,ml->kim", setup.in_tool, ORIENTATIONS, setup.in_tool)
-    gravity = GRAVITY * problem.down
-    mass = setup.cell.mass
-    bias = problem.given()[rows_of("force_bias")]
-
-    def readings(late: float) -> Array:
-        """Weighted forces without the given bias and weight, in all orientations, shape [3 n, 48]."""
-        forces = (problem.reading(late)[:, FORCE] - bias) @ np.swapaxes(turns, 1, 2)
-        return np.asarray((weight[:, None] * (forces - mass * gravity)).reshape(len(turns), -1).T)
-
-    def columns(height: float, length: float) -> Array:
-        """What a unit of bias, mass and ζ adds to the weighted forces, shape [3 n, 5]."""
-        unit_forces = np.empty((len(weight), 3, 5))
-        unit_forces[:, :, :3] = np.eye(3)
-        unit_forces[:, :, 3] = gravity
-        unit_forces[:, :, 4] = problem.basis(height, length).wrench[:, FORCE]
-        return np.asarray((weight[:, None, None] * unit_forces).reshape(-1, 5))
-
     priors = _priors(problem)
     zeta = setup.law.zeta
-    now = readings(0.0)
-    here = [columns(setup.surface, length) for length in (setup.length, *LENGTHS_M)]
+    now = _readings(problem, 0.0, ORIENTATIONS)
+    here = [_columns(problem, setup.surface, length) for length in (setup.length, *LENGTHS_M)]
     costs = np.array(
-        [_costs(columns(height, setup.length), now, priors, zeta) for height in surfaces]
+        [_costs(_columns(problem, height, setup.length), now, priors, zeta) for height in surfaces]
     )
-    delays = DELAYS_S if has_delays else [0.0]
     delay_costs = [
         min(float(_costs(length, given, priors, zeta)[0]) for length in here)
-        for given in (readings(late)[:, :1] for late in delays)
+        for given in (_readings(problem, late, ORIENTATIONS[:1]) for late in DELAYS_S)
     ]
     best_surface = surfaces[int(costs.min(axis=1).argmin())]
-    best_turn = _aligned(problem, float(best_surface), weight**2)
+    best_turn = _aligned(problem, float(best_surface), _weight(problem) ** 2)
     return Coarse(
         surfaces=surfaces,
         costs=costs,
         delay_costs=np.array(delay_costs),
         best_turn=best_turn,
     )
+
+
+def coarse_surface(problem: Problem) -> float:
+    """The height that fits best with the load cell as it is given [m]."""
+    surfaces = _surfaces(problem)
+    readings = _readings(problem, 0.0, ORIENTATIONS[:1])
+    priors = _priors(problem)
+    setup = problem.setup
+    costs = [
+        _costs(_columns(problem, height, setup.length), readings, priors, setup.law.zeta)[0]
+        for height in surfaces
+    ]
+    return float(surfaces[int(np.argmin(costs))])
+
+
+def _weight(problem: Problem) -> Array:
+    """Of the force of each moment, shape [n]."""
+    return np.asarray(np.sqrt(problem.count_of / 3.0) / problem.error[:, 0])
+
+
+def _readings(problem: Problem, late: float, orientations: Array) -> Array:
+    """Weighted forces without the given bias and weight, in k orientations of the load cell, shape [3 n, k]."""
+    in_tool = problem.setup.in_tool
+    # an orientation turns the reading in the axes of the load cell
+    turns = np.einsum("ij,kjl,ml->kim", in_tool, orientations, in_tool)
+    bias = problem.given()[rows_of("force_bias")]
+    forces = (problem.reading(late)[:, FORCE] - bias) @ np.swapaxes(turns, 1, 2)
+    grains = forces - problem.setup.cell.mass * GRAVITY * problem.down
+    return np.asarray((_weight(problem)[:, None] * grains).reshape(len(turns), -1).T)
+
+
+def _columns(problem: Problem, height: float, length: float) -> Array:
+    """What a unit of bias, mass and ζ adds to the weighted forces, shape [3 n, 5]."""
+    unit_forces = np.empty((len(problem.down), 3, 5))
+    unit_forces[:, :, :3] = np.eye(3)
+    unit_forces[:, :, 3] = GRAVITY * problem.down
+    unit_forces[:, :, 4] = problem.basis(height, length).wrench[:, FORCE]
+    return np.asarray((_weight(problem)[:, None, None] * unit_forces).reshape(-1, 5))
 
 
 def _surfaces(problem: Problem) -> Array:

@@ -7,8 +7,8 @@ import numpy as np
 
 from rft_ros.diagnosis.evidence import ENOUGH, Evidence
 from rft_ros.diagnosis.finding import Finding
-from rft_ros.diagnosis.fit import MOMENTS_COUNT, TOOL_TOLERANCE_SHARE, Setup
-from rft_ros.diagnosis.hypotheses import Cause
+from rft_ros.diagnosis.fit import MOMENTS_COUNT, TOLERANCES, TOOL_TOLERANCE_SHARE, Setup
+from rft_ros.diagnosis.hypotheses import Cause, is_still
 from rft_ros.diagnosis.poses import (
     jumps,
     noise_of_poses,
@@ -20,7 +20,7 @@ from rft_ros.diagnosis.poses import (
 )
 from rft_ros.diagnosis.readings import cut_off, dead_axes, mount, threshold
 from rft_ros.diagnosis.saturation import saturation
-from rft_ros.diagnosis.search import MAX_RIGHT_FACTOR, Diagnosis, Search, diagnose
+from rft_ros.diagnosis.search import LIMITS, MAX_RIGHT_FACTOR, Diagnosis, Search, diagnose
 from rft_ros.diagnosis.sentences import of_diagnosis, of_right_cell
 from rft_ros.diagnosis.trial import Trial
 from rft_ros.rft import FORCE, POSE
@@ -123,16 +123,20 @@ def _of_misfit(e: Evidence, diagnosis: Diagnosis, search: Search) -> Finding:
     """A misfit that no cause explains."""
     misfit = diagnosis.fit.per_stretch
     usual = MAX_RIGHT_FACTOR * diagnosis.problem.usual
+    off = 1e3 * float(diagnosis.fit.values["surface"][0] - diagnosis.setup.surface)
+    max_off = 1e3 * LIMITS.told_off * TOLERANCES["surface"].value
     to_check = e.place_parameter or "sensor.quaternion"
     searched = "no cause explains it"
+    turns = ", and, as the poses never turn, that tool_frame does" if is_still(e.trial) else ""
     if search == "numbers":
         searched = "rft doctor --bag searches the cause"
     return Finding(
         name="misfit",
-        said=f"measured and predicted force do not agree: the misfit is {misfit:.2g}, and at most"
-        f" {usual:.2g} with right cells; {searched}",
+        said=f"measured and predicted force do not agree: the misfit is {misfit:.2g}, and the grains"
+        f" begin {off:+.1f} mm from surface_height; with right cells they are at most {usual:.2g} and"
+        f" {max_off:.0f} mm; {searched}",
         evidence={"own": misfit, "usual": usual},
-        advice=f"check {to_check}, sensor.sign, mesh.origin, mesh.quaternion and surface_height",
+        advice=f"check {to_check}, sensor.sign, mesh.origin, mesh.quaternion and surface_height{turns}",
         spoils_calibration=True,
     )
 

@@ -91,7 +91,7 @@ REST_M = 1e-6
 """Path between two moments below which the tool rests."""
 BLOCK_COUNT = 100
 MOMENTS_COUNT = 600
-TOOL_TOLERANCE_SHARE = 0.05
+TOOL_TOLERANCE_SHARE = 0.02
 
 
 def _slices() -> dict[str, slice]:
@@ -286,7 +286,7 @@ FREEDOM_FACTOR = 300.0
 TIED_FREEDOM_FACTORS = {"lever": 20.0, "turn": 20.0, "moment": 20.0, "delay": 30.0}
 """How many times as far as its tolerance a free number may be off; of some a straight press tells only a part."""
 MIN_EIGENVALUE = 1e-12
-"""Of the normal matrix with ones on its diagonal: rounding makes smaller ones negative."""
+"""Added to the normal matrix with ones on its diagonal: rounding makes eigenvalues below 0."""
 STEP_M = 5e-4
 LENGTH_STEP_FACTOR = 1.1
 """Steps of the surface and of λ by which the derivatives are taken."""
@@ -540,9 +540,8 @@ def _normal_equations(rows: Array, values: Array) -> tuple[Array, Array]:
 def _inverse(normal: Array) -> Array:
     """The inverse of a normal matrix whose numbers differ by up to 20 digits: each one counts by its own size."""
     size = np.sqrt(np.diag(normal))
-    eigenvalues, vectors = np.linalg.eigh(normal / np.outer(size, size))
-    half = vectors / size[:, None] / np.sqrt(np.maximum(eigenvalues, MIN_EIGENVALUE))
-    return np.asarray(half @ half.T)
+    scale = np.outer(size, size)
+    return np.asarray(np.linalg.inv(normal / scale + MIN_EIGENVALUE * np.eye(len(size))) / scale)
 
 
 def fit(

@@ -13,7 +13,7 @@ import numpy as np
 from scipy.optimize import fmin
 from scipy.spatial.transform import Rotation
 
-from rft_ros.diagnosis.coarse import GROUP, Coarse, coarse
+from rft_ros.diagnosis.coarse import GROUP, Coarse, coarse, coarse_surface
 from rft_ros.diagnosis.fit import Fit, Problem, Setup, fit
 from rft_ros.diagnosis.trial import Array, Trial
 from rft_ros.estimator import GRAVITY
@@ -46,6 +46,7 @@ class Cause(Enum):
     TCP = "TCP"
     QUATERNIONS = "quaternions"
     WORLD = "world frame"
+    NOT_TURNING = "frame does not turn"
     STIFFNESS = "yielding arm"
     ZERO_MOVES = "zero that moves"
     NUMBERS = "several numbers"
@@ -61,6 +62,7 @@ COSTLY = {
     Cause.WORLD,
     Cause.TCP,
     Cause.QUATERNIONS,
+    Cause.NOT_TURNING,
     Cause.ZERO_MOVES,
 }
 
@@ -91,7 +93,7 @@ def _as_given(trial: Trial, setup: Setup) -> Iterator[Variant]:
 class Hypothesis:
     """A cause: how it mends a trial, the numbers that it frees, and how much rarer it is, in units of the misfit.
 
-    `min_gain`: of the misfit, from which on it is told.
+    `min_gain`: of the misfit, from which on it is told. `is_possible`: of a trial, whether it may have the cause.
     """
 
     cause: Cause
@@ -103,6 +105,7 @@ class Hypothesis:
     step: float = 0.0
     min_gain: float = 12.0
     searches_surface: bool = False
+    is_possible: Callable[[Trial], bool] = lambda _: True
 
     @property
     def is_costly(self) -> bool:
@@ -116,6 +119,8 @@ class Hypothesis:
 
     def variants(self, trial: Trial, setup: Setup) -> list[Variant]:
         """The variants of a trial that it mends; those of a family at its points."""
+        if not self.is_possible(trial):
+            return []
         if self.family is None:
             return list(self.mend(trial, setup))
         return [self.family(trial, setup, np.array(point)) for point in self.points]
@@ -332,6 +337,42 @@ def _stiffness(trial: Trial, setup: Setup, point: Array) -> Variant:
     )
 
 
+MAX_STILL_DEGREES = 2.0
+"""Turn of a frame that does not turn."""
+TURNS_PER_M = (-20.0, -10.0, 10.0, 20.0, 40.0)
+"""Turns over the way [rad/m] that are tried; a wheel of 50 mm that does not slip has 20."""
+
+
+def is_still(trial: Trial) -> bool:
+    """Whether the poses never turn."""
+    turns = trial.rotation[0].inv() * trial.rotation
+    return bool(np.degrees(turns.magnitude().max()) < MAX_STILL_DEGREES)
+
+
+def _rolling(trial: Trial, setup: Setup, point: Array) -> Variant:
+    """The tool turns with its way along the ground, by a `point` [rad/m], and the load cell with it."""
+    way = trial.position[:, :2] - trial.position[0, :2]
+    (ahead_x, ahead_y), _ = np.linalg.svd(way - way.mean(axis=0), full_matrices=False)[2]
+    far = way @ (ahead_x, ahead_y)
+    forward = np.sign(far[np.abs(far).argmax()])
+    axle = forward * np.array((-ahead_y, ahead_x, 0.0))
+    turn = Rotation.from_rotvec(point[0] * forward * far[:, None] * axle)
+    angle = float(np.degrees(point[0] * np.abs(far).max()))
+    return Variant(
+        trial=trial.posed(trial.position, turn * trial.rotation), setup=setup, number=angle
+    )
+
+
+def _wheel(trial: Trial, setup: Setup, point: Array) -> Variant:
+    """The same below a load cell that does not turn, as on a wheel's knuckle."""
+    variant = _rolling(trial, setup, point)
+    if setup.reads_in_world:
+        return variant
+    still = quaternion_of(trial.rotation[0] * Rotation.from_quat(setup.cell.quaternion))
+    cell = replace(setup.cell, quaternion=still)
+    return replace(variant, setup=replace(setup, cell=cell, reads_in_world=True))
+
+
 MIN_STEP_SHARE = 0.03
 """Of the time of a trial, before and after a step of the zero."""
 
@@ -436,6 +477,17 @@ HYPOTHESES = (
         rarity=3.0,
         searches_surface=True,
     ),
+    *(
+        Hypothesis(
+            cause=Cause.NOT_TURNING,
+            family=family,
+            points=tuple((turns,) for turns in TURNS_PER_M),
+            step=3.0,
+            rarity=4.0,
+            is_possible=is_still,
+        )
+        for family in (_rolling, _wheel)
+    ),
     Hypothesis(
         cause=Cause.STIFFNESS,
         family=_stiffness,
@@ -450,7 +502,7 @@ CELL_NUMBERS = ("surface", "force_bias", "torque_bias", "mass", "moment", "delay
 HYPOTHESES_OF_NUMBERS = [
     one for one in HYPOTHESES if {*one.free} <= {*CELL_NUMBERS} and one.is_of_numbers
 ]
-ALONE = {Cause.ZERO_MOVES, Cause.TCP, Cause.STIFFNESS, Cause.MESH_UNIT}
+ALONE = {Cause.ZERO_MOVES, Cause.TCP, Cause.STIFFNESS, Cause.MESH_UNIT, Cause.NOT_TURNING}
 """Causes with so much freedom that they are told alone only."""
 SEVERAL_CAUSES = (
     *(
@@ -544,7 +596,7 @@ def _fitted(candidate: _Candidate, problem: Problem, *, steps: int) -> Explanati
     return Explanation(candidate.hypothesis, variant, problem, result)
 
 
-ENOUGH_SHARE = 0.4
+ENOUGH_SHARE = 0.6
 """Of the usual misfit: if a simple cause leaves less, none that costs much time is tried."""
 COARSE_STEPS_COUNT = 6
 FINAL_STEPS_COUNT = 12
@@ -588,7 +640,7 @@ def _promising(hypothesis: Hypothesis, problem: Problem, base: Coarse) -> Iterat
         problem_of_variant = problem.beside(variant.trial, variant.setup)
         start: Mapping[str, Any] = {}
         if hypothesis.searches_surface:
-            start = {"surface": coarse(problem_of_variant, has_delays=False).surface()}
+            start = {"surface": coarse_surface(problem_of_variant)}
         return fit(problem_of_variant, hypothesis.free, start=start, steps=2).misfit, start
 
     if not variants:

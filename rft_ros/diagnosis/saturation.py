@@ -13,7 +13,7 @@ from rft_ros.diagnosis.fit import Problem, Setup
 from rft_ros.rft import FORCE
 
 MIN_AT_LIMIT = 10
-"""Moments at the limit, and below it, that show it."""
+"""Moments in motion at the limit, and below it, that show it: at rest a force without a limit stays, too."""
 NOISES_AT_LIMIT = 4.0
 """How near to the greatest reading others are at the limit, by the noise."""
 MAX_NOISE_SHARE = 0.02
@@ -31,12 +31,13 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
     change = readings - np.median(readings[is_high], axis=0)
     world_force = problem.basis(setup.surface, setup.length).wrench[:, FORCE]
     expected = np.einsum("nji,nj->ni", setup.cell_axes(trial), world_force)
+    moves = np.array(problem.model.kinds) != "rest"
     for axis, side in product(range(3), (1.0, -1.0)):
         reading = side * change[:, axis]
         force = side * expected[:, axis]
         limit = float(np.quantile(reading, 0.995))
         band = NOISES_AT_LIMIT * float(trial.readings.noise[axis])
-        at_limit = reading >= limit - max(band, 1e-6 * abs(limit))
+        at_limit = moves & (reading >= limit - max(band, 1e-6 * abs(limit)))
         below = (reading > 0.2 * limit) & (reading < 0.9 * limit)
         if band > MAX_NOISE_SHARE * limit or min(at_limit.sum(), below.sum()) < MIN_AT_LIMIT:
             continue

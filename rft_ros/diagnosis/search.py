@@ -12,6 +12,7 @@ from rft_ros.diagnosis.fit import NUISANCES, TOLERANCES, Fit, Problem, Setup, fi
 from rft_ros.diagnosis.hypotheses import (
     CELL_NUMBERS,
     HYPOTHESES_OF_NUMBERS,
+    MAX_LAG_S,
     SEVERAL_CAUSES,
     Cause,
     Explanation,
@@ -84,8 +85,13 @@ class Diagnosis:
 
     @property
     def is_explained(self) -> bool:
-        """Whether what is left is less than any wrong cell leaves, in grains unlike the model, too."""
-        return self.fit.per_stretch <= MAX_RIGHT_FACTOR * self.problem.usual
+        """Whether what is left is less than any wrong cell leaves, in grains unlike the model, too.
+
+        Those have the surface where it should be.
+        """
+        factor = self.fit.per_stretch / self.problem.usual
+        surface_off = deviations(self.problem, self.fit)["surface"]
+        return factor <= 1.0 or (factor <= MAX_RIGHT_FACTOR and surface_off <= LIMITS.told_off)
 
 
 Search = Literal["full", "misfit", "numbers"]
@@ -329,10 +335,9 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
         return any(_is_off(name, x) for name in free) and gain >= LIMITS.min_gain
     if x.cause is Cause.WORLD and x.variant.number < LIMITS.min_tilt_degrees:
         return False
-    # a filter holds a reading back by its time constant, as a delay does
-    if x.cause is Cause.FILTER and x.variant.setup.lag < LIMITS.told_off * float(
-        x.problem.scale[rows_of("delay")][0]
-    ):
+    # a filter holds a reading back by its time constant, as a delay does; the longest one that is tried is a longer λ
+    least_lag = LIMITS.told_off * float(x.problem.scale[rows_of("delay")][0])
+    if x.cause is Cause.FILTER and not least_lag <= x.variant.setup.lag < MAX_LAG_S:
         return False
     return gain >= x.hypothesis.min_gain
 

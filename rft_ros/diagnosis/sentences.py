@@ -20,6 +20,7 @@ ADVICE = {
     Cause.TORQUE_UNIT: "the driver must give N m, and not N mm or kN m",
     Cause.QUATERNIONS: "give the poses' quaternions as x y z w: as if w came first, the tool points elsewhere",
     Cause.WORLD: "give the poses in a frame whose z points up",
+    Cause.NOT_TURNING: "give poses that turn with the tool, such as those of a wheel's joint",
     Cause.STIFFNESS: "record poses as measured, and not as commanded",
     Cause.ZERO_MOVES: "zero the load cell once, before the recording, and let it warm up; calibrate would trust it",
     Cause.TCP: "check the TCP on the arm, too",
@@ -233,6 +234,12 @@ def _sentence(cause_found: Found) -> tuple[str, Mapping[str, float]]:
         case Cause.ZERO_MOVES:
             sentence, change = _moved_zero(x)
             evidence["moved"] = change
+        case Cause.NOT_TURNING:
+            sentence = (
+                f"the poses do not turn, and the force is that of a tool that turns by {number:.0f}"
+                " degrees along its way"
+            )
+            evidence["angle"] = number
         case Cause.STIFFNESS:
             sentence = (
                 f"the tool is not at the poses: the arm yields, with about {number:.2g} N/mm"
