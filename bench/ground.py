@@ -32,7 +32,8 @@ def estimator(cell: float, learning: str, memory: float) -> Estimator:
     """With the full ellipsoid."""
     values = {**Config().values, "mesh.file": "ellipsoid", "tolerance": 0.0, "ground.cell": cell}
     values |= {"medium.mobilization_length": memory, "learning.mode": learning}
-    return Estimator(Config.of(values).settings, Config.of(values).model())
+    config = Config.of(values)
+    return Estimator(config, config.model())
 
 
 def tick_times(e: Estimator, first: int, count: int) -> list[float]:

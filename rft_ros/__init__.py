@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
     from rft_ros.estimator import Estimator, PoseSample, TwistSample, WrenchSample
-    from rft_ros.parameters import LoadCell, Model, Settings, read_medium
+    from rft_ros.parameters import Config, LoadCell, Model, read_medium
     from rft_ros.rft import (
         Memory,
         alpha_y_model,
@@ -21,12 +21,12 @@ if TYPE_CHECKING:
     from rft_ros.tool import load_tool
 
 __all__ = [
+    "Config",
     "Estimator",
     "LoadCell",
     "Memory",
     "Model",
     "PoseSample",
-    "Settings",
     "TwistSample",
     "WrenchSample",
     "alpha_y_model",

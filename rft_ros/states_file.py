@@ -179,7 +179,7 @@ def _velocities(times: NDArray[np.float64], poses: NDArray[np.float64]) -> NDArr
         raise ValueError(
             f"row 0: velocities need {_MIN_POSE_COUNT} poses; give more, or the columns {','.join(STATE[TWIST])}"
         )
-    window = Config().settings.twist_window
+    window = Config().inputs.twist_window
     difference = PoseDifference()
     twists = np.empty((len(times), len(STATE[TWIST])))
     for row, (stamp, pose) in enumerate(zip(stamps.tolist(), poses.tolist(), strict=True)):

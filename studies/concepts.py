@@ -24,7 +24,7 @@ from rft_ros.estimator import (
     TwistSample,
     trust,
 )
-from rft_ros.parameters import Config, Model, Settings
+from rft_ros.parameters import Config, Model
 from studies.result import BLACK, BLUE, GREEN, GREY, ORANGE, VERMILION, label_axes
 
 __all__ = ["draw_concepts", "write_concepts"]
@@ -90,7 +90,7 @@ def _model(zeta: float, mobilization_length: float) -> Model:
 
 def _moments(legs: Sequence[_Leg]) -> list[_Moment]:
     """What the estimator says along the run, pose by pose."""
-    estimator = Estimator(Settings(surface_height=0.0), _model(0.33, 0.003))
+    estimator = Estimator(Config(), _model(0.33, 0.003))
     place = np.array([0.0, 0.0, 0.0066])  # the plate is 3.2 mm thick
     stamp = _START_NS
     moments = []

@@ -25,7 +25,7 @@ from rft_ros.cli import main
 from rft_ros.estimator import is_withdrawn, predict_without_learning
 from rft_ros.estimator.learning import Learning
 from rft_ros.parameters import Config, Values, read_parameter_file
-from rft_ros.parameters.settings import CALIBRATED_ERROR
+from rft_ros.parameters.config import CALIBRATED_ERROR
 from rft_ros.rft import (
     ANGULAR_VELOCITY,
     TWIST,
@@ -280,16 +280,20 @@ def _recorded(bag: Path, values: Values, options: ReplayOptions, choice: Choice)
     length = fitted if choice.mobilization_length else 0.0
     own = {**values, "medium.mobilization_length": length, "tolerance": choice.tolerance}
     track = read_track(bag, own, options)
-    settings, model = Config.of(own).settings, Config.of(own).model()
+    config = Config.of(own)
+    model = config.model()
     plates, law = model.tool.plates, model.law
-    rest, surface = settings.rest_speed, settings.surface_height
+    rest = config.inputs.rest_speed
+    surface = config.surface_height
     series = series_of(
         bag.name, plates, law, track.states, track.time, track.forces, rest=rest, surface=surface
     )
     sinking = np.convolve(series.states[:, 9], np.full(21, 1.0 / 21.0), "same") < -rest
     deep = surface - track.heights > 0.0
     inward = np.flatnonzero(sinking & deep & (series.rows[:, 2] > 0.0) & (series.speeds > 0.0))
-    return replace(series, judged=inward, strength_error=settings.zeta_error or CALIBRATED_ERROR)
+    return replace(
+        series, judged=inward, strength_error=config.medium.zeta_error or CALIBRATED_ERROR
+    )
 
 
 def _recordings(group: str, folder: Path) -> tuple[list[Path], dict[str, dict[str, Any]]]:

@@ -150,10 +150,8 @@ def draw_demo(bag: Path, file: Path) -> None:
     tables = [estimates_of(bag, given, options) for given in (values, fixed)]
     rows, estimator = played_estimates(bag, fixed, model, options)
     motion = played_motion(rows, estimator, begin=rows["stamp"][0])
-    height, title = (
-        Config.of(fixed).settings.surface_height,
-        "Traction and force by the fixed model",
-    )
+    title = "Traction and force by the fixed model"
+    height = Config.of(fixed).surface_height
     scene = animate(title, model, motion, surface_height=height)
     strength: NDArray[np.float64] = np.linalg.norm(scene.forces, axis=1)
     strength[scene.positions[:, :, 2].max(axis=1) < scene.surface_height + 3.0] = -1.0

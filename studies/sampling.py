@@ -9,7 +9,7 @@ from scipy.integrate import trapezoid
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import PoseDifference, PoseSample
-from rft_ros.parameters import Settings
+from rft_ros.parameters import InputsConfig
 from rft_ros.rft import POSITION, QUATERNION, TWIST, Plates, wrenches
 from rft_ros.sweeps.motions import Trajectory, oscillating_insertion, sample, straight
 from studies.paper import law
@@ -34,7 +34,7 @@ _WINDOWS = (0.05, 0.1, 0.2, 0.5)  # s
 def differenced(states: Array, rate: float, width: float) -> Array:
     """The states with twists from the estimator's pose differencing; zero until it has three poses."""
     difference = PoseDifference()
-    gap = Settings().max_age
+    gap = InputsConfig().max_age
     out = states.copy()
     out[:, TWIST] = 0.0
     for k, row in enumerate(states):

@@ -188,7 +188,7 @@ def _change(random: Random, estimator: Estimator, values: dict[str, Any]) -> Non
     """What a user does between two samples; each works, or raises InputError."""
     deeds: list[Callable[[], object]] = [
         lambda: estimator.tare(float(random.choice([0.0, 0.1, 1.0, 1e9]))),
-        lambda: estimator.use(settings=Config.of({**values, **_changed(random, values)}).settings),
+        lambda: estimator.use(config=Config.of({**values, **_changed(random, values)})),
         lambda: estimator.use(
             model=Config.of({**values, **_changed(random, values)}).model(generation=1)
         ),
@@ -219,7 +219,8 @@ def run(seed: int, *, count: int = 150) -> tuple[list[object], Law | None]:
     random = np.random.default_rng(seed)
     values = random_values(random)
     try:
-        estimator = Estimator(Config.of(values).settings, Config.of(values).model())
+        config = Config.of(values)
+        estimator = Estimator(config, config.model())
     except InputError as error:
         assert "\n" not in str(error), f"not one sentence: {error}"
         return [str(error)], None

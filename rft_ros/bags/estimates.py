@@ -169,13 +169,13 @@ class ReplayTable:
         moments = np.flatnonzero(np.isin(rows["reason"], _REASONS_WITH_STATE))
         height, sinking = estimator.model.tool.lowest_points(rows["state"][moments])
         if estimator.ground is None:
-            rows["depth"][moments] = estimator.settings.surface_height - height
+            rows["depth"][moments] = estimator.config.surface_height - height
         rows["phase"][moments] = phases_of(
             rows["stamp"][moments],
             depth=rows["depth"][moments],
             sinking=sinking,
             speed=np.nan_to_num(rows["speed"][moments]),
-            rest_speed=estimator.settings.rest_speed,
+            rest_speed=estimator.config.inputs.rest_speed,
         )
         return rows
 

@@ -98,9 +98,9 @@ def topics_of(
             )
         topics[role] = _resolved(right, node)
     is_used: dict[Role, bool] = {
-        "pose": config.settings.pose_source != "tf",
-        "tf": config.settings.pose_source == "tf",
-        "twist": config.settings.twist_source == "topic",
+        "pose": config.inputs.pose_source != "tf",
+        "tf": config.inputs.pose_source == "tf",
+        "twist": config.inputs.twist_source == "topic",
         "surface": config.ground.cell > 0.0,
     }
     return {role: topic for role, topic in topics.items() if is_used.get(role, True)}

@@ -59,7 +59,7 @@ def played_estimates(
     """The rows of all estimates of a recording, after its tare, and their estimator. Raises InputError if none is."""
     config = tared(bag, Config.of(parameters), model, options)
     with opened_recording(bag, config, options) as recording:
-        estimator = Estimator(recording.config.settings, model)
+        estimator = Estimator(recording.config, model)
         rows = played(recording, estimator)
     estimates = rows[rows["reason"] == ESTIMATE]
     if not len(estimates):
@@ -94,7 +94,7 @@ def tared(bag: Path, config: Config, model: Model, options: ReplayOptions) -> Co
     with opened_recording(
         bag, config, replace(options, start=start, end=start + seconds)
     ) as recording:
-        estimator = Estimator(recording.config.settings, model)
+        estimator = Estimator(recording.config, model)
         rows = played(recording, estimator)
         with_velocity = rows["stamp"][~np.isnan(rows["depth"])]
         last_reading = estimator.last_reading
@@ -104,7 +104,7 @@ def tared(bag: Path, config: Config, model: Model, options: ReplayOptions) -> Co
         try:
             bias = estimator.tare(window)
         except InputError as error:
-            height = estimator.settings.surface_height
+            height = estimator.config.surface_height
             where = f"of the first {seconds:g} s, surface_height {height:g} m"
             raise InputError(
                 f"bag '{bag}': {error} ({where}; {reasons(recording, estimator)})"

@@ -79,7 +79,7 @@ def opened_recording(
                 config = config_for_table(table, config)
             topics = topics_of(config, replay_options.remap, replay_options.node)
             if is_table(bag):
-                sources = [source_of_table(bag, table, topics, config.settings)]
+                sources = [source_of_table(bag, table, topics, config.frames)]
             else:
                 sources, faults = sources_of(bag, stack)
             recording = Recording(

@@ -1,9 +1,7 @@
 """Replay a recording through the estimator: estimates as a bag and a table, a summary, a report."""
 
 from collections.abc import Callable
-from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 from rft_ros.bags.estimates import ReplayTable, write_estimates
 from rft_ros.bags.options import ReplayOptions
@@ -19,7 +17,7 @@ from rft_ros.estimator.pose_jumps import TWO_PUBLISHERS
 from rft_ros.estimator.warm_up import needed, prepare
 from rft_ros.files import refuse_overwriting, whole_folder
 from rft_ros.ground import write_height_map
-from rft_ros.parameters import Config, Model, Settings, Values, named_files
+from rft_ros.parameters import Config, Model, Values, named_files
 
 _JUDGED = 100_000  # rows on which hypotheses about the set-up are judged, so that a long recording needs no more memory
 _FILES = ("estimates", "estimates.csv", "summary.json", "report.html", "ground.csv")
@@ -70,12 +68,11 @@ def replay(
         opened_recording(bag, with_bias, options) as recording,
         whole_folder(out, _FILES) as part,
     ):
-        settings = recording.config.settings
-        estimator = Estimator(settings, model)
+        estimator = Estimator(recording.config, model)
         table = ReplayTable(estimator, part)
         others = {
             name: ReplayTable(Estimator(own, model), part)
-            for name, own in _compared_settings(settings).items()
+            for name, own in _compared_configs(recording.config).items()
         }
         for sample, answer in play(recording, estimator):
             if answer is not None:
@@ -107,7 +104,7 @@ def replay(
             bag=bag_name(bag),
             topics=recording.topics,
             parameters=recording.config.values,
-            bias=settings.load_cell.bias,
+            bias=recording.config.sensor.bias,
             messages={"pose": len(rows)}
             | {role: recording.counts[role] for role in recording.topics},
             reasons={reason.value: n for reason, n in sorted(estimator.counts.items())},
@@ -129,15 +126,15 @@ def replay(
 def _what_gives_poses(recording: Recording, estimator: Estimator) -> str:
     if "tf" not in recording.topics:
         return f"message on {recording.topics.get('pose')}"
-    settings = estimator.settings
+    named = estimator.config.frames
     frames = ", ".join(estimator.transforms.frames()) or "(none)"
-    pose = f"pose of tool_frame '{settings.tool_frame}' in world_frame '{settings.world_frame}'"
+    pose = f"pose of tool_frame '{named.tool}' in world_frame '{named.world}'"
     return f"{pose} from its frames {frames}"
 
 
-def _compared_settings(settings: Settings) -> dict[str, Settings]:
-    """Settings of the run that a replay with learning is compared to, by its mode: off beside apply, or the reverse."""
-    if settings.learning_mode == "off":
+def _compared_configs(config: Config) -> dict[str, Config]:
+    """The run that a replay with learning is compared to, by its mode: off beside apply, or the reverse."""
+    if config.learning.mode == "off":
         return {}
-    mode: Literal["off", "apply"] = "apply" if settings.learning_mode == "observe" else "off"
-    return {mode: replace(settings, learning_mode=mode)}
+    mode = "apply" if config.learning.mode == "observe" else "off"
+    return {mode: config.changed({"learning.mode": mode})}

@@ -278,7 +278,7 @@ def _animation(rows: Rows, estimator: Estimator) -> Iterator[Figure]:
         "Tool and traction",
         estimator.model,
         played_motion(rows_in_grains, estimator, begin=begin),
-        surface_height=estimator.settings.surface_height,
-        learned=estimator.settings.learning_mode == "apply",
+        surface_height=estimator.config.surface_height,
+        learned=estimator.config.learning.mode == "apply",
         where="World axes; the surface is the one at the end. The slider selects a moment in the grains.",
     )

@@ -9,7 +9,7 @@ import numpy as np
 from rft_ros.bags.sources import Messages, Source
 from rft_ros.errors import InputError
 from rft_ros.messages import TYPES, Role, stamped_cdr
-from rft_ros.parameters import Config, Settings
+from rft_ros.parameters import Config, FramesConfig
 from rft_ros.rft import AXES, POSE, STATE, TWIST
 from rft_ros.states_file import columns_of, read_motion
 from rft_ros.table_file import TableColumns, columns_named
@@ -73,7 +73,7 @@ def config_for_table(rows: TableColumns, config: Config) -> Config:
 
 
 def source_of_table(
-    file: Path, rows: TableColumns, topics: Mapping[Role, str], settings: Settings
+    file: Path, rows: TableColumns, topics: Mapping[Role, str], frames: FramesConfig
 ) -> Source:
     """The samples of a table as messages on the topics of their roles.
 
@@ -100,7 +100,7 @@ def source_of_table(
             for role, numbers in columns.items():
                 is_asked = first <= stamp <= last and topics[role] in asked_topics
                 if is_asked and has_message[role][k]:
-                    frame = settings.sensor_frame if role == "wrench" else settings.world_frame
+                    frame = frames.sensor if role == "wrench" else frames.world
                     serialise = stamped_cdr(frame, len(numbers[k]))
                     yield stamp, topics[role], serialise(stamp, numbers[k])
 

@@ -27,7 +27,6 @@ from rft_ros.parameters import (
     Config,
     LoadCell,
     MediumConfig,
-    Settings,
     Values,
     load_parts,
 )
@@ -74,15 +73,14 @@ def calibrate(
     if not tracks_sent:
         raise InputError("there is no recording to calibrate from; give one or more")
     config = Config.of(parameters)
-    settings = config.settings
     result = FitResults()
     for track in tracks_sent:
         refuse_implausible(track)
-    cell = _placed_cell(settings, tracks_sent)
+    cell = _placed_cell(config, tracks_sent)
     tracks_on_cell = [replace(track, cell=cell) for track in tracks_sent]
     tracks_placed = [thinned(_without_repeats(track), MAX_RATE_HZ) for track in tracks_on_cell]
     law = _law_of(config.medium)
-    surface_placed = _surface(result, tracks_placed, law, settings, parts)
+    surface_placed = _surface(result, tracks_placed, law, parts, given=config.surface_height)
 
     length = config.medium.mobilization_length
     tracks_aligned = tracks_placed
@@ -90,9 +88,9 @@ def calibrate(
     if "sensor" in parts:
         with result.or_reason("sensor.delay"):
             tracks_aligned, delay_error = _aligned(
-                result, tracks_placed, law, surface_placed, settings
+                result, tracks_placed, law, surface_placed, given=config.sensor.delay
             )
-    surface = _surface(result, tracks_aligned, law, settings, parts)
+    surface = _surface(result, tracks_aligned, law, parts, given=config.surface_height)
     tracks_weighed = tracks_aligned
     zero_error = 0.0
     if "sensor" in parts:
@@ -116,7 +114,7 @@ def calibrate(
         given=given,
         parts=parts,
     )
-    _check_surface(result, settings.surface_height, trusts_surface=trusts_surface)
+    _check_surface(result, config.surface_height, trusts_surface=trusts_surface)
     judge_fitted(result, tracks_on_cell, config)
     if result.refusals:
         result.fitted.clear()
@@ -140,14 +138,15 @@ def _check_surface(result: FitResults, given: float, *, trusts_surface: bool) ->
                 result.warnings.append(sentence)
 
 
-def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
-    """The load cell of the settings, with its place from the recordings' transforms if they are its source."""
-    if settings.sensor_source != "tf":
-        return settings.load_cell
+def _placed_cell(config: Config, tracks: Sequence[Track]) -> LoadCell:
+    """The load cell of the config, with its place from the recordings' transforms if they are its source."""
+    frames = config.frames
+    if frames.sensor_source != "tf":
+        return config.sensor
     places: list[Placement] = []
     for track in tracks:
         if track.mount is None:
-            link = f"tool_frame '{settings.tool_frame}' and sensor_frame '{settings.sensor_frame}'"
+            link = f"tool_frame '{frames.tool}' and sensor_frame '{frames.sensor}'"
             raise InputError(
                 f"{track.name}: no fixed transforms link {link}, as sensor.frame_source tf needs"
             )
@@ -157,7 +156,7 @@ def _placed_cell(settings: Settings, tracks: Sequence[Track]) -> LoadCell:
                 f"{tracks[0].name} and {track.name}: their transforms place the load cell differently; calibrate each "
                 "of the two mountings on its own"
             )
-    return settings.load_cell.at(places[0])
+    return config.sensor.at(places[0])
 
 
 def _without_repeats(track: Track) -> Track:
@@ -196,11 +195,11 @@ def _surface(
     result: FitResults,
     tracks: Sequence[Track],
     law: Law,
-    settings: Settings,
     parts: Collection[str],
+    *,
+    given: float,
 ) -> _Surface:
-    """The surface from the first contacts, or the given one if there are none or it is not to be fitted."""
-    given = settings.surface_height
+    """The surface from the first contacts, or the `given` one [m] if there are none or it is not to be fitted."""
     try:
         contacts = _contacts(tracks, law)
     except NotIdentifiable as reason:
@@ -246,13 +245,12 @@ def _without_inertia(track: Track, law: Law, surface: float) -> Track:
 
 
 def _aligned(
-    result: FitResults, tracks: Sequence[Track], law: Law, surface: _Surface, settings: Settings
+    result: FitResults, tracks: Sequence[Track], law: Law, surface: _Surface, *, given: float
 ) -> tuple[list[Track], float]:
     """The tracks with the readings of each pose's moment, and the standard error of the load cell's delay [s].
 
-    Raises NotIdentifiable if no turn determines the delay.
+    `given`: the delay of the parameters [s]. Raises NotIdentifiable if no turn determines the delay.
     """
-    given = settings.load_cell.delay
     coarse = _recordings(_coarse(tracks), law, surface)
     delay = fit_delay(coarse, surface.height, given=given)
     result.fitted.append(delay)

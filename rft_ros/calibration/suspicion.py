@@ -70,15 +70,15 @@ def judge_fitted(result: FitResults, tracks: Sequence[Track], config: Config) ->
             f"the recordings give a ζ of {law.zeta:.2g}, and {dry}: check {to_check}"
         )
     for track in tracks:
-        cell = fitted.settings.load_cell.at(track.cell.place)
+        cell = fitted.sensor.at(track.cell.place)
         readings = track.readings
-        if fitted.settings.sensor_source == "world":
+        if fitted.frames.sensor_source == "world":
             to_world = CellAlong(cell, track.states).to_world
             readings = np.hstack(
                 [rotate_vectors(to_world, readings[:, part]) for part in (FORCE, TORQUE)]
             )
         evidence = Evidence(
-            settings=fitted.settings,
+            config=fitted,
             load_cell=cell,
             tool=track.tool,
             law=law,

@@ -19,7 +19,7 @@ from rft_ros.calibration.cell_along import CellAlong
 from rft_ros.calibration.smoothing import interpolated, segments
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimator
-from rft_ros.parameters import Config, LoadCell, Settings, Values
+from rft_ros.parameters import Config, LoadCell, Values
 from rft_ros.rft import AXES, FORCE, STATE, rotate_vectors, rotation_matrices
 from rft_ros.rft.frames import (
     ANGULAR_VELOCITY,
@@ -138,8 +138,8 @@ def read_track(
     config = Config.of(parameters).changed(exact)
     model = config.model()
     with opened_recording(bag, config, options, needs_wrench=True) as recording:
-        settings = recording.config.settings
-        estimator = Estimator(_settings_of_readings(settings), model)
+        config_read = recording.config
+        estimator = Estimator(_config_of_readings(config_read), model)
         rows = played(recording, estimator)
     usable = rows[(rows["reason"] == ESTIMATE) & ~np.isnan(rows["compensated"][:, 0])]
     # by stamp: a bag recorded in a loop steps back in time and repeats stamps
@@ -160,23 +160,24 @@ def read_track(
         time=(stamps - stamps[0]) * 1e-9,
         states=usable["state"][chosen],
         readings=usable["compensated"][chosen],
-        cell=settings.load_cell,
+        cell=config_read.sensor,
         tool=model.tool,
-        rest_speed=settings.rest_speed,
+        rest_speed=config_read.inputs.rest_speed,
         damage=recording.damage,
-        mount=estimator.transforms.fixed(settings.tool_frame, settings.sensor_frame),
+        mount=estimator.transforms.fixed(config_read.frames.tool, config_read.frames.sensor),
     )
 
 
-def _settings_of_readings(settings: Settings) -> Settings:
-    """Settings with which every pose has an estimate, and the compensated wrench is the raw one in the cell's axes."""
-    cell = settings.load_cell
+def _config_of_readings(config: Config) -> Config:
+    """A config with which every pose has an estimate, whose compensated wrench is the raw one in the cell's axes."""
+    cell = config.sensor
+    is_in_world = config.frames.sensor_source == "world"
     return replace(
-        settings,
-        load_cell=LoadCell(position=cell.position, quaternion=cell.quaternion, delay=cell.delay),
-        sensor_source="world" if settings.sensor_source == "world" else "parameters",
+        config,
+        sensor=LoadCell(position=cell.position, quaternion=cell.quaternion, delay=cell.delay),
+        frames=replace(config.frames, sensor_source="world" if is_in_world else "parameters"),
+        inputs=replace(config.inputs, max_rate=0.0),
         surface_height=_BOTTOMLESS,
-        max_rate=0.0,
     )
 
 

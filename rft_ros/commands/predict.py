@@ -63,7 +63,7 @@ def predict(arguments: argparse.Namespace) -> int:
     options.refuse_inputs(arguments, arguments.output, also=named_files(config))
     times, states = read_states(arguments.states, parse_columns(arguments.columns or ""))
     model = _model_for_states(config)
-    height = config.settings.surface_height
+    height = config.surface_height
     tool = model.tool
     if tool.reduction:
         print(f"{tool.name}: {tool.reduction}")
@@ -137,7 +137,7 @@ def _figure_of_states(arguments: argparse.Namespace) -> Figure:
     options.refuse_inputs(arguments, arguments.output, also=named_files(config))
     model = _model_for_states(config)
     times, states = read_states(file, parse_columns(arguments.columns or ""))
-    height = config.settings.surface_height
+    height = config.surface_height
     where = f"states file '{file}'"
     with busy("computing"):
         wrenches = wrenches_along(model, times, states, surface_height=height, where=where)
@@ -163,6 +163,6 @@ def _figure_of_bag(arguments: argparse.Namespace) -> Figure:
             model.tool.name,
             model,
             motion,
-            surface_height=config.settings.surface_height,
-            learned=config.settings.learning_mode == "apply",
+            surface_height=config.surface_height,
+            learned=config.learning.mode == "apply",
         )

@@ -11,7 +11,7 @@ from scipy.spatial.transform import Rotation
 
 from rft_ros.diagnosis.trial import Array, Readings, Trial
 from rft_ros.estimator import GRAVITY, Estimator
-from rft_ros.parameters import LoadCell, Settings
+from rft_ros.parameters import Config, LoadCell
 from rft_ros.rft import FORCE, POSE, QUATERNION, TORQUE, VELOCITY, Law
 from rft_ros.rft.frames import ANGULAR_VELOCITY, Placement
 from rft_ros.tool import Tool
@@ -31,7 +31,7 @@ class Evidence:
     the parameters that the user has set. `tare`: the length of a replay's tare [s]. `complete`: no message is missing.
     """
 
-    settings: Settings
+    config: Config
     load_cell: LoadCell
     tool: Tool
     law: Law
@@ -55,7 +55,7 @@ class Evidence:
     @property
     def depth(self) -> Array:
         """Of the lowest point below the surface [m], negative in the air, shape [n]."""
-        return self.settings.surface_height - self.height
+        return self.config.surface_height - self.height
 
     @property
     def speed(self) -> Array:
@@ -82,10 +82,10 @@ class Evidence:
     @property
     def place_parameter(self) -> str:
         """What places the load cell in the tool, other than a parameter: the transforms; "" if parameters do."""
-        s = self.settings
-        if s.sensor_source != "tf":
+        frames = self.config.frames
+        if frames.sensor_source != "tf":
             return ""
-        ends = f"from tool_frame {s.tool_frame!r} to sensor_frame {s.sensor_frame!r}"
+        ends = f"from tool_frame {frames.tool!r} to sensor_frame {frames.sensor!r}"
         links = f" ({self.links})" if self.links else ""
         return f"the transform {ends} on /tf_static{links}"
 
@@ -102,27 +102,27 @@ def evidence_of(
     `poses`: stamp [ns], position and quaternion of every pose, shape [m, 8]; without them, those of the rows. Where
     stamps go back, the longest part is taken. `tare`: the first seconds, which give the bias.
     """
-    s = estimator.settings
+    frames = estimator.config.frames
     transforms = estimator.transforms
     rows = rows[~np.isnan(rows["compensated"][:, 0])]
     rows = _longest(rows, rows["stamp"])
     if poses is None:
         poses = np.column_stack([rows["stamp"], rows["state"][:, POSE]])
     poses = _longest(poses, poses[:, 0])
-    links = transforms.links(s.tool_frame, s.sensor_frame) if s.sensor_source == "tf" else ()
+    links = transforms.links(frames.tool, frames.sensor) if frames.sensor_source == "tf" else ()
     # a torque that the load cell does not give counts as none
     is_unknown = np.isnan(rows["compensated"])
     state = np.array(rows["state"])
     compensated = np.where(is_unknown, 0.0, rows["compensated"])
     time = _seconds(rows["stamp"])
     cell = estimator.load_cell
-    readings = readings_of(compensated, cell, state, in_world=s.sensor_source == "world")
+    readings = readings_of(compensated, cell, state, in_world=frames.sensor_source == "world")
     if tare and len(time):
         offset = cell.sign * compensated[time <= tare].mean(axis=0)
         fx, fy, fz, tx, ty, tz = (np.array(cell.bias) + offset).tolist()
         cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
     return Evidence(
-        settings=s,
+        config=estimator.config,
         load_cell=cell,
         tool=estimator.model.tool,
         law=estimator.model.law,
@@ -131,7 +131,7 @@ def evidence_of(
         poses=poses[:, 1:],
         state=state,
         readings=readings,
-        place_on_tf=transforms.fixed(s.tool_frame, s.sensor_frame),
+        place_on_tf=transforms.fixed(frames.tool, frames.sensor),
         links=", ".join(links),
         has_torque=not is_unknown[:, TORQUE].any(),
         tare=tare,

@@ -76,7 +76,7 @@ def _of_poses(e: Evidence) -> Iterator[Finding]:
 
 def _of_default_surface(e: Evidence) -> Iterator[Finding]:
     if "surface_height" not in e.named:
-        given = e.settings.surface_height
+        given = e.config.surface_height
         yield Finding(
             name="surface_height",
             said=f"{given:g} m, the default, since it is not set",
@@ -161,7 +161,7 @@ def setup_of(e: Evidence) -> Setup:
         cell=e.load_cell,
         tool=e.tool.reduced(TOOL_TOLERANCE_SHARE),
         law=e.law,
-        surface=e.settings.surface_height,
-        reads_in_world=e.settings.sensor_source == "world",
+        surface=e.config.surface_height,
+        reads_in_world=e.config.frames.sensor_source == "world",
         has_torque=e.has_torque,
     )

@@ -76,7 +76,7 @@ def _speeds_by_twists_and_poses(e: Evidence) -> tuple[float, float]:
 
     Only moments of fast motion count: at rest the noise of the poses is all that moves.
     """
-    if e.settings.twist_source != "topic" or len(e.time) < ENOUGH:
+    if e.config.inputs.twist_source != "topic" or len(e.time) < ENOUGH:
         return 0.0, 0.0
     given = np.linalg.norm(e.state[1:, VELOCITY], axis=1)
     is_fast = given >= 0.5 * np.quantile(given, 0.9)
@@ -134,7 +134,7 @@ def noise_at_tip(e: Evidence) -> float:
     """Noise of the poses at the tool's farthest point [m], by the median of the estimator's; 0 if it is not known."""
     follower = PoseNoise()
     reach = e.tool.plates.reach
-    gap = round(1e9 * e.settings.max_input_age)
+    gap = e.config.inputs.max_age
     found = list[float]()
     for seconds, (x, y, z, *quaternion) in zip(
         e.pose_time.tolist(), e.poses.tolist(), strict=True

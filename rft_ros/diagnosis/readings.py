@@ -49,7 +49,7 @@ def threshold(e: Evidence) -> Iterator[Finding]:
     """A driver that sets small readings to zero: many are exactly 0, and at rest others have noise."""
     force = e.readings[:, FORCE]
     is_zero = ~force.any(axis=1)
-    rest_force = force[(e.speed < e.settings.rest_speed) & ~is_zero]
+    rest_force = force[(e.speed < e.config.inputs.rest_speed) & ~is_zero]
     if min(is_zero.sum(), len(rest_force)) < ENOUGH:
         return
     if max(len(np.unique(axis)) for axis in rest_force.T) > ENOUGH // 2:
@@ -92,9 +92,9 @@ def cut_off(e: Evidence) -> Iterator[Finding]:
 
 def mount(e: Evidence) -> Iterator[Finding]:
     """The sensor's place in the parameters against that on /tf_static, if both have it."""
-    s = e.settings
+    frames = e.config.frames
     place = e.place_on_tf
-    if place is None or s.sensor_source == "tf" or s.tool_frame == s.sensor_frame:
+    if place is None or frames.sensor_source == "tf" or frames.tool == frames.sensor:
         return
     given = e.load_cell.place
     if given.is_at(place):

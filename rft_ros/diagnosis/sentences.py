@@ -65,7 +65,7 @@ def of_right_cell(e: Evidence, diagnosis: Diagnosis) -> Iterator[Finding]:
     """What shows that a cell is right."""
     result = diagnosis.fit
     given_values = diagnosis.problem.given()
-    given = e.settings.surface_height
+    given = e.config.surface_height
     off = 1e3 * float(result.values["surface"][0] - given)
     error = 1e3 * float(result.errors["surface"][0])
     is_known = "surface_height" in e.named

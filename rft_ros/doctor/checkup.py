@@ -202,7 +202,7 @@ class Checkup:
         self._tare = tare
         self._live = live
         # learning is off, since it would compensate a wrong sign or unit
-        self._estimator = Estimator(replace(cell.config.settings, learning_mode="off"), cell.model)
+        self._estimator = Estimator(cell.config.changed({"learning.mode": "off"}), cell.model)
         self._table = ReplayTable(self._estimator)
         self._heard: dict[Role, list[_Heard]] = {role: [] for role in cell.topics}
         self._alternations = {role: Alternation(role) for role in MIN_JUMPS}
@@ -285,7 +285,7 @@ class Checkup:
         }
 
     def _of_clocks(self, arrivals: Mapping[Role, Mapping[str, _Arrivals]]) -> Iterator[Finding]:
-        limit = self._estimator.settings.max_input_age
+        limit = self._estimator.config.inputs.max_input_age
         words = _LIVE_WORDS if self._live else _RECORDING_WORDS
         for role, role_arrivals in arrivals.items():
             if role != "surface":
@@ -308,7 +308,7 @@ class Checkup:
         if unstamped_count:
             sentence = f"{unstamped_count} messages on {topic} have no stamp"
             return Finding(name=role, said=sentence, advice="the driver must set it")
-        limit = self._estimator.settings.max_input_age
+        limit = self._estimator.config.inputs.max_input_age
         ahead = ""
         for child, sent in role_arrivals.items():
             age = _age_of(sent.ages)
@@ -370,7 +370,7 @@ class Checkup:
 
     def _of_frames(self) -> Iterator[Finding]:
         unknown = self._estimator.unknown_frames()
-        world = self._estimator.settings.world_frame
+        world = self._estimator.config.frames.world
         pose_frames = {message.frame for message in self._heard.get("pose", ())}
         twist_frames = {message.frame for message in self._heard.get("twist", ())}
         if (
@@ -405,9 +405,9 @@ class Checkup:
 
     def _place_of_sensor(self) -> str:
         """The sensor's place by the transforms, as parameters, for a node that reads no transforms; "" if not known."""
-        s = self._estimator.settings
-        place = self._estimator.transforms.fixed(s.tool_frame, s.sensor_frame)
-        if s.sensor_source != "tf" or place is None:
+        frames = self._estimator.config.frames
+        place = self._estimator.transforms.fixed(frames.tool, frames.sensor)
+        if frames.sensor_source != "tf" or place is None:
             return ""
         # a micrometre and a microradian
         position, quaternion = (
@@ -421,7 +421,7 @@ class Checkup:
         None if the parameters name them, or if the readings have several frames. The tool's is that of the twists, if
         it carries the load cell, or else tool0, as industrial arms call their flange, or the nearest one below it.
         """
-        s = self._estimator.settings
+        named = self._estimator.config.frames
         frames = {message.frame for message in self._heard.get("wrench", ())}
         if len(frames) != 1:
             return None
@@ -429,18 +429,18 @@ class Checkup:
         remedy: dict[str, Value] = {}
         sentence = f"the load cell's readings are in the frame '{sensor}'"
         advice = ""
-        if sensor != s.sensor_frame:
+        if sensor != named.sensor:
             remedy["sensor_frame"] = sensor
-            sentence += f", which is not sensor_frame '{s.sensor_frame}'"
+            sentence += f", which is not sensor_frame '{named.sensor}'"
         carriers = self._estimator.transforms.carriers(sensor)
-        if carriers and s.tool_frame not in carriers:
+        if carriers and named.tool not in carriers:
             twist_frames = {message.frame for message in self._heard.get("twist", ())}
             twist_carriers = [name for name in carriers if name in twist_frames]
             named_carriers = [name for name in carriers if name == "tool0"]
             tool = [*twist_carriers, *named_carriers, *carriers][0]
             remedy["tool_frame"] = tool
             links = ", ".join(self._estimator.transforms.links(tool, sensor))
-            sentence += f"; the transforms place it on '{tool}' ({links}), and not on tool_frame '{s.tool_frame}'"
+            sentence += f"; the transforms place it on '{tool}' ({links}), and not on tool_frame '{named.tool}'"
             others = " or ".join(repr(name) for name in carriers if name != tool)
             if others:
                 advice = (

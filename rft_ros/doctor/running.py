@@ -68,7 +68,7 @@ def examine_running(
         config = config.changed({"sensor.bias": running["sensor.bias"]})
     checkup = Checkup(replace(cell, config=config))
     for sample, received in _as_if_in_time(
-        list(_samples(messages, decoders)), limit=config.settings.max_input_age
+        list(_samples(messages, decoders)), limit=config.inputs.max_input_age
     ):
         checkup.push(sample, received)
     topic_findings = [finding for topic in topics for finding in _of_topic(topic)]

@@ -1,7 +1,5 @@
 """Which parts of a trial a listening doctor has seen: the tool in the air, pressed down, and dragged along x and y."""
 
-from dataclasses import replace
-
 from rft_ros.doctor.checkup import Cell
 from rft_ros.estimator import Estimate, Estimator, PoseSample, Sample
 from rft_ros.rft.frames import Placement
@@ -25,8 +23,8 @@ class SeenMotion:
     """Follows the samples of a cell as they arrive."""
 
     def __init__(self, cell: Cell) -> None:
-        settings = replace(cell.config.settings, learning_mode="off", max_rate=_RATE_HZ)
-        self._estimator = Estimator(settings, cell.model)
+        config = cell.config.changed({"learning.mode": "off", "max_rate": _RATE_HZ})
+        self._estimator = Estimator(config, cell.model)
         self._middle = Placement(cell.model.tool.middle)
         self._radius = 0.5 * cell.model.tool.size
         self._air_s = 0.0

@@ -30,7 +30,7 @@ from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.estimator.tare import TarePose, mean_in_air
 from rft_ros.estimator.timeline import NEW_RUN, patience
 from rft_ros.ground import HeightMap, LocalSurface, ToolPlace
-from rft_ros.parameters import LoadCell, Model, Settings
+from rft_ros.parameters import Config, LoadCell, Model
 from rft_ros.rft import QUATERNION, SUBMERGED_AREA, rotation_matrix
 from rft_ros.rft.arguments import number
 from rft_ros.rft.frames import FORCE, WIDTH, Vector, Wrench
@@ -52,20 +52,21 @@ class Estimator:
     transforms that were pushed.
 
     `estimates`: how many poses had an estimate. `counts`: for each `Reason`, how many samples were refused, or how many
-    poses had no estimate or no residual. `settings` and `model`: those in use. `learning`: the filter of the medium's
-    strength; None while `learning_mode` is off. `transforms`: the tree of frames.
+    poses had no estimate or no residual. `config` and `model`: those in use; tool, law and ground are those of
+    the model. `learning`: the filter of the medium's strength; None while `learning.mode` is off. `transforms`: the
+    tree of frames.
     """
 
-    def __init__(self, settings: Settings, model: Model) -> None:
-        number("surface_height", settings.surface_height)
+    def __init__(self, config: Config, model: Model) -> None:
+        number("surface_height", config.surface_height)
         self.counts: Counter[Reason] = Counter()
         self.estimates = 0
-        self.settings = settings
+        self.config = config
         self.model = model
-        self._lifetimes = Lifetimes.begin(settings, model)
+        self._lifetimes = Lifetimes.begin(config, model)
         self._law = packed_law(model.law)
         self._comparison = Comparison(self.counts)
-        self._intake = Intake(settings, self.counts, self._comparison)
+        self._intake = Intake(config, self.counts, self._comparison)
         self.transforms = self._intake.transforms
         self._compared = self._values_compared()
         self._result = np.zeros((1, WIDTH))
@@ -95,17 +96,17 @@ class Estimator:
         """The surface around the tool at the last pose that was evaluated; level if the ground is no map."""
         ground = self._lifetimes.ground
         if ground.mapper is None or ground.surface is None:
-            return LocalSurface(self.settings.surface_height)
+            return LocalSurface(self.config.surface_height)
         return ground.surface
 
     @property
     def learning(self) -> Learning | None:
-        """The filter of the medium's strength; None while `learning_mode` is off."""
+        """The filter of the medium's strength; None while `learning.mode` is off."""
         return self._lifetimes.learning
 
     @property
     def load_cell(self) -> LoadCell:
-        """The load cell of the settings. With `sensor_source` tf, at the place that the transforms give, once known."""
+        """The load cell of the config. With `sensor.frame_source` tf, at the transforms' place, once known."""
         return self._intake.load_cell
 
     @property
@@ -137,7 +138,9 @@ class Estimator:
             sentences.append(
                 f"the load cell gives no number on {axes}: check its driver and cable"
             )
-        sentences += self._lifetimes.contact.unseen.sentences(self.settings.calibrated_motions)
+        sentences += self._lifetimes.contact.unseen.sentences(
+            self.config.medium.calibrated_motions
+        )
         if self.learning is not None and self.learning.excludes_readings:
             sentences.append(UNEXPLAINED_SENTENCE)
         return sentences + self._lifetimes.air.issues()
@@ -154,11 +157,8 @@ class Estimator:
         If it does not, `tool_frame`, whose axes they then have if `LoadCell.quaternion` is the identity; the torque is
         about the sensor's origin all the same.
         """
-        return (
-            self.settings.tool_frame
-            if self._intake.sensor_is_in_world
-            else self.settings.sensor_frame
-        )
+        frames = self.config.frames
+        return frames.tool if self._intake.sensor_is_in_world else frames.sensor
 
     @property
     def waits_for_readings(self) -> bool:
@@ -178,7 +178,7 @@ class Estimator:
     def unknown_frames(self) -> dict[Reason, str]:
         """For each reason that concerns frames, a sentence that names the frame refused last, and says what to do.
 
-        Frames that transforms link in the meantime, and frames refused under earlier settings, are left out.
+        Frames that transforms link in the meantime, and frames refused under an earlier config, are left out.
         """
         return self._intake.unknown_frames()
 
@@ -190,25 +190,25 @@ class Estimator:
             for r, n in sorted(self.counts.items())
         ]
 
-    # --- settings and model
+    # --- config and model
 
-    def use(self, *, settings: Settings | None = None, model: Model | None = None) -> None:
-        """Apply new settings or a new model from the next sample on.
+    def use(self, *, config: Config | None = None, model: Model | None = None) -> None:
+        """Apply a new config or a new model from the next sample on.
 
         Earlier samples are kept, unless their frame changes: another `sensor_frame` or delay drops the load-cell
         samples; another `world_frame` or `tool_frame` drops all samples, the path and the changes of the ground.
-        Another tool keeps the learned strength of the bed; another medium, law or `zeta_error` resets it.
+        Another tool keeps the learned strength of the bed; another medium, law or `medium.zeta_error` resets it.
         """
-        if settings is not None:
-            number("surface_height", settings.surface_height)
-            self.settings = settings
-            self._intake.use(settings)
+        if config is not None:
+            number("surface_height", config.surface_height)
+            self.config = config
+            self._intake.use(config)
         if model is not None:
             self._law = packed_law(model.law)
             self.model = model
         self._follow_changes()
         if self.learning is not None:
-            self.learning.use(lag=self.settings.learning_lag, reach=self.model.tool.plates.reach)
+            self.learning.use(lag=self.config.learning.lag, reach=self.model.tool.plates.reach)
 
     def level_ground(self) -> bool:
         """Reset the map to the ground at the start. Returns False if the ground is a level plane, which has no map."""
@@ -223,14 +223,14 @@ class Estimator:
 
     def _values_compared(self) -> dict[Change, object]:
         return compared(
-            self.settings,
+            self.config,
             self.load_cell,
             self.model,
             readings_in_world=self._intake.readings_are_in_world,
         )
 
     def _follow_changes(self) -> None:
-        """End what ends with the changes since the last call: of the settings, the model, or the sensor's place."""
+        """End what ends with the changes since the last call: of the config, the model, or the sensor's place."""
         old_values = self._compared
         self._compared = self._values_compared()
         self._end(changes(old_values, self._compared))
@@ -241,7 +241,7 @@ class Estimator:
             return
         if change & (TABLE["readings"].ends_with | Change.JUMP):
             self._comparison.settle(math.inf, self._lifetimes)
-        self._lifetimes = self._lifetimes.after(change, self.settings, self.model)
+        self._lifetimes = self._lifetimes.after(change, self.config, self.model)
 
     # --- samples
 
@@ -296,14 +296,15 @@ class Estimator:
         load-cell samples, and if poses or samples have ended.
         """
         frame = LoadCellFrame(self.load_cell)
+        inputs = self.config.inputs
         mean = mean_in_air(
             self._lifetimes.readings.samples,
             self._lifetimes.motion.poses,
             frame,
             newest_pose=self._intake.pose_stamp,
-            longest_gap=patience(self.settings.max_age),
+            longest_gap=patience(inputs.max_age),
             window=window,
-            rest_speed=self.settings.rest_speed,
+            rest_speed=inputs.rest_speed,
             reach=self.model.tool.plates.reach,
         )
         _, offset, _ = frame.into_sensor(self.state[QUATERNION], np.zeros(12))
@@ -333,10 +334,13 @@ class Estimator:
         pose = self._accepted(sample)
         lifetimes = self._lifetimes
         contact = lifetimes.contact
-        settings = self.settings
-        max_age = settings.max_age
+        config = self.config
+        inputs = config.inputs
+        max_age = inputs.max_age
         lifetimes.air.settle(pose.stamp - patience(max_age))
-        velocity = lifetimes.motion.kinematics.velocity(pose, lifetimes.twists, settings)
+        velocity = lifetimes.motion.kinematics.velocity(
+            pose, lifetimes.twists, inputs, tool_frame=config.frames.tool
+        )
         frame = self._intake.load_cell_frame
         if frame is None:
             raise RefusedError(Reason.SENSOR_FRAME_UNKNOWN)
@@ -345,7 +349,7 @@ class Estimator:
         ground = lifetimes.ground
         if ground.mapper is not None:
             ground.surface = contact.footing.surface(
-                ground.mapper.map, state, default_height=settings.surface_height
+                ground.mapper.map, state, default_height=config.surface_height
             )
         surface = self.surface
         row, force, area = self._model_wrench(motion, surface)
@@ -369,8 +373,9 @@ class Estimator:
         flags = contact.quality.flags(
             motion,
             surface,
-            settings,
+            config.medium,
             self.model.law.speed_limits,
+            rest_speed=inputs.rest_speed,
             force=force,
             in_grains=in_grains,
             depth=self.depth,
@@ -409,7 +414,8 @@ class Estimator:
     def _motion(self, pose: PoseSample, velocity: tuple[float, ...] | Reason) -> Motion:
         """The motion to a pose. Raises `RefusedError` without a velocity, or if `max_rate` allows no estimate yet."""
         tool_motion = self._lifetimes.motion
-        max_rate = self.settings.max_rate
+        inputs = self.config.inputs
+        max_rate = inputs.max_rate
         if not tool_motion.pace.allows(pose.stamp, max_rate):
             raise RefusedError(Reason.POSE_RATE_LIMITED)
         if isinstance(velocity, Reason):
@@ -417,7 +423,7 @@ class Estimator:
         tool_motion.pace.count(pose.stamp, max_rate)
         reach = self.model.tool.plates.reach
         return tool_motion.kinematics.motion(
-            pose, velocity, reach=reach, rest_speed=self.settings.rest_speed
+            pose, velocity, reach=reach, rest_speed=inputs.rest_speed
         )
 
     def _model_wrench(self, motion: Motion, surface: LocalSurface) -> tuple[Array, Vector, float]:
@@ -446,7 +452,7 @@ class Estimator:
         if learning is None:
             wrench_and_sigma = np.empty(12)
             predict_without_learning(
-                row, self.settings.strength_error, self.model.tool.plates.reach, wrench_and_sigma
+                row, self.config.strength_error, self.model.tool.plates.reach, wrench_and_sigma
             )
             return wrench_and_sigma
         is_fast = math.hypot(*motion.velocity) > self.model.law.speed_limits.inertial
@@ -455,5 +461,5 @@ class Estimator:
             row,
             step=motion.path,
             passing=self._lifetimes.contact.withdrawal.active or is_fast,
-            apply=self.settings.learning_mode == "apply",
+            apply=self.config.learning.mode == "apply",
         )

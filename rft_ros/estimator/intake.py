@@ -29,7 +29,7 @@ from rft_ros.estimator.timeline import (
 )
 from rft_ros.estimator.transforms import Transforms
 from rft_ros.ground import CLOUD_DELAY_NS, Cloud
-from rft_ros.parameters import Settings
+from rft_ros.parameters import Config
 from rft_ros.rft import AXES, FORCE, unit_quaternion
 from rft_ros.rft.frames import Placement, Wrench
 
@@ -55,9 +55,7 @@ class Intake:
     place.
     """
 
-    def __init__(
-        self, settings: Settings, counts: Counter[Reason], comparison: Comparison
-    ) -> None:
+    def __init__(self, config: Config, counts: Counter[Reason], comparison: Comparison) -> None:
         self.transforms = Transforms()
         self._counts = counts
         self._comparison = comparison
@@ -67,46 +65,48 @@ class Intake:
         self._scheduled = 0  # stamp up to which poses were scheduled
         # the frame refused last, and those expected
         self._unknown: dict[Reason, tuple[str, ...]] = {}
-        self.use(settings)
+        self.use(config)
 
-    def use(self, settings: Settings) -> None:
-        """Apply new settings to the samples that come."""
-        self._settings = settings
-        self._delay = round(1e9 * settings.load_cell.delay)
+    def use(self, config: Config) -> None:
+        """Apply a new config to the samples that come."""
+        self._frames = config.frames
+        self._sensor = config.sensor
+        self._inputs = config.inputs
+        self._delay = round(1e9 * config.sensor.delay)
         self._unknown.clear()
         self.unknown_axes: list[str] = []
         """The axes on which the load cell's last reading has no number."""
-        self.transforms.keep(settings.world_frame, settings.tool_frame)
+        self.transforms.keep(config.frames.world, config.frames.tool)
         self._place_sensor()
 
     def _place_sensor(self) -> None:
-        """Find the sensor in the world and on the tool. With `sensor_source` tf its place comes from transforms."""
-        s = self._settings
+        """Find the sensor in the world and on the tool. With `sensor.frame_source` tf, transforms give its place."""
+        frames = self._frames
         self.sensor_is_in_world = (
-            s.sensor_frame == s.world_frame
-            or self.transforms.fixed(s.world_frame, s.sensor_frame) is not None
+            frames.sensor == frames.world
+            or self.transforms.fixed(frames.world, frames.sensor) is not None
         )
         """Whether `sensor_frame` is the world frame, or fixed in it, and so does not turn with the tool."""
-        self.load_cell = s.load_cell
+        self.load_cell = self._sensor
         self.load_cell_frame: LoadCellFrame | None = None
-        if s.sensor_source == "tf":
-            on_tool = self.transforms.fixed(s.tool_frame, s.sensor_frame)
+        if frames.sensor_source == "tf":
+            on_tool = self.transforms.fixed(frames.tool, frames.sensor)
             if on_tool is None:
                 return
-            self.load_cell = s.load_cell.at(on_tool)
+            self.load_cell = self._sensor.at(on_tool)
         self.load_cell_frame = LoadCellFrame(self.load_cell)
 
     @property
     def readings_are_in_world(self) -> bool:
-        """Whether readings are kept in world axes: the sensor does not turn with the tool, or the settings say so."""
-        return self.sensor_is_in_world or self._settings.sensor_source == "world"
+        """Whether readings are kept in world axes: the sensor does not turn with the tool, or the config says so."""
+        return self.sensor_is_in_world or self._frames.sensor_source == "world"
 
     # --- samples
 
     def pose(self, sample: PoseSample) -> tuple[PoseSample, Succession]:
         """The pose in world axes, its quaternion of unit length, and whether it is the next one or begins a new run."""
         stamp = sample.stamp
-        world = self._settings.world_frame
+        world = self._frames.world
         _, base = self._linked("pose", sample.stamp, sample.frame, world)
         position = sample.position
         quaternion = unit_quaternion(*sample.quaternion)
@@ -143,12 +143,10 @@ class Intake:
 
     def _add_twist(self, sample: TwistSample, lifetimes: Lifetimes) -> None:
         """Keep a twist, in the axes of the world or the tool frame."""
-        if self._settings.twist_source != "topic":
+        if self._inputs.twist_source != "topic":
             return  # a replay does not read this topic either, so that both give the same result
-        world = self._settings.world_frame
-        target, axes = self._linked(
-            "twist", sample.stamp, sample.frame, world, self._settings.tool_frame
-        )
+        frames = self._frames
+        target, axes = self._linked("twist", sample.stamp, sample.frame, frames.world, frames.tool)
         if not math.hypot(*sample.linear, *sample.angular) < ABSURD:
             raise RefusedError(Reason.TWIST_NOT_FINITE)
         if axes is not None:
@@ -159,19 +157,20 @@ class Intake:
 
     def _add_wrench(self, sample: WrenchSample, lifetimes: Lifetimes) -> None:
         """Keep a reading of the load cell at the stamp of its event, in the axes of the sensor or the world frame."""
-        s = self._settings
+        sensor = self._frames.sensor
+        world = self._frames.world
         stamp = sample.stamp - self._delay
-        target, there = self._linked("wrench", stamp, sample.frame, s.sensor_frame, s.world_frame)
+        target, there = self._linked("wrench", stamp, sample.frame, sensor, world)
         if self.sensor_is_in_world:
-            target = s.world_frame
-            there = self.transforms.fixed(s.world_frame, sample.frame)
-        in_world = self.readings_are_in_world or target == s.world_frame
+            target = world
+            there = self.transforms.fixed(world, sample.frame)
+        in_world = self.readings_are_in_world or target == world
         wrench = self._with_known_axes(sample.wrench)
         if there is not None:
             if in_world:  # the torque is about the sensor's origin, not that of its frame
                 there = there._replace(position=(0.0, 0.0, 0.0))
             wrench = there.wrench(wrench)
-        reading = WrenchSample(stamp, s.world_frame if in_world else s.sensor_frame, wrench)
+        reading = WrenchSample(stamp, world if in_world else sensor, wrench)
         # of several with one stamp the first one is kept, also if a pose came between them
         self._keep(reading, lifetimes.readings.samples, lifetimes, late=Reason.WRENCH_OUT_OF_ORDER)
 
@@ -209,7 +208,7 @@ class Intake:
         mapper = lifetimes.ground.mapper
         if mapper is None:
             raise RefusedError(Reason.SURFACE_OFF)
-        _, camera = self._linked("surface", cloud.stamp, cloud.frame, self._settings.world_frame)
+        _, camera = self._linked("surface", cloud.stamp, cloud.frame, self._frames.world)
         follows = succession(cloud.stamp, after=mapper.cloud_stamp)
         if follows in (REPEATED, LATE):
             raise RefusedError(Reason.SURFACE_OUT_OF_ORDER)
@@ -239,17 +238,17 @@ class Intake:
         raise RefusedError(reason)
 
     def unknown_frames(self) -> dict[Reason, str]:
-        """For each reason the frame refused last under these settings, unless it is linked now, and what to do."""
-        s = self._settings
+        """For each reason the frame refused last under this config, unless it is linked now, and what to do."""
+        frames = self._frames
         tree = self.transforms
         faults = dict[Reason, str]()
         for reason, (frame, *expected_frames) in self._unknown.items():
             if all(tree.fixed(target, frame) is None for target in expected_frames):
                 faults[reason] = _UNKNOWN[reason].format(frame, *expected_frames)
-        if tool := tree.unlinked("tool_frame", s.tool_frame, s.world_frame):
+        if tool := tree.unlinked("tool_frame", frames.tool, frames.world):
             faults[Reason.TF_FRAME_UNKNOWN] = tool
-        sensor = tree.unlinked("sensor_frame", s.sensor_frame, s.tool_frame, fixed=True)
-        if sensor and s.sensor_source == "tf":
+        sensor = tree.unlinked("sensor_frame", frames.sensor, frames.tool, fixed=True)
+        if sensor and frames.sensor_source == "tf":
             faults[Reason.SENSOR_FRAME_UNKNOWN] = sensor
         sentences = {reason: f"{sentence}; {_LINK}" for reason, sentence in faults.items()}
         sentences |= {
@@ -266,15 +265,16 @@ class Intake:
         once the transforms on both sides of its stamp have come, so it depends on stamps only. If they do not come
         within `PATIENCE_NS`, the stamp has no pose, and the reason is counted.
         """
-        s = self._settings
+        inputs = self._inputs
         newest = None
-        if s.pose_source != "tf" or isinstance(sample, TwistSample):
+        if inputs.pose_source != "tf" or isinstance(sample, TwistSample):
             return []
         if not isinstance(sample, samples.Stamped):
             now = max((transform.stamp for transform in sample), default=0)
-            if s.tf_rate > 0.0:
-                newest = self.transforms.newest(s.world_frame, s.tool_frame)
-                if newest is None and not self.transforms.links(s.world_frame, s.tool_frame):
+            if inputs.tf_rate > 0.0:
+                frames = self._frames
+                newest = self.transforms.newest(frames.world, frames.tool)
+                if newest is None and not self.transforms.links(frames.world, frames.tool):
                     # without a link the stamps of other frames say when the wait for one ends
                     moving = max(
                         (transform.stamp for transform in sample if not transform.fixed), default=0
@@ -282,7 +282,7 @@ class Intake:
                     newest = max(moving, self._scheduled)
         elif isinstance(sample, WrenchSample):
             now = sample.stamp - self._delay
-            newest = now if s.tf_rate == 0.0 else None
+            newest = now if inputs.tf_rate == 0.0 else None
         else:
             now = sample.stamp
         if newest is not None and newest > 0:
@@ -292,7 +292,7 @@ class Intake:
     def _schedule(self, newest: int) -> None:
         """Schedule a pose at the stamp `newest` [ns] or, with `tf_rate`, at the multiples of its period up to it."""
         follows = succession(newest, after=self._scheduled)
-        rate = self._settings.tf_rate
+        rate = self._inputs.tf_rate
         if follows in (REPEATED, LATE):
             return  # it was scheduled before, or has no pose
         if follows is NEW_RUN:
@@ -312,14 +312,15 @@ class Intake:
 
         A pose whose transforms will not come any more is dropped, and the reason is counted.
         """
-        s = self._settings
+        world = self._frames.world
+        tool = self._frames.tool
         poses: list[PoseSample] = []
         may_come = (Reason.TF_STALE, Reason.TF_FRAME_UNKNOWN)
         while self._wanted:
             stamp = self._wanted[0]
-            place = self.transforms.at(s.world_frame, s.tool_frame, stamp, s.max_age)
+            place = self.transforms.at(world, tool, stamp, self._inputs.max_age)
             if isinstance(place, Placement):
-                poses.append(PoseSample(stamp, s.world_frame, *place))
+                poses.append(PoseSample(stamp, world, *place))
             elif (
                 place in may_come
                 and now <= stamp + PATIENCE_NS

@@ -26,7 +26,7 @@ from rft_ros.estimator.tare import AirReading, TarePose
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.estimator.unseen_motion import UnseenMotion
 from rft_ros.ground import Footing, GroundMapper, HeightMap, LocalSurface
-from rft_ros.parameters import LoadCell, Model, Settings
+from rft_ros.parameters import Config, LoadCell, Model
 from rft_ros.rft import STATE, Memory
 from rft_ros.rft.frames import Wrench
 from rft_ros.rft.wrench import prepared
@@ -123,16 +123,16 @@ class Lifetimes:
     learning: Learning | None
 
     @classmethod
-    def begin(cls, settings: Settings, model: Model) -> "Lifetimes":
+    def begin(cls, config: Config, model: Model) -> "Lifetimes":
         """All values as they are before the first sample."""
-        return cls(**{name: part.made(settings, model) for name, part in TABLE.items()})
+        return cls(**{name: part.made(config, model) for name, part in TABLE.items()})
 
-    def after(self, change: Change, settings: Settings, model: Model) -> "Lifetimes":
-        """The values after changes. `settings` and `model`: the new ones. Compare what waits for readings before."""
+    def after(self, change: Change, config: Config, model: Model) -> "Lifetimes":
+        """The values after changes. `config` and `model`: the new ones. Compare what waits for readings before."""
         if change & PLACE and self.learning is not None:
             self.learning.forget_place()
         new_values = {
-            name: part.made(settings, model)
+            name: part.made(config, model)
             for name, part in TABLE.items()
             if change & part.ends_with
         }
@@ -147,16 +147,16 @@ class Lifetimes:
 class Lifetime(NamedTuple):
     """How a value of `Lifetimes` is made, and the changes that end it."""
 
-    made: Callable[[Settings, Model], Any]
+    made: Callable[[Config, Model], Any]
     ends_with: Change
 
 
-def _learning(settings: Settings, model: Model) -> Learning | None:
-    if settings.learning_mode == "off":
+def _learning(config: Config, model: Model) -> Learning | None:
+    if config.learning.mode == "off":
         return None
     return Learning(
-        lag=settings.learning_lag,
-        strength_error=settings.strength_error,
+        lag=config.learning.lag,
+        strength_error=config.strength_error,
         reach=model.tool.plates.reach,
     )
 
@@ -182,23 +182,23 @@ PLACE = _MOTION | Change.TOOL | Change.GROUND | Change.HEIGHT
 
 
 def compared(
-    settings: Settings, load_cell: LoadCell, model: Model, *, readings_in_world: bool
+    config: Config, load_cell: LoadCell, model: Model, *, readings_in_world: bool
 ) -> dict[Change, object]:
     """The values whose change is each `Change`.
 
-    `load_cell`: that of the settings, at its place by the transforms. `readings_in_world`: the load cell does not turn
+    `load_cell`: that of the config, at its place by the transforms. `readings_in_world`: the load cell does not turn
     with the tool, or its readings are in world axes.
     """
-    s = settings
+    frames = config.frames
     return {
-        Change.FRAMES: (s.world_frame, s.tool_frame),
-        Change.READINGS: (s.sensor_frame, load_cell.delay, readings_in_world),
+        Change.FRAMES: (frames.world, frames.tool),
+        Change.READINGS: (frames.sensor, load_cell.delay, readings_in_world),
         Change.LOAD_CELL: load_cell,
         Change.TOOL: model.tool,
         Change.GROUND: model.ground,
-        Change.HEIGHT: s.surface_height,
+        Change.HEIGHT: config.surface_height,
         Change.MEMORY: model.law.has_memory,
-        Change.PRIOR: (model.law, s.learning_mode == "off", s.strength_error),
+        Change.PRIOR: (model.law, config.learning.mode == "off", config.strength_error),
     }
 
 

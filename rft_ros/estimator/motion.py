@@ -10,7 +10,7 @@ from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.estimator.pose_noise import NOISY, PoseNoise
 from rft_ros.estimator.samples import PoseSample, Reason, TwistSample
 from rft_ros.estimator.timeline import Timeline
-from rft_ros.parameters import Settings
+from rft_ros.parameters import InputsConfig
 from rft_ros.rft import SLACK, STATE, TWIST
 from rft_ros.rft.displacement import DISPLACEMENT_COUNT, FOLLOWER, displacement_in, follow, product
 from rft_ros.rft.frames import Vector
@@ -100,15 +100,20 @@ class Kinematics:
         return self._difference.noise
 
     def velocity(
-        self, pose: PoseSample, twists: Timeline[TwistSample], settings: Settings
+        self,
+        pose: PoseSample,
+        twists: Timeline[TwistSample],
+        inputs: InputsConfig,
+        *,
+        tool_frame: str,
     ) -> tuple[float, ...] | Reason:
         """Linear and angular velocity at the next pose, world axes; or the reason why it has none.
 
         Call it at every pose: those without an estimate belong to the window of `PoseDifference`, too.
         """
-        max_age = settings.max_age
-        if settings.twist_source == "pose_difference":
-            is_known = self._difference.push(pose, window=settings.twist_window, gap=max_age)
+        max_age = inputs.max_age
+        if inputs.twist_source == "pose_difference":
+            is_known = self._difference.push(pose, window=inputs.twist_window, gap=max_age)
             return (
                 tuple(self._difference.twist.tolist()) if is_known else Reason.POSE_HISTORY_SHORT
             )
@@ -118,7 +123,7 @@ class Kinematics:
             return Reason.TWIST_MISSING
         if pose.stamp - twist.stamp > max_age:
             return Reason.TWIST_STALE
-        if twist.frame != settings.tool_frame:
+        if twist.frame != tool_frame:
             return *twist.linear, *twist.angular
         return *pose.place.rotate(twist.linear), *pose.place.rotate(twist.angular)
 

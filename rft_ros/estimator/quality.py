@@ -8,7 +8,7 @@ from rft_ros.estimator.load_cell import GRAVITY
 from rft_ros.estimator.motion import Motion
 from rft_ros.estimator.pose_noise import NOISY
 from rft_ros.ground import LocalSurface
-from rft_ros.parameters import Settings
+from rft_ros.parameters import MediumConfig
 from rft_ros.rft import SpeedLimits
 from rft_ros.rft.frames import Vector
 from rft_ros.rft.grains import WITH_INERTIA, WITHOUT_INERTIA
@@ -202,9 +202,10 @@ class QualityMonitor:
         self,
         motion: Motion,
         surface: LocalSurface,
-        settings: Settings,
+        medium: MediumConfig,
         limits: SpeedLimits,
         *,
+        rest_speed: float,
         force: Vector,
         in_grains: bool,
         depth: Callable[[], float],
@@ -214,9 +215,9 @@ class QualityMonitor:
     ) -> int:
         """Flags of the next estimate: bitwise or of `QualityFlag`.
 
-        `force`: of the model [N]. `depth`: returns the depth of the lowest point [m]; called only if needed.
-        `is_withdrawn`: the tool is pulled out. `surprises`: the force is not the expected one. `disagrees`: there are
-        issues of the load cell or the model.
+        `rest_speed` [m/s]: the tool rests below it. `force`: of the model [N]. `depth`: returns the depth of the lowest
+        point [m]; called only if needed. `is_withdrawn`: the tool is pulled out. `surprises`: the force is not the
+        expected one. `disagrees`: there are issues of the load cell or the model.
         """
         speed = motion.speed_bound
         x, y, z = motion.pose.position
@@ -233,8 +234,8 @@ class QualityMonitor:
         def is_below(limit: float) -> bool:
             return greatest_depth > limit and depth() > limit
 
-        calibrated_depth = settings.calibrated_depth
-        grain = settings.grain_diameter
+        calibrated_depth = medium.calibrated_depth
+        grain = medium.grain_diameter
         return self._mesh_flags | _joined(
             surprise=surprises,
             disagreement=disagrees,
@@ -248,7 +249,7 @@ class QualityMonitor:
             inertial=speed > limits.inertial
             or (limits == WITHOUT_INERTIA and speed > self._max_speed),
             fast=speed > limits.checked,
-            near_rest=speed < min(_NEAR_REST_FACTOR * settings.rest_speed, limits.checked),
+            near_rest=speed < min(_NEAR_REST_FACTOR * rest_speed, limits.checked),
             steep=math.hypot(*surface.slope) > _STEEP_SLOPE,
             uneven=surface.roughness > _UNEVEN_SHARE * surface.depth,
         )

@@ -15,7 +15,7 @@ from rft_ros.estimator.samples import PoseSample
 from rft_ros.estimator.sigma import predict_without_learning
 from rft_ros.estimator.timeline import Timeline
 from rft_ros.ground import HeightMap, Support
-from rft_ros.parameters import Config, LoadCell, Settings
+from rft_ros.parameters import Config, InputsConfig, LoadCell
 from rft_ros.rft import QUATERNION, Agarwal2023, Plates, wrenches
 from rft_ros.rft.frames import Placement
 from rft_ros.rft.wrench import compile_memory, compile_tractions
@@ -38,7 +38,8 @@ def _around() -> None:
 
 def _velocity() -> None:
     pose = PoseSample(1, "", *Placement())
-    Kinematics().velocity(pose, Timeline(), Settings(twist_source="pose_difference"))
+    inputs = InputsConfig(twist_source="pose_difference")
+    Kinematics().velocity(pose, Timeline(), inputs, tool_frame="")
 
 
 def _ground() -> None:
@@ -60,9 +61,9 @@ PARTS = frozenset(_LOADS)
 def needed(config: Config) -> frozenset[str]:
     """The parts that an estimator with these parameters needs."""
     unused = set()
-    if config.settings.twist_source == "topic":
+    if config.inputs.twist_source == "topic":
         unused.add("velocity")
-    if config.settings.learning_mode == "off":
+    if config.learning.mode == "off":
         unused.add("learning")
     if not config.ground.cell:
         unused.add("ground")

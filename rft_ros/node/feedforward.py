@@ -166,6 +166,8 @@ class FeedForward:
         )
         frame = self.config.frame
         axes = self._estimator.wrench_frame
-        if frame != "sensor_frame":
-            axes = getattr(self._estimator.settings, frame)
+        if frame == "tool_frame":
+            axes = self._estimator.config.frames.tool
+        elif frame == "world_frame":
+            axes = self._estimator.config.frames.world
         self._publisher.publish(stamped_cdr(axes)(stamp, wrench))

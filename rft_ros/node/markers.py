@@ -108,7 +108,7 @@ class Markers:
             return
         self._answer = None
         stamp = Time(nanoseconds=answer.stamp).to_msg()
-        self._header = Header(stamp=stamp, frame_id=self._estimator.settings.world_frame)
+        self._header = Header(stamp=stamp, frame_id=self._estimator.config.frames.world)
         self._to_world = rotation_matrix(self._state[QUATERNION])
         markers = [self._surface_around(), self._arrow(1, answer.predicted, _PREDICTED)]
         if self.measured is not None:

@@ -46,7 +46,7 @@ class RftNode(Node):
         logger = self.get_logger()
         compiling = "compiling: this takes ten seconds or more, at the first start only; services answer afterwards"
         self._swap = Swap(worker, config, on_cold_cache=lambda: logger.info(compiling))
-        self.estimator = Estimator(config.settings, self._swap.prepared.model)
+        self.estimator = Estimator(config, self._swap.prepared.model)
         self._diagnostics = Diagnostics(self, self.estimator, self._swap)
         self._arrivals = Arrivals()
         self._decode: dict[Role, Callable[[bytes], Sample]] = {}
@@ -65,9 +65,9 @@ class RftNode(Node):
         timer = partial(self.create_timer, clock=Clock(clock_type=ClockType.STEADY_TIME))
         self._subscribe("wrench")
         self._twists = self._subscribe("twist")
-        if has_tf2_msgs() or "tf" in (config.settings.pose_source, config.settings.sensor_source):
+        if has_tf2_msgs() or "tf" in (config.inputs.pose_source, config.frames.sensor_source):
             self._subscribe("tf_static")
-        if config.settings.pose_source == "tf":
+        if config.inputs.pose_source == "tf":
             self._subscribe("tf")
         else:
             self._pose_type = TYPES["pose"][0]
@@ -155,7 +155,7 @@ class RftNode(Node):
         if role == "twist":
             self.estimator.push(sample)
             return
-        if role == "pose" or self.estimator.settings.pose_source == "tf":
+        if role == "pose" or self.estimator.config.inputs.pose_source == "tf":
             self._take_twists()
         for pose, answer in self.estimator.answers(sample):
             self._diagnostics.received("pose", pose.stamp)
@@ -209,7 +209,7 @@ class RftNode(Node):
     def _on_pause_poll(self) -> None:
         """Publish the last measurements of a run once poses and readings have ended: no stamp will end their wait."""
         self._arrivals.count_quiet_time()
-        longest_wait = 1e-9 * patience(self.estimator.settings.max_age)
+        longest_wait = 1e-9 * patience(self.estimator.config.inputs.max_age)
         if self._arrivals.quiet_time >= longest_wait:
             if self.estimator.waits_for_readings:
                 self.estimator.finish()
@@ -218,7 +218,7 @@ class RftNode(Node):
     # --- parameters and swaps
 
     def _prepare(self, config: Config) -> Prepared:
-        if config.settings.sensor_source == "tf":
+        if config.frames.sensor_source == "tf":
             message_class(*TYPES["tf"])
         return self._swap.prepare(config)
 
@@ -227,12 +227,12 @@ class RftNode(Node):
         self._swap.want(prepared)
         self.feedforward.config = prepared.config.feedforward
         self._use(prepared)
-        self._publish_measurements()  # those that waited when the settings changed
+        self._publish_measurements()  # those that waited when the parameters changed
         if prepared.model.law.doubts != doubts:
             self.announce("in force")
 
     def _use(self, prepared: Prepared) -> None:
-        self.estimator.use(settings=prepared.config.settings, model=prepared.model)
+        self.estimator.use(config=prepared.config, model=prepared.model)
         self._markers.forget()
         self._subscribe_to_clouds()
 

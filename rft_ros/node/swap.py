@@ -1,4 +1,4 @@
-"""Loads files in the background, and prepares settings and models for changed parameters.
+"""Loads files in the background, and prepares models for changed parameters.
 
 The node keeps answering with the old model meanwhile.
 """
@@ -26,7 +26,7 @@ _ANSWERS_WITHIN = 0.05
 class Prepared:
     """Everything that is made from a `config`. It is made once, when the parameters are validated.
 
-    `config.settings` and `model` can be used at once. `model` uses only files already loaded: those of the parameters
+    The estimator can use `config` and `model` at once. `model` uses only files already loaded: those of the parameters
     `in_force`. `loaded` has what was made of them, by part.
     """
 

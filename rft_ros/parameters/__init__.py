@@ -1,14 +1,6 @@
-"""Parameters: the table of all of them, the files that set them, and the settings and models made from their values."""
+"""Parameters: all of them as one `Config`, the files that set them, and the models made from their values."""
 
-from rft_ros.parameters.config import (
-    MESH,
-    Config,
-    FeedforwardConfig,
-    MediumConfig,
-    MeshConfig,
-    Part,
-    load_parts,
-)
+from rft_ros.parameters.config import PARAMETERS, Config, load_parts
 from rft_ros.parameters.file import (
     NODE,
     named_files,
@@ -18,6 +10,17 @@ from rft_ros.parameters.file import (
     write_parameter_file,
 )
 from rft_ros.parameters.from_values import config_of_options
+from rft_ros.parameters.groups import (
+    MESH,
+    FeedforwardConfig,
+    FramesConfig,
+    InputsConfig,
+    LearningConfig,
+    LoadCell,
+    MediumConfig,
+    MeshConfig,
+    Part,
+)
 from rft_ros.parameters.medium_file import (
     is_medium_file,
     read_alpha_y_table,
@@ -25,10 +28,10 @@ from rft_ros.parameters.medium_file import (
     read_stress_map,
     write_medium,
 )
+from rft_ros.parameters.model import Model
 from rft_ros.parameters.parameter import Parameter, Value, Values, parameter_values
 from rft_ros.parameters.sections import Section, read_sections, read_value
-from rft_ros.parameters.settings import LoadCell, Model, Settings
-from rft_ros.parameters.table import FILES, OPTIONS, PARAMETERS, checked
+from rft_ros.parameters.table import FILES, OPTIONS, checked
 
 __all__ = [
     "FILES",
@@ -38,6 +41,9 @@ __all__ = [
     "PARAMETERS",
     "Config",
     "FeedforwardConfig",
+    "FramesConfig",
+    "InputsConfig",
+    "LearningConfig",
     "LoadCell",
     "MediumConfig",
     "MeshConfig",
@@ -45,7 +51,6 @@ __all__ = [
     "Parameter",
     "Part",
     "Section",
-    "Settings",
     "Value",
     "Values",
     "checked",

@@ -144,33 +144,19 @@ def parameter_fields(owner: type) -> dict[str, Parameter]:
     return found
 
 
-def field_values(owner: type, values: Values) -> dict[str, Any]:
-    """The checked values of the fields of a dataclass that are parameters; missing ones have their defaults.
-
-    Raises InputError.
-    """
-    defaults = {p.name: p.default for p in parameter_fields(owner).values()}
-    return _given_fields(owner, {**defaults, **values})
-
-
 def with_values(group: _Group, values: Values) -> _Group:
     """The same dataclass with other values of those fields that are among these parameters. Raises InputError."""
-    given = _given_fields(type(group), values)
-    if not given:
-        return group
-    changed: _Group = replace(cast(Any, group), **given)
-    return changed
-
-
-def _given_fields(owner: type, values: Values) -> dict[str, Any]:
-    """The checked values of those fields of a dataclass that are among these parameters."""
-    found: dict[str, Any] = {}
+    owner: type = type(group)
+    given: dict[str, Any] = {}
     for name, parameter in parameter_fields(owner).items():
         if parameter.name in values:
             value = parameter.checked(values[parameter.name])
             is_unset = parameter.is_optional and value == parameter.default
-            found[name] = None if is_unset else value
-    return found
+            given[name] = None if is_unset else value
+    if not given:
+        return group
+    changed: _Group = replace(cast(Any, group), **given)
+    return changed
 
 
 def parameter_values(group: object) -> dict[str, Value]:

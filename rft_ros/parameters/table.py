@@ -1,16 +1,10 @@
-"""The table of all parameters, which node, replay and docs share."""
+"""Parameters by name: the check of a value, and those that name a file or have a short name."""
 
 from difflib import get_close_matches
 
 from rft_ros.errors import InputError, shown
-from rft_ros.parameters.config import GROUPS
-from rft_ros.parameters.parameter import Value, parameter_fields
-
-_ROWS = [parameter for group in GROUPS for parameter in parameter_fields(group).values()]
-_GROUPS = [p.name.partition(".")[0] for p in _ROWS]
-
-PARAMETERS = tuple(sorted(_ROWS, key=lambda p: _GROUPS.index(p.name.partition(".")[0])))
-"""Every parameter, in the order in which they are documented."""
+from rft_ros.parameters.config import PARAMETERS
+from rft_ros.parameters.parameter import Value
 
 _BY_NAME = {p.name: p for p in PARAMETERS}
 

@@ -62,7 +62,7 @@ def evaluate(variant: Variant) -> dict[str, float]:
         raise InputError(
             f"states file '{variant.motion['states_file']}': t goes back; work needs it in order"
         )
-    height = config.settings.surface_height
+    height = config.surface_height
     wrench = wrenches_along(
         model, times, states, surface_height=height, where="motion", threads=1
     )[:, WRENCH]

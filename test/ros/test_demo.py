@@ -15,7 +15,8 @@ def descent(mode):
     """Depth [m], measured and predicted force, its deviation [N] and the surprise flag at each moment in the grains."""
     values = read_parameter_file(share_directory("rft_ros") / "config" / "demo.yaml").values
     values |= {"learning.mode": mode, "sensor.bias": virtual_arm.LOAD_CELL.bias}
-    estimator = Estimator(Config.of(values).settings, Config.of(values).model())
+    config = Config.of(values)
+    estimator = Estimator(config, config.model())
     rows = {}
     for t, state, reading in virtual_arm.moments(12.0):
         if t < virtual_arm.PAUSE_S:

@@ -156,18 +156,19 @@ import sys
 from dataclasses import replace
 from numba.core import event
 from rft_ros.estimator import Estimator, PoseSample
-from rft_ros.parameters import Settings, Config, Config
+from rft_ros.parameters import Config
 from rft_ros.estimator.warm_up import prepare
 
 prepare(on_cold_cache=lambda: sys.exit("the cache is cold after rft warm-up"))
 if "trimesh" in sys.modules:
     sys.exit("warming up imports trimesh, which the node does not need")
 for rule in ("centroid", "refined"):
-    model = Config.of({**Config().values, "mesh.file": "plate", "integration": rule}).model()
+    config = Config.of({"mesh.file": "plate", "integration": rule, "twist_source": "pose_difference"})
+    model = config.model()
     for length in (0.0, 0.001):
         grains = replace(model.law, mobilization_length=length)
         with event.install_recorder("numba:compile") as compiled:
-            estimator = Estimator(Settings(twist_source="pose_difference"), replace(model, law=grains))
+            estimator = Estimator(config, replace(model, law=grains))
         with event.install_recorder("numba:compiler_lock") as compiled_or_loaded:
             for k in range(1, 40):  # from the air into the grains
                 pose = (0.0, 0.0, 0.1 - 0.005 * k), (0.0, 0.0, 0.0, 1.0)

@@ -2,6 +2,7 @@
 
 import math
 from collections import Counter
+from dataclasses import replace
 
 import numpy as np
 
@@ -14,7 +15,7 @@ from rft_ros.estimator import (
     TwistSample,
     WrenchSample,
 )
-from rft_ros.parameters import LoadCell, Model, Settings
+from rft_ros.parameters import PARAMETERS, Config, LoadCell, Model
 from rft_ros.rft import MEDIA, Plates, alpha_y_model, treers2021
 from rft_ros.tool import Tool
 
@@ -52,12 +53,27 @@ def plate_model(*, generation: int = 0, tool: Tool | None = None, **grains: floa
     return Model(tool=tool or plate_tool(), law=law, generation=generation)
 
 
+_NAMES = {parameter.name.replace(".", "_"): parameter.name for parameter in PARAMETERS}
+
+
+def config(of: Config | None = None, *, sensor: LoadCell | None = None, **values) -> Config:
+    """With these values of parameters, whose names have _ for the dot, and this load cell; otherwise as `of`."""
+    made = (of or Config()).changed({_NAMES[name]: value for name, value in values.items()})
+    return replace(made, sensor=sensor or made.sensor)
+
+
 def estimator(
-    *, load_cell: LoadCell | None = None, model: Model | None = None, **settings
+    *, sensor: LoadCell | None = None, model: Model | None = None, **values
 ) -> Estimator:
-    return Estimator(
-        Settings(load_cell=load_cell or LoadCell(), **settings), model or plate_model()
-    )
+    """`values`: as of `config`."""
+    return Estimator(config(sensor=sensor, **values), model or plate_model())
+
+
+def use(
+    e: Estimator, *, sensor: LoadCell | None = None, model: Model | None = None, **values
+) -> None:
+    """Change some values of parameters, as of `config`."""
+    e.use(config=config(e.config, sensor=sensor, **values), model=model)
 
 
 def push(e, *samples):

@@ -10,7 +10,7 @@ import trimesh
 from one_plate import pose, push
 
 from rft_ros.estimator import Estimate, Estimator
-from rft_ros.parameters import Model, Settings
+from rft_ros.parameters import Config, Model
 from rft_ros.rft import MEDIA, alpha_y_model, treers2021
 from rft_ros.tool import load_tool
 
@@ -41,9 +41,8 @@ def forces(bar, steps, *, um=0.0, urad=0.0, seed=0):
     law = treers2021(
         generic, alpha_y_model("linear", generic), zeta=0.33, mobilization_length=0.003
     )
-    estimator = Estimator(
-        Settings(twist_source="pose_difference"), Model(tool=bar, law=law, generation=0)
-    )
+    config = Config.of({"twist_source": "pose_difference"})
+    estimator = Estimator(config, Model(tool=bar, law=law, generation=0))
     rng, n = np.random.default_rng(seed), len(steps)
     places = np.zeros((n, 3))
     places[:, [0, 2]] = np.cumsum(steps, axis=0)

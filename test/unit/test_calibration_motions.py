@@ -90,7 +90,7 @@ def issues_of(path, *, noise=0.0):
     e = estimator(
         model=plate_model(tool=TOOL, mobilization_length=0.003),
         twist_source="pose_difference",
-        calibrated_motions="press, withdrawal",
+        medium_calibrated_motions="press, withdrawal",
     )
     time, states = path.states()
     places = states[:, :3] + np.random.default_rng(3).normal(0.0, noise, (len(time), 3))

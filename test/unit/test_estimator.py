@@ -11,6 +11,7 @@ from one_plate import (
     SECOND,
     START,
     about,
+    config,
     estimator,
     measurement,
     plate_model,
@@ -18,6 +19,7 @@ from one_plate import (
     pose,
     push,
     twist,
+    use,
     wrench,
 )
 from scipy.spatial.transform import Rotation
@@ -74,15 +76,15 @@ def test_the_last_twist_at_or_before_the_pose_that_has_come_is_used():
     ).speed_bound == pytest.approx(0.05)
 
 
-def test_new_settings_and_models_apply_to_the_next_pose_and_keep_inputs_and_history():
+def test_a_new_config_and_model_apply_to_the_next_pose_and_keep_inputs_and_history():
     e = estimator(twist_source="pose_difference", model=plate_model(generation=3))
     for k in range(5):
         last = push(e, wrench(START + k * MS), pose(START + k * MS, (0.0, 0.0, -0.01 - 1e-5 * k)))
     assert last.generation == 3
-    settings = replace(e.settings, surface_height=0.01, load_cell=LoadCell(bias=(1.0,) * 6))
+    new = config(e.config, surface_height=0.01, sensor=LoadCell(bias=(1.0,) * 6))
     model = plate_model(zeta=0.5, generation=4)
-    e.use(settings=settings, model=model)
-    assert (e.settings, e.model) == (settings, model)
+    e.use(config=new, model=model)
+    assert (e.config, e.model) == (new, model)
     estimate = push(e, pose(START + 5 * MS, (0.0, 0.0, -0.01005)))
     assert estimate.generation == 4
     assert estimate.predicted[2] == pytest.approx(0.5 * 4.0 * 2.005, rel=1e-6)
@@ -119,7 +121,7 @@ def test_the_same_samples_give_the_same_answers_bit_for_bit_also_as_arrays(twist
             mass=0.5,
             bias=(0.1,) * 6,
         )
-        e = estimator(load_cell=cell, twist_source=twist_source)
+        e = estimator(sensor=cell, twist_source=twist_source)
         samples = (
             type(s)(*(of(v) if isinstance(v, tuple) else v for v in s)) for s in recording(6)
         )
@@ -133,9 +135,9 @@ def test_the_same_samples_give_the_same_answers_bit_for_bit_also_as_arrays(twist
     assert first[-1] > 300
 
 
-def pushed(*samples, **settings):
+def pushed(*samples, **values):
     """An estimator that was given these samples in this order, and what it said to the last one."""
-    e = estimator(**settings)
+    e = estimator(**values)
     return e, push(e, *samples)
 
 
@@ -194,7 +196,7 @@ def test_a_refused_sample_is_counted_under_its_reason_and_the_next_are_answered(
     assert measurement(e).residual is not None
 
 
-def test_the_last_unknown_frame_is_named_with_the_expected_one_until_the_settings_change():
+def test_the_last_unknown_frame_is_named_with_the_expected_one_until_the_config_changes():
     e, _ = pushed(
         pose(frame="camera"), pose(frame="base_link"), twist(frame="flange"), wrench(frame="tool")
     )
@@ -210,7 +212,7 @@ def test_the_last_unknown_frame_is_named_with_the_expected_one_until_the_setting
     assert e.counted() == [
         f"{name}: {1 + (name[0] == 'p')} ({said})" for name, said in named.items()
     ]
-    e.use(settings=replace(e.settings, world_frame="base_link"))
+    use(e, world_frame="base_link")
     assert e.unknown_frames() == {}
     assert e.counted()[0] == "pose_frame_unknown: 2"
 
@@ -268,7 +270,7 @@ def test_max_rate_bounds_the_estimates_and_a_limit_at_the_streams_own_rate_drops
     e, poses = estimator(max_rate=1e-300), 4 * SECOND // period
     push(e, twist(), pose())
     assert push(e, pose(START + MS)).reason is Reason.POSE_RATE_LIMITED
-    e.use(settings=replace(e.settings, max_rate=rate))
+    use(e, max_rate=rate)
     jitter = np.random.default_rng(seed).integers(0, period // 10, poses)
     for stamp in (START + SECOND + period * np.arange(poses) + jitter).tolist():
         push(e, twist(stamp), pose(stamp))

@@ -4,12 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from one_plate import MS, SECOND, START, plate_model, pose, push, twist
+from one_plate import MS, SECOND, START, estimator, plate_model, pose, push, twist
 from scipy.spatial.transform import Rotation
 
-from rft_ros.estimator import Estimate, Estimator, Reason, TransformSample
+from rft_ros.estimator import Estimate, Reason, TransformSample
 from rft_ros.ground import CLOUD_DELAY_NS, Cloud, HeightMap
-from rft_ros.parameters import Settings
 
 CELL = 0.004
 AXIS = CELL * (np.arange(-30, 30) + 0.5)
@@ -22,10 +21,8 @@ def cloud(stamp, height=0.0, frame="world"):
     )
 
 
-def on_map(*, model=None, **settings):
-    return Estimator(
-        Settings(**settings), replace(model or plate_model(), ground=HeightMap.unknown(CELL))
-    )
+def on_map():
+    return estimator(model=replace(plate_model(), ground=HeightMap.unknown(CELL)))
 
 
 def forces(e, clouds=(), *, until=120, late=0):
@@ -43,7 +40,7 @@ def forces(e, clouds=(), *, until=120, late=0):
 
 
 def test_a_map_that_knows_nothing_gives_the_bytes_of_the_level_plane():
-    assert forces(on_map()) == forces(Estimator(Settings(), plate_model()))
+    assert forces(on_map()) == forces(estimator())
 
 
 def test_a_cloud_counts_from_half_a_second_after_its_stamp_until_the_ground_is_levelled():
@@ -59,7 +56,7 @@ def test_a_cloud_counts_from_half_a_second_after_its_stamp_until_the_ground_is_l
 
 def test_a_doubt_about_the_file_of_the_map_is_an_issue_until_a_cloud_changes_the_map():
     doubtful = HeightMap(cell=CELL, corner=(0, 0), heights=[[0.0]], issue="sparse")
-    e = Estimator(Settings(), replace(plate_model(), ground=doubtful))
+    e = estimator(model=replace(plate_model(), ground=doubtful))
     assert e.issues() == ["sparse"]
     forces(e, [cloud(START)])
     assert e.issues() == []
@@ -102,7 +99,7 @@ def test_a_cloud_that_cannot_be_used_is_counted_and_changes_nothing(sent, reason
 
 
 def test_clouds_out_of_order_too_often_or_without_a_map_are_counted():
-    e, without = on_map(), Estimator(Settings(), plate_model())
+    e, without = on_map(), estimator()
     for after, reason in (
         (100, None),
         (110, Reason.SURFACE_RATE_LIMITED),

@@ -1,13 +1,12 @@
 """The estimator with a learned medium: what is learned, what keeps it, and the deviation of a prediction."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
-from one_plate import SECOND, START, about, estimator, pose, push, twist, wrench
+from one_plate import SECOND, START, about, estimator, pose, push, twist, use, wrench
 
 from rft_ros.estimator import OFFSET_SENTENCE, QualityFlag, TransformSample, Trust, trust
 from rft_ros.parameters import LoadCell
@@ -21,8 +20,8 @@ class Press:
     The grains begin `surface` over the model's; the load cell reads `offset` [N] beside their force, or `reading`.
     """
 
-    def __init__(self, mode="apply", *, surface=0.0, **settings):
-        self.estimator = estimator(learning_mode=mode, **settings)
+    def __init__(self, mode="apply", *, surface=0.0, **values):
+        self.estimator = estimator(learning_mode=mode, **values)
         self.stamp, self.depth, self.surface, self.answers, self.forces = (
             START,
             0.0,
@@ -47,8 +46,8 @@ class Press:
     def learning(self):
         return self.estimator.learning
 
-    def use(self, **settings):
-        self.estimator.use(settings=replace(self.estimator.settings, **settings))
+    def use(self, **values):
+        use(self.estimator, **values)
 
 
 def test_observe_learns_the_same_and_predicts_as_the_model():
@@ -133,8 +132,8 @@ def test_spikes_in_the_load_cell_are_no_surprise():
 
 @pytest.mark.parametrize("source", ["parameters", "tf"])
 def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust(source):
-    """It reads 2.4 N in the air. Other settings than the load cell's do not change that."""
-    press = Press(sensor_source=source)
+    """It reads 2.4 N in the air. Other parameters than the load cell's do not change that."""
+    press = Press(sensor_frame_source=source)
     push(
         press.estimator,
         TransformSample(0, "tool", "ft_sensor", (0.0, 0.0, 0.1), (0.0, 0.0, 0.0, 1.0), True),
@@ -146,10 +145,10 @@ def test_a_cell_that_was_not_tared_is_told_to_be_and_lowers_the_trust(source):
     assert trust(press.answers[-1].quality_flags) is Trust.CAUTION
     assert press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
     assert press.learning.strength()[0] == pytest.approx(1.0, abs=0.4)
-    press.use(max_input_age=0.2, load_cell=LoadCell())  # as the parameters say
+    press.use(max_input_age=0.2, sensor=LoadCell())  # as the parameters say
     press.push(1, offset=2.4)
     assert press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
-    press.use(load_cell=LoadCell(bias=(0, 0, 2.4, 0, 0, 0)))
+    press.use(sensor=LoadCell(bias=(0, 0, 2.4, 0, 0, 0)))
     press.push(1, offset=2.4)
     assert not press.answers[-1].quality_flags & QualityFlag.DISAGREEMENT
 
@@ -197,7 +196,7 @@ def test_a_force_that_triples_is_flagged_as_a_surprise_until_it_is_learned():
 def test_the_axes_of_the_sensor_do_not_change_the_size_of_the_deviation(degrees, axis):
     found = []
     for cell in (LoadCell(), LoadCell(quaternion=about(axis, degrees))):
-        sigma = push(estimator(load_cell=cell), twist(), pose()).sigma
+        sigma = push(estimator(sensor=cell), twist(), pose()).sigma
         found.append((math.hypot(*sigma[:3]), math.hypot(*sigma[3:])))
     np.testing.assert_allclose(*found, rtol=1e-9)
 

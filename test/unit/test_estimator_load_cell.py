@@ -12,12 +12,14 @@ from one_plate import (
     SECOND,
     START,
     about,
+    config,
     estimator,
     measurement,
     plate_model,
     pose,
     push,
     twist,
+    use,
     wrench,
 )
 from scipy.spatial.transform import Rotation
@@ -44,7 +46,7 @@ def weight_in_sensor(cell, orientation):
 
 def answer(cell, reading, *, position=IN_AIR, quaternion=LEVEL):
     """What the load cell measures in a tool that is pushed down, and what is predicted [N, N m]."""
-    e = estimator(load_cell=cell)
+    e = estimator(sensor=cell)
     predicted = push(
         e, twist(), wrench(numbers=reading), pose(START, position, quaternion)
     ).predicted
@@ -107,9 +109,7 @@ def test_the_prediction_is_the_world_wrench_moved_to_the_sensors_axes_and_origin
     linear, angular = (tool_to_world.inv().apply(v) if frame == "tool" else v).tolist()
     cell = LoadCell(position=(0.03, -0.05, 0.12), quaternion=MOUNT)
     motion = twist(START, tuple(linear), tuple(angular), frame)
-    estimate = push(
-        estimator(load_cell=cell, model=body), motion, pose(START, position, orientation)
-    )
+    estimate = push(estimator(sensor=cell, model=body), motion, pose(START, position, orientation))
     world = wrenches(
         body.tool.plates, body.law, checked_states([*position, *orientation, *v.ravel()])
     )[0]
@@ -129,7 +129,7 @@ IN_WORLD = {
     "the frame_id is fixed in the world": ("base", {}),
     "sensor_frame is the world": ("world", {"sensor_frame": "world"}),
     "sensor_frame is fixed in the world": ("base", {"sensor_frame": "base"}),
-    "the frame_id names the sensor wrongly": ("ft_sensor", {"sensor_source": "world"}),
+    "the frame_id names the sensor wrongly": ("ft_sensor", {"sensor_frame_source": "world"}),
 }
 
 
@@ -152,7 +152,7 @@ def test_a_reading_in_world_axes_gives_what_the_same_reading_in_sensor_axes_give
     if frame == "base":
         axes = Rotation.from_quat(BASE.quaternion).inv() * axes
     turned = [*axes.apply(reading[:3]), *axes.apply(reading[3:])]
-    plain, turning = estimator(load_cell=cell), estimator(load_cell=cell, **choice)
+    plain, turning = estimator(sensor=cell), estimator(sensor=cell, **choice)
     push(turning, TransformSample(0, "world", "base", *BASE, True))
     for e, sample in (
         (plain, wrench(numbers=reading)),
@@ -178,9 +178,9 @@ def ramp(stamp):
     return wrench(stamp, (0.0, 0.0, (stamp - START) / MS, 0.0, 0.0, 0.0))
 
 
-def waiting(*before, load_cell=None):
+def waiting(*before, sensor=None):
     """An estimator with these samples and an estimate at START."""
-    e = estimator(load_cell=load_cell)
+    e = estimator(sensor=sensor)
     push(e, twist(), *before, pose())
     return e
 
@@ -229,17 +229,15 @@ def test_without_a_usable_sample_before_the_stamp_there_is_a_prediction_alone_an
 
 
 def test_bias_sign_and_weight_are_those_in_force_at_the_pose():
-    e = waiting(
-        ramp(START - MS), load_cell=LoadCell(sign=-1.0, bias=(0.0, 0.0, 5.0, 0.0, 0.0, 0.0))
-    )
-    e.use(settings=estimator().settings)
+    e = waiting(ramp(START - MS), sensor=LoadCell(sign=-1.0, bias=(0.0, 0.0, 5.0, 0.0, 0.0, 0.0)))
+    e.use(config=config())
     push(e, ramp(START + MS))
     assert e.measurements()[0].compensated[2] == pytest.approx(5.0)
 
 
 def test_a_new_sensor_frame_does_not_mix_samples_of_two_frames():
     e = waiting(ramp(START - MS))
-    e.use(settings=estimator(sensor_frame="wrist").settings)
+    use(e, sensor_frame="wrist")
     assert e.measurements()[0].compensated[2] == -1.0
     push(e, pose(START + MS))
     push(e, wrench(START + 2 * MS, frame="wrist"))
@@ -272,7 +270,7 @@ def streams(seed, period, gaps, *, seconds=1, start=-0.01):
 
 def replayed(samples, *, delay=0.0):
     e = estimator(
-        twist_source="pose_difference", load_cell=LoadCell(bias=(0.1,) * 6, mass=0.3, delay=delay)
+        twist_source="pose_difference", sensor=LoadCell(bias=(0.1,) * 6, mass=0.3, delay=delay)
     )
     answers = [answer for sample in samples if isinstance(answer := push(e, sample), Estimate)]
     e.finish()
@@ -327,5 +325,5 @@ def test_a_force_in_the_air_is_an_issue_until_the_cell_is_tared_also_if_the_memo
     (issue,) = e.issues()
     for word in ("air", "~/tare", "sensor.bias", "sensor.mass"):
         assert word in issue
-    e.use(settings=replace(e.settings, load_cell=replace(e.settings.load_cell, bias=force)))
+    use(e, sensor=replace(e.load_cell, bias=force))
     assert e.issues() == []

@@ -2,10 +2,9 @@
 
 import numpy as np
 import pytest
-from one_plate import LEVEL, SECOND, plate_model, pose, push, twist
+from one_plate import LEVEL, SECOND, estimator, plate_model, pose, push, twist
 
-from rft_ros.estimator import Estimate, Estimator, QualityFlag, Reason, TransformSample
-from rft_ros.parameters import Settings
+from rft_ros.estimator import Estimate, QualityFlag, Reason, TransformSample
 from rft_ros.rft import Memory, checked_states, wrenches_in_time
 from rft_ros.tool import load_tool
 
@@ -20,10 +19,8 @@ def model(length, *, tool=PLATE, zeta=0.3):
 class Arm:
     """Poses at 125 Hz, whose velocities the estimator takes from the poses themselves."""
 
-    def __init__(self, length, **settings):
-        self.estimator = Estimator(
-            Settings(twist_source="pose_difference", **settings), model(length)
-        )
+    def __init__(self, length):
+        self.estimator = estimator(twist_source="pose_difference", model=model(length))
         self.stamp, self.height = 1_000_000_000, 0.005
 
     def move(self, speed, seconds):
@@ -70,7 +67,7 @@ def forces_of(parts, *, rate, source, noise=(0.0, 0.0), seed=0, tool=SPHERE):
     """The predicted forces on a tool [N] and the flags, by part; `noise` of positions [m] and rotations [rad]."""
     rng, e = (
         np.random.default_rng(seed),
-        Estimator(Settings(twist_source=source), model(0.003, tool=tool)),
+        estimator(twist_source=source, model=model(0.003, tool=tool)),
     )
     place, stamp, found = (
         np.array([0.0, 0.0, 0.001 - tool.lowest_point(np.eye(3))]),
@@ -155,7 +152,7 @@ def test_a_silent_gap_at_rest_changes_nothing_and_a_path_over_it_is_what_the_pos
     steps = np.concatenate([np.full(500, -8e-5), np.zeros(125), np.full(5, 2e-5)])
 
     def raised(silent):
-        e, height = Estimator(Settings(), model(0.003)), 0.005
+        e, height = estimator(model=model(0.003)), 0.005
         for k, step in enumerate(steps.tolist(), 1):
             height += step
             if step or not silent:
@@ -196,7 +193,7 @@ def test_an_absurd_pose_is_refused_and_the_memory_lives():
 
 def test_a_move_in_a_silent_gap_between_two_rests_is_path_for_learning():
     """A driver is silent for a second, while the tool moves 30 mm and stops: the grains may be others there."""
-    e = Estimator(Settings(learning_mode="apply"), model(0.003))
+    e = estimator(learning_mode="apply", model=model(0.003))
     for k, (x, speed) in enumerate([(0.0, 0.01), (0.01 * PERIOD * 1e-9, 0.0), (0.0, 0.0)], 1):
         push(e, twist(k * PERIOD, (speed, 0.0, 0.0)), pose(k * PERIOD, (x, 0.0, -0.02)))
     before = e.learning.belief().path

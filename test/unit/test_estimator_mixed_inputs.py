@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 from cells import loads, motion, wrong
-from one_plate import MS, START, estimator, measurement, pose, push, twist, wrench
+from one_plate import MS, START, estimator, measurement, pose, push, twist, use, wrench
 from recordings import plunge, write_ros2
 
 from rft_ros.cli import main
@@ -84,9 +84,7 @@ def test_a_load_cell_without_one_force_is_not_used_and_the_axis_is_named():
 
 def test_a_tare_without_torques_keeps_their_bias():
     e = estimator()
-    e.use(
-        settings=replace(e.settings, load_cell=replace(e.load_cell, bias=(0, 0, 0, 0.1, 0.2, 0.3)))
-    )
+    use(e, sensor=replace(e.load_cell, bias=(0, 0, 0, 0.1, 0.2, 0.3)))
     for k in range(100):
         stamp = START + k * STEP
         reading = wrench(stamp, (1.0, 2.0, 3.0, NAN, NAN, NAN))

@@ -14,9 +14,9 @@ from rft_ros.ground import HeightMap
 from rft_ros.tool import load_tool, tool_of_mesh
 
 
-def last_flags(tool, positions, *, velocity=None, step=0.01, density=0.0, **settings):
+def last_flags(tool, positions, *, velocity=None, step=0.01, density=0.0, **values):
     """The quality_flags after these positions, a step of time apart."""
-    e = estimator(model=plate_model(tool=tool, density=density), rest_speed=1e-6, **settings)
+    e = estimator(model=plate_model(tool=tool, density=density), rest_speed=1e-6, **values)
     positions = np.asarray(positions, dtype=float)
     velocities = (
         np.gradient(positions, step, axis=0)
@@ -82,9 +82,9 @@ def each_plate(velocity):
     return both[0]
 
 
-def moving(tool, velocity, **settings):
+def moving(tool, velocity, **values):
     """The flags of a tool 5 cm deep that moves at this velocity [m/s]."""
-    return last_flags(tool, np.tile([0.0, 0.0, -0.05], (10, 1)), velocity=velocity, **settings)
+    return last_flags(tool, np.tile([0.0, 0.0, -0.05], (10, 1)), velocity=velocity, **values)
 
 
 def rod():
@@ -94,7 +94,7 @@ def rod():
 
 def on_grains(*, diameter):
     """The flags of the rod in grains of this diameter [m]."""
-    return moving(rod(), 0.02 * ASLANT, grain_diameter=diameter)
+    return moving(rod(), 0.02 * ASLANT, medium_grain_diameter=diameter)
 
 
 def at_froude(number):
@@ -102,10 +102,10 @@ def at_froude(number):
     return moving(rod(), number * np.sqrt(9.81 * 0.02) * ASLANT)
 
 
-def at_depth(root, depth, **settings):
+def at_depth(root, depth, **values):
     """The flags of a tool that goes down with its lowest point at this depth [m]."""
     height = -depth - root.lowest_point(np.eye(3))
-    return last_flags(root, [[0.0, 0.0, height]] * 20, velocity=(0.0, 0.0, -0.01), **settings)
+    return last_flags(root, [[0.0, 0.0, height]] * 20, velocity=(0.0, 0.0, -0.01), **values)
 
 
 ASLANT = np.array([0.3, 0.1, -0.94])
@@ -144,13 +144,13 @@ SCENES = {
     "plates straight down": (QualityFlag.NONE, lambda _: each_plate((0.0, 0.0, -0.01))),
     "as deep as calibrated": (
         QualityFlag.NONE,
-        lambda root: at_depth(root, 0.1, calibrated_depth=0.1),
+        lambda root: at_depth(root, 0.1, medium_calibrated_depth=0.1),
     ),
     "deeper by rounding": (
         QualityFlag.NONE,
-        lambda root: at_depth(root, 0.101, calibrated_depth=0.1),
+        lambda root: at_depth(root, 0.101, medium_calibrated_depth=0.1),
     ),
-    "deeper": (QualityFlag.DEEP, lambda root: at_depth(root, 0.103, calibrated_depth=0.1)),
+    "deeper": (QualityFlag.DEEP, lambda root: at_depth(root, 0.103, medium_calibrated_depth=0.1)),
     "softer grains learned": (QualityFlag.SURPRISE, lambda _: pressed([1.0] * 300 + [3.0] * 30)),
     "a tool five grains wide": (QualityFlag.NONE, lambda _: on_grains(diameter=0.0039)),
     "a tool under five grains wide": (

@@ -15,6 +15,7 @@ from one_plate import (
     pose,
     push,
     twist,
+    use,
     wrench,
 )
 
@@ -51,8 +52,8 @@ TABLE_OF_CHANGES = {
 """For each change, the values of `Lifetimes` that end; `place`: of `learning`, all but the strength."""
 
 
-def of_settings(**values):
-    return lambda e: e.use(settings=replace(e.settings, **values))
+def of_config(**values):
+    return lambda e: use(e, **values)
 
 
 def of_model(**values):
@@ -61,28 +62,28 @@ def of_model(**values):
 
 CHANGES = {
     "a jump back in time": lambda e: push(e, pose(START - 10 * SECOND)),
-    "another world_frame": of_settings(world_frame="base"),
-    "another tool_frame": of_settings(tool_frame="blade"),
+    "another world_frame": of_config(world_frame="base"),
+    "another tool_frame": of_config(tool_frame="blade"),
     "another tool": of_model(tool=plate_tool()),
     "another map": of_model(ground=HeightMap.unknown(0.004)),
     "a levelled map": lambda e: e.level_ground(),
-    "another surface_height": of_settings(surface_height=0.001),
+    "another surface_height": of_config(surface_height=0.001),
     "another zeta": of_model(law=replace(MODEL.law, zeta=2.0)),
     "a law without memory": of_model(law=replace(MODEL.law, mobilization_length=0.0)),
-    "a known zeta_error": of_settings(zeta_error=0.1),
-    "no learning": of_settings(learning_mode="off"),
+    "a known zeta_error": of_config(medium_zeta_error=0.1),
+    "no learning": of_config(learning_mode="off"),
     "a forgotten strength": lambda e: e.forget(),
-    "another bias": of_settings(load_cell=LoadCell(bias=(1.0,) * 6)),
-    "another delay": of_settings(load_cell=LoadCell(delay=0.01)),
-    "another sensor_frame": of_settings(sensor_frame="other"),
-    "readings in world axes": of_settings(sensor_source="world"),
-    "another max_rate": of_settings(max_rate=1000.0),
-    "observe in place of apply, another lag": of_settings(
+    "another bias": of_config(sensor=LoadCell(bias=(1.0,) * 6)),
+    "another delay": of_config(sensor=LoadCell(delay=0.01)),
+    "another sensor_frame": of_config(sensor_frame="other"),
+    "readings in world axes": of_config(sensor_frame_source="world"),
+    "another max_rate": of_config(max_rate=1000.0),
+    "observe in place of apply, another lag": of_config(
         learning_mode="observe", learning_lag=0.005
     ),
-    "another max_input_age": of_settings(max_input_age=0.2),
+    "another max_input_age": of_config(max_input_age=0.2),
     "the same parts of a model, another generation": lambda e: e.use(
-        settings=replace(e.settings), model=replace(MODEL, generation=1)
+        config=replace(e.config), model=replace(MODEL, generation=1)
     ),
 }
 
@@ -145,16 +146,16 @@ def test_a_change_of_the_surface_height_makes_nothing_anew_that_takes_time(monke
     e = pressed()
     for name, value in TABLE.items():
         monkeypatch.setitem(TABLE, name, value._replace(made=None))
-    e.use(settings=replace(e.settings, surface_height=0.001))
-    assert e.settings.surface_height == 0.001
+    use(e, surface_height=0.001)
+    assert e.config.surface_height == 0.001
 
 
 def resting_in_air(fixed_place, **parameters):
     """An estimator with a load cell by transforms or parameters, whose tool rests in the air under its weight."""
     e = estimator(
         twist_source="topic",
-        load_cell=LoadCell(mass=1.0, **parameters),
-        sensor_source="tf" if fixed_place else "parameters",
+        sensor=LoadCell(mass=1.0, **parameters),
+        sensor_frame_source="tf" if fixed_place else "parameters",
     )
     if fixed_place:
         push(e, fixed_place)
@@ -188,7 +189,7 @@ def test_a_fixed_transform_that_corrects_the_sensors_place_ends_what_the_paramet
     by_parameter = resting_in_air(None, quaternion=on_its_side)
     assert rest(by_transform, 0) == rest(by_parameter, 0) == [OFFSET_SENTENCE]
     push(by_transform, mount((0.0, 0.0, 0.0, 1.0)))
-    by_parameter.use(settings=replace(by_parameter.settings, load_cell=LoadCell(mass=1.0)))
+    use(by_parameter, sensor=LoadCell(mass=1.0))
     assert by_transform.issues() == by_parameter.issues() == []
     assert rest(by_transform, 200) == rest(by_parameter, 200) == []
 
@@ -218,6 +219,6 @@ def test_after_a_change_of_everything_the_estimator_answers_as_a_new_one():
     e = pressed()
     e.finish()
     e.measurements()
-    e.use(settings=replace(e.settings, **others), model=model)
+    use(e, **others, model=model)
     assert math.isnan(e.depth())
     assert answers(e) == answers(estimator(model=model, **others))

@@ -16,6 +16,7 @@ from one_plate import (
     pose,
     push,
     twist,
+    use,
     wrench,
 )
 from refusals import refusal
@@ -56,10 +57,10 @@ def test_after_a_tare_is_used_the_compensated_wrench_is_zero_weight_and_all(sign
     cell = LoadCell(
         quaternion=about((1, 0, 0), 40.0), sign=sign, mass=0.6, center_of_mass=(0.01, 0.0, 0.05)
     )
-    e = estimator(load_cell=cell)
+    e = estimator(sensor=cell)
     after = run(e, 1.0, quaternion=about((0, 1, 0), 25.0))
     bias, before = e.tare(0.5), measurement(e).compensated
-    e.use(settings=replace(e.settings, load_cell=replace(cell, bias=bias)))
+    use(e, sensor=replace(cell, bias=bias))
     run(e, 0.01, start=after, quaternion=about((0, 1, 0), 25.0))
     assert measurement(e).compensated == pytest.approx([0.0] * 6, abs=1e-9)
     assert before != pytest.approx([0.0] * 6, abs=1e-2)

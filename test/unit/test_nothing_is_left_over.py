@@ -6,7 +6,7 @@ from pathlib import Path
 import rft_ros
 from rft_ros.cli import parser
 from rft_ros.estimator import QualityFlag
-from rft_ros.parameters import PARAMETERS
+from rft_ros.parameters import PARAMETERS, Config
 from rft_ros.parameters.config import GROUPS
 from rft_ros.parameters.parameter import parameter_fields
 from rft_ros.rft import LAW_NUMBERS
@@ -21,7 +21,7 @@ def unread(parameters):
     """The parameters whose value no code takes as an attribute of the config, or as a number of a law."""
     attributes = {node.attr for node in NODES if isinstance(node, ast.Attribute)}
     taken = {f"medium.{name}" for name in LAW_NUMBERS}
-    for owner in GROUPS:
+    for owner in (Config, *GROUPS.values()):
         taken |= {
             parameter.name
             for field, parameter in parameter_fields(owner).items()

@@ -13,15 +13,15 @@ from rft_ros.parameters import (
     OPTIONS,
     PARAMETERS,
     Config,
-    LoadCell,
-    Settings,
+    LearningConfig,
+    MediumConfig,
     checked,
     read_alpha_y_table,
     read_parameter_file,
     write_parameter_file,
 )
+from rft_ros.parameters.config import CALIBRATED_ERROR, GROUPS
 from rft_ros.parameters.parameter import parameter_fields
-from rft_ros.parameters.settings import CALIBRATED_ERROR
 from rft_ros.rft import LAW_NUMBERS, LAWS, MEDIA, Constant, Linear, law_named
 
 
@@ -88,37 +88,36 @@ def test_an_integer_a_norm_near_1_and_an_unquoted_off_are_accepted():
 
 @pytest.mark.parametrize("name", ["zeta_error", "calibrated_depth", "grain_diameter"])
 def test_a_parameter_of_0_is_none_in_python_where_0_means_not_known(name):
-    assert getattr(Config.of({**Config().values, f"medium.{name}": 0.0}).settings, name) is None
-    assert getattr(Config.of({**Config().values, f"medium.{name}": 0.2}).settings, name) == 0.2
+    assert getattr(Config.of({f"medium.{name}": 0.0}).medium, name) is None
+    assert getattr(Config.of({f"medium.{name}": 0.2}).medium, name) == 0.2
     for value in (0.0, -0.1, math.nan):
         with pytest.raises(InputError, match=name):
-            Settings(**{name: value})
+            MediumConfig(**{name: value})
 
 
 def test_a_zeta_whose_error_is_not_known_counts_as_calibrated_only_where_nothing_corrects_it():
-    assert Settings().strength_error == CALIBRATED_ERROR
-    assert (
-        Settings(learning_mode="observe").strength_error
-        == Settings(learning_mode="apply").strength_error
-        == 1.0
-    )
-    for mode in ("off", "observe", "apply"):
-        assert Settings(learning_mode=mode, zeta_error=0.07).strength_error == 0.07
+    known = MediumConfig(zeta_error=0.07)
+    for mode, error in (("off", CALIBRATED_ERROR), ("observe", 1.0), ("apply", 1.0)):
+        learning = LearningConfig(mode=mode)
+        assert Config(learning=learning).strength_error == error
+        assert Config(learning=learning, medium=known).strength_error == 0.07
 
 
-def test_default_values_make_the_default_settings_and_other_values_reach_them():
-    assert Config.of(Config().values).settings == Settings()
+def test_default_values_make_the_default_config_and_other_values_reach_each_field():
+    assert Config.of(Config().values) == Config()
     of_kind = {"sign": -1.0, "quaternion": (1.0, 0.0, 0.0, 0.0), "motions": "press"}
-    of_type = {str: "other", float: 0.25}
-    for owner in (Settings, LoadCell):
+    of_type = {str: "other", float: 0.25, bool: True}
+    for group, owner in {"": Config, **GROUPS}.items():
         for name, parameter in parameter_fields(owner).items():
             other = of_kind.get(parameter.kind) or of_type.get(type(parameter.default))
             if parameter.choices:
                 other = parameter.choices[-1]
             if other is None:
-                other = tuple(range(len(parameter.default)))
-            changed = Config.of({**Config().values, parameter.name: other}).settings
-            assert getattr(changed if owner is Settings else changed.load_cell, name) == other
+                other = tuple(1.0 + k for k in range(len(parameter.default)))
+            changed = Config.of({parameter.name: other})
+            assert getattr(getattr(changed, group) if group else changed, name) == other
+            assert changed.values == {**Config().values, parameter.name: other}
+            assert changed.changed({parameter.name: parameter.default}) == Config()
 
 
 def test_an_unknown_kind_of_motion_is_refused_with_those_that_exist():
@@ -416,10 +415,16 @@ def test_a_config_is_the_values_by_name_and_back_and_refuses_what_no_parameter_a
     assert Config().values == Config().values
     config = Config.of({"medium.zeta": 0.4, "sensor.bias": [1, 2, 3, 0, 0, 0]})
     assert config.medium.zeta == 0.4
-    assert config.settings.load_cell.bias == (1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
+    assert config.sensor.bias == (1.0, 2.0, 3.0, 0.0, 0.0, 0.0)
     assert config.changed({"medium.zeta": 1.0, "sensor.bias": (0.0,) * 6}) == Config()
     for values, words in (
         ({"mesh.fle": "x"}, ("mesh.fle",)),
         ({"medium.zeta": "x"}, ("medium.zeta", "number")),
     ):
         assert_says(refusal(Config.of, values), *words)
+
+
+def test_a_change_of_surface_height_or_of_numbers_of_the_medium_loads_nothing():
+    config = Config.of({"ground.cell": 0.01, "medium.file": "own.yaml"})
+    other = {"surface_height": 0.1, "medium.zeta": 0.5, "medium.zeta_error": 0.2}
+    assert config.changed(other).parts() == config.parts()

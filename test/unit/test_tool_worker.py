@@ -236,7 +236,7 @@ def test_what_does_not_concern_the_tool_does_not_disturb_its_load(worker):
     assert pending.prepared.model.tool.name == "sphere"
     assert pending.prepared.model.ground is not None
     assert pending.prepared.model.law.zeta == 0.5
-    assert pending.prepared.config.settings.learning_mode == "observe"
+    assert pending.prepared.config.learning.mode == "observe"
 
 
 def test_a_change_that_loads_nothing_waits_for_no_other_thread(worker, monkeypatch):

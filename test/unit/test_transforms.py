@@ -1,13 +1,12 @@
 """Where one frame is in another at a stamp: chains, gaps, jumps, two parents, loops, and what is not known."""
 
 import math
-from dataclasses import replace
 
 import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from one_plate import MS, SECOND, START, estimator, pose, push, twist, wrench
+from one_plate import MS, SECOND, START, estimator, pose, push, twist, use, wrench
 from scipy.spatial.transform import Rotation
 
 from rft_ros.estimator import Estimate, Reason, TransformSample
@@ -239,9 +238,9 @@ def test_what_is_not_known_at_a_stamp_has_a_reason():
     assert transforms.fixed("world", "tool") is None
 
 
-def fed(*samples, **settings):
+def fed(*samples, **values):
     """An estimator and the poses that follow from samples in this order. They have no twist, which is not counted."""
-    e, poses = estimator(pose_source="tf", **settings), []
+    e, poses = estimator(pose_source="tf", **values), []
     for sample in samples:
         sample = (sample,) if isinstance(sample, TransformSample) else sample
         for place, answer in e.answers(sample):
@@ -369,17 +368,17 @@ def test_the_sensors_place_comes_from_fixed_transforms_and_until_then_there_is_n
     place = Placement(
         (0.01, 0.02, -0.1), tuple(Rotation.from_euler("x", 30, degrees=True).as_quat().tolist())
     )
-    known = estimator(load_cell=LoadCell(position=place.position, quaternion=place.quaternion))
-    e = estimator(sensor_source="tf")
+    known = estimator(sensor=LoadCell(position=place.position, quaternion=place.quaternion))
+    e = estimator(sensor_frame_source="tf")
     push(known, twist())
     assert push(e, twist(), pose()).reason is Reason.SENSOR_FRAME_UNKNOWN
     assert "sensor_frame_unknown" in e.unknown_frames()
-    e.use(settings=known.settings)
-    assert e.unknown_frames() == {}  # these settings do not need it
-    e.use(settings=replace(known.settings, sensor_source="tf"))
+    e.use(config=known.config)
+    assert e.unknown_frames() == {}  # this config does not need it
+    use(e, sensor_frame_source="tf")
     answer = push(e, fixed("tool", "ft_sensor", *place), pose(START + MS))
     assert answer.predicted == push(known, pose(START + MS)).predicted
     # poses before the transform are part of the window of velocities all the same
-    e = estimator(sensor_source="tf", twist_source="pose_difference")
+    e = estimator(sensor_frame_source="tf", twist_source="pose_difference")
     push(e, *(pose(START + k * MS) for k in range(2)), fixed("tool", "ft_sensor", *place))
     assert push(e, pose(START + 2 * MS, (0.0, 0.0, -0.011))).speed_bound > 0.0

@@ -23,7 +23,7 @@ from rft_ros.estimator.learning.filter import (
 )
 from rft_ros.estimator.learning.surprise import JUDGE_FIELDS, judge
 from rft_ros.estimator.samples import ABSURD
-from rft_ros.parameters.settings import CALIBRATED_ERROR
+from rft_ros.parameters.config import CALIBRATED_ERROR
 from rft_ros.rft import SUBMERGED_AREA
 from rft_ros.rft.frames import WIDTH, Vector
 from rft_ros.rft.kernel.compilation import compiled, inlined, machine_code
