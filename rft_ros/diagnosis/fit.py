@@ -89,6 +89,8 @@ MAX_USUAL_ZETA = 3.0
 """Range of ζ of dry grains: with others, forces in another unit or a wrong mesh are likelier."""
 REST_M = 1e-6
 """Path between two moments below which the tool rests."""
+START_M = 0.004
+"""Path over which a force fades that the grains held before the first moment."""
 BLOCK_COUNT = 100
 MOMENTS_COUNT = 600
 TOOL_TOLERANCE_SHARE = 0.02
@@ -430,7 +432,7 @@ class Problem:
         if basis.depth[0] > 0.0:
             leaves = np.flatnonzero(basis.depth <= 0.0)
             end = leaves[0] if len(leaves) else n
-            fading[:end] = np.exp(-self.model.path[:end] / 0.004)
+            fading[:end] = np.exp(-self.model.path[:end] / START_M)
         start_wrench = fading[:, None] * x[_SLICES["start"]]
         e = np.hstack([grains, about]) - model - start_wrench
         if self.course is not None:

@@ -9,11 +9,13 @@ from itertools import product
 import numpy as np
 
 from rft_ros.diagnosis.finding import Finding
-from rft_ros.diagnosis.fit import Problem, Setup
+from rft_ros.diagnosis.fit import START_M, Problem, Setup
 from rft_ros.rft import FORCE
 
 MIN_AT_LIMIT = 10
-"""Moments in motion at the limit, and below it, that show it: at rest a force without a limit stays, too."""
+"""Moments in motion at the limit that show it: at rest a force without a limit stays, too."""
+MIN_BELOW_LIMIT = 6
+"""Moments below it that show how much the model's force is in the unit of the readings."""
 NOISES_AT_LIMIT = 4.0
 """How near to the greatest reading others are at the limit, by the noise."""
 MAX_NOISE_SHARE = 0.02
@@ -32,6 +34,9 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
     world_force = problem.basis(setup.surface, setup.length).wrench[:, FORCE]
     expected = np.einsum("nji,nj->ni", setup.cell_axes(trial), world_force)
     moves = np.array(problem.model.kinds) != "rest"
+    if problem.model.low[0] < setup.surface:
+        # of a recording that begins in the grains the force is not known at first
+        moves &= problem.model.path > 3.0 * START_M
     for axis, side in product(range(3), (1.0, -1.0)):
         reading = side * change[:, axis]
         force = side * expected[:, axis]
@@ -39,7 +44,8 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
         band = NOISES_AT_LIMIT * float(trial.readings.noise[axis])
         at_limit = moves & (reading >= limit - max(band, 1e-6 * abs(limit)))
         below = (reading > 0.2 * limit) & (reading < 0.9 * limit)
-        if band > MAX_NOISE_SHARE * limit or min(at_limit.sum(), below.sum()) < MIN_AT_LIMIT:
+        is_seen = at_limit.sum() >= MIN_AT_LIMIT and below.sum() >= MIN_BELOW_LIMIT
+        if band > MAX_NOISE_SHARE * limit or not is_seen:
             continue
         # the model's force in the unit of the readings
         scale = (reading * force)[below].sum() / max((force[below] ** 2).sum(), 1e-12)
