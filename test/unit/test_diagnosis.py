@@ -373,6 +373,13 @@ def test_a_slow_filter_of_the_driver_is_told_from_a_delay(lag):
     assert "filter" in said.text and said.evidence["lag"] == pytest.approx(1e3 * lag, rel=0.3)
 
 
+@pytest.mark.parametrize("lag", [0.004, 0.006, 0.010])
+def test_a_filter_shorter_than_a_delay_that_is_told_needs_nothing(lag):
+    alike = np.exp(-0.01 / lag)
+    filtered = lfilter([1.0 - alike], [1.0, -alike], LOADS, axis=0) + 0.01 * NOISE
+    assert faults(readings=filtered) == []
+
+
 def test_a_threshold_of_the_driver_is_named():
     noisy = LOADS + NOISE
     small = np.sign(noisy) * np.maximum(np.abs(noisy) - 0.15, 0.0)

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from bench.random_cells import FORCES, MOTIONS, TURNS, random_cell
+from bench.random_doctor import findings_of
 from bench.random_faults import FAULTS, faulty, fits, is_visible, right
 
 SEEDS = range(0, 24, 2)
@@ -45,6 +46,22 @@ def test_each_fault_can_be_had_and_changes_what_is_sent_or_what_the_file_says(ki
     made = (faulty(random_cell(seed), kind) for seed in range(0, 200, 2))
     found = next((setup for setup in made if setup is not None), None)
     assert found is not None
+
+
+@pytest.mark.parametrize("seed", [60020, 60022])
+def test_a_force_that_stays_while_the_tool_rests_is_no_limit_of_the_load_cell(seed):
+    assert findings_of(right(random_cell(seed))) == []
+
+
+def test_poses_that_do_not_turn_with_a_tool_that_rolls_are_named():
+    (found,) = findings_of(faulty(random_cell(50003), "frame does not turn"))
+    assert found.name == "frame does not turn"
+    assert found.spoils_calibration
+
+
+def test_a_press_with_few_moments_below_the_limit_of_the_load_cell_shows_it():
+    (found,) = findings_of(faulty(random_cell(61000), "saturated"))
+    assert found.name == "saturation"
 
 
 def test_a_fault_that_changes_no_reading_is_left_out(drawn):
