@@ -38,7 +38,14 @@ def _part_of(recording: Recorded, turn: Turn) -> Part:
             f"{turn.where}: {len(rows)} samples around a turn; the delay needs {FEWEST} without a gap"
         )
     moments = recording.moments_about(rows, first=turn.first)
-    return Part(recording=recording, moments=moments, rows=rows, axes=FORCE, zeros=True)
+    return Part(
+        recording=recording,
+        moments=moments,
+        rows=rows,
+        axes=FORCE,
+        zeros=True,
+        between_lengths=True,
+    )
 
 
 def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Measurement, float]:

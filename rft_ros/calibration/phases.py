@@ -13,10 +13,12 @@ the other values. A stop does not determine λ, as the force persists for any λ
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.interpolate import CubicSpline
 
 from rft_ros.calibration.fitting import (
     Fit,
@@ -66,6 +68,20 @@ _SHALLOWEST = 0.005  # a penetration's least depth [m]: below it the force depen
 _UNRELATED = 0.25
 
 
+@lru_cache(maxsize=1)
+def courses_over_length(recording: Recorded, surface: float, moments: range) -> CubicSpline:
+    """The model's force on the tool at successive moments over log λ, shape [m, 3] [N]."""
+    values = [BedValues(surface, log_length) for log_length in LOG_LENGTHS.tolist()]
+    courses = [course_of_force(recording, value, moments) for value in values]
+    return CubicSpline(LOG_LENGTHS, courses)
+
+
+@lru_cache(maxsize=32)
+def course_between_lengths(recording: Recorded, values: BedValues, moments: range) -> Array:
+    """As `course_of_force`, from the courses over λ: a fit of the delay tries many of one turn."""
+    return np.asarray(courses_over_length(recording, values.surface, moments)(values.log_length))
+
+
 class TooShortToResolve(NotIdentifiable):
     """The force follows the turn at once: λ is shorter than the recording can resolve."""
 
@@ -87,7 +103,8 @@ class Part:
     """Some rows of a recording, at which the model's force is compared with the measured one.
 
     `moments`: those that the model follows, with an empty memory at the first one. `axes` of the force that are
-    compared. `zeros`: each has a free zero.
+    compared. `zeros`: each has a free zero. `between_lengths`: the model's force is interpolated between `LOG_LENGTHS`,
+    where no more than the time of its changes counts.
     """
 
     recording: Recorded
@@ -95,6 +112,7 @@ class Part:
     rows: Indices
     axes: slice
     zeros: bool = False
+    between_lengths: bool = False
 
     @property
     def observed(self) -> Array:
@@ -103,7 +121,8 @@ class Part:
 
     def columns(self, values: BedValues) -> Array:
         """Columns of the linear coefficients, shape [n, axes, 1 or more]: the model's force, and the zeros."""
-        course = course_of_force(self.recording, values._replace(delay=0.0), self.moments)
+        course_of = course_between_lengths if self.between_lengths else course_of_force
+        course = course_of(self.recording, values._replace(delay=0.0), self.moments)
         time = self.recording.track.time
         at = time[self.rows] - values.delay
         of_course = time[self.moments.start : self.moments.stop]
