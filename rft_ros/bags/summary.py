@@ -14,7 +14,15 @@ from numpy.typing import NDArray
 
 from rft_ros.bags.estimates import AIR_PHASE, PHASES, Rows
 from rft_ros.errors import InputError, shown
-from rft_ros.estimator import OFFSET_SENTENCE, QualityFlag, Reason, Trust, begins_in_grains, trust
+from rft_ros.estimator import (
+    OFFSET_SENTENCE,
+    TOUCH_DEPTH_M,
+    QualityFlag,
+    Reason,
+    Trust,
+    begins_in_grains,
+    trust,
+)
 from rft_ros.estimator.samples import DOCTOR_ON_FRAMES
 from rft_ros.messages import Role
 from rft_ros.parameters import Value
@@ -31,10 +39,6 @@ _MIN_FORCE_SHARE = (
 )
 _MAX_BIN_COUNT = 10
 _LARGE_ERROR_SHARE = 0.5  # a larger median error is likely due to the set-up
-
-
-TOUCH_DEPTH_M = 1e-3
-"""Least depth of a first pose in the grains, beyond the noise of a pose at the surface."""
 
 
 @dataclass(frozen=True)

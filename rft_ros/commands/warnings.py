@@ -5,8 +5,7 @@ import sys
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.bags.summary import TOUCH_DEPTH_M
-from rft_ros.estimator import begins_in_grains, sentence_on
+from rft_ros.estimator import TOUCH_DEPTH_M, begins_in_grains, sentence_on
 from rft_ros.rft import QUATERNION, Law, rotation_matrix
 from rft_ros.tool import Tool
 

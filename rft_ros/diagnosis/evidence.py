@@ -25,10 +25,11 @@ class Evidence:
     """A cell's parameters, and n poses that have a reading of the load cell, in the order of time.
 
     `time` [s] since the first, shape [n]; `state` [n, 13], columns `STATE`; `readings` of the load cell as its driver
-    gave them, in its own axes and sign [N], [N m], shape [n, 6], the given delay removed. `pose_time` [s], shape [m],
-    and `poses` [m, 7]: every pose, also those without an estimate. `place_on_tf`: of the sensor in the tool, by fixed
-    transforms; `links`: their names. `has_torque`: whether the load cell gives torques; without it they are 0. `named`:
-    the parameters that the user has set. `tare`: the length of a replay's tare [s]. `complete`: no message is missing.
+    gave them, in its sign and its axes or those of the world [N], [N m], shape [n, 6], the given delay removed.
+    `pose_time` [s], shape [m], and `poses` [m, 7]: every pose, also those without an estimate. `place_on_tf`: of the
+    sensor in the tool, by fixed transforms; `links`: their names. `has_torque`: whether the load cell gives torques;
+    without it they are 0. `named`: the parameters that the user has set. `tare`: the length of a replay's tare [s].
+    `complete`: no message is missing.
     """
 
     config: Config

@@ -249,15 +249,14 @@ class Fit:
     """Fitted numbers of a cell, `TOLERANCES` by name, and their standard errors; logarithms of ζ and λ.
 
     `misfit`: the robust sum of squares over the independent stretches, priors included; `count` of the stretches.
+    `residuals`, and the wrench of the `model` about the tool's middle in tool axes [N], [N m], each shape [n, 6].
     """
 
     values: Mapping[str, Array]
     errors: Mapping[str, Array]
     misfit: float
-    data_misfit: float
     count: float
     residuals: Array = field(repr=False)
-    weights: Array = field(repr=False)
     model: Array = field(repr=False)
 
     @property
@@ -267,7 +266,7 @@ class Fit:
 
     @property
     def per_stretch(self) -> float:
-        """The misfit of a stretch; about 1 if model and cell are right."""
+        """The misfit of a stretch: compare it with `Problem.usual`."""
         return self.misfit / self.count
 
 
@@ -436,9 +435,9 @@ class Problem:
         start_wrench = fading[:, None] * x[_SLICES["start"]]
         e = np.hstack([grains, about]) - model - start_wrench
         if self.course is not None:
-            displacement = self.course @ x[_SLICES["course"]]
-            e[:, FORCE] -= displacement[:, FORCE]
-            e[:, TORQUE] -= displacement[:, TORQUE] + crossed(lever, displacement[:, FORCE])
+            zero_change = self.course @ x[_SLICES["course"]]
+            e[:, FORCE] -= zero_change[:, FORCE]
+            e[:, TORQUE] -= zero_change[:, TORQUE] + crossed(lever, zero_change[:, FORCE])
         if not jacobian:
             return e, model, None
         J = np.zeros((n, 6, NUMBERS))
@@ -620,7 +619,7 @@ def fit(
         total = trial_cost
         if gain < 1e-3 * total + 1e-3:
             break
-    total, e, weight, model = cost_at(x)
+    total, e, _, model = cost_at(x)
     data, _ = problem.misfit(e)
     spread = max(data / (2.0 * problem.count), 1.0)
     errors = np.sqrt(covariance * spread)
@@ -628,9 +627,7 @@ def fit(
         values={name: x[rows].copy() for name, rows in _SLICES.items()},
         errors={name: errors[rows].copy() for name, rows in _SLICES.items()},
         misfit=total,
-        data_misfit=data,
         count=problem.count,
         residuals=e,
-        weights=weight,
         model=model,
     )

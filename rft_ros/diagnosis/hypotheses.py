@@ -65,6 +65,7 @@ COSTLY = {
     Cause.NOT_TURNING,
     Cause.ZERO_MOVES,
 }
+"""Causes that are tried only where no other fits well: they have many variants, and those of a zero much freedom."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -93,7 +94,9 @@ def _as_given(trial: Trial, setup: Setup) -> Iterator[Variant]:
 class Hypothesis:
     """A cause: how it mends a trial, the numbers that it frees, and how much rarer it is, in units of the misfit.
 
-    `min_gain`: of the misfit, from which on it is told. `is_possible`: of a trial, whether it may have the cause.
+    A `family` has a variant for each point of a continuous parameter: it is tried at `points`, and from the best one on
+    by a `step`. `min_gain`: of the misfit, from which on a cause is told that is not of numbers. `searches_surface`:
+    each variant begins at the height that fits it best. `is_possible`: of a trial, whether it may have the cause.
     """
 
     cause: Cause
@@ -109,7 +112,7 @@ class Hypothesis:
 
     @property
     def is_costly(self) -> bool:
-        """Whether the model's force is computed anew for many variants: only where no simple cause fits."""
+        """Whether it is tried only where no other cause fits well."""
         return self.cause in COSTLY
 
     @property
@@ -322,7 +325,7 @@ def _world(trial: Trial, setup: Setup, point: Array) -> Variant:
 
 
 def _stiffness(trial: Trial, setup: Setup, point: Array) -> Variant:
-    """The tool is where the arm yields to the measured force, by up to exp(`at`) [m]."""
+    """The tool is where the arm yields to the measured force, by up to exp(`point[0]`) [m]."""
     raw = trial.readings.at(trial.time) - np.array(setup.cell.bias)
     if setup.reads_in_world:
         force = setup.cell.sign * raw[:, FORCE]
@@ -570,9 +573,12 @@ def explained(
                     candidates.append(replace(candidate, start=result.values, cost=cost))
     candidates.sort(key=lambda one: one.cost)
     limit = KEPT_FACTOR * candidates[0].cost + KEPT_MISFIT_COUNT
-    kept = [one for one in candidates[:FITTED_COUNT] if one.cost <= limit]
-    # few moments do not show stops
-    kept += [one for one in candidates[FITTED_COUNT:] if one.hypothesis.cause is Cause.DELAY]
+    # few moments do not show stops: delays are always fitted to all
+    kept = [
+        one
+        for rank, one in enumerate(candidates)
+        if one.hypothesis.cause is Cause.DELAY or (rank < FITTED_COUNT and one.cost <= limit)
+    ]
     results: dict[tuple[Cause, str], Explanation] = {}
     for candidate in kept:
         explanation = _fitted(candidate, problem, steps=FINAL_STEPS_COUNT)

@@ -59,8 +59,6 @@ MAX_RIGHT_FACTOR = 5.0
 """Misfit over the usual one that no right cell has: presses of real plates have up to 3."""
 MIN_MASS_KG = 0.02
 """A smaller negative mass is none."""
-RARITY_BESIDE = 3.0
-"""How much rarer each further number is that is wrong, in units of the misfit."""
 
 
 @dataclass(frozen=True, eq=False)

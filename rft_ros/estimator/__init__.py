@@ -5,6 +5,7 @@ from rft_ros.estimator.load_cell import GRAVITY, LoadCellFrame
 from rft_ros.estimator.pose_difference import PoseDifference
 from rft_ros.estimator.pose_noise import NOISY, PoseNoise
 from rft_ros.estimator.quality import (
+    TOUCH_DEPTH_M,
     QualityFlag,
     Trust,
     begins_in_grains,
@@ -37,6 +38,7 @@ __all__ = [
     "OFFSET_SENTENCE",
     "OF_TRANSFORMS",
     "STAMP_ZERO",
+    "TOUCH_DEPTH_M",
     "Answer",
     "Estimate",
     "Estimator",

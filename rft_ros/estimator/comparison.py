@@ -6,6 +6,7 @@ from rft_ros.estimator.lifetimes import Lifetimes
 from rft_ros.estimator.load_cell import Prediction
 from rft_ros.estimator.samples import Measurement, Reason
 from rft_ros.estimator.timeline import interpolated, patience
+from rft_ros.rft import FORCE
 from rft_ros.rft.frames import Wrench
 
 # estimates that wait for samples; if there are more, the oldest is compared early
@@ -71,8 +72,10 @@ class Comparison:
                 reading_before.wrench, reading_after.wrench, share
             )
             raw = reading_before._replace(wrench=(fx, fy, fz, tx, ty, tz))
-        is_repeated = raw.wrench == lifetimes.readings.last_raw
-        lifetimes.readings.last_raw = raw.wrench
+        # a torque that is no number equals nothing, and the filter uses the force alone
+        raw_force = raw.wrench[FORCE]
+        is_repeated = raw_force == lifetimes.readings.last_raw_force
+        lifetimes.readings.last_raw_force = raw_force
         wrench = _difference(cell.sign, cell.in_own_axes(raw, pose), prediction.offset)
         _learn(prediction, wrench, lifetimes, is_repeated=is_repeated)
         return Measurement(pose.stamp, wrench, _difference(1.0, wrench, prediction.wrench), None)
@@ -81,7 +84,7 @@ class Comparison:
 def _learn(
     prediction: Prediction, wrench: Wrench, lifetimes: Lifetimes, *, is_repeated: bool
 ) -> None:
-    """Update the mean in the air and the filter. `is_repeated`: the raw reading equals the one before, bit by bit."""
+    """Update the mean in the air and the filter. `is_repeated`: the raw force equals the one before, bit by bit."""
     lifetimes.air.add(prediction, wrench)
     if lifetimes.learning is not None:
         force = prediction.force_in_world(wrench)

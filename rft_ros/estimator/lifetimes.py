@@ -28,7 +28,6 @@ from rft_ros.estimator.unseen_motion import UnseenMotion
 from rft_ros.ground import Footing, GroundMapper, HeightMap, LocalSurface
 from rft_ros.parameters import Config, LoadCell, Model
 from rft_ros.rft import STATE, Memory
-from rft_ros.rft.frames import Wrench
 from rft_ros.rft.wrench import prepared
 from rft_ros.tool import Tool
 
@@ -58,14 +57,14 @@ class Readings:
         self.samples = Timeline[WrenchSample](maxlen=HISTORY)
         self.pending = deque[Prediction]()
         """Those that wait for their readings. Compare them before they end."""
-        self.last_raw: Wrench | None = None
-        """The last reading that was compared."""
+        self.last_raw_force: tuple[float, ...] | None = None
+        """That of the last reading that was compared."""
 
     def begin_run(self, stamp: int) -> None:
         """Drop what belongs to the run before the one that begins at a pose with this stamp [ns]."""
         self.samples.start_run(stamp)
         self.pending.clear()
-        self.last_raw = None
+        self.last_raw_force = None
 
 
 class ToolMotion:

@@ -33,6 +33,10 @@ def _is_plausible(tool: Tool) -> bool:
     return MIN_TOOL_SIZE_M <= tool.size <= MAX_TOOL_SIZE_M
 
 
+TOUCH_DEPTH_M = 1e-3
+"""Depth from which on a tool is in the grains, beyond the noise of a pose at the surface."""
+
+
 def begins_in_grains(depth: float) -> str:
     """A sentence on a first estimate that is at this depth in the grains [m]."""
     advice = (

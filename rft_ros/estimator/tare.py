@@ -130,7 +130,9 @@ def mean_in_air(
     `rest_speed` [m/s]. `reach` of its plates [m].
     """
     if not poses:
-        raise InputError("tare refused: no pose with a known velocity has come yet")
+        raise InputError(
+            "tare refused: no pose with a known velocity has come yet; start the driver of the poses or twists"
+        )
     if readings.last is not None:
         newest_reading = readings.last.stamp
         if newest_pose - newest_reading > longest_gap:
@@ -151,7 +153,9 @@ def mean_in_air(
         time, np.array([(*each.pose.position, *each.pose.quaternion) for each in recent]), reach
     )
     if speed >= rest_speed:
-        raise InputError(f"{refusal} the tool moved at {speed:.4f} m/s")
+        raise InputError(
+            f"{refusal} the tool moved at {speed:.4f} m/s, and rest_speed is {rest_speed:g}; hold it still"
+        )
     if len(poses) == HISTORY:
         start = max(start, recent[0].pose.stamp)
     wrenches = [
@@ -159,7 +163,8 @@ def mean_in_air(
     ]
     if len(wrenches) < _MIN_READING_COUNT:
         raise InputError(
-            f"{refusal} {len(wrenches)} load-cell samples came; it needs {_MIN_READING_COUNT}"
+            f"{refusal} {len(wrenches)} load-cell samples came; it needs {_MIN_READING_COUNT}:"
+            " start its driver"
         )
     mean: Array = np.mean(wrenches, axis=0)
     return mean

@@ -8,6 +8,7 @@ from rclpy.node import Node
 
 from rft_ros.errors import InputError
 from rft_ros.estimator import (
+    TOUCH_DEPTH_M,
     Estimate,
     Estimator,
     QualityFlag,
@@ -64,7 +65,7 @@ class Diagnostics:
         if self._estimator.estimates == 1:
             depth = self._estimator.depth()
             # with integration centroid a corner may be below the surface, and no plate
-            if depth > 0.0 and estimate.submerged_area > 0.0:
+            if depth > TOUCH_DEPTH_M and estimate.submerged_area > 0.0:
                 self._node.get_logger().warning(begins_in_grains(depth))
 
     def summary(self) -> str:

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field, fields, replace
+from difflib import get_close_matches
 from typing import Any, Literal
 
 from rft_ros.errors import InputError, shown
@@ -39,7 +40,7 @@ class Config:
     """All parameters: eight groups, and two parameters that belong to none.
 
     `Config.of({"sensor.mass": 0.5, "surface_height": 0.1})` and `Config(sensor=LoadCell(mass=0.5), surface_height=0.1)`
-    are the same.
+    set the same fields; only `of` and `changed` check the values.
     """
 
     mesh: MeshConfig = field(default_factory=MeshConfig)
@@ -86,7 +87,7 @@ class Config:
         """The same with other values of some parameters. Raises InputError as `of`."""
         unknown = values.keys() - NAMES
         if unknown:
-            raise InputError(f"there is no parameter {shown(min(unknown))}")
+            raise InputError(unknown_parameter(min(unknown)))
         groups = {name: with_values(getattr(self, name), values) for name in GROUPS}
         return replace(with_values(self, values), **groups)
 
@@ -152,6 +153,14 @@ PARAMETERS = tuple(_parameters())
 """Every parameter, in the order in which they are documented."""
 
 NAMES = frozenset(parameter.name for parameter in PARAMETERS)
+
+
+def unknown_parameter(name: str) -> str:
+    """A sentence for a parameter that does not exist; it proposes the most similar name."""
+    similar = get_close_matches(name[:99], NAMES, n=1)
+    if similar:
+        return f"there is no parameter {shown(name)}; did you mean '{similar[0]}'?"
+    return f"there is no parameter {shown(name)}"
 
 
 def load_parts(parts: Mapping[str, Part]) -> dict[str, Any]:

@@ -102,7 +102,9 @@ def _sections(tree: Mapping[str, Any], parent: str) -> Iterator[Section]:
 def _parameters(tree: Any, key: str) -> dict[str, Given]:
     """The parameters below a section's key, by name with dots."""
     if not isinstance(tree, Mapping):
-        raise InputError(f"'{key}' has a '{_KEY}' without names of parameters")
+        raise InputError(
+            f"'{key}' has a '{_KEY}' without names of parameters; write them below it, as name: value"
+        )
     found: dict[str, Given] = {}
     for name, value in flat(tree):
         if name in found:
@@ -120,7 +122,7 @@ def _checked(name: str, value: Any) -> Given:
     items = value if isinstance(value, list) else [value]
     if any(isinstance(item, list | Mapping) for item in items):
         raise InputError(
-            f"{name} has a list or a mapping in a list; ROS takes lists of values only"
+            f"{name} is {shown(value)}; ROS takes lists of values only, such as [0.0, 0.5]"
         )
     if len(set(map(type, items))) > 1:
         raise InputError(

@@ -281,7 +281,7 @@ def _move(state, step, wet, passing):
         if state.stage == _AIR:
             copy_place(state.latest, state.prior)
         state.stage = _PUSH
-        state.path_entered = state.path
+        state.path_push_began = state.path
 
 
 @inlined
@@ -296,7 +296,7 @@ def _update_with_due(state, records, lag):
             copy(state.latest, state.prior)
             copy(state.of_push, state.prior)
         elif oldest.measured and oldest.path > max(
-            state.path_learned, state.path_entered if oldest.passing else 0.0
+            state.path_learned, state.path_push_began if oldest.passing else 0.0
         ):
             update(state, oldest)
         state.first += 1

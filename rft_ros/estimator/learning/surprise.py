@@ -7,7 +7,9 @@ import numpy as np
 from rft_ros.estimator.learning.filter import dot
 from rft_ros.rft.kernel.compilation import inlined
 
-_ENTRY_PATH_M = 0.008  # path after the tool enters in which nothing is judged: the estimate of δ has not settled
+# path of a push in which there is no surprise, and only a force that opposes the model's is excluded: the estimate of
+# δ has not settled
+_ENTRY_PATH_M = 0.008
 _SURPRISE_PATH_M = 0.0005  # path of the mean of the normalised error
 _SURPRISE_BEGINS_FACTOR = 1.93  # mean normalised error from which on there is a surprise
 _SURPRISE_ENDS_FACTOR = 1.0  # the same at which it ends
@@ -24,7 +26,7 @@ _MIN_SIDEWAYS_SHARE = 0.05
 _MAX_FORCE_RATIO = 10.0  # a larger ratio of measured to model force counts as this
 
 JUDGE_FIELDS = [
-    ("path_entered", float),  # path at which the tool last entered
+    ("path_push_began", float),  # path at which the present push began
     ("path_feeble", float),  # path of the last record with too small a force to compare
     ("path_judged", float),  # path of the last record that was judged
     ("surprise", float),  # mean over _SURPRISE_PATH_M: error along F' in standard deviations
@@ -84,10 +86,10 @@ def _compare(state, record, y, step):
 
 @inlined
 def _is_comparable(state):
-    """Whether the means compare enough: a path of `_ENTRY_PATH_M` since the tool entered, with a large enough force."""
+    """Whether the means compare enough: a path of `_ENTRY_PATH_M` since the push began, with a large enough force."""
     return (
         state.square > 0.0
-        and state.path_judged - max(state.path_entered, state.path_feeble) >= _ENTRY_PATH_M
+        and state.path_judged - max(state.path_push_began, state.path_feeble) >= _ENTRY_PATH_M
     )
 
 
@@ -104,7 +106,7 @@ def _measure_surprise(state, record, y, step):
     """Update the mean error along the predicted force, in standard deviations of (L4), and with it the change."""
     force = record.predicted
     size = math.sqrt(dot(force, force))
-    if record.passing or record.path - state.path_entered < _ENTRY_PATH_M or not size > 0.0:
+    if record.passing or record.path - state.path_push_began < _ENTRY_PATH_M or not size > 0.0:
         state.surprise = state.mean_error = state.mean_force = 0.0
     else:
         error = dot(force, y) / size - size

@@ -281,10 +281,10 @@ def _geometry(chunk, i0, plates, b, scene, has_memory, is_refined, is_cut):
     first = b * np.uint64((ROWS_OF_REFINED if is_refined else ROWS_OF_CENTROID) * BLOCK)
     wet_area = 0.0
     for j in range(BLOCK):
-        (a, b, c), load, area = _centre_and_load(rows, first, j, scene, is_refined, is_cut)
+        (cx, cy, cz), load, area = _centre_and_load(rows, first, j, scene, is_refined, is_cut)
         nx, ny, nz = normal = from_frame(scene.half_way, *triple(rows, first + _NORMAL, j, BLOCK))
-        position = from_frame(scene.axes, a, b, c)
-        wx, wy, wz = from_frame(scene.turning, a, b, c)
+        position = from_frame(scene.axes, cx, cy, cz)
+        wx, wy, wz = from_frame(scene.turning, cx, cy, cz)
         ux, uy, uz = velocity = (twist.vx + wx, twist.vy + wy, twist.vz + wz)
         lead = ux * nx + uy * ny + uz * nz
         i = at(i0, j)
