@@ -14,11 +14,11 @@ MASS = 6
 MOMENT = slice(7, 10)
 """The ten numbers: the bias [N], [N m], the mass [kg], and the mass times its centre [kg m]."""
 
-SPREAD = 0.15
+MIN_GRAVITY_SPREAD_RATIO = 0.15
 """Least `spread` of gravity's direction in the load cell that tells bias, mass and centre apart."""
 
-
-_SINGULAR = 1e-10  # of the greatest square of a singular value: what is smaller is not determined
+_MIN_EIGENVALUE_RATIO = 1e-10
+"""Least eigenvalue of the normal matrix, relative to its greatest one, whose direction the readings determine."""
 
 
 def cross(vectors: Array) -> Array:
@@ -58,7 +58,9 @@ def fit_in_air(columns: Array, readings: Array, errors: Array | float = 0.0) -> 
     """
     matrix = columns.reshape(readings.size, -1)
     # by normal equations, which take a tenth of the time for thousands of readings
-    inverse = np.linalg.pinv(matrix.T @ matrix, rcond=_SINGULAR, hermitian=True) @ matrix.T
+    inverse = (
+        np.linalg.pinv(matrix.T @ matrix, rcond=_MIN_EIGENVALUE_RATIO, hermitian=True) @ matrix.T
+    )
     values = inverse @ readings.ravel()
     residuals = readings - (matrix @ values).reshape(readings.shape)
     freedom = np.sum(1.0 - np.einsum("nk,kn->n", matrix, inverse).reshape(readings.shape), axis=0)

@@ -14,7 +14,7 @@ import numpy as np
 
 from rft_ros.calibration.delay import fit_delay
 from rft_ros.calibration.fitting import FitResults, NotIdentifiable
-from rft_ros.calibration.grains import GIVEN_SURFACE_ERROR, Given, fit_grains
+from rft_ros.calibration.grains import FILE_SURFACE_ERROR_M, Given, fit_grains
 from rft_ros.calibration.phases import Contact, find_contacts
 from rft_ros.calibration.recorded import BedValues, Recorded
 from rft_ros.calibration.smoothing import interpolated
@@ -42,10 +42,17 @@ MAX_RATE_HZ = 125.0
 MAX_SURFACE_MOVE_M = 0.02
 """Beds are levelled to some millimetres. A mesh upside down or another TCP moves the surface by the tool's length."""
 
-_ROUNDS = 5  # of contacts and force of inertia, each with the result of the other
-# tolerance of the tools for the delay: in nine recordings the fitted delay moved by less than a fifth of its error
-_COARSE = 0.025
-_CLEAR = 0.002  # a still tool is in the air if its lowest point is this much [m] above the surface
+_CONTACT_ROUNDS_COUNT = 5
+"""Fits of the contacts and of the force of inertia in turn, each with the result of the other."""
+
+_COARSE_TOLERANCE_SHARE = 0.025
+"""Error of the reduced tools over the force, for the delay.
+
+In nine recordings the fitted delay moved by less than a fifth of its error.
+"""
+
+_MIN_AIR_CLEARANCE_M = 0.002
+"""A still tool is in the air if its lowest point is this much above the surface."""
 
 
 class _Surface(NamedTuple):
@@ -80,7 +87,9 @@ def calibrate(
     tracks_on_cell = [replace(track, cell=cell) for track in tracks_sent]
     tracks_placed = [thinned(_without_repeats(track), MAX_RATE_HZ) for track in tracks_on_cell]
     law = _law_of(config.medium)
-    surface_placed = _surface(result, tracks_placed, law, parts, given=config.surface_height)
+    surface_placed = _surface(
+        result, tracks_placed, law, parts, configured_height=config.surface_height
+    )
 
     length = config.medium.mobilization_length
     tracks_aligned = tracks_placed
@@ -88,21 +97,21 @@ def calibrate(
     if "sensor" in parts:
         with result.or_reason("sensor.delay"):
             tracks_aligned, delay_error = _aligned(
-                result, tracks_placed, law, surface_placed, given=config.sensor.delay
+                result, tracks_placed, law, surface_placed, configured_delay=config.sensor.delay
             )
-    surface = _surface(result, tracks_aligned, law, parts, given=config.surface_height)
+    surface = _surface(result, tracks_aligned, law, parts, configured_height=config.surface_height)
     tracks_weighed = tracks_aligned
     zero_error = 0.0
     if "sensor" in parts:
         with result.or_reason("sensor.bias"):
             weighed_cell, zero_error = fit_tool_weight(
-                result, tracks_aligned, air=surface.air + _CLEAR
+                result, tracks_aligned, air=surface.air + _MIN_AIR_CLEARANCE_M
             )
             tracks_weighed = [replace(track, cell=weighed_cell) for track in tracks_aligned]
 
-    given = Given(
+    given_values = Given(
         values=BedValues(surface.height, math.log(length) if length > 0.0 else -math.inf),
-        surface_error=0.0 if surface.contacts or "surface" not in parts else GIVEN_SURFACE_ERROR,
+        surface_error=0.0 if surface.contacts or "surface" not in parts else FILE_SURFACE_ERROR_M,
         zero_error=zero_error,
         delay_error=delay_error,
     )
@@ -111,24 +120,24 @@ def calibrate(
         _recordings(tracks_weighed, law, surface),
         coarse=_recordings(_coarse(tracks_weighed), law, surface),
         contacts=surface.contacts if "surface" in parts else (),
-        given=given,
+        given_values=given_values,
         parts=parts,
     )
     _check_surface(result, config.surface_height, trusts_surface=trusts_surface)
     judge_fitted(result, tracks_on_cell, config)
     if result.refusals:
-        result.fitted.clear()
+        result.fitted_values.clear()
         result.motions.clear()
     return result
 
 
-def _check_surface(result: FitResults, given: float, *, trusts_surface: bool) -> None:
-    """Refuse a surface far from the `given` one [m], or warn of it if that one is not to be trusted."""
-    for fit in result.fitted:
-        moved = fit.values[0] - given
-        if fit.name == "surface_height" and abs(moved) > MAX_SURFACE_MOVE_M:
-            side = "above" if moved > 0.0 else "below"
-            where = f"{fit.values[0]:.4g} m, {1e3 * abs(moved):.0f} mm {side} the file's {given:g}"
+def _check_surface(result: FitResults, configured_height: float, *, trusts_surface: bool) -> None:
+    """Refuse a surface far from `configured_height` [m], or warn of it if that height is not to be trusted."""
+    for fit in result.fitted_values:
+        height_offset = fit.values[0] - configured_height
+        if fit.name == "surface_height" and abs(height_offset) > MAX_SURFACE_MOVE_M:
+            side = "above" if height_offset > 0.0 else "below"
+            where = f"{fit.values[0]:.4g} m, {1e3 * abs(height_offset):.0f} mm {side} the file's {configured_height:g}"
             causes = "mesh.origin, mesh.quaternion, mesh.scale and the poses"
             sentence = f"surface_height: the force begins at {where}: check {causes}"
             if trusts_surface:
@@ -174,7 +183,7 @@ def _law_of(medium: MediumConfig) -> Law:
 
 def _coarse(tracks: Sequence[Track]) -> list[Track]:
     """With reduced tools: when a force changes hardly depends on the plates, whose number takes most of the time."""
-    return [replace(track, tool=track.tool.reduced(_COARSE)) for track in tracks]
+    return [replace(track, tool=track.tool.reduced(_COARSE_TOLERANCE_SHARE)) for track in tracks]
 
 
 def _recordings(tracks: Sequence[Track], law: Law, surface: _Surface) -> list[Recorded]:
@@ -197,18 +206,18 @@ def _surface(
     law: Law,
     parts: Collection[str],
     *,
-    given: float,
+    configured_height: float,
 ) -> _Surface:
-    """The surface from the first contacts, or the `given` one [m] if there are none or it is not to be fitted."""
+    """The surface from the first contacts, or `configured_height` [m] if there are none or it is not fitted."""
     try:
         contacts = _contacts(tracks, law)
     except NotIdentifiable as reason:
         if "surface" in parts:
             result.not_identifiable["surface_height"] = str(reason)
-        return _Surface(height=given, air=given, contacts=[])
+        return _Surface(height=configured_height, air=configured_height, contacts=[])
     # before its delay was known there may have been none
     result.not_identifiable.pop("surface_height", None)
-    height = _mean_height(contacts) if "surface" in parts else given
+    height = _mean_height(contacts) if "surface" in parts else configured_height
     air = max(height, *(contact.surface for contact in contacts))
     return _Surface(height=height, air=air, contacts=contacts)
 
@@ -224,7 +233,7 @@ def _contacts(tracks: Sequence[Track], law: Law) -> list[Contact]:
     """
     slow = replace(law, density=0.0)
     contacts = find_contacts(tracks, slow)
-    for _ in range(_ROUNDS - 1 if law.has_inertia else 0):
+    for _ in range(_CONTACT_ROUNDS_COUNT - 1 if law.has_inertia else 0):
         tracks_slow = [_without_inertia(track, law, _mean_height(contacts)) for track in tracks]
         contacts = find_contacts(tracks_slow, slow)
     return contacts
@@ -245,18 +254,23 @@ def _without_inertia(track: Track, law: Law, surface: float) -> Track:
 
 
 def _aligned(
-    result: FitResults, tracks: Sequence[Track], law: Law, surface: _Surface, *, given: float
+    result: FitResults,
+    tracks: Sequence[Track],
+    law: Law,
+    surface: _Surface,
+    *,
+    configured_delay: float,
 ) -> tuple[list[Track], float]:
     """The tracks with the readings of each pose's moment, and the standard error of the load cell's delay [s].
 
-    `given`: the delay of the parameters [s]. Raises NotIdentifiable if no turn determines the delay.
+    `configured_delay`: the delay of the parameters [s]. Raises NotIdentifiable if no turn determines the delay.
     """
     coarse = _recordings(_coarse(tracks), law, surface)
-    delay = fit_delay(coarse, surface.height, given=given)
-    result.fitted.append(delay)
-    late = delay.values[0] - given
-    aligned = [
+    delay = fit_delay(coarse, surface.height, configured_delay=configured_delay)
+    result.fitted_values.append(delay)
+    late = delay.values[0] - configured_delay
+    tracks_aligned = [
         replace(track, readings=interpolated(track.time + late, track.time, track.readings))
         for track in tracks
     ]
-    return aligned, delay.errors[0]
+    return tracks_aligned, delay.errors[0]

@@ -17,8 +17,8 @@ from rft_ros.yaml_file import write_yaml
 SECTION = "rft_calibration"
 """Top-level key of the record, which the node ignores."""
 
-# relative standard deviation of ζ between beds of the same grains (docs/accuracy.md)
-_BEDS_DIFFER = 0.1
+_BED_SPREAD_RATIO = 0.1
+"""Standard deviation of ζ between beds of the same grains, relative to ζ (docs/accuracy.md)."""
 
 
 def rounded(value: float, error: float) -> float:
@@ -38,12 +38,12 @@ def write_calibrated(
     """
     tree, parameters = tree_for(source, file, node)
 
-    for fit in result.fitted:
+    for fit in result.fitted_values:
         numbers = _rounded_values(fit)
         parameters[fit.name] = numbers if len(numbers) > 1 else numbers[0]
         if fit.name == "medium.zeta":
             # of another bed of the same grains, and of each tool that was recorded
-            relative = max(fit.errors[0] / fit.values[0], _BEDS_DIFFER, fit.spread)
+            relative = max(fit.errors[0] / fit.values[0], _BED_SPREAD_RATIO, fit.spread)
             parameters["medium.zeta_error"] = _short(relative)
         if fit.name == "sensor.bias":
             _remove_tare(tree)
@@ -55,27 +55,27 @@ def write_calibrated(
     write_yaml(file, "calibrated file", tree, [comment])
 
 
-def _rounded_values(fitted: FittedValue) -> list[float]:
+def _rounded_values(fit: FittedValue) -> list[float]:
     """The values of a fit, rounded by their errors."""
-    errors = fitted.errors
-    if fitted.name == "sensor.bias":
+    errors = fit.errors
+    if fit.name == "sensor.bias":
         # if the poses do not separate bias and weight, their sum is known better than each of them
         errors = tuple(min(error, 1e-3) for error in errors)
-    return [rounded(value, error) for value, error in zip(fitted.values, errors, strict=True)]
+    return [rounded(value, error) for value, error in zip(fit.values, errors, strict=True)]
 
 
 def _remove_tare(tree: dict[str, dict[str, dict[str, Any]]]) -> None:
     """Remove the tare of replays: a fitted bias replaces it, and it would refuse a bag that begins in the grains."""
-    of_replay = tree.get("rft_replay", {}).get("ros__parameters", {})
-    of_replay.pop("tare", None)
-    if not of_replay:
+    replay_parameters = tree.get("rft_replay", {}).get("ros__parameters", {})
+    replay_parameters.pop("tare", None)
+    if not replay_parameters:
         tree.pop("rft_replay", None)
 
 
 def _record(result: FitResults, tracks: Iterable[Track]) -> dict[str, Any]:
     """What was fitted to which bags. ROS cannot read empty lists, so these are left out."""
     names = [f"{track.name} ({_date(track)})" for track in tracks]
-    fits = {fit.name.replace(".", "_"): _entry(fit) for fit in result.fitted}
+    fits = {fit.name.replace(".", "_"): _entry(fit) for fit in result.fitted_values}
     reasons = [f"{name}: {why}" for name, why in result.not_identifiable.items()]
     motions = {motion.kind: _motion(motion) for motion in result.motions}
     record = {

@@ -30,8 +30,8 @@ class CellAlong:
     @cached_property
     def to_world(self) -> Array:
         """Rotations from the axes of the load cell to those of the world, shape [n, 3, 3]."""
-        of_tool = rotation_matrices(self.states[:, QUATERNION])
-        return of_tool @ rotation_matrix(self.cell.quaternion)
+        tool_rotations = rotation_matrices(self.states[:, QUATERNION])
+        return tool_rotations @ rotation_matrix(self.cell.quaternion)
 
     @property
     def from_world_axes(self) -> Array:

@@ -20,11 +20,20 @@ from rft_ros.parameters import checked
 
 Array = NDArray[np.float64]
 
-_FIRST = 2.0  # steps from the best start that are tried first
-_CONVERGED = 0.2  # of a step
-_WIDEST = 0.1  # greatest step for derivatives, relative to the range of a parameter
-_MOST_ALIKE = 0.97  # greatest correlation of successive samples of noise; at 1 the variance of a mean is unbounded
-_SMOOTH = 0.999  # the same, where the whole series is one misfit
+_SIMPLEX_SIZE_FACTOR = 2.0
+"""Steps of the search ranges from the best start to the other corners of the first simplex."""
+
+_SIMPLEX_TOLERANCE_SHARE = 0.2
+"""Of a step: the search ends when the corners of the simplex are this close."""
+
+_MAX_STEP_SHARE = 0.1
+"""Greatest step for derivatives, relative to the range of a parameter."""
+
+_MAX_NOISE_CORRELATION_FACTOR = 0.97
+"""Greatest correlation of successive samples of noise; at 1 the variance of a mean is unbounded."""
+
+_MAX_MISFIT_CORRELATION_FACTOR = 0.999
+"""The same, where the whole series is one misfit."""
 
 _Result = TypeVar("_Result")
 
@@ -44,10 +53,12 @@ class Measurement(NamedTuple):
 
 def listed(measurements: Iterable[Measurement]) -> str:
     """The measurements in words, with their times where a bag has several."""
-    found = list(measurements)
-    count = Counter(m.bag for m in found)
-    places = [f"{m.bag} at {m.time:.1f} s" if count[m.bag] > 1 else m.bag for m in found]
-    numbers = [f"{m.value:.3g} ± {m.error:.2g}" for m in found]
+    listed_measurements = list(measurements)
+    count = Counter(m.bag for m in listed_measurements)
+    places = [
+        f"{m.bag} at {m.time:.1f} s" if count[m.bag] > 1 else m.bag for m in listed_measurements
+    ]
+    numbers = [f"{m.value:.3g} ± {m.error:.2g}" for m in listed_measurements]
     return ", ".join(f"{place} {words}" for place, words in zip(places, numbers, strict=True))
 
 
@@ -84,21 +95,22 @@ class FittedValue:
 class MotionFit:
     """A kind of motion: the ζ that it alone would have, and the error of the force with the written ζ.
 
-    `own_error`: standard error of this ζ by itself. `by_causes`: its changes by a standard error of what all kinds
-    share, such as the surface. `rms`: of the force [N]. `peak`: greatest measured force in this kind of motion [N].
+    `own_error`: standard error of this ζ by itself. `changes_by_cause`: its changes by a standard error of what all
+    kinds share, such as the surface. `rms`: of the force [N]. `peak`: greatest measured force in this kind of motion
+    [N].
     """
 
     kind: str
     zeta: float
     own_error: float
-    by_causes: Array
+    changes_by_cause: Array
     rms: float
     peak: float
 
     @property
     def error(self) -> float:
         """Standard error of this ζ."""
-        return float(np.linalg.norm([self.own_error, *self.by_causes]))
+        return float(np.linalg.norm([self.own_error, *self.changes_by_cause]))
 
     def __str__(self) -> str:
         return f"{self.kind}: ζ {self.zeta:.3g} ± {self.error:.2g} alone; RMS {self.rms:.2g} N of {self.peak:.3g} N"
@@ -111,7 +123,7 @@ class FitResults:
     `refusals`: sentences on why the values must not be used, although they were fitted.
     """
 
-    fitted: list[FittedValue] = field(default_factory=list)
+    fitted_values: list[FittedValue] = field(default_factory=list)
     not_identifiable: dict[str, str] = field(default_factory=dict)
     motions: list[MotionFit] = field(default_factory=list)
     warnings: list[str] = field(default_factory=list)
@@ -131,7 +143,7 @@ class FitResults:
         """Add a fitted number, or the reason why the parameter does not take it."""
         with self.or_reason(name):
             fit = FittedValue(name, (value,), (error,), unit, goodness, source, spread)
-            self.fitted.append(fit)
+            self.fitted_values.append(fit)
 
     @contextmanager
     def or_reason(self, name: str) -> Iterator[None]:
@@ -168,24 +180,24 @@ class SearchRange(NamedTuple):
     high: float
 
 
-def _linear(columns: Array, observed: Array) -> tuple[Array, Array]:
+def _linear(columns: Array, series: Array) -> tuple[Array, Array]:
     """The coefficients of columns, shape [n, axes, k], by least squares, and the residuals, shape [n, axes]."""
-    matrix = columns.reshape(observed.size, -1)
-    found, *_ = np.linalg.lstsq(matrix, observed.ravel(), rcond=None)
-    return np.asarray(found, float), observed - (matrix @ found).reshape(observed.shape)
+    matrix = columns.reshape(series.size, -1)
+    coefficients, *_ = np.linalg.lstsq(matrix, series.ravel(), rcond=None)
+    return np.asarray(coefficients, float), series - (matrix @ coefficients).reshape(series.shape)
 
 
-def fit_linear(columns: Array, observed: Array) -> Fit:
+def fit_linear(columns: Array, series: Array) -> Fit:
     """Least squares of a time series, shape [n, axes], any unit, on columns of shape [n, axes, k]."""
-    coefficients, residuals = _linear(columns, observed)
-    inverse = np.linalg.pinv(columns.reshape(observed.size, -1))
+    coefficients, residuals = _linear(columns, series)
+    inverse = np.linalg.pinv(columns.reshape(series.size, -1))
     return _fit(coefficients, residuals, inverse[0])
 
 
 def fit_curve(
     columns: Callable[[Array], Array],
     ranges: Sequence[SearchRange],
-    observed: Array,
+    series: Array,
     starts: Iterable[Array],
 ) -> Fit:
     """Fit a curve to a time series, shape [n, axes], any unit, by least squares from the best of the `starts` on.
@@ -195,85 +207,89 @@ def fit_curve(
     Analysis 10, 1973).
     """
     # in units of the steps: in those of the parameters a weak one would be dropped, and its error be 0
-    step = np.array([searched.step for searched in ranges])
-    low = np.array([searched.low for searched in ranges]) / step
-    high = np.array([searched.high for searched in ranges]) / step
-    linear_at = cache(lambda *scaled: _linear(columns(np.array(scaled) * step), observed))
+    step = np.array([search_range.step for search_range in ranges])
+    low = np.array([search_range.low for search_range in ranges]) / step
+    high = np.array([search_range.high for search_range in ranges]) / step
+    linear_at = cache(
+        lambda *scaled_parameters: _linear(columns(np.array(scaled_parameters) * step), series)
+    )
 
-    def residuals_at(at: Array) -> Array:
-        _, residuals = linear_at(*at)
+    def residuals_at(scaled_parameters: Array) -> Array:
+        _, residuals = linear_at(*scaled_parameters)
         return np.asarray(residuals.ravel())
 
-    def squares(at: Array) -> float:
-        return float(np.sum(residuals_at(at) ** 2))
+    def squares(scaled_parameters: Array) -> float:
+        return float(np.sum(residuals_at(scaled_parameters) ** 2))
 
     start = min((start / step for start in starts), key=squares)
     best = np.clip(start, low, high)
     # without derivatives: with memory the curve is not smooth
-    simplex = best + _FIRST * np.eye(len(step) + 1, len(step), k=-1)
-    found = minimize(
+    simplex = best + _SIMPLEX_SIZE_FACTOR * np.eye(len(step) + 1, len(step), k=-1)
+    optimum = minimize(
         squares,
         best,
         method="Nelder-Mead",
         bounds=Bounds(low, high),
-        options={"initial_simplex": simplex, "xatol": _CONVERGED, "fatol": np.inf},
+        options={"initial_simplex": simplex, "xatol": _SIMPLEX_TOLERANCE_SHARE, "fatol": np.inf},
     ).x
-    linear, residuals = linear_at(*found)
-    coefficients = np.append(found * step, linear)
+    linear, residuals = linear_at(*optimum)
+    coefficients = np.append(optimum * step, linear)
 
     def fit_with(width: Array) -> Fit:
         """The fit, with the derivatives of the curve over this width to either side, within the limits."""
         slopes = []
         for offset in np.diag(width):
-            after = np.minimum(found + offset, high)
-            before = np.maximum(found - offset, low)
-            change = residuals_at(before) - residuals_at(after)
-            slopes.append(change / (after - before).sum())
+            upper_point = np.minimum(optimum + offset, high)
+            lower_point = np.maximum(optimum - offset, low)
+            change = residuals_at(lower_point) - residuals_at(upper_point)
+            slopes.append(change / (upper_point - lower_point).sum())
         inverse = np.linalg.pinv(np.stack(slopes, axis=1))
         return _fit(coefficients, residuals, inverse[0] * step[0])
 
     # the standard error needs the slope over a step as wide as itself
     one = np.ones(len(step))
     narrow = fit_with(one)
-    widest = np.maximum(one, _WIDEST * (high - low))
+    widest = np.maximum(one, _MAX_STEP_SHARE * (high - low))
     wide = fit_with(np.clip(narrow.error / step[0], one, widest))
     return wide if np.isinf(narrow.error) else max(narrow, wide, key=lambda fit: fit.error)
 
 
-def _fit(coefficients: Array, residuals: Array, of_first: Array) -> Fit:
+def _fit(coefficients: Array, residuals: Array, flat_influence: Array) -> Fit:
     """The fit with the standard error of its first coefficient: the greater of two estimates.
 
-    `of_first`, shape [n * axes], times a change of the data is the change of the first coefficient.
+    `flat_influence`, shape [n * axes], times a change of the data is the change of the first coefficient.
 
     One estimate is by Newey and West (Econometrica 55, 1987), where each residual counts at its own moment, such as at
     a corner, on scores whitened by the residuals' lag-one correlation (Andrews, 60, 1992): else errors from a few
     hundred samples are a third too small. The other takes the residuals as a stationary process of first order, for
     misfits of real grains that stay alike over hundreds of samples.
     """
-    influence = of_first.reshape(residuals.shape)
+    influence = flat_influence.reshape(residuals.shape)
     noise = residuals - residuals.mean(axis=0)
     neighbours = (noise[1:] * noise[:-1]).sum(axis=0)
     squares = (noise**2).sum(axis=0)
-    alike = neighbours / np.maximum(squares, 1e-300)
+    lag_correlations = neighbours / np.maximum(squares, 1e-300)
     free = len(coefficients)
     variance = max(
-        _by_moment(influence, residuals, alike, free),
-        _stationary(influence, residuals, alike, free),
+        _by_moment(influence, residuals, lag_correlations, free),
+        _stationary(influence, residuals, lag_correlations, free),
     )
     # a curve that does not change with the coefficient does not determine it
     error = float(np.sqrt(variance)) if influence.any() else np.inf
     return Fit(coefficients, error, residuals, influence)
 
 
-def _by_moment(influence: Array, residuals: Array, alike: Array, free: int) -> float:
+def _by_moment(influence: Array, residuals: Array, lag_correlations: Array, free: int) -> float:
     """The variance by Newey and West.
 
-    `alike`: the residuals' lag-one correlation, shape [axes]. `free`: the number of coefficients.
+    `lag_correlations`: the residuals' lag-one correlation, shape [axes]. `free`: the number of coefficients.
     """
     n = len(residuals)
     lags = int(4.0 * (n / 100.0) ** (2.0 / 9.0))
     scores = influence * residuals
-    whitening = np.clip(alike, -_MOST_ALIKE, _MOST_ALIKE)
+    whitening = np.clip(
+        lag_correlations, -_MAX_NOISE_CORRELATION_FACTOR, _MAX_NOISE_CORRELATION_FACTOR
+    )
     new = scores[1:] - whitening * scores[:-1]
     white = new / (1.0 - whitening)
     total = np.sum(white**2)
@@ -284,14 +300,14 @@ def _by_moment(influence: Array, residuals: Array, alike: Array, free: int) -> f
     return float(total * n / max(n - free - lags, 1))
 
 
-def _stationary(influence: Array, residuals: Array, alike: Array, free: int) -> float:
+def _stationary(influence: Array, residuals: Array, lag_correlations: Array, free: int) -> float:
     """The variance where the residuals are a stationary process of first order."""
     variances = (residuals**2).sum(axis=0) / max(len(residuals) - free, 1)
-    correlations = np.clip(alike, -0.5, _SMOOTH)
+    correlations = np.clip(lag_correlations, -0.5, _MAX_MISFIT_CORRELATION_FACTOR)
     total = 0.0
-    for rho, own, variance in zip(correlations, influence.T, variances, strict=True):
-        earlier = lfilter([1.0], [1.0, -rho], own)
-        total += variance * float(own @ (2.0 * earlier - own))
+    for rho, axis_influence, variance in zip(correlations, influence.T, variances, strict=True):
+        earlier = lfilter([1.0], [1.0, -rho], axis_influence)
+        total += variance * float(axis_influence @ (2.0 * earlier - axis_influence))
     return total
 
 

@@ -30,7 +30,7 @@ from rft_ros.calibration.fitting import (
 )
 from rft_ros.calibration.motions import motion_fit, motion_phases, sentences_on
 from rft_ros.calibration.phases import (
-    SHORTEST,
+    MIN_LENGTH_M,
     Contact,
     Phase,
     TooShortToResolve,
@@ -39,24 +39,34 @@ from rft_ros.calibration.phases import (
     turn_for_length,
     way_down,
 )
-from rft_ros.calibration.recorded import SHAKEN, BedValues, Recorded
+from rft_ros.calibration.recorded import NOISY_MOTIONS_COUNT, BedValues, Recorded
 from rft_ros.calibration.track import Track, down_strokes, turns_in_grains
 
 Array = NDArray[np.float64]
 
-GIVEN_SURFACE_ERROR = 0.002
-"""Standard deviation [m] of the file's surface height, where a recording does not show the surface."""
+FILE_SURFACE_ERROR_M = 0.002
+"""Standard deviation of the file's surface height, where a recording does not show the surface."""
 
 MAX_SURFACE_ERROR_M = 0.01
 """An error of ζ by such a surface is of the size of ζ in a usual depth of some centimetres."""
 
-_ROUNDS = 8  # of fits with each other's results
-_SETTLED = 1e-6  # change of the surface [m] below which another round changes nothing
-# standard deviation of log λ where the recordings do not determine it: half to double
-_UNKNOWN_LENGTH = 0.7
-_SHARED = 5 + SHAKEN  # causes of errors that all fits share
-_NOTEWORTHY = 0.25  # greatest relative difference of ζ between penetrations without a note
-_GROWS = 0.8  # least correlation of ζ with the size of the tool that is reported
+_MAX_ROUNDS_COUNT = 8
+"""Fits of the surface and of λ in turn, each with the result of the other."""
+
+_MAX_SURFACE_CHANGE_M = 1e-6
+"""Change of the surface below which another round changes nothing."""
+
+_UNKNOWN_LENGTH_ERROR_RATIO = 0.7
+"""Standard deviation of log λ where the recordings do not determine it: half to double."""
+
+_SHARED_CAUSES_COUNT = 5 + NOISY_MOTIONS_COUNT
+"""Causes of errors that all fits share."""
+
+_MAX_ZETA_DIFFERENCE_RATIO = 0.25
+"""Greatest relative difference of ζ between penetrations without a note."""
+
+_MIN_SIZE_CORRELATION_FACTOR = 0.8
+"""Least correlation of ζ with the size of the tool that is reported."""
 
 _STEPS = {"surface": (5e-5, 1e-3), "log_length": (0.1, 0.5)}
 """Least and greatest change of the surface height [m], and of log λ, for derivatives.
@@ -87,7 +97,7 @@ class _Bed:
     contacts: list[Phase]
     turns: list[Phase]
     values: BedValues
-    given: Given
+    given_values: Given
     length_error: float
 
     def again(self) -> "_Bed":
@@ -104,7 +114,7 @@ class _Bed:
     @cached_property
     def own_errors(self) -> tuple[float, float]:
         """Standard errors of the surface height [m] and of log λ without those of each other."""
-        surface = _own_error(self.contacts) if self.contacts else self.given.surface_error
+        surface = _own_error(self.contacts) if self.contacts else self.given_values.surface_error
         return surface, _length(self.turns).error if self.turns else self.length_error
 
     @cached_property
@@ -114,16 +124,16 @@ class _Bed:
         To first order, each of the two follows the other, too.
         """
         slopes = np.zeros((2, 2))
-        by_causes = np.zeros((2, 2 + _SHARED))
+        direct_changes = np.zeros((2, 2 + _SHARED_CAUSES_COUNT))
         weights = (None, _length(self.turns).weights if self.turns else None)
         for row, phases in enumerate((self.contacts, self.turns)):
             if phases:
-                of_phases = [self._slopes(phase) for phase in phases]
-                slopes[row] = np.average(of_phases, axis=0, weights=weights[row])
-                of_causes = [self._by_causes(phase) for phase in phases]
-                by_causes[row] = np.average(of_causes, axis=0, weights=weights[row])
-            by_causes[row, row] = self.own_errors[row]
-        return np.asarray(np.linalg.solve(np.eye(2) - slopes, by_causes))
+                phase_slopes = [self._slopes(phase) for phase in phases]
+                slopes[row] = np.average(phase_slopes, axis=0, weights=weights[row])
+                phase_changes = [self._by_causes(phase) for phase in phases]
+                direct_changes[row] = np.average(phase_changes, axis=0, weights=weights[row])
+            direct_changes[row, row] = self.own_errors[row]
+        return np.asarray(np.linalg.solve(np.eye(2) - slopes, direct_changes))
 
     def change(self, phases: Sequence[Phase]) -> Array:
         """What each cause changes in the mean value of some phases, shape [causes]."""
@@ -142,14 +152,17 @@ class _Bed:
         """What each cause changes in a phase's value with the same surface and λ, shape [causes].
 
         None for the first two, which are the own errors of surface and log λ. Then a standard error of the load cell's
-        zero along each axis, and of its delay; friction; and noise of the poses, which is added `SHAKEN` times.
+        zero along each axis, and of its delay; friction; and noise of the poses, which is added
+        `NOISY_MOTIONS_COUNT` times.
         """
         recording = phase.recording
-        by_zero = [phase.by_force(self.given.zero_error * axis) for axis in np.eye(3)]
-        by_delay = phase.by_force(recording.by_delay(self.given.delay_error))
-        by_friction = phase.by_force(recording.friction)
-        by_noise = [phase.change(shaken) / SHAKEN**0.5 for shaken in recording.shaken]
-        return np.array([0.0, 0.0, *by_zero, by_delay, by_friction, *by_noise])
+        zero_changes = [phase.by_force(self.given_values.zero_error * axis) for axis in np.eye(3)]
+        delay_change = phase.by_force(recording.by_delay(self.given_values.delay_error))
+        friction_change = phase.by_force(recording.friction)
+        noise_changes = [
+            phase.change(shaken) / NOISY_MOTIONS_COUNT**0.5 for shaken in recording.shaken
+        ]
+        return np.array([0.0, 0.0, *zero_changes, delay_change, friction_change, *noise_changes])
 
 
 def fit_grains(
@@ -158,7 +171,7 @@ def fit_grains(
     *,
     coarse: Sequence[Recorded],
     contacts: Sequence[Contact],
-    given: Given,
+    given_values: Given,
     parts: Collection[str],
 ) -> None:
     """Fit those of surface, zeta and mobilization that are in `parts`, into `result`.
@@ -166,7 +179,7 @@ def fit_grains(
     `coarse`: the recordings with reduced tools, whose turns determine λ: when a force changes hardly depends on the
     plates, and its size is free there. `contacts`: those of the recordings to which the surface is fitted.
     """
-    begin = given.values
+    begin = given_values.values
     turns: list[Phase] = []
     length_error = 0.0
     if "mobilization" in parts:
@@ -179,9 +192,9 @@ def fit_grains(
         except NotIdentifiable as reason:
             result.not_identifiable["medium.mobilization_length"] = str(reason)
             if isinstance(reason, TooShortToResolve):
-                begin = begin._replace(log_length=float(np.log(SHORTEST)))
+                begin = begin._replace(log_length=float(np.log(MIN_LENGTH_M)))
             else:
-                length_error = _UNKNOWN_LENGTH
+                length_error = _UNKNOWN_LENGTH_ERROR_RATIO
     at_contacts = [
         first_contact(recordings[c.number], c.rows, begin._replace(surface=c.surface))
         for c in contacts
@@ -191,7 +204,7 @@ def fit_grains(
             contacts=at_contacts,
             turns=turns,
             values=begin,
-            given=given,
+            given_values=given_values,
             length_error=length_error,
         )
     )
@@ -249,10 +262,10 @@ def _length(turns: Sequence[Phase]) -> _Length:
 
 def _settled(bed: _Bed) -> _Bed:
     """Fit λ and the surface in turns, each with the result of the other, until they no longer change."""
-    for _ in range(_ROUNDS):
+    for _ in range(_MAX_ROUNDS_COUNT):
         surface_before = bed.values.surface
         bed = bed.again()
-        if abs(bed.values.surface - surface_before) < _SETTLED:
+        if abs(bed.values.surface - surface_before) < _MAX_SURFACE_CHANGE_M:
             break
     return bed
 
@@ -260,19 +273,19 @@ def _settled(bed: _Bed) -> _Bed:
 def _own_error(phases: Sequence[Phase]) -> float:
     """Standard error of a mean: the greater of that from the values' scatter and that from their own errors."""
     count = len(phases)
-    from_errors = float(np.linalg.norm([phase.fit.error for phase in phases])) / count
+    propagated_error = float(np.linalg.norm([phase.fit.error for phase in phases])) / count
     if count == 1:
-        return from_errors
+        return propagated_error
     scatter = float(np.std([phase.value for phase in phases], ddof=1))
-    return max(from_errors, scatter / float(np.sqrt(count)))
+    return max(propagated_error, scatter / float(np.sqrt(count)))
 
 
 def _add_surface(result: FitResults, bed: _Bed, contacts: Sequence[Contact], error: float) -> None:
     misfit = max(contact.misfit for contact in contacts)
     if not error <= MAX_SURFACE_ERROR_M:
         millimetres = f"{1e3 * error:.3g} mm, and must be at most {1e3 * MAX_SURFACE_ERROR_M:g} mm"
-        rounded = "are the positions rounded, or does the bed differ between the contacts?"
-        result.not_identifiable["surface_height"] = f"its error is {millimetres}: {rounded}"
+        likely_causes = "are the positions rounded, or does the bed differ between the contacts?"
+        result.not_identifiable["surface_height"] = f"its error is {millimetres}: {likely_causes}"
         return
     result.add(
         "surface_height",
@@ -336,40 +349,43 @@ def _add_zeta(
         source=f"deepest penetration, {deepest.recording.name}",
     )
     for kind, phases in motion_phases(recordings, bed.values).items():
-        of_kind = motion_fit(
+        kind_fit = motion_fit(
             kind,
             phases,
             written_zeta=zeta,
             own_error=_own_error(phases),
-            by_causes=bed.change(phases),
+            changes_by_cause=bed.change(phases),
         )
-        result.motions.append(of_kind)
+        result.motions.append(kind_fit)
     result.warnings += sentences_on(result.motions)
 
 
-def spread_of(found: Sequence[Measurement], tools: Sequence[str]) -> float:
+def spread_of(measurements: Sequence[Measurement], tools: Sequence[str]) -> float:
     """How far ζ is from that of a tool, relative to it; if there is only one tool, from one of its measurements.
 
     `tools`: the name of the tool of each measurement.
     """
-    names = tools if len(set(tools)) > 1 else range(len(found))
-    values = np.array([measurement.value for measurement in found])
-    of_each = [values[[name == one for name in names]].mean() for one in dict.fromkeys(names)]
-    return float(max(abs(values.mean() / zeta - 1.0) for zeta in of_each))
+    names = tools if len(set(tools)) > 1 else range(len(measurements))
+    values = np.array([measurement.value for measurement in measurements])
+    zeta_means = [values[[name == one for name in names]].mean() for one in dict.fromkeys(names)]
+    return float(max(abs(values.mean() / zeta - 1.0) for zeta in zeta_means))
 
 
-def difference(found: Sequence[Measurement], sizes: Sequence[float]) -> str:
+def difference(measurements: Sequence[Measurement], sizes: Sequence[float]) -> str:
     """Words on a ζ that differs between penetrations; none where it does not. `sizes` of their tools [m]."""
-    zetas = [measurement.value for measurement in found]
-    low = found[int(np.argmin(zetas))]
-    high = found[int(np.argmax(zetas))]
+    zetas = [measurement.value for measurement in measurements]
+    low = measurements[int(np.argmin(zetas))]
+    high = measurements[int(np.argmax(zetas))]
     apart = high.value - low.value
     certain = 3.0 * float(np.hypot(low.error, high.error))
     grows = ""
-    if np.ptp(sizes) > 0.1 * max(sizes) and np.corrcoef(sizes, zetas)[0, 1] > _GROWS:
+    if (
+        np.ptp(sizes) > 0.1 * max(sizes)
+        and np.corrcoef(sizes, zetas)[0, 1] > _MIN_SIZE_CORRELATION_FACTOR
+    ):
         grows = f"; ζ grows with the tool's size, {1e3 * min(sizes):.0f} to {1e3 * max(sizes):.0f} mm wide"
         certain *= 2.0 / 3.0  # that ζ follows the size is evidence of its own
-    if apart <= max(_NOTEWORTHY * low.value, certain):
+    if apart <= max(_MAX_ZETA_DIFFERENCE_RATIO * low.value, certain):
         return ""
     percent = f"{100 * apart / low.value:.0f} %"
     return f"; ζ differs by {percent}: tools of different size, and grains that differ, need a ζ of their own{grows}"

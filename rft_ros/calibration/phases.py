@@ -29,43 +29,61 @@ from rft_ros.calibration.fitting import (
     fit_each,
     fit_linear,
 )
-from rft_ros.calibration.recorded import LATEST, BedValues, Recorded, course_of_force
+from rft_ros.calibration.recorded import MAX_DELAY_S, BedValues, Recorded, course_of_force
 from rft_ros.calibration.smoothing import interpolated
-from rft_ros.calibration.track import FEWEST, Indices, Track, Turn, down_strokes
+from rft_ros.calibration.track import MIN_SAMPLES_COUNT, Indices, Track, Turn, down_strokes
 from rft_ros.rft import FORCE, STATE, Law, wrenches
 from rft_ros.rft.frames import TWIST
 from rft_ros.tool import Tool
 
 Array = NDArray[np.float64]
 
-SHORTEST = 1e-4
-"""Least λ that is searched [m]."""
+MIN_LENGTH_M = 1e-4
+"""Least λ that is searched."""
 
-_LONGEST = 0.1  # greatest λ that is searched [m]
+_MAX_LENGTH_M = 0.1
+"""Greatest λ that is searched."""
 
-LOG_LENGTHS = np.linspace(np.log(SHORTEST), np.log(_LONGEST), 16)
+LOG_LENGTHS = np.linspace(np.log(MIN_LENGTH_M), np.log(_MAX_LENGTH_M), 16)
 """Logarithms of λ that are tried before the best one is refined. With fewer a delay was 6 ms off."""
 
-MOST_UNLIKE = 0.15
+MAX_MISFIT_RATIO = 0.15
 """Greatest accepted RMS residual, relative to the greatest force or its range."""
 
 _VERTICAL = slice(2, 3)
-# m above the surface, up to which the force in the air is used: further up the load cell may have drifted
-_AIR = 0.02
-# A first contact is fitted down to this share of the stroke's depth, and at least to `_AT_LEAST` [m]. Over the whole
-# depth, a pressure that grows faster than linearly would shift the surface down.
-_SHALLOW = 0.25
-_AT_LEAST = 0.004
-# ranges of height that are fitted in turn, each about the surface that the one before gave
-_MOST_WINDOWS = 6
-_HEIGHTS = 24  # surface heights that are tried before the best one is refined
-_DEPTHS = 256  # depths at which the force of a first contact is computed
-_LEAST_RISE = 6.0  # least rise of the force at a first contact, relative to the RMS residual
-_IN_AIR = 10  # least number of samples in the air before a first contact
-_MOST_UNSURE = 0.75  # greatest accepted standard error of λ, relative to λ
-_SHALLOWEST = 0.005  # a penetration's least depth [m]: below it the force depends more on the surface height than on ζ
-# greatest accepted misfit of ζ: of a force that grows with depth and another one that does not it is greater
-_UNRELATED = 0.25
+_MAX_AIR_HEIGHT_M = 0.02
+"""Height above the surface up to which the force in the air is used: further up the load cell may have drifted."""
+
+_CONTACT_DEPTH_SHARE = 0.25
+_MIN_CONTACT_DEPTH_M = 0.004
+"""A first contact is fitted down to this share of the stroke's depth, and at least to this depth.
+
+Over the whole depth, a pressure that grows faster than linearly would shift the surface down.
+"""
+
+_MAX_WINDOWS_COUNT = 6
+"""Ranges of height that are fitted in turn, each about the surface that the one before gave."""
+
+_TRIED_HEIGHTS_COUNT = 24
+"""Surface heights that are tried before the best one is refined."""
+
+_PRESS_DEPTHS_COUNT = 256
+"""Depths at which the force of a first contact is computed."""
+
+_MIN_RISE_RATIO = 6.0
+"""Least rise of the force at a first contact, relative to the RMS residual."""
+
+_MIN_AIR_SAMPLES_COUNT = 10
+"""Least number of samples in the air before a first contact."""
+
+_MAX_LENGTH_ERROR_RATIO = 0.75
+"""Greatest accepted standard error of λ, relative to λ."""
+
+_MIN_PENETRATION_M = 0.005
+"""Least depth of a penetration: below it the force depends more on the surface height than on ζ."""
+
+_MAX_ZETA_MISFIT_RATIO = 0.25
+"""Greatest accepted misfit of ζ. Between a force that grows with depth and one that does not, it is greater."""
 
 
 @lru_cache(maxsize=1)
@@ -124,9 +142,9 @@ class Part:
         course_of = course_between_lengths if self.between_lengths else course_of_force
         course = course_of(self.recording, values._replace(delay=0.0), self.moments)
         time = self.recording.track.time
-        at = time[self.rows] - values.delay
-        of_course = time[self.moments.start : self.moments.stop]
-        force = interpolated(at, of_course, course[:, self.axes])
+        force_times = time[self.rows] - values.delay
+        course_times = time[self.moments.start : self.moments.stop]
+        force = interpolated(force_times, course_times, course[:, self.axes])
         if not self.zeros:
             return force[:, :, None]
         axes = force.shape[1]
@@ -189,14 +207,14 @@ class Phase:
 
     def by_force(self, force: Array) -> float:
         """Change of the value by a force that is added to the measured one: shape [3], or [n, 3] of the recording."""
-        added = np.broadcast_to(force, self.recording.track.forces.shape)
-        of_part = added[self.part.rows, self.part.axes]
-        return float(np.sum(self.fit.influence * of_part))
+        added_force = np.broadcast_to(force, self.recording.track.forces.shape)
+        part_force = added_force[self.part.rows, self.part.axes]
+        return float(np.sum(self.fit.influence * part_force))
 
-    def change(self, recording: Recorded | None = None, **others: float) -> float:
+    def change(self, recording: Recorded | None = None, **changed_values: float) -> float:
         """Change of the value with another motion of the recording, and with other values; to first order."""
         part = replace(self.part, recording=recording or self.recording)
-        columns = part.columns(self.values._replace(**others))
+        columns = part.columns(self.values._replace(**changed_values))
         residuals = part.observed - columns @ self.fit.coefficients[len(self.free) :]
         return float(np.sum(self.fit.influence * (residuals - self.fit.residuals)))
 
@@ -204,15 +222,15 @@ class Phase:
         """Derivative of the value by another one, over a step to either side; 0 by one that is free."""
         if name in self.free:
             return 0.0
-        at = getattr(self.values, name)
-        more = self.change(**{name: at + step})
-        less = self.change(**{name: at - step})
+        value = getattr(self.values, name)
+        more = self.change(**{name: value + step})
+        less = self.change(**{name: value - step})
         return (more - less) / (2.0 * step)
 
     def again(self, values: BedValues) -> "Phase":
         """The phase fitted again with other values; those that are free from the fitted ones on."""
-        own = {name: getattr(self.values, name) for name in self.free}
-        return fitted(self.part, values._replace(**own), self.free)
+        free_values = {name: getattr(self.values, name) for name in self.free}
+        return fitted(self.part, values._replace(**free_values), self.free)
 
 
 def fitted(
@@ -224,20 +242,20 @@ def fitted(
         return Phase(part=part, free=free, values=values, fit=fit)
 
     def columns_of(parameters: Array) -> Array:
-        named = zip(free, parameters.tolist(), strict=True)
-        return part.columns(values._replace(**dict(named)))
+        free_values = zip(free, parameters.tolist(), strict=True)
+        return part.columns(values._replace(**dict(free_values)))
 
     heights = part.recording.track.heights[part.rows]
     parameters = {
         "surface": SearchRange(2e-5, float(heights.min()), float(heights.max())),
         "log_length": SearchRange(0.03, float(LOG_LENGTHS[0]), float(LOG_LENGTHS[-1])),
-        "delay": SearchRange(5e-4, -LATEST, LATEST),
+        "delay": SearchRange(5e-4, -MAX_DELAY_S, MAX_DELAY_S),
     }
-    chosen = [parameters[name] for name in free]
+    ranges = [parameters[name] for name in free]
     begins = starts or [tuple(getattr(values, name) for name in free)]
-    fit = fit_curve(columns_of, chosen, part.observed, map(np.array, begins))
-    named = zip(free, fit.coefficients.tolist(), strict=False)
-    return Phase(part=part, free=free, values=values._replace(**dict(named)), fit=fit)
+    fit = fit_curve(columns_of, ranges, part.observed, map(np.array, begins))
+    free_values = zip(free, fit.coefficients.tolist(), strict=False)
+    return Phase(part=part, free=free, values=values._replace(**dict(free_values)), fit=fit)
 
 
 def _press_states(tool: Tool, state: Array, depths: Array) -> Array:
@@ -257,39 +275,43 @@ def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Cont
     height = track.heights[stroke]
     low = float(height.min())
     high = float(height.max())
-    depths = np.linspace(0.0, high - low, _DEPTHS)
-    pressed = _press_states(track.tool, track.states[stroke[-1]], depths)
-    force_of_law = wrenches(track.tool.plates, law, pressed, threads=1)[:, 2]
+    depths = np.linspace(0.0, high - low, _PRESS_DEPTHS_COUNT)
+    press_states = _press_states(track.tool, track.states[stroke[-1]], depths)
+    force_of_law = wrenches(track.tool.plates, law, press_states, threads=1)[:, 2]
 
-    used = np.ones(len(stroke), dtype=np.bool_)
-    least = low
-    most = high
-    for _ in range(_MOST_WINDOWS):
-        z = height[used]
+    window = np.ones(len(stroke), dtype=np.bool_)
+    lowest_surface = low
+    highest_surface = high
+    for _ in range(_MAX_WINDOWS_COUNT):
+        z = height[window]
 
         def columns(parameters: Array, z: Array = z) -> Array:
             course = np.interp(parameters[0] - z, depths, force_of_law)
             return np.stack([course, np.ones_like(z)], axis=-1)[:, None]
 
-        limits = SearchRange(1e-4 * (most - least), least, most)
-        starts = np.linspace(least, most, _HEIGHTS)[:, None]
-        found = fit_curve(columns, [limits], force[used], starts)
-        surface = float(found.coefficients[0])
-        least = max(low, surface - max(_SHALLOW * (surface - low), _AT_LEAST))
-        most = min(high, surface + 0.5 * _AIR)
-        near = (height > least) & (height < surface + _AIR)
-        if near.sum() < FEWEST or (near == used).all():
+        limits = SearchRange(
+            1e-4 * (highest_surface - lowest_surface), lowest_surface, highest_surface
+        )
+        starts = np.linspace(lowest_surface, highest_surface, _TRIED_HEIGHTS_COUNT)[:, None]
+        fit = fit_curve(columns, [limits], force[window], starts)
+        surface = float(fit.coefficients[0])
+        lowest_surface = max(
+            low, surface - max(_CONTACT_DEPTH_SHARE * (surface - low), _MIN_CONTACT_DEPTH_M)
+        )
+        highest_surface = min(high, surface + 0.5 * _MAX_AIR_HEIGHT_M)
+        next_window = (height > lowest_surface) & (height < surface + _MAX_AIR_HEIGHT_M)
+        if next_window.sum() < MIN_SAMPLES_COUNT or (next_window == window).all():
             break
-        used = near
-    rise = float(found.coefficients[1] * np.interp(surface - z.min(), depths, force_of_law))
+        window = next_window
+    rise = float(fit.coefficients[1] * np.interp(surface - z.min(), depths, force_of_law))
     in_air = int((z > surface).sum())
-    if in_air < _IN_AIR or not rise > _LEAST_RISE * found.rms:
+    if in_air < _MIN_AIR_SAMPLES_COUNT or not rise > _MIN_RISE_RATIO * fit.rms:
         raise NotIdentifiable(
             f"{track.name}: no first contact between z = {high:.4f} and {low:.4f} m: {in_air} samples in the air, and a"
-            f" vertical force that rises by {rise:.2f} N with {found.rms:.2f} N of scatter; it needs {_IN_AIR} samples,"
-            f" and a rise of {_LEAST_RISE:g} times the scatter"
+            f" vertical force that rises by {rise:.2f} N with {fit.rms:.2f} N of scatter; it needs"
+            f" {_MIN_AIR_SAMPLES_COUNT} samples, and a rise of {_MIN_RISE_RATIO:g} times the scatter"
         )
-    return Contact(number, stroke[used], surface, found.rms / rise)
+    return Contact(number, stroke[window], surface, fit.rms / rise)
 
 
 def find_contacts(tracks: Sequence[Track], law: Law) -> list[Contact]:
@@ -300,14 +322,18 @@ def find_contacts(tracks: Sequence[Track], law: Law) -> list[Contact]:
     strokes = (
         (k, track, stroke, law) for k, track in enumerate(tracks) for stroke in down_strokes(track)
     )
-    found = fit_each(_found_contact, strokes, none="the tool never goes straight down")
+    contacts = fit_each(_found_contact, strokes, none="the tool never goes straight down")
 
     def begins_in_air(contact: Contact) -> bool:
-        surfaces = [other.surface for other in found if other.number == contact.number]
+        surfaces = [
+            other_contact.surface
+            for other_contact in contacts
+            if other_contact.number == contact.number
+        ]
         heights = tracks[contact.number].heights[contact.rows]
         return bool(heights.max() > max(surfaces))
 
-    return list(filter(begins_in_air, found))
+    return list(filter(begins_in_air, contacts))
 
 
 def first_contact(recording: Recorded, rows: Indices, values: BedValues) -> Phase:
@@ -328,22 +354,23 @@ def turn_for_length(recording: Recorded, turn: Turn, values: BedValues) -> Phase
     if not part.observed.any():
         raise NotIdentifiable(f"{turn.where}: the load cell measures no force of the grains")
     starts = [(log_length,) for log_length in LOG_LENGTHS.tolist()]
-    found = fitted(part, values, ("log_length",), starts)
-    length = found.values.length
-    if found.value < LOG_LENGTHS[0] + 0.02 * np.ptp(LOG_LENGTHS):
+    phase = fitted(part, values, ("log_length",), starts)
+    length = phase.values.length
+    if phase.value < LOG_LENGTHS[0] + 0.02 * np.ptp(LOG_LENGTHS):
         raise TooShortToResolve(
             f"{turn.where}: the force follows the turn at once; λ is below the resolution of {1e3 * length:.2g} mm"
         )
-    error = found.fit.error
-    sure = error <= _MOST_UNSURE and length <= turn.after
-    if not (sure and found.misfit <= MOST_UNLIKE and found.scale > 0.0):
+    error = phase.fit.error
+    sure = error <= _MAX_LENGTH_ERROR_RATIO and length <= turn.path_after
+    if not (sure and phase.misfit <= MAX_MISFIT_RATIO and phase.scale > 0.0):
         raise NotIdentifiable(
-            f"{turn.where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * error:.3g} %, the force {found.scale:.2g}"
-            f" times the model's, its RMS residual {100 * found.misfit:.0f} % of the greatest; λ must be below the"
-            f" {1e3 * turn.after:.3g} mm of path after the turn, its error at most {100 * _MOST_UNSURE:.0f} %, the"
-            f" factor over 0, and the residual at most {100 * MOST_UNLIKE:.0f} %"
+            f"{turn.where}: the fitted λ is {1e3 * length:.3g} mm ± {100 * error:.3g} %, the force {phase.scale:.2g}"
+            f" times the model's, its RMS residual {100 * phase.misfit:.0f} % of the greatest; λ must be below the"
+            f" {1e3 * turn.path_after:.3g} mm of path after the turn, its error at most"
+            f" {100 * _MAX_LENGTH_ERROR_RATIO:.0f} %, the factor over 0, and the residual at most"
+            f" {100 * MAX_MISFIT_RATIO:.0f} %"
         )
-    return found
+    return phase
 
 
 def way_down(recording: Recorded, stroke: Indices, values: BedValues) -> Phase:
@@ -352,11 +379,11 @@ def way_down(recording: Recorded, stroke: Indices, values: BedValues) -> Phase:
     rows = stroke[depths > 0.0]
     depth = float(depths.max())
     begin = recording.track.time[stroke[0]]
-    if len(rows) < FEWEST or depth < _SHALLOWEST:
+    if len(rows) < MIN_SAMPLES_COUNT or depth < _MIN_PENETRATION_M:
         raise NotIdentifiable(
             f"{recording.name}, {begin:.1f} s after its beginning: a penetration of {1e3 * depth:.1f} mm in"
             f" {len(rows)} samples is too shallow; ζ"
-            f" needs {1e3 * _SHALLOWEST:g} mm and {FEWEST} samples"
+            f" needs {1e3 * _MIN_PENETRATION_M:g} mm and {MIN_SAMPLES_COUNT} samples"
         )
     part = Part(recording=recording, moments=recording.moments, rows=rows, axes=_VERTICAL)
     return fitted(part, values, ())
@@ -365,11 +392,11 @@ def way_down(recording: Recorded, stroke: Indices, values: BedValues) -> Phase:
 def check_strength(way: Phase, shared_error: float) -> Phase:
     """The way down. Raises NotIdentifiable if ζ does not exceed its error, or if the model does not fit the force."""
     error = way.measurement(shared_error).error
-    if not (way.value > error and way.misfit < _UNRELATED):
+    if not (way.value > error and way.misfit < _MAX_ZETA_MISFIT_RATIO):
         raise NotIdentifiable(
             f"{way.where}: the fitted ζ is {way.value:.3f} ± {error:.3f}, with a residual of"
             f" {100 * way.misfit:.0f} % of the peak; ζ must exceed its error, and the residual be below"
-            f" {100 * _UNRELATED:.0f} %: check sensor.quaternion, sensor.sign, surface_height, sensor.bias and"
-            " mesh.file, as rft doctor does"
+            f" {100 * _MAX_ZETA_MISFIT_RATIO:.0f} %: check sensor.quaternion, sensor.sign, surface_height, sensor.bias"
+            " and mesh.file, as rft doctor does"
         )
     return way

@@ -20,15 +20,17 @@ from rft_ros.rft.frames import TWIST, VELOCITY
 
 Array = NDArray[np.float64]
 
-LATEST = 0.25
-"""Greatest delay that is searched, to both sides [s]."""
+MAX_DELAY_S = 0.25
+"""Greatest delay that is searched, to both sides."""
 
-SHAKEN = 2
+NOISY_MOTIONS_COUNT = 2
 """Number of motions with more noise, to which each fit is compared."""
 
-_LOST_MOTION = 5e-6  # m: path that an arm loses when it turns back, by backlash or in the dead band of noisy poses
-# m: at this height above the surface the memory is empty, despite noise of the poses
-_CLEAR = 0.001
+_DEAD_BAND_M = 5e-6
+"""Path that an arm loses when it turns back, by backlash or in the dead band of noisy poses."""
+
+_MIN_AIR_CLEARANCE_M = 0.001
+"""At this height above the surface the memory is empty, despite noise of the poses."""
 
 
 class BedValues(NamedTuple):
@@ -73,7 +75,7 @@ class Recorded:
     def moments_about(self, rows: Indices, *, first: int) -> range:
         """The moments from `first` to the greatest delay after the last of some rows."""
         time = self.track.time
-        return range(first, int(np.searchsorted(time, time[rows[-1]] + LATEST)))
+        return range(first, int(np.searchsorted(time, time[rows[-1]] + MAX_DELAY_S)))
 
     @cached_property
     def motion(self) -> FineMotion:
@@ -89,7 +91,7 @@ class Recorded:
         velocity = track.smooth[:, VELOCITY]
         speed = np.linalg.norm(velocity, axis=1)
         moving = speed >= track.rest_speed
-        in_air = track.heights > self.air + _CLEAR
+        in_air = track.heights > self.air + _MIN_AIR_CLEARANCE_M
         way = np.zeros_like(velocity)
         way[moving] = velocity[moving] / speed[moving, None]
         if not way[in_air].any():
@@ -98,8 +100,8 @@ class Recorded:
         weight = np.broadcast_to([[0.0], [0.0], [1.0]], (len(way), 3, 1))
         columns = np.concatenate([axes, weight, way[:, :, None]], axis=2)
         in_rows = columns[in_air].reshape(-1, 5)
-        found = np.linalg.lstsq(in_rows, track.forces[in_air].ravel(), rcond=None)[0]
-        return np.asarray(found[-1] * way)
+        coefficients = np.linalg.lstsq(in_rows, track.forces[in_air].ravel(), rcond=None)[0]
+        return np.asarray(coefficients[-1] * way)
 
     def by_delay(self, delay: float) -> Array:
         """What a delay of the load cell [s] changes in the forces: half the difference of either way [N], [n, 3]."""
@@ -110,9 +112,9 @@ class Recorded:
 
     @cached_property
     def shaken(self) -> list["Recorded"]:
-        """The recording with noise added in `SHAKEN` ways, so that its deviation doubles."""
+        """The recording with noise added in `NOISY_MOTIONS_COUNT` ways, so that its deviation doubles."""
         time = self.track.time
-        shaken = [shaken_states(time, self.states, seed) for seed in range(SHAKEN)]
+        shaken = [shaken_states(time, self.states, seed) for seed in range(NOISY_MOTIONS_COUNT)]
         return [replace(self, states=states) for states in shaken]
 
 
@@ -127,13 +129,13 @@ def course_of_force(recording: Recorded, values: BedValues, moments: range) -> A
     if values.length == 0.0:
         # smooth velocities: without memory there is no force at rest, and an arm guided by hand stops in between
         states = recording.track.smooth[moments.start : moments.stop]
-        found = wrenches(plates, recording.law, states, surface_height=surface, threads=1)
-        return found[:, FORCE]
+        model_wrenches = wrenches(plates, recording.law, states, surface_height=surface, threads=1)
+        return model_wrenches[:, FORCE]
     law = replace(recording.law, mobilization_length=values.length)
     rows = recording.motion.rows[moments.start : moments.stop]
     states = recording.motion.states[rows[0] : rows[-1] + 1]
-    moved = displacements_followed(states, reach=plates.reach, dead_band=_LOST_MOTION)
-    found = wrenches_in_time(
-        plates, law, states, Memory(plates), displacements=moved, surface_height=surface
+    displacements = displacements_followed(states, reach=plates.reach, dead_band=_DEAD_BAND_M)
+    model_wrenches = wrenches_in_time(
+        plates, law, states, Memory(plates), displacements=displacements, surface_height=surface
     )
-    return np.asarray(found[rows - rows[0], FORCE])
+    return np.asarray(model_wrenches[rows - rows[0], FORCE])

@@ -20,10 +20,10 @@ from rft_ros.rft import FORCE, POSE, POSITION, TORQUE, rotate_vectors
 
 Array = NDArray[np.float64]
 
-MAX_READING = 1e6
+MAX_READING_N = 1e6
 """Greatest reading [N], [N m] that the fits can square, and limit of sensor.bias."""
-MIN_ZETA = 0.1
-MAX_ZETA = 5.0
+MIN_DRY_ZETA_FACTOR = 0.1
+MAX_DRY_ZETA_FACTOR = 5.0
 """Range of ζ of dry grains: with another, the mesh is turned, or forces are in another unit."""
 MIMICKED_BY_FILTER = ("sensor.delay", "medium.mobilization_length")
 MAX_FROZEN_SHARE = 0.5
@@ -33,8 +33,8 @@ MAX_FROZEN_SHARE = 0.5
 def refuse_implausible(track: Track) -> None:
     """Raise InputError for readings beyond any load cell, or of a load cell that repeats itself."""
     largest = float(np.abs(track.readings).max())
-    if not largest <= MAX_READING:
-        limit = f"the limit is {MAX_READING:g}; check the driver and its unit"
+    if not largest <= MAX_READING_N:
+        limit = f"the limit is {MAX_READING_N:g}; check the driver and its unit"
         raise InputError(f"{track.name} has a load-cell reading of {largest:g} N or N m; {limit}")
     steps = np.linalg.norm(np.diff(track.states[:, POSITION], axis=0), axis=1)
     changes = np.flatnonzero((np.diff(track.readings, axis=0) != 0.0).any(axis=1)) + 1
@@ -58,27 +58,27 @@ def judge_fitted(result: FitResults, tracks: Sequence[Track], config: Config) ->
     `tracks`: as sent, with the place of the load cell. The delay and λ are those of the parameters: a filter of the
     driver looks like others.
     """
-    values: dict[str, Value] = {fit.name: fit.taken for fit in result.fitted}
+    values: dict[str, Value] = {fit.name: fit.taken for fit in result.fitted_values}
     for name in MIMICKED_BY_FILTER:
         values.pop(name, None)
-    fitted = config.changed(values)
-    law = fitted.medium.law_of(load_parts(fitted.medium.parts()))
-    if not MIN_ZETA <= law.zeta <= MAX_ZETA:
-        dry = f"dry grains have {MIN_ZETA:g} to {MAX_ZETA:g}"
+    fitted_config = config.changed(values)
+    law = fitted_config.medium.law_of(load_parts(fitted_config.medium.parts()))
+    if not MIN_DRY_ZETA_FACTOR <= law.zeta <= MAX_DRY_ZETA_FACTOR:
+        dry = f"dry grains have {MIN_DRY_ZETA_FACTOR:g} to {MAX_DRY_ZETA_FACTOR:g}"
         to_check = "mesh.quaternion, mesh.scale, sensor.quaternion and the unit of the load cell"
         result.refusals.append(
             f"the recordings give a ζ of {law.zeta:.2g}, and {dry}: check {to_check}"
         )
     for track in tracks:
-        cell = fitted.sensor.at(track.cell.place)
+        cell = fitted_config.sensor.at(track.cell.place)
         readings = track.readings
-        if fitted.frames.sensor_source == "world":
+        if fitted_config.frames.sensor_source == "world":
             to_world = CellAlong(cell, track.states).to_world
             readings = np.hstack(
                 [rotate_vectors(to_world, readings[:, part]) for part in (FORCE, TORQUE)]
             )
         evidence = Evidence(
-            config=fitted,
+            config=fitted_config,
             load_cell=cell,
             tool=track.tool,
             law=law,
@@ -88,7 +88,7 @@ def judge_fitted(result: FitResults, tracks: Sequence[Track], config: Config) ->
             pose_time=track.time,
             poses=track.states[:, POSE],
         )
-        fitted_names = {fit.name for fit in result.fitted}
+        fitted_names = {fit.name for fit in result.fitted_values}
         for finding in examine(evidence, search="misfit"):
             sentence = f"{track.name}: {finding.text}"
             if finding.ok:

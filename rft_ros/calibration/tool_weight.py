@@ -11,7 +11,15 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from rft_ros.calibration.air import BIAS, MASS, MOMENT, SPREAD, columns_in_air, fit_in_air, spread
+from rft_ros.calibration.air import (
+    BIAS,
+    MASS,
+    MIN_GRAVITY_SPREAD_RATIO,
+    MOMENT,
+    columns_in_air,
+    fit_in_air,
+    spread,
+)
 from rft_ros.calibration.fitting import FitResults, FittedValue, NotIdentifiable, fit_linear
 from rft_ros.calibration.track import Track, still_intervals
 from rft_ros.errors import InputError
@@ -21,15 +29,30 @@ from rft_ros.rft import FORCE, TORQUE
 
 Array = NDArray[np.float64]
 
-_WIDEST = 30.0  # least turn of gravity in the sensor frame that separates mass from bias [deg]
-_LEAST = 1e-6  # kg; a smaller mass is rounding
-_SURE = 3.0  # a mass is accepted if it exceeds 0 by this many standard errors
-_EXPLAINED = 0.5  # least share of the readings' variance that the mass explains
-_NOTHING = 0.01  # kg; a mass near 0 with a smaller error is none: the driver subtracts the weight
-_USUAL_MASS = 1.0  # kg: standard deviation of a tool's mass if the poses do not tell
-_LEVER = 0.1  # m: the same of its centre
-_FARTHEST = 1.0  # m: a centre of mass farther from the load cell is a torque in another unit
-_ALIKE = np.deg2rad(10.0)  # greatest angle between two directions of gravity in one attitude
+_MIN_GRAVITY_TURN_DEG = 30.0
+"""Least turn of gravity in the sensor frame that separates mass from bias."""
+
+_MIN_MASS_KG = 1e-6
+"""A smaller mass is rounding."""
+
+_MIN_MASS_ERRORS_FACTOR = 3.0
+"""A mass is accepted if it exceeds 0 by this many standard errors."""
+
+_MIN_EXPLAINED_SHARE = 0.5
+"""Least share of the readings' variance that the mass explains."""
+
+_MAX_ZERO_MASS_ERROR_KG = 0.01
+"""A mass near 0 with a smaller error is none: the driver subtracts the weight."""
+
+_USUAL_MASS_KG = 1.0
+_USUAL_LEVER_M = 0.1
+"""Standard deviations of a tool's mass and of its centre, if the poses determine neither."""
+
+_MAX_CENTER_DISTANCE_M = 1.0
+"""A centre of mass farther from the load cell is a torque in another unit."""
+
+_MAX_ATTITUDE_ANGLE_RAD = np.deg2rad(10.0)
+"""Greatest angle between two directions of gravity in one attitude."""
 
 
 class _Poses(NamedTuple):
@@ -56,8 +79,8 @@ class _Poses(NamedTuple):
 
     def explained(self, residuals: Array, part: slice) -> float:
         """R²: the share of the variance of one part of the readings, `FORCE` or `TORQUE`, that a fit explains."""
-        observed = self.readings[:, part]
-        variance = float(((observed - observed.mean(axis=0)) ** 2).sum())
+        readings = self.readings[:, part]
+        variance = float(((readings - readings.mean(axis=0)) ** 2).sum())
         return 1.0 - float((residuals[:, part] ** 2).sum()) / max(variance, 1e-300)
 
 
@@ -80,7 +103,9 @@ def _mass_of(poses: _Poses) -> _Mass:
     fit = fit_in_air(columns_in_air(poses.gravity), poses.readings, poses.errors)
     value = float(fit.values[MASS])
     error = float(fit.errors[MASS])
-    is_negative = poses.turned >= _WIDEST and value < -max(_SURE * error, _LEAST)
+    is_negative = poses.turned >= _MIN_GRAVITY_TURN_DEG and value < -max(
+        _MIN_MASS_ERRORS_FACTOR * error, _MIN_MASS_KG
+    )
     return _Mass(value, error, poses.explained(fit.residuals, FORCE), is_negative)
 
 
@@ -97,51 +122,59 @@ def fit_tool_weight(
     parameter does not take a fitted value; then nothing is fitted. Raises InputError for torques in N mm.
     """
     poses = _poses_at_rest(tracks, air)
-    given = tracks[0].cell
+    configured_cell = tracks[0].cell
     mass = _mass_of(poses)
-    reasons = _reasons(poses, mass, given)
+    reasons = _reasons(poses, mass, configured_cell)
     is_mass_known = "sensor.mass" not in reasons
     is_center_known = "sensor.center_of_mass" not in reasons
-    cell = replace(given, mass=max(mass.value, 0.0)) if is_mass_known else given
+    cell = (
+        replace(configured_cell, mass=max(mass.value, 0.0)) if is_mass_known else configured_cell
+    )
     if mass.is_negative:
         poses = _turned_as_in_grains(poses, tracks, air)
         if not len(poses.gravity):
             raise NotIdentifiable(reasons["sensor.mass"])
 
     columns = columns_in_air(poses.gravity)
-    taken = np.zeros(10)
-    taken_errors = np.zeros(10)
+    fixed_numbers = np.zeros(10)
+    fixed_errors = np.zeros(10)
     free = np.ones(10, dtype=np.bool_)
     notes = ""
     if not is_center_known:
         free[MOMENT] = False
-        taken[MOMENT] = cell.mass * np.array(cell.center_of_mass)
+        fixed_numbers[MOMENT] = cell.mass * np.array(cell.center_of_mass)
         is_none = is_mass_known and cell.mass == 0.0
         if not is_none:
-            taken_errors[MOMENT] = _LEVER * (cell.mass or _USUAL_MASS)
+            fixed_errors[MOMENT] = _USUAL_LEVER_M * (cell.mass or _USUAL_MASS_KG)
             notes = "; the bias torques include those of the weight at these attitudes"
     if not is_mass_known:
         free[MASS] = False
-        taken[MASS] = cell.mass
+        fixed_numbers[MASS] = cell.mass
         if cell.mass == 0.0:
-            taken_errors[MASS] = _USUAL_MASS
+            fixed_errors[MASS] = _USUAL_MASS_KG
             notes += ", and the bias forces include the weight"
-    fit = fit_in_air(columns[:, :, free], poses.readings - columns @ taken, poses.errors)
-    by_taken = np.linalg.norm(fit.inverse @ (columns * taken_errors).reshape(-1, 10), axis=1)
+    fit = fit_in_air(columns[:, :, free], poses.readings - columns @ fixed_numbers, poses.errors)
+    propagated_errors = np.linalg.norm(
+        fit.inverse @ (columns * fixed_errors).reshape(-1, 10), axis=1
+    )
 
     source = f"{len(poses.gravity)} poses in the air, gravity turned by up to {poses.turned:.1f}°"
     scatter = float(np.sqrt(np.mean(fit.residuals[:, FORCE] ** 2)))
-    fx, fy, fz, tx, ty, tz = (given.sign * fit.values[BIAS]).tolist()
+    fx, fy, fz, tx, ty, tz = (configured_cell.sign * fit.values[BIAS]).tolist()
     cell = replace(cell, bias=(fx, fy, fz, tx, ty, tz))
-    bias_errors = tuple(np.hypot(fit.errors, by_taken)[BIAS].tolist())
+    bias_errors = tuple(np.hypot(fit.errors, propagated_errors)[BIAS].tolist())
     goodness = f"RMS {scatter:.3f} N between poses{notes}"
-    found = [FittedValue("sensor.bias", cell.bias, bias_errors, "N, N m", goodness, source)]
+    fitted_values = [
+        FittedValue("sensor.bias", cell.bias, bias_errors, "N, N m", goodness, source)
+    ]
     if is_mass_known:
         share = f"R² {mass.share:.5f}"
-        found.append(FittedValue("sensor.mass", (cell.mass,), (mass.error,), "kg", share, source))
+        fitted_values.append(
+            FittedValue("sensor.mass", (cell.mass,), (mass.error,), "kg", share, source)
+        )
     if is_center_known:
         x, y, z = (fit.values[MOMENT] / mass.value).tolist()
-        if np.linalg.norm((x, y, z)) > _FARTHEST:
+        if np.linalg.norm((x, y, z)) > _MAX_CENTER_DISTANCE_M:
             far = f"the torques in the air are those of a centre of mass at {x:.3g}, {y:.3g}, {z:.3g} m"
             advice = "the load cell's driver must give N m, and not N mm"
             raise InputError(f"{tracks[0].name}: {far}; {advice}")
@@ -149,26 +182,33 @@ def fit_tool_weight(
         errors = np.hypot(fit.errors[MOMENT], np.array((x, y, z)) * mass.error) / mass.value
         share = f"R² {poses.explained(fit.residuals, TORQUE):.5f}"
         center_errors = tuple(errors.tolist())
-        found.append(
+        fitted_values.append(
             FittedValue("sensor.center_of_mass", (x, y, z), center_errors, "m", share, source)
         )
-    result.fitted += found
+    result.fitted_values += fitted_values
     result.not_identifiable |= reasons
-    by_weight = GRAVITY * mass.error if is_mass_known else 0.0
-    return cell, float(np.hypot(fit.errors[FORCE].max(), by_weight))
+    weight_error = GRAVITY * mass.error if is_mass_known else 0.0
+    return cell, float(np.hypot(fit.errors[FORCE].max(), weight_error))
 
 
 def _reasons(poses: _Poses, mass: _Mass, cell: LoadCell) -> dict[str, str]:
     """Why the poses do not determine the mass or its centre, by the name of the parameter."""
     count = len(poses.gravity)
     unknown = ""
-    if poses.turned < _WIDEST:
-        unknown = f"gravity turns by {poses.turned:.1f}° in the sensor frame over {count} poses; it needs {_WIDEST:g}°"
+    if poses.turned < _MIN_GRAVITY_TURN_DEG:
+        unknown = (
+            f"gravity turns by {poses.turned:.1f}° in the sensor frame over {count} poses; it needs"
+            f" {_MIN_GRAVITY_TURN_DEG:g}°"
+        )
     elif mass.is_negative:
         too_much = f"the driver subtracts {-mass.value:.2g} kg more than the tool weighs (correct its payload)"
         unknown = f"{mass}: {too_much}, or sensor.sign or sensor.quaternion is wrong"
-    elif mass.error > _NOTHING and (mass.value <= _SURE * mass.error or mass.share < _EXPLAINED):
-        needs = f"it needs {_SURE:g} times its error and R² {_EXPLAINED:g}"
+    elif mass.error > _MAX_ZERO_MASS_ERROR_KG and (
+        mass.value <= _MIN_MASS_ERRORS_FACTOR * mass.error or mass.share < _MIN_EXPLAINED_SHARE
+    ):
+        needs = (
+            f"it needs {_MIN_MASS_ERRORS_FACTOR:g} times its error and R² {_MIN_EXPLAINED_SHARE:g}"
+        )
         advice = "check sensor.quaternion, and that nothing pulls at the tool"
         unknown = f"{mass} (R² {mass.share:.3f}); {needs}: {advice}"
     if unknown:
@@ -177,12 +217,17 @@ def _reasons(poses: _Poses, mass: _Mass, cell: LoadCell) -> dict[str, str]:
             "sensor.center_of_mass": "mass unknown",
         }
     spread_of_all = spread(poses.directions)
-    if spread_of_all >= SPREAD and mass.value > max(_SURE * mass.error, _LEAST):
+    if spread_of_all >= MIN_GRAVITY_SPREAD_RATIO and mass.value > max(
+        _MIN_MASS_ERRORS_FACTOR * mass.error, _MIN_MASS_KG
+    ):
         return {}
     directions = (
         f"{count} directions of gravity spread by {spread_of_all:.3f} in a second direction"
     )
-    needs = f"it needs a mass over {_SURE:g} times its error and a spread of {SPREAD:g}"
+    needs = (
+        f"it needs a mass over {_MIN_MASS_ERRORS_FACTOR:g} times its error and a spread of"
+        f" {MIN_GRAVITY_SPREAD_RATIO:g}"
+    )
     return {"sensor.center_of_mass": f"{mass}, and {directions}; {needs}"}
 
 
@@ -190,24 +235,24 @@ def _turned_as_in_grains(poses: _Poses, tracks: Sequence[Track], air: float) -> 
     """Those of the poses in which gravity lies in the sensor frame as it does below z = `air` [m] on the whole."""
     gravity = np.concatenate([track.cell_along.gravity[track.heights < air] for track in tracks])
     mean = gravity.mean(axis=0) if len(gravity) else np.zeros(3)
-    alike = poses.gravity @ mean > np.cos(_ALIKE) * GRAVITY**2
-    return _Poses(*(part[alike] for part in poses))
+    same_attitude = poses.gravity @ mean > np.cos(_MAX_ATTITUDE_ANGLE_RAD) * GRAVITY**2
+    return _Poses(*(part[same_attitude] for part in poses))
 
 
 def _poses_at_rest(tracks: Sequence[Track], air: float) -> _Poses:
     """The poses at rest above z = `air` [m]. Raises NotIdentifiable if there are none."""
-    found = []
+    poses = []
     for track in tracks:
         resolutions = [_resolution(readings) for readings in track.readings.T]
         for rows in still_intervals(track):
             if track.heights[rows].min() > air:
                 gravity = track.cell_along.gravity[rows].mean(axis=0)
-                found.append((gravity, *_reading_at_rest(track, rows, resolutions)))
-    if not found:
+                poses.append((gravity, *_reading_at_rest(track, rows, resolutions)))
+    if not poses:
         raise NotIdentifiable(
             "the tool never rests in the air for 0.5 s; the bias needs one such pose"
         )
-    return _Poses(*map(np.array, zip(*found, strict=True)))
+    return _Poses(*map(np.array, zip(*poses, strict=True)))
 
 
 def _reading_at_rest(

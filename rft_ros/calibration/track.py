@@ -36,24 +36,43 @@ Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
 """Indices of moments of a `Track`, shape [n]."""
 
-_BOTTOMLESS = -1e9  # m: with such a low surface the tool is in the air, and every pose has an estimate, also at rest
-_THIN_STEP_M = 2e-4  # that of the greatest speed recommended, 25 mm/s, at 125 Hz
-_SMOOTHING = 0.1  # time over which velocities are averaged before they classify the motion [s]
+_DEEP_SURFACE_M = -1e9
+"""With such a low surface the tool is in the air, and every pose has an estimate, also at rest."""
 
-FEWEST = 20
+_THIN_STEP_M = 2e-4
+"""That of the greatest speed recommended, 25 mm/s, at 125 Hz."""
+
+_SMOOTHING_TIME_S = 0.1
+"""Time over which velocities are averaged before they classify the motion."""
+
+MIN_SAMPLES_COUNT = 20
 """Samples that a usable segment in motion has at least."""
 
-_SETTLING = 0.1  # time [s] that is left out after a stop and before a start: the arm vibrates and velocities lag
-_SHORTEST_STILL = 0.25  # shortest time at rest, after settling [s]
-_UP = 0.002  # shortest movement up that ends a stroke down [m]
-_TILT = np.deg2rad(3.0)  # greatest difference of orientations that count as one [rad]
-_STEEP = np.tan(np.deg2rad(15.0))
-# greatest speed from rotation in a straight motion, relative to that from translation
-_TURNING = 0.2
-_CHORD = 0.001  # path over which the directions before and after a turn are taken [m]
-_TURNED = 0.5  # cosine of the least angle of a turn, 60°
-_BEFORE = 0.003  # path used before a turn [m]
-_AFTER = 0.010  # path used after a turn [m]: long enough for the force to settle, short enough to miss the next turn
+_SETTLING_TIME_S = 0.1
+"""Time that is left out after a stop and before a start: the arm vibrates and velocities lag."""
+
+_MIN_REST_S = 0.25
+"""Shortest time at rest, after settling."""
+
+_MIN_RISE_M = 0.002
+"""Shortest movement up that ends a stroke down."""
+
+_MAX_TILT_RAD = np.deg2rad(3.0)
+"""Greatest difference of orientations that count as one."""
+
+_MAX_ASIDE_RATIO = np.tan(np.deg2rad(15.0))
+_MAX_ROTATION_RATIO = 0.2
+"""Greatest speeds in a straight motion down, relative to its speed down: to the side, and of a plate by rotation."""
+
+_CHORD_M = 0.001
+"""Path over which the directions before and after a turn are taken."""
+
+_MAX_TURN_COSINE_RATIO = 0.5
+"""Cosine of the least angle of a turn, 60°."""
+
+_PATH_BEFORE_TURN_M = 0.003
+_PATH_AFTER_TURN_M = 0.010
+"""Path used before and after a turn: long enough for the force to settle, short enough to miss the next turn."""
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -91,7 +110,7 @@ class Track:
         """The states with velocities averaged over 0.1 s, shape [n, 13], units of `STATE`: noise averages out."""
         step = float(np.median(np.diff(self.time)))
         # stamps may lie closer than any driver's
-        count = max(1, round(_SMOOTHING / max(step, 1e-4)))
+        count = max(1, round(_SMOOTHING_TIME_S / max(step, 1e-4)))
         # uniform_filter1d would leave 1e-18 in place of 0, and walls along the motion would count as leading
         mean = correlate1d(
             self.states[:, TWIST], np.full(count, 1.0 / count), axis=0, mode="nearest"
@@ -117,8 +136,8 @@ class Track:
     @property
     def compensated(self) -> Array:
         """Measured wrench on the tool, minus bias and weight, sensor axes [N], [N m], shape [n, 6]."""
-        unbiased = self.cell.sign * (self.readings - np.array(self.cell.bias))
-        return np.asarray(unbiased - self.cell_along.weight)
+        unbiased_wrenches = self.cell.sign * (self.readings - np.array(self.cell.bias))
+        return np.asarray(unbiased_wrenches - self.cell_along.weight)
 
     @cached_property
     def forces(self) -> Array:
@@ -143,11 +162,11 @@ def read_track(
         rows = played(recording, estimator)
     usable = rows[(rows["reason"] == ESTIMATE) & ~np.isnan(rows["compensated"][:, 0])]
     # by stamp: a bag recorded in a loop steps back in time and repeats stamps
-    stamps, chosen = np.unique(usable["stamp"], return_index=True)
+    stamps, stamp_rows = np.unique(usable["stamp"], return_index=True)
     if len(stamps) < 2:
         topics = ", ".join(recording.topics.values())
-        found = f"{len(stamps)} poses with a velocity and a load-cell sample on {topics}"
-        raise InputError(f"bag '{bag}' has {found}; {reasons(recording, estimator)}")
+        usable_poses = f"{len(stamps)} poses with a velocity and a load-cell sample on {topics}"
+        raise InputError(f"bag '{bag}' has {usable_poses}; {reasons(recording, estimator)}")
     unknown = np.isnan(usable["compensated"]).any(axis=0)
     if unknown.any():
         axes = ", ".join(itertools.compress(AXES, unknown.tolist()))
@@ -158,8 +177,8 @@ def read_track(
         name=bag_name(bag),
         begin=int(stamps[0]),
         time=(stamps - stamps[0]) * 1e-9,
-        states=usable["state"][chosen],
-        readings=usable["compensated"][chosen],
+        states=usable["state"][stamp_rows],
+        readings=usable["compensated"][stamp_rows],
         cell=config_read.sensor,
         tool=model.tool,
         rest_speed=config_read.inputs.rest_speed,
@@ -177,7 +196,7 @@ def _config_of_readings(config: Config) -> Config:
         sensor=LoadCell(position=cell.position, quaternion=cell.quaternion, delay=cell.delay),
         frames=replace(config.frames, sensor_source="world" if is_in_world else "parameters"),
         inputs=replace(config.inputs, max_rate=0.0),
-        surface_height=_BOTTOMLESS,
+        surface_height=_DEEP_SURFACE_M,
     )
 
 
@@ -204,27 +223,30 @@ class Turn(NamedTuple):
     """A change of direction by 60° or more in the grains, or a start from rest in a recording that begins there.
 
     `where`: the recording and the moment, in words. `first`: row from which the memory of the grains is known. `rows`:
-    those in motion, from 3 mm of path before to 10 mm after it, or to the next turn. `after`: path to the last row [m].
+    those in motion, from 3 mm of path before to 10 mm after it, or to the next turn. `path_after`: path to the last
+    row [m].
     """
 
     where: str
     first: int
     rows: Indices
-    after: float
+    path_after: float
 
 
 def still_intervals(track: Track) -> list[Indices]:
     """Rows of each interval at rest, without the time to settle, as indices of `Track`'s rows, shape [n], no unit."""
-    found = []
+    intervals = []
     for rows in segments(~track.moving, track.time):
         time = track.time[rows]
-        settled = (time >= time[0] + _SETTLING) & (time <= time[-1] - _SETTLING)
-        if settled.sum() >= 8 and np.ptp(time[settled]) >= _SHORTEST_STILL:
-            found.append(rows[settled])
-    return found
+        settled_moments = (time >= time[0] + _SETTLING_TIME_S) & (
+            time <= time[-1] - _SETTLING_TIME_S
+        )
+        if settled_moments.sum() >= 8 and np.ptp(time[settled_moments]) >= _MIN_REST_S:
+            intervals.append(rows[settled_moments])
+    return intervals
 
 
-def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
+def down_strokes(track: Track, max_height: float = np.inf) -> list[Indices]:
     """Rows of straight motion down in each movement to a point below a height [m], in the orientation of their end.
 
     The end is that of the longest straight way down: the tool may go deeper afterwards, as it rolls or is dragged.
@@ -235,11 +257,13 @@ def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
     aside = np.linalg.norm(track.smooth[:, VELOCITY][:, :2], axis=1)
     _, turning = track.speeds(track.smooth)
     straight = (
-        (aside < _STEEP * sinking) & (turning < _TURNING * sinking) & (sinking >= track.rest_speed)
+        (aside < _MAX_ASIDE_RATIO * sinking)
+        & (turning < _MAX_ROTATION_RATIO * sinking)
+        & (sinking >= track.rest_speed)
     )
     # padded, so that the ends may be bottoms, too; movements up of over 2 mm separate the bottoms
-    bottoms, _ = find_peaks(np.pad(-heights, 1, constant_values=-np.inf), prominence=_UP)
-    found = []
+    bottoms, _ = find_peaks(np.pad(-heights, 1, constant_values=-np.inf), prominence=_MIN_RISE_M)
+    strokes = []
     begin = 0
     for end in bottoms.tolist():  # a row after the bottom; the tool may rest there
         top = begin + int(np.argmax(heights[begin:end]))
@@ -250,45 +274,49 @@ def down_strokes(track: Track, below: float = np.inf) -> list[Indices]:
             continue
         last = max(ways, key=lambda way: float(heights[way[0]] - heights[way[-1]]))[-1]
         traces = np.einsum("nij,ij->n", rotations[rows], rotations[last])
-        alike = traces > 1.0 + 2.0 * np.cos(_TILT)
-        stroke = rows[alike & straight[rows]]
-        if len(stroke) >= FEWEST and heights[stroke].min() < below:
-            found.append(stroke)
-    return found
+        same_attitude = traces > 1.0 + 2.0 * np.cos(_MAX_TILT_RAD)
+        stroke = rows[same_attitude & straight[rows]]
+        if len(stroke) >= MIN_SAMPLES_COUNT and heights[stroke].min() < max_height:
+            strokes.append(stroke)
+    return strokes
 
 
 def turns_in_grains(track: Track, surface: float) -> list[Turn]:
     """Each turn or start followed by at least 2 mm of path in the grains, with at least 20 rows."""
     places = track.states[:, POSITION] + track.rotations @ track.tool.middle
-    found = []
+    grain_turns = []
     for segment in segments(track.heights < surface, track.time):
         rows = segment[track.moving[segment]]
-        if len(rows) < FEWEST:
+        if len(rows) < MIN_SAMPLES_COUNT:
             continue
         steps = np.linalg.norm(np.diff(places[rows], axis=0), axis=1)
         path = np.append(0.0, steps.cumsum())
         turns = _sharp_turns(path, places[rows])
         if segment[0] == 0 and not track.moving[0]:
             turns.insert(0, 0)
-        for turn, before, after in zip(turns, [0, *turns], [*turns[1:], -1], strict=False):
-            begin = max(path[before], path[turn] - _BEFORE)
-            end = min(path[after], path[turn] + _AFTER)
-            near = rows[(path >= begin) & (path <= end)]
-            after_it = float(end - path[turn])
-            if after_it >= 2.0 * _CHORD and len(near) >= FEWEST:
+        for turn, turn_before, turn_after in zip(
+            turns, [0, *turns], [*turns[1:], -1], strict=False
+        ):
+            begin = max(path[turn_before], path[turn] - _PATH_BEFORE_TURN_M)
+            end = min(path[turn_after], path[turn] + _PATH_AFTER_TURN_M)
+            nearby_rows = rows[(path >= begin) & (path <= end)]
+            path_after = float(end - path[turn])
+            if path_after >= 2.0 * _CHORD_M and len(nearby_rows) >= MIN_SAMPLES_COUNT:
                 where = f"{track.name}, {track.time[rows[turn]]:.1f} s after its beginning"
                 first = max(int(segment[0]) - 1, 0)
-                found.append(Turn(where=where, first=first, rows=near, after=after_it))
-    return found
+                grain_turns.append(
+                    Turn(where=where, first=first, rows=nearby_rows, path_after=path_after)
+                )
+    return grain_turns
 
 
 def _sharp_turns(path: Array, places: Array) -> list[int]:
     """Index of the sharpest turn in each group of neighbouring places, shape [n, 3], with a turn by 60° or more."""
-    inner = np.flatnonzero((path >= _CHORD) & (path <= path[-1] - _CHORD))
-    behind = places[inner] - interpolated(path[inner] - _CHORD, path, places)
-    ahead = interpolated(path[inner] + _CHORD, path, places) - places[inner]
-    lengths = np.linalg.norm(behind, axis=1) * np.linalg.norm(ahead, axis=1)
-    cosine = np.einsum("ni,ni->n", behind, ahead) / np.maximum(lengths, 1e-12)
-    turned = np.flatnonzero(cosine < _TURNED)
-    groups = np.split(turned, np.flatnonzero(np.diff(turned) > 1) + 1)
+    inner = np.flatnonzero((path >= _CHORD_M) & (path <= path[-1] - _CHORD_M))
+    way_before = places[inner] - interpolated(path[inner] - _CHORD_M, path, places)
+    way_after = interpolated(path[inner] + _CHORD_M, path, places) - places[inner]
+    lengths = np.linalg.norm(way_before, axis=1) * np.linalg.norm(way_after, axis=1)
+    cosine = np.einsum("ni,ni->n", way_before, way_after) / np.maximum(lengths, 1e-12)
+    sharp_indices = np.flatnonzero(cosine < _MAX_TURN_COSINE_RATIO)
+    groups = np.split(sharp_indices, np.flatnonzero(np.diff(sharp_indices) > 1) + 1)
     return [int(inner[group[np.argmin(cosine[group])]]) for group in groups if len(group)]

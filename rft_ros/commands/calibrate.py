@@ -74,7 +74,7 @@ def calibrate(arguments: argparse.Namespace) -> int:
         result = fitted_to(tracks, config, parts=parts, trusts_surface=trusts_surface)
     if chosen.tare and "sensor.bias" in result.not_identifiable:
         result.not_identifiable["sensor.bias"] += f"; no fit uses the tare of {chosen.tare:g} s"
-    for f in result.fitted:
+    for f in result.fitted_values:
         numbers = ", ".join(
             f"{rounded(v, e):.9g} ± {e:.2g}" for v, e in zip(f.values, f.errors, strict=True)
         )
@@ -91,12 +91,12 @@ def calibrate(arguments: argparse.Namespace) -> int:
             print(f"refused: {sentence}", file=sys.stderr)
         print("no file was written")
         return 1
-    if not result.fitted:
+    if not result.fitted_values:
         print("nothing is identifiable from these bags; no file was written")
         return 1
     write_calibrated(output, arguments.params, result, tracks, node=chosen.node)
     print(f"-> {output}")
-    if not arguments.fit and {f.name for f in result.fitted} == {"sensor.bias"}:
+    if not arguments.fit and {f.name for f in result.fitted_values} == {"sensor.bias"}:
         advice = "push the tool straight down into the grains, pull it out, and tilt it in the air"
         print(f"only sensor.bias is identifiable from these bags; for the others {advice}")
         return 1

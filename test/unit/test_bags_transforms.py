@@ -135,7 +135,9 @@ def test_a_calibration_reads_the_same_motion_readings_and_mount_from_transforms(
     expected, found = (
         calibrate(*one, parts=("zeta",)) for one in (([posed], told), ([transformed], from_tf))
     )
-    assert found.fitted[0].values == pytest.approx(expected.fitted[0].values, rel=1e-6)
+    assert found.fitted_values[0].values == pytest.approx(
+        expected.fitted_values[0].values, rel=1e-6
+    )
     with pytest.raises(
         InputError,
         match="posed: no fixed transforms link tool_frame 'tool' and sensor_frame 'ft_sen",

@@ -44,13 +44,13 @@ def calibrated(path, *, values=None, parts=PARTS, **of_recording):
 
 def fitted(result):
     """The fitted values by name."""
-    return {f.name: f.values for f in result.fitted}
+    return {f.name: f.values for f in result.fitted_values}
 
 
 def refused_for(sentence, result):
     """The calibration must not be used, for a reason that has the sentence, and nothing was fitted."""
     assert any(re.search(sentence, refusal) for refusal in result.refusals), result.refusals
-    assert not result.fitted
+    assert not result.fitted_values
 
 
 def why(result, name):
@@ -361,7 +361,7 @@ def test_the_bias_has_an_error_for_the_weight_that_the_poses_do_not_separate_fro
     for orientations in ([(40, 0, 0)], [(1, 0, 0)], [(35, 0, 0), (0.1, 0, 0)]):
         result = calibrated(in_the_air(orientations), values=unknown())
         assert "sensor.center_of_mass" in result.not_identifiable
-        (bias,) = (f for f in result.fitted if f.name == "sensor.bias")
+        (bias,) = (f for f in result.fitted_values if f.name == "sensor.bias")
         assert (
             np.abs(np.subtract(bias.values, LOAD_CELL.bias)) <= 3.0 * np.array(bias.errors)
         ).all()
@@ -383,7 +383,7 @@ def test_whatever_the_units_of_a_recording_are_it_is_refused_or_its_values_are_t
     track.states[:, [0, 1, 2, 7, 8, 9]] *= 10.0**place
     track.states[:, 2] += 10.0**offset
     with suppress(InputError):
-        for fit in calibrate([track], parameters(medium__mobilization_length=0.003)).fitted:
+        for fit in calibrate([track], parameters(medium__mobilization_length=0.003)).fitted_values:
             assert (
                 checked(fit.name, fit.values if len(fit.values) > 1 else fit.values[0]) is not None
             )
@@ -394,12 +394,12 @@ def test_the_error_of_a_bias_is_no_smaller_than_what_the_resolution_of_the_load_
     track = recorded(in_the_air(), noise=(0.03, 0.001), seed=1)
     track.readings[:, :3] = 0.5 * np.round(track.readings[:, :3] / 0.5)
     result = calibrate([track], unknown(), parts=("sensor",))
-    (bias,) = (f for f in result.fitted if f.name == "sensor.bias")
+    (bias,) = (f for f in result.fitted_values if f.name == "sensor.bias")
     off = np.abs(np.subtract(bias.values, LOAD_CELL.bias))
     assert (off <= 3.0 * np.array(bias.errors)).all()
     first = {name: getattr(track, name)[:300] for name in ("time", "states", "readings")}
     one_pose = calibrate([replace(track, **first)], unknown(), parts=("sensor",))
-    (bias,) = (f for f in one_pose.fitted if f.name == "sensor.bias")
+    (bias,) = (f for f in one_pose.fitted_values if f.name == "sensor.bias")
     assert min(bias.errors[:3]) > 0.1
 
 
@@ -501,7 +501,7 @@ def test_poses_that_are_repeated_are_left_out_and_said():
     repeated = replace(track, states=states)
     result = calibrate([repeated], known(medium__mobilization_length=0.003), parts=("zeta",))
     assert any("repeat" in warning for warning in result.warnings)
-    (zeta,) = (f for f in result.fitted if f.name == "medium.zeta")
+    (zeta,) = (f for f in result.fitted_values if f.name == "medium.zeta")
     assert abs(zeta.values[0] - 0.8) <= 3.0 * zeta.errors[0]
     assert zeta.errors[0] < 0.05
 
@@ -513,7 +513,7 @@ def test_poses_that_are_sent_five_times_give_no_delay():
     track = recorded(path, rate=125.0, length=0.003)
     often = track.states[np.arange(len(track.time)) // 5 * 5]
     result = calibrate([replace(track, states=often)], known(medium__mobilization_length=0.003))
-    found = {f.name: f for f in result.fitted}
+    found = {f.name: f for f in result.fitted_values}
     assert abs(found["sensor.delay"].values[0]) < 0.005
     assert abs(found["surface_height"].values[0]) <= 3.0 * found["surface_height"].errors[0]
 
@@ -545,7 +545,7 @@ def test_positions_that_are_rounded_to_a_millimetre_give_no_surface_of_any_error
     track = recorded(PRESS_AND_LIFT, rate=125.0, length=0.003)
     track.states[:, :3] = np.round(track.states[:, :3], 3)
     result = calibrate([track], known(), parts=("surface",))
-    for fit in result.fitted:
+    for fit in result.fitted_values:
         if fit.name == "surface_height":
             assert fit.errors[0] < 0.01
 
@@ -554,7 +554,7 @@ def test_several_events_of_one_recording_have_their_times():
     path = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.06), 0.01).wait(1.0)
     path = path.move((0.03, 0.0, 0.0), 0.01).wait(1.0).move((0.0, 0.0, 0.06), 0.01)
     result = calibrated(path, length=0.003, parts=("mobilization",))
-    (length,) = (f for f in result.fitted if f.name == "medium.mobilization_length")
+    (length,) = (f for f in result.fitted_values if f.name == "medium.mobilization_length")
     assert re.findall(r"synthetic at (\d+\.\d) s", length.source) == ["6.7", "10.7"]
 
 

@@ -130,7 +130,7 @@ def scores(seeds):
     for seed in seeds:
         track, truth, given = recording(seed)
         with suppress(InputError):  # too much friction is refused
-            for f in calibrate([track], unknown(surface_height=given)).fitted:
+            for f in calibrate([track], unknown(surface_height=given)).fitted_values:
                 found[f.name] += (np.abs(np.subtract(f.values, truth[f.name])) / f.errors).tolist()
     return found
 
@@ -165,7 +165,7 @@ def test_a_turn_between_two_poses_does_not_shift_lambda():
         result = calibrate(
             [track_of(time[some] - time[first], states[some], readings, tool=tool)], known()
         )
-        (length,) = (f for f in result.fitted if f.name == "medium.mobilization_length")
+        (length,) = (f for f in result.fitted_values if f.name == "medium.mobilization_length")
         assert abs(length.values[0] - 0.003) <= 3.0 * length.errors[0]
         assert abs(length.values[0] - 0.003) < 0.03 * 0.003
 
@@ -177,7 +177,7 @@ def test_the_error_of_zeta_has_that_of_a_surface_that_no_contact_shows():
     readings = read_by(LOAD_CELL, states, force, np.random.default_rng(1), noise=(0.02, 0.0004))
     result = calibrate([track_of(time, states, readings)], known(surface_height=0.003))
     assert "surface_height" in result.not_identifiable
-    (zeta,) = (f for f in result.fitted if f.name == "medium.zeta")
+    (zeta,) = (f for f in result.fitted_values if f.name == "medium.zeta")
     assert abs(zeta.values[0] - 0.8) <= 3.0 * zeta.errors[0]
     assert zeta.errors[0] < 0.1
 

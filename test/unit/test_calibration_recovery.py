@@ -51,7 +51,7 @@ def test_the_mobilization_length_is_recovered_from_a_start_from_rest(tmp_path):
 
     def fit(readings):
         track = track_of(time, states, readings, tool=blade)
-        return calibrate([track], known(), parts=("mobilization",)).fitted
+        return calibrate([track], known(), parts=("mobilization",)).fitted_values
 
     assert_recovered(
         fit, read_by(LOAD_CELL, states, grains), {"medium.mobilization_length": (LENGTH,)}
@@ -102,7 +102,7 @@ def test_velocities_from_poses_give_lambda_within_15_percent():
     poses = shaken(states, rng, 3e-6, 3e-5)
     poses = differenced(time, poses)
     track = track_of(time, poses, read_by(LOAD_CELL, states, grains, rng, noise=NOISE))
-    (found,) = calibrate([track], known(), parts=("mobilization",)).fitted
+    (found,) = calibrate([track], known(), parts=("mobilization",)).fitted_values
     assert found.values[0] == pytest.approx(0.003, rel=0.15)
     assert abs(found.values[0] - 0.003) < 3.0 * found.errors[0]
 
@@ -153,6 +153,6 @@ def test_the_grains_inertia_is_not_taken_for_strength_or_depth(second):
     readings = read_by(LOAD_CELL, states, grain_wrenches(time, states, grains, surface=SURFACE))
     values = known(medium__density=1500.0, law="agarwal2023" if second else "treers2021")
     result = calibrate([track_of(time, states, readings)], values)
-    found = {f.name: f.values[0] for f in result.fitted}
+    found = {f.name: f.values[0] for f in result.fitted_values}
     assert found["surface_height"] == pytest.approx(SURFACE, abs=2e-4)
     assert found["medium.zeta"] == pytest.approx(0.4, rel=0.01)
