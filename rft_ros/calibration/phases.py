@@ -228,7 +228,7 @@ class Phase:
         return (more - less) / (2.0 * step)
 
     def again(self, values: BedValues) -> "Phase":
-        """The phase fitted again with other values; those that are free from the fitted ones on."""
+        """Refits with other fixed values, starting from the present solution."""
         free_values = {name: getattr(self.values, name) for name in self.free}
         return fitted(self.part, values._replace(**free_values), self.free)
 

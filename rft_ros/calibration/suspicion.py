@@ -1,4 +1,4 @@
-"""What a calibration doubts: recordings that would become wrong numbers that look right.
+"""Refuses recordings whose fit would be wrong without looking wrong.
 
 Recordings that no load cell can give are unusable. The others are judged by `rft_ros.diagnosis` as a cell with the
 fitted values: what the fits could not mend is a warning, or refuses the calibration if they would believe it.

@@ -1,6 +1,6 @@
 """The load cell's bias, the tool's mass and its centre of mass, from poses at rest in the air.
 
-A reading is bias + sign · (weight, centre of mass × weight), linear in the ten numbers of `rft_ros.diagnosis.air`.
+A reading is bias + sign · (weight, centre of mass × weight), linear in the ten numbers of `rft_ros.calibration.air`.
 Those that the poses do not determine are taken as given, with an error that the bias then includes.
 """
 
