@@ -6,7 +6,6 @@ from rft_ros.estimator.lifetimes import Lifetimes
 from rft_ros.estimator.load_cell import Prediction
 from rft_ros.estimator.samples import Measurement, Reason
 from rft_ros.estimator.timeline import interpolated, patience
-from rft_ros.rft import FORCE
 from rft_ros.rft.frames import Wrench
 
 # estimates that wait for samples; if there are more, the oldest is compared early
@@ -73,7 +72,7 @@ class Comparison:
             )
             raw = reading_before._replace(wrench=(fx, fy, fz, tx, ty, tz))
         # a torque that is no number equals nothing, and the filter uses the force alone
-        raw_force = raw.wrench[FORCE]
+        raw_force = raw.wrench[:3]
         is_repeated = raw_force == lifetimes.readings.last_raw_force
         lifetimes.readings.last_raw_force = raw_force
         wrench = _difference(cell.sign, cell.in_own_axes(raw, pose), prediction.offset)

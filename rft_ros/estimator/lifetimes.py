@@ -28,6 +28,7 @@ from rft_ros.estimator.unseen_motion import UnseenMotion
 from rft_ros.ground import Footing, GroundMapper, HeightMap, LocalSurface
 from rft_ros.parameters import Config, LoadCell, Model
 from rft_ros.rft import STATE, Memory
+from rft_ros.rft.frames import Vector
 from rft_ros.rft.wrench import prepared
 from rft_ros.tool import Tool
 
@@ -57,7 +58,7 @@ class Readings:
         self.samples = Timeline[WrenchSample](maxlen=HISTORY)
         self.pending = deque[Prediction]()
         """Those that wait for their readings. Compare them before they end."""
-        self.last_raw_force: tuple[float, ...] | None = None
+        self.last_raw_force: Vector | None = None
         """That of the last reading that was compared."""
 
     def begin_run(self, stamp: int) -> None:

@@ -136,7 +136,7 @@ def test_tare_is_refused_with_fewer_than_ten_samples():
     e = estimator()
     run(e, 1.0, reading=())
     push(e, *(wrench(START + SECOND - k * MS, READING) for k in range(9, 0, -1)))
-    assert refused(e) == "9 load-cell samples came; it needs 10"
+    assert refused(e) == "9 load-cell samples came; it needs 10: start its driver"
     push(e, wrench(START + SECOND, READING))
     assert e.tare(0.5) == pytest.approx(READING)
 
