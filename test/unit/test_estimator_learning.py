@@ -121,6 +121,25 @@ def test_a_coarse_cell_updates_the_filter():
     assert press.answers[-1].predicted[2] == pytest.approx(true, rel=0.1)
 
 
+def test_a_repeated_force_updates_nothing_whether_or_not_the_load_cell_gives_torques():
+    """It reads half-way between two poses, so that each pose has an interpolated reading."""
+    beliefs = []
+    for torque in (0.0, math.nan):
+        press = Press().push(100, 1.6)
+        for _ in range(50):
+            press.stamp += STEP
+            press.depth += 1e-4
+            felt = wrench(press.stamp + STEP // 2, (0.0, 0.0, 30.0, torque, torque, torque))
+            push(
+                press.estimator,
+                felt,
+                twist(press.stamp),
+                pose(press.stamp, (0.0, 0.0, -press.depth)),
+            )
+        beliefs.append(press.learning.belief())
+    assert beliefs[0] == beliefs[1]
+
+
 def test_spikes_in_the_load_cell_are_no_surprise():
     rng, press, turns = np.random.default_rng(4), Press(), 0
     for _ in range(800):
