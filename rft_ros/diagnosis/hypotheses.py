@@ -573,12 +573,9 @@ def explained(
                     candidates.append(replace(candidate, start=result.values, cost=cost))
     candidates.sort(key=lambda one: one.cost)
     limit = KEPT_FACTOR * candidates[0].cost + KEPT_MISFIT_COUNT
-    # few moments do not show stops: delays are always fitted to all
-    kept = [
-        one
-        for rank, one in enumerate(candidates)
-        if one.hypothesis.cause is Cause.DELAY or (rank < FITTED_COUNT and one.cost <= limit)
-    ]
+    kept = [one for one in candidates[:FITTED_COUNT] if one.cost <= limit]
+    # few moments do not show stops
+    kept += [one for one in candidates[FITTED_COUNT:] if one.hypothesis.cause is Cause.DELAY]
     results: dict[tuple[Cause, str], Explanation] = {}
     for candidate in kept:
         explanation = _fitted(candidate, problem, steps=FINAL_STEPS_COUNT)
