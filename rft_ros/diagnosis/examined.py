@@ -127,16 +127,19 @@ def _of_misfit(e: Evidence, diagnosis: Diagnosis, search: Search) -> Finding:
     max_off = 1e3 * LIMITS.told_off * TOLERANCES["surface"].value
     to_check = e.place_parameter or "sensor.quaternion"
     searched = "no cause explains it"
-    turns = ", and, as the poses never turn, that tool_frame does" if is_still(e.trial) else ""
+    frame = ""
+    if is_still(e.trial):
+        frame = "; the poses never turn: check that tool_frame turns with the tool"
     if search == "numbers":
         searched = "rft doctor --bag searches the cause"
     return Finding(
         name="misfit",
-        said=f"measured and predicted force do not agree: the misfit is {misfit:.2g}, and the grains"
-        f" begin {off:+.1f} mm from surface_height; with right cells they are at most {usual:.2g} and"
-        f" {max_off:.0f} mm; {searched}",
+        said=f"measured and predicted force do not agree: the misfit is {misfit:.2g} (right cells: up to"
+        f" {usual:.2g}), and the grains begin {off:+.1f} mm from surface_height (up to {max_off:.0f}"
+        f" mm); {searched}",
         evidence={"own": misfit, "usual": usual},
-        advice=f"check {to_check}, sensor.sign, mesh.origin, mesh.quaternion and surface_height{turns}",
+        advice=f"check {to_check}, sensor.sign, mesh.origin, mesh.quaternion and surface_height"
+        + frame,
         spoils_calibration=True,
     )
 

@@ -111,7 +111,7 @@ class FeedForward:
                 self._changed.wait(_PERIOD if self._active else None)
 
     def _without_estimate(self) -> None:
-        """Move towards zero if no estimate has come for ``feedforward.timeout``."""
+        """Move towards zero if no estimate has come for ``feedforward.timeout``. Call it with `_changed` held."""
         is_off = self.config.gain == 0.0
         age = time.monotonic() - self._estimated
         if self._active and (is_off or age > self.config.timeout):
@@ -134,7 +134,8 @@ class FeedForward:
         self.config = replace(self.config, gain=0.0, rise_time=rise_time)
         latest = time.monotonic() + 2.0 * _END
         while self._active and time.monotonic() < latest:
-            self._without_estimate()
+            with self._changed:
+                self._without_estimate()
             time.sleep(_PERIOD)
         if self._active:
             self._ramp = Ramp()

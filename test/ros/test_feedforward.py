@@ -135,6 +135,22 @@ def test_it_goes_to_zero_while_the_nodes_callbacks_are_blocked(start_node):
     assert not numbers(got[-1]).any()
 
 
+def test_its_thread_sleeps_while_there_is_no_wrench(monkeypatch):
+    """Each time that it woke, it would take the GIL from a tick."""
+    looks: list[float] = []
+    monkeypatch.setattr(FeedForward, "_without_estimate", lambda _: looks.append(time.monotonic()))
+    context = rclpy.Context()
+    rclpy.init(context=context)
+    node = rclpy.create_node("sleeping", context=context)
+    made = FeedForward(node, None, FeedforwardConfig())
+    time.sleep(0.5)
+    assert len(looks) <= 1
+    made.end()
+    assert not made._watchdog.is_alive()
+    node.destroy_node()
+    context.shutdown()
+
+
 def test_it_ends_without_an_error_after_ros_was_shut_down():
     context = rclpy.Context()
     rclpy.init(context=context)
