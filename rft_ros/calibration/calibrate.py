@@ -45,12 +45,6 @@ MAX_SURFACE_MOVE_M = 0.02
 _CONTACT_ROUNDS_COUNT = 5
 """Fits of the contacts and of the force of inertia in turn, each with the result of the other."""
 
-_COARSE_TOLERANCE_SHARE = 0.025
-"""Error of the reduced tools over the force, for the delay.
-
-In nine recordings the fitted delay moved by less than a fifth of its error.
-"""
-
 _MIN_AIR_CLEARANCE_M = 0.002
 """A still tool is in the air if its lowest point is this much above the surface."""
 
@@ -118,7 +112,6 @@ def calibrate(
     fit_grains(
         result,
         _recordings(tracks_weighed, law, surface),
-        coarse=_recordings(_coarse(tracks_weighed), law, surface),
         contacts=surface.contacts if "surface" in parts else (),
         given_values=given_values,
         parts=parts,
@@ -179,11 +172,6 @@ def _without_repeats(track: Track) -> Track:
 def _law_of(medium: MediumConfig) -> Law:
     """The law at ζ = 1, without memory."""
     return replace(medium, zeta=1.0, mobilization_length=0.0).law_of(load_parts(medium.parts()))
-
-
-def _coarse(tracks: Sequence[Track]) -> list[Track]:
-    """With reduced tools: when a force changes hardly depends on the plates, whose number takes most of the time."""
-    return [replace(track, tool=track.tool.reduced(_COARSE_TOLERANCE_SHARE)) for track in tracks]
 
 
 def _recordings(tracks: Sequence[Track], law: Law, surface: _Surface) -> list[Recorded]:
@@ -265,8 +253,8 @@ def _aligned(
 
     `configured_delay`: the delay of the parameters [s]. Raises NotIdentifiable if no turn determines the delay.
     """
-    coarse = _recordings(_coarse(tracks), law, surface)
-    delay = fit_delay(coarse, surface.height, configured_delay=configured_delay)
+    recordings = _recordings(tracks, law, surface)
+    delay = fit_delay(recordings, surface.height, configured_delay=configured_delay)
     result.fitted_values.append(delay)
     late = delay.values[0] - configured_delay
     tracks_aligned = [

@@ -48,7 +48,7 @@ def _part_of(recording: Recorded, turn: Turn) -> Part:
         )
     moments = recording.moments_about(rows, first=turn.first)
     return Part(
-        recording=recording,
+        recording=recording.coarse,
         moments=moments,
         rows=rows,
         axes=FORCE,
@@ -57,13 +57,28 @@ def _part_of(recording: Recorded, turn: Turn) -> Part:
     )
 
 
+def _best_tried(part: Part, surface: float) -> BedValues:
+    """Of `_DELAYS_S` and `LOG_LENGTHS` those of the least misfit, with any scale of the force and zeros."""
+    observed = part.observed - part.observed.mean(axis=0)
+    best = BedValues(surface, log_length=0.0)
+    most_explained = -np.inf
+    for log_length in LOG_LENGTHS.tolist():
+        values = BedValues(surface, log_length)
+        force = part.modelled(values, _DELAYS_S)
+        force = force - force.mean(axis=1, keepdims=True)
+        squares = np.maximum((force**2).sum(axis=(1, 2)), 1e-300)
+        explained = (force * observed).sum(axis=(1, 2)) ** 2 / squares
+        if explained.max() > most_explained:
+            most_explained = float(explained.max())
+            best = values._replace(delay=float(_DELAYS_S[explained.argmax()]))
+    return best
+
+
 def _turn_for_delay(recording: Recorded, turn: Turn, surface: float) -> tuple[Measurement, float]:
     """The delay [s] at one turn, and its misfit. Raises NotIdentifiable if the turn does not determine it."""
     part = _part_of(recording, turn)
-    starts = [
-        (float(delay), float(log_length)) for log_length in LOG_LENGTHS for delay in _DELAYS_S
-    ]
-    phase = fitted(part, BedValues(surface, log_length=0.0), ("delay", "log_length"), starts)
+    start = _best_tried(part, surface)
+    phase = fitted(part, start, ("delay", "log_length"))
     # where the turn lies
     between_poses = float(np.median(np.diff(recording.track.time[part.rows]))) / 12.0**0.5
     friction_error = phase.by_force(recording.friction)

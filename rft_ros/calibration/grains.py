@@ -169,15 +169,13 @@ def fit_grains(
     result: FitResults,
     recordings: Sequence[Recorded],
     *,
-    coarse: Sequence[Recorded],
     contacts: Sequence[Contact],
     given_values: Given,
     parts: Collection[str],
 ) -> None:
     """Fit those of surface, zeta and mobilization that are in `parts`, into `result`.
 
-    `coarse`: the recordings with reduced tools, whose turns determine λ: when a force changes hardly depends on the
-    plates, and its size is free there. `contacts`: those of the recordings to which the surface is fitted.
+    `contacts`: those of the recordings to which the surface is fitted.
     """
     begin = given_values.values
     turns: list[Phase] = []
@@ -187,7 +185,7 @@ def fit_grains(
             none = (
                 "the tool never turns in the grains, and no recording begins with it at rest there"
             )
-            turns = _fitted(turn_for_length, turns_in_grains, coarse, begin, none=none)
+            turns = _fitted(turn_for_length, turns_in_grains, recordings, begin, none=none)
             begin = begin._replace(log_length=_length(turns).mean)
         except NotIdentifiable as reason:
             result.not_identifiable["medium.mobilization_length"] = str(reason)

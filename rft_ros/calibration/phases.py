@@ -137,14 +137,19 @@ class Part:
         """The measured force, shape [n, axes] [N]."""
         return self.recording.track.forces[self.rows, self.axes]
 
-    def columns(self, values: BedValues) -> Array:
-        """Columns of the linear coefficients, shape [n, axes, 1 or more]: the model's force, and the zeros."""
+    def modelled(self, values: BedValues, delays: Array) -> Array:
+        """The model's force at k `delays` of the load cell [s], shape [k, n, axes] [N]."""
         course_of = course_between_lengths if self.between_lengths else course_of_force
         course = course_of(self.recording, values._replace(delay=0.0), self.moments)
         time = self.recording.track.time
-        force_times = time[self.rows] - values.delay
+        force_times = (time[self.rows] - delays[:, None]).ravel()
         course_times = time[self.moments.start : self.moments.stop]
         force = interpolated(force_times, course_times, course[:, self.axes])
+        return force.reshape(len(delays), len(self.rows), -1)
+
+    def columns(self, values: BedValues) -> Array:
+        """Columns of the linear coefficients, shape [n, axes, 1 or more]: the model's force, and the zeros."""
+        force = self.modelled(values, np.array([values.delay]))[0]
         if not self.zeros:
             return force[:, :, None]
         axes = force.shape[1]
@@ -212,11 +217,17 @@ class Phase:
         return float(np.sum(self.fit.influence * part_force))
 
     def change(self, recording: Recorded | None = None, **changed_values: float) -> float:
-        """Change of the value with another motion of the recording, and with other values; to first order."""
-        part = replace(self.part, recording=recording or self.recording)
-        columns = part.columns(self.values._replace(**changed_values))
-        residuals = part.observed - columns @ self.fit.coefficients[len(self.free) :]
-        return float(np.sum(self.fit.influence * (residuals - self.fit.residuals)))
+        """Change of the value with another motion of the recording, and with other values; to first order.
+
+        By the force on the reduced tool.
+        """
+        part = replace(self.part, recording=self.recording.coarse)
+        changed_part = replace(part, recording=(recording or self.recording).coarse)
+        changed_columns = changed_part.columns(self.values._replace(**changed_values))
+        force = (changed_columns - part.columns(self.values)) @ self.fit.coefficients[
+            len(self.free) :
+        ]
+        return -float(np.sum(self.fit.influence * force))
 
     def slope(self, name: str, step: float) -> float:
         """Derivative of the value by another one, over a step to either side; 0 by one that is free."""
@@ -348,9 +359,12 @@ def first_contact(recording: Recorded, rows: Indices, values: BedValues) -> Phas
 
 
 def turn_for_length(recording: Recorded, turn: Turn, values: BedValues) -> Phase:
-    """Log λ [log m] of a turn. Raises NotIdentifiable if the turn does not determine it."""
+    """Log λ [log m] of a turn. Raises NotIdentifiable if the turn does not determine it.
+
+    By the reduced tool: when a force changes hardly depends on the plates, and its size is free here.
+    """
     moments = recording.moments_about(turn.rows, first=turn.first)
-    part = Part(recording=recording, moments=moments, rows=turn.rows, axes=FORCE)
+    part = Part(recording=recording.coarse, moments=moments, rows=turn.rows, axes=FORCE)
     if not part.observed.any():
         raise NotIdentifiable(f"{turn.where}: the load cell measures no force of the grains")
     starts = [(log_length,) for log_length in LOG_LENGTHS.tolist()]

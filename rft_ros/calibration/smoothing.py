@@ -48,18 +48,14 @@ _MIN_BEND_RATIO = 0.2
 _MIN_CORNER_TIME_SHARE = 0.02
 """A corner that is nearer to a pose than this share of the time between two poses is that pose."""
 
-_MAX_STEP_M = 2e-5
-_MAX_STEPS_COUNT = 8
-"""Longest step of a fine motion, unless that takes more steps than this from pose to pose."""
-
 _VELOCITY_DIGITS = 9
 """Decimals of velocities: rounding must not decide whether a wall along the motion leads."""
 
 
-class FineMotion(NamedTuple):
+class CorneredMotion(NamedTuple):
     """A motion as `states`, shape [m, 13]. `rows`: those of the recording's moments, shape [n].
 
-    The other rows lie between two moments: corners of the path, and steps.
+    The other rows are the corners of the path between two moments.
     """
 
     states: Array
@@ -211,12 +207,12 @@ def _spin(quaternions: Array, rates: Array) -> Array:
     return np.asarray(2.0 * (scalar_terms - np.cross(vector_rate, vector)))
 
 
-def fine_motion(time: Array, states: Array) -> FineMotion:
-    """The motion through smoothed states, shape [n, 13], with the corners between them, in steps of up to 20 µm.
+def cornered_motion(time: Array, states: Array) -> CorneredMotion:
+    """The motion through smoothed states, shape [n, 13], with the corners between them.
 
     An arm turns back or stops between two poses. Without the corner the path is too short by what the arm did after the
     one pose and undid before the other: up to 0.1 mm at 125 Hz, where grains lose their force within 0.3 mm. A corner
-    lies where the lines through the poses before and after it meet. Steps that are long beside those 0.3 mm bias λ.
+    lies where the lines through the poses before and after it meet.
     """
     index = np.arange(float(len(time)))
     corner_rows, share = _corners(time, states)
@@ -227,19 +223,8 @@ def fine_motion(time: Array, states: Array) -> FineMotion:
     )
     corners[:, TWIST] = states[corner_rows, TWIST]
     path = np.insert(states, corner_rows + 1, corners, axis=0)
-    moments = np.insert(time, corner_rows + 1, time[corner_rows] + span)
-
-    way = np.linalg.norm(np.diff(path[:, POSITION], axis=0), axis=1)
-    step_counts = np.clip(np.ceil(way / _MAX_STEP_M), 1, _MAX_STEPS_COUNT).astype(np.int64)
-    steps = np.where(np.diff(moments) <= MAX_SAMPLE_GAP_S, step_counts, 1)
-    ends = np.append(0, np.cumsum(steps))  # the row of each state of the path among the steps
-    path_index = np.arange(float(len(path)))
-    places = np.interp(np.arange(ends[-1] + 1), ends, path_index)
-    fine = interpolated(places, path_index, path)
-    fine[:, TWIST] = path[np.ceil(places).astype(np.int64), TWIST]
-    corners_before = np.searchsorted(corner_rows, index)
-    rows = ends[np.arange(len(time)) + corners_before]
-    return FineMotion(_of_unit_length(fine), rows)
+    rows = np.arange(len(time)) + np.searchsorted(corner_rows, index)
+    return CorneredMotion(_of_unit_length(path), rows)
 
 
 def _corners(time: Array, states: Array) -> tuple[NDArray[np.int64], Array]:

@@ -166,7 +166,11 @@ def _several(problem: Problem, base: Coarse, result: Fit) -> Diagnosis | None:
     """Several causes that together leave no more than right cells do: numbers, and at most one other cause."""
     setup = problem.setup
     explanations = explained(problem, base, SEVERAL_CAUSES)
-    candidates = [x for x in explanations if x.fit.per_stretch <= x.problem.usual]
+    candidates = [
+        x
+        for x in explanations
+        if x.fit.per_stretch <= x.problem.usual and _is_plausible(x) and _gains(x, result)
+    ]
     if not candidates:
         return None
     best, numbers = _needed(candidates[0])
@@ -320,9 +324,6 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
         return False
     if x.cause is Cause.PAYLOAD and "mass" in undetermined(x):
         return False
-    # in a smaller unit any torque nearly vanishes, and with it its misfit
-    if x.cause is Cause.TORQUE_UNIT and x.fit.per_stretch > x.problem.usual:
-        return False
     if x.cause in (Cause.WEIGHT, Cause.PAYLOAD):
         has_weight = float(x.fit.values["mass"][0]) >= -MIN_MASS_KG
         if has_weight is not (x.cause is Cause.WEIGHT):
@@ -331,13 +332,27 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
         return False
     if x.hypothesis.is_of_numbers:
         return any(_is_off(name, x) for name in free) and gain >= LIMITS.min_gain
-    if x.cause is Cause.WORLD and x.variant.number < LIMITS.min_tilt_degrees:
-        return False
-    # a filter holds a reading back by its time constant, as a delay does; the longest one that is tried is a longer λ
-    least_lag = LIMITS.told_off * float(x.problem.scale[rows_of("delay")][0])
-    if x.cause is Cause.FILTER and not least_lag <= x.variant.setup.lag < MAX_LAG_S:
-        return False
-    return gain >= x.hypothesis.min_gain
+    return _is_plausible(x) and _gains(x, as_given)
+
+
+def _gains(x: Explanation, as_given: Fit) -> bool:
+    """Whether a cause other than numbers lowers the misfit by enough to be told."""
+    return as_given.misfit - x.cost >= x.hypothesis.min_gain
+
+
+def _is_plausible(x: Explanation) -> bool:
+    """Whether a cell may be wrong by what a variant mends, and by no less than is told."""
+    match x.cause:
+        case Cause.TORQUE_UNIT:
+            # in a smaller unit any torque nearly vanishes, and with it its misfit
+            return x.fit.per_stretch <= x.problem.usual
+        case Cause.WORLD:
+            return x.variant.number >= LIMITS.min_tilt_degrees
+        case Cause.FILTER:
+            # it holds a reading back by its time constant, as a delay does; the longest one tried is a longer λ
+            least_lag = LIMITS.told_off * float(x.problem.scale[rows_of("delay")][0])
+            return least_lag <= x.variant.setup.lag < MAX_LAG_S
+    return True
 
 
 TURN_CAUSES = {Cause.TURN, Cause.SIGN_AND_TURN, Cause.MESH_TURNED}
