@@ -145,7 +145,7 @@ class Part:
         force_times = (time[self.rows] - delays[:, None]).ravel()
         course_times = time[self.moments.start : self.moments.stop]
         force = interpolated(force_times, course_times, course[:, self.axes])
-        return force.reshape(len(delays), len(self.rows), -1)
+        return np.asarray(force.reshape(len(delays), len(self.rows), -1))
 
     def columns(self, values: BedValues) -> Array:
         """Columns of the linear coefficients, shape [n, axes, 1 or more]: the model's force, and the zeros."""
