@@ -149,7 +149,7 @@ class Part:
 
     def columns(self, values: BedValues) -> Array:
         """Columns of the linear coefficients, shape [n, axes, 1 or more]: the model's force, and the zeros."""
-        force = self.modelled(values, np.array([values.delay]))[0]
+        force: Array = self.modelled(values, np.array([values.delay]))[0]
         if not self.zeros:
             return force[:, :, None]
         axes = force.shape[1]
