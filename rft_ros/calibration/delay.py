@@ -59,7 +59,7 @@ def _part_of(recording: Recorded, turn: Turn) -> Part:
 
 def _best_tried(part: Part, surface: float) -> BedValues:
     """Of `_DELAYS_S` and `LOG_LENGTHS` those of the least misfit, with any scale of the force and zeros."""
-    observed = part.observed - part.observed.mean(axis=0)
+    measured_force = part.observed - part.observed.mean(axis=0)
     best = BedValues(surface, log_length=0.0)
     most_explained = -np.inf
     for log_length in LOG_LENGTHS.tolist():
@@ -67,10 +67,10 @@ def _best_tried(part: Part, surface: float) -> BedValues:
         force = part.modelled(values, _DELAYS_S)
         force = force - force.mean(axis=1, keepdims=True)
         squares = np.maximum((force**2).sum(axis=(1, 2)), 1e-300)
-        explained = (force * observed).sum(axis=(1, 2)) ** 2 / squares
-        if explained.max() > most_explained:
-            most_explained = float(explained.max())
-            best = values._replace(delay=float(_DELAYS_S[explained.argmax()]))
+        explained_squares = (force * measured_force).sum(axis=(1, 2)) ** 2 / squares
+        if explained_squares.max() > most_explained:
+            most_explained = float(explained_squares.max())
+            best = values._replace(delay=float(_DELAYS_S[explained_squares.argmax()]))
     return best
 
 

@@ -60,9 +60,11 @@ def examine(e: Evidence, search: Search = "full") -> Iterator[Finding]:
 
 def _of_lengths(e: Evidence) -> Iterator[Finding]:
     """Lengths in another unit, and what hides everything else: a pose that jumps, and a dead axis."""
-    yield from unit_of_poses(e)
+    unit_findings = list(unit_of_poses(e))
+    yield from unit_findings
     yield from size_of_tool(e)
-    yield from jumps(e)
+    if not unit_findings:
+        yield from jumps(e)
     yield from dead_axes(e)
 
 

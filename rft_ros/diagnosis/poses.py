@@ -8,11 +8,9 @@ from numpy.typing import NDArray
 from rft_ros.diagnosis.evidence import ENOUGH, Evidence
 from rft_ros.diagnosis.finding import Finding
 from rft_ros.diagnosis.trial import Array, Indices
-from rft_ros.estimator import NOISY, PoseNoise, PoseSample, sentence_on
+from rft_ros.estimator import FASTEST_M_S, NOISY, PoseNoise, PoseSample, sentence_on
 from rft_ros.rft import POSITION, VELOCITY
 
-MAX_SPEED_M_S = 5.0
-"""No arm moves a tool faster."""
 MAX_EXTENT_M = 10.0
 MAX_MEAN_SPEED_M_S = 1.0
 """No arm exceeds both this extent and this mean speed in grains."""
@@ -53,7 +51,7 @@ def unit_of_poses(e: Evidence) -> Iterator[Finding]:
     advice = "the poses' driver must give metres, and not millimetres (factor 0.001)"
     if extent > MAX_EXTENT_M and mean > MAX_MEAN_SPEED_M_S:
         said = f"the tool moves over {extent:.3g} m at {mean:.3g} m/s on average"
-    elif speed > MAX_SPEED_M_S or (twist > 0.0 and speed_beside_twist > 100.0 * twist):
+    elif speed > FASTEST_M_S or (twist > 0.0 and speed_beside_twist > 100.0 * twist):
         said = f"the tool moves at {max(speed, speed_beside_twist):.3g} m/s by the poses"
     elif far:
         said = far[0]
@@ -205,22 +203,25 @@ def rows_of_new_poses(time: Array, poses: Array) -> Indices:
 
 
 def jumps(e: Evidence) -> Iterator[Finding]:
-    """A pose that jumps, as if another TCP were chosen on the arm."""
+    """A pose farther from the one before than the tool can move, as after a reset or if another TCP is chosen."""
     steps = np.linalg.norm(np.diff(e.poses[:, POSITION], axis=0), axis=1)
     seconds = np.diff(e.pose_time)
     if len(steps) < ENOUGH or not (steps > 0.0).any():
         return
     usual = float(np.quantile(steps[steps > 0.0], 0.9))
-    row = int(steps.argmax())
-    far = float(steps[row])
     # after a gap the tool is elsewhere
-    is_gap = seconds[row] > MIN_GAP_FACTOR * np.median(seconds)
-    if far > max(MIN_JUMP_M, MIN_JUMP_FACTOR * usual) and not is_gap:
+    is_gap = seconds > MIN_GAP_FACTOR * np.median(seconds)
+    is_far = (steps > MIN_JUMP_FACTOR * usual) & ~is_gap
+    is_jump = (steps > MIN_JUMP_M) & (is_far | (steps > FASTEST_M_S * seconds))
+    if is_jump.any():
+        row = int(np.where(is_jump, steps, 0.0).argmax())
+        millimetres = 1e3 * float(steps[row])
         yield Finding(
             name="jump",
-            said=f"a pose jumps by {1e3 * far:.0f} mm in {1e3 * seconds[row]:.3g} ms,"
+            said=f"a pose jumps by {millimetres:.0f} mm in {1e3 * seconds[row]:.3g} ms,"
             f" {e.pose_time[row + 1]:.1f} s after the first one: faster than a tool can move",
-            evidence={"millimetres": 1e3 * far},
-            advice="do not change the TCP within a recording, and take the parts with --start and --end",
+            evidence={"millimetres": millimetres},
+            advice="do not change the TCP within a recording, look for a reset of the poses' origin or lost messages,"
+            " and take the parts with --start and --end",
             spoils_calibration=True,
         )

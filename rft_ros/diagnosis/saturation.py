@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from rft_ros.diagnosis.finding import Finding
-from rft_ros.diagnosis.fit import START_M, Problem, Setup
+from rft_ros.diagnosis.fit import FLOOR_SHARE, START_M, Problem, Setup
 from rft_ros.rft import FORCE
 
 MIN_AT_LIMIT = 10
@@ -45,7 +45,8 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
         at_limit = moves & (reading >= limit - max(band, 1e-6 * abs(limit)))
         below = (reading > 0.2 * limit) & (reading < 0.9 * limit)
         is_seen = at_limit.sum() >= MIN_AT_LIMIT and below.sum() >= MIN_BELOW_LIMIT
-        if band > MAX_NOISE_SHARE * limit or not is_seen:
+        is_force = limit > max(band / MAX_NOISE_SHARE, FLOOR_SHARE * np.abs(change).max())
+        if not (is_seen and is_force):
             continue
         # the model's force in the unit of the readings
         scale = (reading * force)[below].sum() / max((force[below] ** 2).sum(), 1e-12)

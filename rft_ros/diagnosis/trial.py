@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
+from rft_ros.estimator import dead_band_of
 from rft_ros.rft import POSE, POSITION, QUATERNION, displacements_followed
 
 Array = NDArray[np.float64]
@@ -25,9 +26,6 @@ CHANGE_S = 0.03
 NOISE_STEPS = (1, 2, 4, 8, 16)
 MAX_NOISE_STEP_S = 0.021
 """Samples, and the longest time, between the values of which differences are taken: load cells have 50 Hz or more."""
-_MIN_DEAD_BAND_M = 1e-5
-_MAX_DEAD_BAND_M = 1e-3
-_DEAD_BAND_FACTOR = 5.0
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -128,8 +126,7 @@ class Trial:
 
         The tool is followed at the distance of a dead band, as by the estimator's memory; `reach` of its plates [m].
         """
-        noise = float(noise_of(self.position).max())
-        band = float(np.clip(_DEAD_BAND_FACTOR * noise, _MIN_DEAD_BAND_M, _MAX_DEAD_BAND_M))
+        band = dead_band_of(float(noise_of(self.position).max()))
         steps = np.maximum(np.diff(self.time), 1e-4)[:, None]
         states = np.zeros((len(self), 13))
         states[:, POSE] = self.poses

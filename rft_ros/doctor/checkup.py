@@ -262,9 +262,7 @@ class Checkup:
         mixed_findings = list(self._of_publishers())
         has_clock_step = any(finding.name == "clock" for finding in late)
         judged_findings = [] if mixed_findings or has_clock_step else list(examine(evidence))
-        has_jump = any(finding.name in ("units", "jump") for finding in judged_findings)
-        jumps = [] if has_jump else self._of_jumps()
-        input_findings = [*late, *inputs, *mixed_findings, *jumps, *self._of_axes()]
+        input_findings = [*late, *inputs, *mixed_findings, *self._of_axes()]
         found = [*input_findings, *self._of_frames(), *judged_findings]
         if whole:
             found += self._of_reasons(len(rows))
@@ -348,17 +346,6 @@ class Checkup:
                 )
                 again = "" if self._live else ", and record again"
                 yield Finding(name=role, said=sentence, advice=f"stop one of them{again}")
-
-    def _of_jumps(self) -> Iterator[Finding]:
-        """A pose that is farther from the one before than a tool can move; two publishers are another finding."""
-        jump = self._estimator.longest_jump
-        if jump is None or self._alternations["pose"].is_found:
-            return
-        length = f"{1e3 * jump.length:.0f} mm in {1e3 * jump.seconds:.3g} ms"
-        after = 1e-9 * (jump.stamp - self._poses[0][0])
-        sentence = f"a pose jumps by {length}, {after:.1f} s after the first one: faster than a tool can move"
-        advice = "look for a reset of the poses' origin or lost messages"
-        yield Finding(name="jump", said=sentence, advice=advice)
 
     def _of_axes(self) -> Iterator[Finding]:
         """Axes on which the load cell gives no number."""

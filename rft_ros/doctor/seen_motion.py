@@ -3,7 +3,7 @@
 from rft_ros.doctor.checkup import Cell
 from rft_ros.estimator import Estimate, Estimator, PoseSample, Sample
 from rft_ros.rft.frames import Placement
-from rft_ros.rft.motion_kinds import kind_of_motion
+from rft_ros.rft.motion_kinds import kind_between
 
 _RATE_HZ = 10.0  # of the poses that are looked at, so that listening takes little CPU time
 _STEP_M = 0.001  # over which a kind of motion is judged: noise of poses is far smaller
@@ -54,15 +54,14 @@ class SeenMotion:
         if self._place is None:
             self._place = place
             return
-        path, turn = place.apart(self._place)
+        path, _ = place.apart(self._place)
         if path < _STEP_M:
             return
-        a, b, c = self._place.position
-        x, y, z = place.position
-        kind = kind_of_motion(x - a, y - b, z - c, self._radius * turn)
-        self._place = place
+        kind = kind_between(self._place, place, radius=self._radius)
         if kind == "drag":
-            kind = _DRAGS["x" if abs(x - a) >= abs(y - b) else "y"]
+            x, y = (abs(place.position[k] - self._place.position[k]) for k in (0, 1))
+            kind = _DRAGS["x" if x >= y else "y"]
+        self._place = place
         if kind in self._paths:
             self._paths[kind] += path
 

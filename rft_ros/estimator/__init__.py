@@ -2,7 +2,9 @@
 
 from rft_ros.estimator.estimator import Estimator
 from rft_ros.estimator.load_cell import GRAVITY, LoadCellFrame
+from rft_ros.estimator.motion import dead_band_of
 from rft_ros.estimator.pose_difference import PoseDifference
+from rft_ros.estimator.pose_jumps import FASTEST_M_S
 from rft_ros.estimator.pose_noise import NOISY, PoseNoise
 from rft_ros.estimator.quality import (
     TOUCH_DEPTH_M,
@@ -33,6 +35,7 @@ from rft_ros.estimator.sigma import is_withdrawn, predict_without_learning
 from rft_ros.estimator.tare import OFFSET_SENTENCE, is_offset
 
 __all__ = [
+    "FASTEST_M_S",
     "GRAVITY",
     "NOISY",
     "OFFSET_SENTENCE",
@@ -57,6 +60,7 @@ __all__ = [
     "TwistSample",
     "WrenchSample",
     "begins_in_grains",
+    "dead_band_of",
     "flag_names",
     "is_offset",
     "is_withdrawn",

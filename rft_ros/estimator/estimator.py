@@ -14,7 +14,6 @@ from rft_ros.estimator.learning import UNEXPLAINED_SENTENCE, Learning
 from rft_ros.estimator.lifetimes import TABLE, Change, Lifetimes, changes, compared
 from rft_ros.estimator.load_cell import LoadCellFrame, Prediction
 from rft_ros.estimator.motion import UNKNOWN_VELOCITY, Motion
-from rft_ros.estimator.pose_jumps import Jump
 from rft_ros.estimator.pose_noise import NOISY, NOISY_SENTENCE
 from rft_ros.estimator.quality import sentence_on
 from rft_ros.estimator.samples import (
@@ -169,11 +168,6 @@ class Estimator:
     def last_reading(self) -> WrenchSample | None:
         """The load-cell sample with the latest stamp, at the stamp of its event; None before there is one."""
         return self._lifetimes.readings.samples.last
-
-    @property
-    def longest_jump(self) -> Jump | None:
-        """The longest jump of the poses that no tool can follow; None if there was none."""
-        return self._lifetimes.motion.jumps.longest
 
     def unknown_frames(self) -> dict[Reason, str]:
         """For each reason that concerns frames, a sentence that names the frame refused last, and says what to do.

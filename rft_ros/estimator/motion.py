@@ -19,13 +19,16 @@ from rft_ros.rft.kernel.compilation import compiled, machine_code
 UNKNOWN_VELOCITY = {Reason.TWIST_MISSING, Reason.TWIST_STALE, Reason.POSE_HISTORY_SHORT}
 """Reasons for which a pose has no velocity."""
 
-DEAD_BAND_FACTOR = 5.0
-"""Dead band over the standard deviation of the pose noise at the tool's tip."""
-
-MAX_DEAD_BAND_M = 2e-3
+_DEAD_BAND_FACTOR = 5.0
+_MAX_DEAD_BAND_M = 2e-3
 
 CREEP_SPEED_M_S = 1e-6
 """Speed of a state without a velocity of its own: so slow that inertia of the grains is nothing."""
+
+
+def dead_band_of(noise: float) -> float:
+    """The path [m] within which a tool whose poses have a `noise` [m] rests: its standard deviation at the tip."""
+    return min(max(_DEAD_BAND_FACTOR * noise, SLACK), _MAX_DEAD_BAND_M)
 
 
 class Motion(NamedTuple):
@@ -134,7 +137,7 @@ class Kinematics:
         vx, vy, vz, wx, wy, wz = velocity
         bound = math.hypot(vx, vy, vz) + math.hypot(wx, wy, wz) * reach
         noise = self.noise.at_tip(reach)
-        dead_band = min(max(DEAD_BAND_FACTOR * noise, SLACK), MAX_DEAD_BAND_M)
+        dead_band = dead_band_of(noise)
         state = np.array([(*pose.position, *pose.quaternion, *velocity)], dtype=np.float64)
         displacement = np.empty((1, DISPLACEMENT_COUNT))
         path, rise, agreement = self._follow(self._follower, state, reach, dead_band, displacement)

@@ -1,7 +1,6 @@
 """Watches for poses that are farther from the one before than a tool can move: no model of motion fits them."""
 
 import math
-from typing import NamedTuple
 
 from rft_ros.estimator.samples import PoseSample
 from rft_ros.rft.frames import Vector
@@ -22,19 +21,10 @@ A_JUMP = (
 )
 
 
-class Jump(NamedTuple):
-    """A jump of the poses: its length [m], the time that it took [s], and the stamp of the pose after it [ns]."""
-
-    length: float
-    seconds: float
-    stamp: int
-
-
 class PoseJumps:
-    """Follows the poses of one tool. `longest`: the longest jump so far."""
+    """Follows the poses of one tool."""
 
     def __init__(self) -> None:
-        self.longest: Jump | None = None
         self._last: PoseSample | None = None
         self._before_last: Vector | None = None
         self._jumped_at: int | None = None  # stamp of the last jump [ns]
@@ -61,8 +51,6 @@ class PoseJumps:
         self._count += 1
         if before_last and math.dist(pose.position, before_last) < _RETURN_SHARE * length:
             self._returns += 1
-        if self.longest is None or length > self.longest.length:
-            self.longest = Jump(length, seconds, pose.stamp)
 
     @property
     def sentence(self) -> str:

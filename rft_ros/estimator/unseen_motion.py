@@ -2,7 +2,7 @@
 
 from rft_ros.estimator.motion import Motion
 from rft_ros.rft.frames import Placement
-from rft_ros.rft.motion_kinds import LEAST_PATH, MOTIONS, kind_of_motion
+from rft_ros.rft.motion_kinds import LEAST_PATH, MOTIONS, kind_between
 from rft_ros.tool import Tool
 
 _JUDGED_PATH_M = 0.001  # path over which a kind of motion is judged: noise of poses is far smaller
@@ -28,10 +28,8 @@ class UnseenMotion:
             return
         place = motion.pose.place.of(self._middle)
         if self._last is not None:
-            _, angle = place.apart(self._last)
-            a, b, c = self._last.position
-            x, y, z = place.position
-            self._paths[kind_of_motion(x - a, y - b, z - c, self._radius * angle)] += self._path
+            kind = kind_between(self._last, place, radius=self._radius)
+            self._paths[kind] += self._path
         self._path = 0.0
         self._last = place
 

@@ -5,6 +5,8 @@ A model's ζ differs between them: a face that is pressed meets fresh grains, on
 
 import math
 
+from rft_ros.rft.frames import Placement
+
 MOTIONS = ("press", "drag", "turn", "withdrawal")
 """The kinds: down by over 45°, neither up nor down, turning such as rolling, and up by over 45°."""
 
@@ -27,3 +29,11 @@ def kind_of_motion(x: float, y: float, z: float, turned: float) -> str:
     if z < -_STEEP * distance:
         return "press"
     return "withdrawal" if z > _STEEP * distance else "drag"
+
+
+def kind_between(start: Placement, end: Placement, *, radius: float) -> str:
+    """The kind of the motion from one place of a tool's middle to another. `radius`: half of its largest extent [m]."""
+    _, angle = end.apart(start)
+    a, b, c = start.position
+    x, y, z = end.position
+    return kind_of_motion(x - a, y - b, z - c, radius * angle)
