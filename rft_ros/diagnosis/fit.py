@@ -65,11 +65,11 @@ TOLERANCES = {
         0.2, 4, "of ζ", "ζ of rest, drag, turn and withdrawal over that of a press"
     ),
     "start": Tolerance(0.3, 6, "of the greatest force", "force held in the grains at the start"),
-    "course": Tolerance(0.02, 6, "of the greatest force", "a zero that moves"),
+    "zero_change": Tolerance(0.02, 6, "of the greatest force", "a zero that moves"),
 }
 """Tolerances of the given values; the last four are of what no parameter describes."""
 
-NUISANCES = ("power", "kinds", "start", "course")
+NUISANCES = ("power", "kinds", "start", "zero_change")
 
 MODEL_ERROR_SHARE = 0.06
 """Error of the model's force over the force, where all parameters are right."""
@@ -106,7 +106,7 @@ def _slices() -> dict[str, slice]:
 
 
 _SLICES = _slices()
-NUMBERS = _SLICES["course"].stop
+NUMBERS = _SLICES["zero_change"].stop
 
 
 def crossed(a: Array, b: Array) -> Array:
@@ -137,11 +137,10 @@ def cross_matrices(v: Array) -> Array:
 class Setup:
     """What is given of a cell: load cell, tool, law (with ζ and λ) and the height of the surface [m].
 
-    `reads_in_world`: the readings are in world axes. `lag`: of a filter in the load cell's driver [s].
-    `course`: of a zero that moves, at the moments of the trial: what each of six numbers adds to a reading in tool
-    axes, shape [n, 6, 6]. `units` of force [N] and torque [N m]. `late`: of the readings, on top of the delay
-    with which the trial was read [s]. `has_torque`: whether the load cell gives
-    torques; without, only the force counts.
+    `reads_in_world`: the readings are in world axes. `lag`: of a filter in the load cell's driver [s]. `zero_columns`:
+    of a zero that moves, what each of six numbers adds to a reading in tool axes, at each moment, shape [n, 6, 6].
+    `units` of force [N] and torque [N m]. `late`: of the readings, on top of the delay with which the trial was read
+    [s]. `has_torque`: whether the load cell gives torques; without, only the force counts.
     """
 
     cell: LoadCell
@@ -152,14 +151,16 @@ class Setup:
     lag: float = 0.0
     units: tuple[float, float] = (1.0, 1.0)
     late: float = 0.0
-    course: Array | None = None
+    zero_columns: Array | None = None
     has_torque: bool = True
 
     def thinned(self, count: int) -> "Setup":
         """The same for a trial that is thinned."""
-        if self.course is None:
+        if self.zero_columns is None:
             return self
-        return replace(self, course=self.course[thin_rows(len(self.course), count)])
+        return replace(
+            self, zero_columns=self.zero_columns[thin_rows(len(self.zero_columns), count)]
+        )
 
     @property
     def length(self) -> float:
@@ -309,7 +310,6 @@ class Problem:
         self.middle = np.array(setup.tool.middle)
         self._slopes: _Slopes | None = None
         self._readings: dict[float, Array] = {}
-        self.course = setup.course
         kinds = np.array(self.model.kinds)
         self.kinds = np.column_stack([kinds == kind for kind in ("rest", *MOTIONS[1:])]) * 1.0
         self._weigh()
@@ -366,7 +366,7 @@ class Problem:
         )
         scale[_SLICES["start"]] = TOLERANCES["start"].value * self.peak
         scale[_SLICES["start"]][3:] *= half
-        scale[_SLICES["course"]] = np.repeat(
+        scale[_SLICES["zero_change"]] = np.repeat(
             (scale[_SLICES["force_bias"]][0], scale[_SLICES["torque_bias"]][0]), 3
         )
         self.scale = scale
@@ -434,8 +434,9 @@ class Problem:
             fading[:end] = np.exp(-self.model.path[:end] / START_M)
         start_wrench = fading[:, None] * x[_SLICES["start"]]
         e = np.hstack([grains, about]) - model - start_wrench
-        if self.course is not None:
-            zero_change = self.course @ x[_SLICES["course"]]
+        zero_columns = self.setup.zero_columns
+        if zero_columns is not None:
+            zero_change = zero_columns @ x[_SLICES["zero_change"]]
             e[:, FORCE] -= zero_change[:, FORCE]
             e[:, TORQUE] -= zero_change[:, TORQUE] + crossed(lever, zero_change[:, FORCE])
         if not jacobian:
@@ -458,10 +459,10 @@ class Problem:
         J[:, :, _SLICES["power"]] = -(zeta * deep[:, None] * g)[:, :, None]
         J[:, :, _SLICES["kinds"]] = -zeta * g[:, :, None] * kinds[:, None, :]
         J[:, :, _SLICES["start"]] = -np.eye(6) * fading[:, None, None]
-        if self.course is not None:
-            J[:, FORCE, _SLICES["course"]] = -self.course[:, FORCE]
-            J[:, TORQUE, _SLICES["course"]] = (
-                -self.course[:, TORQUE] - lever_matrix @ self.course[:, FORCE]
+        if zero_columns is not None:
+            J[:, FORCE, _SLICES["zero_change"]] = -zero_columns[:, FORCE]
+            J[:, TORQUE, _SLICES["zero_change"]] = (
+                -zero_columns[:, TORQUE] - lever_matrix @ zero_columns[:, FORCE]
             )
         slopes = self._slopes_at(surface, length)
         J[:, :, _SLICES["surface"]] = -(factor[:, None] * slopes.surface_slope)[:, :, None]

@@ -72,14 +72,14 @@ COSTLY = {
 class Variant:
     """A trial and its set-up as a hypothesis mends them, and the values of parameters that do.
 
-    `number`: what it is by how much, and `course`: of a zero that moves, for the sentence.
+    `number`: by how much it is wrong, and `zero_motion`: how a zero moves, for the sentence.
     """
 
     trial: Trial
     setup: Setup
     remedy: Mapping[str, Value] = field(default_factory=dict)
     number: float = 0.0
-    course: Literal["", "step", "drift", "friction"] = ""
+    zero_motion: Literal["", "step", "drift", "friction"] = ""
 
 
 Family = Callable[[Trial, Setup, Array], Variant]
@@ -385,14 +385,21 @@ def _step(trial: Trial, setup: Setup, point: Array) -> Variant:
     time = trial.time
     share = float(np.clip(point[0], MIN_STEP_SHARE, 1.0 - MIN_STEP_SHARE))
     begin = float(time[0] + share * (time[-1] - time[0]))
-    course = np.eye(6) * (time > begin)[:, None, None]
-    return Variant(trial=trial, setup=replace(setup, course=course), number=begin, course="step")
+    zero_columns = np.eye(6) * (time > begin)[:, None, None]
+    return Variant(
+        trial=trial,
+        setup=replace(setup, zero_columns=zero_columns),
+        number=begin,
+        zero_motion="step",
+    )
 
 
 def _drift(trial: Trial, setup: Setup) -> Iterator[Variant]:
     share = (trial.time - trial.time[0]) / max(trial.time[-1] - trial.time[0], 1e-9)
-    course = np.eye(6) * share[:, None, None]
-    yield Variant(trial=trial, setup=replace(setup, course=course), course="drift")
+    zero_columns = np.eye(6) * share[:, None, None]
+    yield Variant(
+        trial=trial, setup=replace(setup, zero_columns=zero_columns), zero_motion="drift"
+    )
 
 
 def _friction(trial: Trial, setup: Setup) -> Iterator[Variant]:
@@ -401,9 +408,11 @@ def _friction(trial: Trial, setup: Setup) -> Iterator[Variant]:
     limit = 0.2 * float(np.quantile(np.abs(sinking), 0.9))
     way = np.where(np.abs(sinking) > limit, np.sign(sinking), 0.0)
     for axes in (trial.down[:, :, None], np.repeat(np.eye(3)[None], len(trial), axis=0)):
-        course = np.zeros((len(trial), 6, 6))
-        course[:, FORCE, : axes.shape[2]] = -way[:, None, None] * axes
-        yield Variant(trial=trial, setup=replace(setup, course=course), course="friction")
+        zero_columns = np.zeros((len(trial), 6, 6))
+        zero_columns[:, FORCE, : axes.shape[2]] = -way[:, None, None] * axes
+        yield Variant(
+            trial=trial, setup=replace(setup, zero_columns=zero_columns), zero_motion="friction"
+        )
 
 
 def _ways(angle: float, count: int) -> tuple[tuple[float, float], ...]:
@@ -462,11 +471,11 @@ HYPOTHESES = (
         family=_step,
         points=tuple((float(point),) for point in np.linspace(0.06, 0.94, 18)),
         step=0.02,
-        free=("course",),
+        free=("zero_change",),
         rarity=4.0,
     ),
-    Hypothesis(cause=Cause.ZERO_MOVES, mend=_drift, free=("course",), rarity=3.0),
-    Hypothesis(cause=Cause.ZERO_MOVES, mend=_friction, free=("course",), rarity=3.0),
+    Hypothesis(cause=Cause.ZERO_MOVES, mend=_drift, free=("zero_change",), rarity=3.0),
+    Hypothesis(cause=Cause.ZERO_MOVES, mend=_friction, free=("zero_change",), rarity=3.0),
     Hypothesis(cause=Cause.MESH_TURNED, mend=_mesh_turned, rarity=3.0),
     Hypothesis(cause=Cause.MESH_UNIT, mend=_mesh_unit),
     Hypothesis(cause=Cause.TCP, family=_tcp, points=SHIFTS, step=0.01, rarity=4.0),

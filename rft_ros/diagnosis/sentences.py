@@ -258,8 +258,8 @@ def _sentence(cause_found: Found) -> tuple[str, Mapping[str, float]]:
 
 
 def _moved_zero(x: Explanation) -> tuple[str, float]:
-    change = float(np.linalg.norm(x.fit.values["course"][FORCE]))
-    match x.variant.course:
+    change = float(np.linalg.norm(x.fit.values["zero_change"][FORCE]))
+    match x.variant.zero_motion:
         case "step":
             sentence = (
                 f"the zero of the load cell steps by {change:.3g} N at {x.variant.number:.3g} s"

@@ -60,14 +60,14 @@ class Trial:
     """n moments of a cell in the order of time, and the readings of its load cell.
 
     `time` [s], shape [n], and `poses` of the tool frame in the world, position [m] and quaternion xyzw, shape [n, 7].
-    `course`: path of the tool so far [m], and
-    `half_time`: when it was half-way from the moment before [s], both shape [n], of a trial that is followed.
+    `path` of the tool so far [m], and `half_time`: when it was half-way from the moment before [s], both shape [n], of
+    a trial that is followed.
     """
 
     time: Array
     poses: Array
     readings: Readings
-    course: Array = field(default_factory=lambda: np.zeros(0))
+    path: Array = field(default_factory=lambda: np.zeros(0))
     half_time: Array = field(default_factory=lambda: np.zeros(0))
 
     def __len__(self) -> int:
@@ -93,7 +93,7 @@ class Trial:
         """The direction of gravity in the axes of the tool, shape [n, 3]."""
         return -self.matrices[:, 2]
 
-    def path(self, reach: float) -> Array:
+    def path_of(self, reach: float) -> Array:
         """How far the tool has gone, turns included, shape [n]; `reach` of its plates, all [m]."""
         distance = np.linalg.norm(np.diff(self.position, axis=0), axis=1)
         trace = np.einsum("nij,nij->n", self.matrices[1:], self.matrices[:-1])
@@ -102,18 +102,18 @@ class Trial:
 
     def thinned(self, count: int) -> "Trial":
         """At most `count` of its moments."""
-        return self._at(np.arange(len(self))[thin_rows(len(self), count)], self.course)
+        return self._at(np.arange(len(self))[thin_rows(len(self), count)], self.path)
 
-    def _at(self, rows: Indices, course: Array) -> "Trial":
-        """Some of its moments. `course` of all moments."""
-        ends = course[rows]
+    def _at(self, rows: Indices, path: Array) -> "Trial":
+        """Some of its moments. `path` of all moments."""
+        ends = path[rows]
         begins = np.append(ends[:1], ends[:-1])
-        half_time = np.interp(0.5 * (begins + ends), course, self.time)
+        half_time = np.interp(0.5 * (begins + ends), path, self.time)
         return replace(
             self,
             time=self.time[rows],
             poses=self.poses[rows],
-            course=ends,
+            path=ends,
             half_time=np.where(ends > begins, half_time, self.time[rows]),
         )
 
@@ -136,9 +136,9 @@ class Trial:
         poses = self.poses.copy()
         poses[:, POSITION] = self.position[0] + np.cumsum(displacement[:, :3], axis=0)
         quiet = replace(self, poses=poses)
-        course = quiet.path(reach)
-        rows = _rows_along((self.time, course, _changes(self.time, quiet.position)), count)
-        return quiet._at(rows, course)
+        path = quiet.path_of(reach)
+        rows = _rows_along((self.time, path, _changes(self.time, quiet.position)), count)
+        return quiet._at(rows, path)
 
 
 def thin_rows(length: int, count: int) -> slice:
@@ -169,16 +169,16 @@ def _resolutions(series: Array) -> Array:
     return np.array([step.min(initial=np.inf) if len(step) else 0.0 for step in steps])
 
 
-def _rows_along(courses: Sequence[Array], count: int) -> Indices:
-    """At most `count` rows, spread evenly over several courses alike, each shape [n] and never falling."""
-    length = len(courses[0])
+def _rows_along(measures: Sequence[Array], count: int) -> Indices:
+    """At most `count` rows, spread evenly over several measures alike, each shape [n] and never falling."""
+    length = len(measures[0])
     if length <= count:
         return np.arange(length)
-    course = np.sum([(c - c[0]) / max(c[-1] - c[0], 1e-9) for c in courses], axis=0)
+    place = np.sum([(m - m[0]) / max(m[-1] - m[0], 1e-9) for m in measures], axis=0)
     rows = np.arange(0)
-    # where the courses rise most, several places fall on one row
+    # where the measures rise most, several places fall on one row
     for places in (count * np.array([1.0, 1.3, 1.7, 2.2, 3.0, 4.0])).astype(int):
-        more = np.unique(np.searchsorted(course, np.linspace(0.0, course[-1], places)))
+        more = np.unique(np.searchsorted(place, np.linspace(0.0, place[-1], places)))
         if len(more) > count:
             break
         rows = more
