@@ -294,8 +294,11 @@ def undetermined(x: Explanation) -> list[str]:
 
 
 def _needs_nothing(problem: Problem, result: Fit) -> bool:
+    """Whether no number is so far off that a cause may be told; λ is none of the cell's, and differs between grains."""
     off = deviations(problem, result)
-    return result.per_stretch <= problem.usual and max(off.values(), default=0.0) <= LIMITS.max_off
+    length_off = off.pop("length")
+    is_near = max(off.values()) <= LIMITS.max_off and length_off <= LIMITS.told_off
+    return is_near and result.per_stretch <= problem.usual
 
 
 def deviations(problem: Problem, result: Fit) -> dict[str, float]:
