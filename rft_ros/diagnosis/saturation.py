@@ -20,8 +20,8 @@ NOISES_AT_LIMIT = 4.0
 """How near to the greatest reading others are at the limit, by the noise."""
 MAX_NOISE_SHARE = 0.02
 """Of the greatest reading: with more noise no limit is seen."""
-MIN_GROWTH = 1.15
-"""Of the model's force over that at the limit."""
+MIN_GROWTH = 1.3
+"""Of the model's force over that at the limit: that of grains unlike the model grows to 1.2 times where theirs ends."""
 
 
 def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:

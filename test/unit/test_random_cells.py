@@ -53,6 +53,10 @@ def test_a_force_that_stays_while_the_tool_rests_is_no_limit_of_the_load_cell(se
     assert findings_of(right(random_cell(seed))) == []
 
 
+def test_a_force_that_grows_less_than_the_models_as_a_scoop_rolls_is_no_limit_of_the_load_cell():
+    assert findings_of(right(random_cell(90002))) == []
+
+
 def test_poses_that_do_not_turn_with_a_tool_that_rolls_are_named():
     (found,) = findings_of(faulty(random_cell(50003), "frame does not turn"))
     assert found.name == "frame does not turn"
