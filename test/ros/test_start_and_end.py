@@ -6,6 +6,7 @@ import signal
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import numpy as np
@@ -26,8 +27,10 @@ PLATE = locate_mesh("plate")
 
 
 def descendants(pid: int) -> set[int]:
-    lists = Path(f"/proc/{pid}/task").glob("*/children")
-    children = {int(child) for threads in lists for child in threads.read_text().split()}
+    children: set[int] = set()
+    for threads in Path(f"/proc/{pid}/task").glob("*/children"):
+        with suppress(FileNotFoundError):  # a thread that has ended since
+            children |= {int(child) for child in threads.read_text().split()}
     return children.union(*(descendants(child) for child in children))
 
 
