@@ -26,7 +26,8 @@ from rft_ros.node.listen import Listener, Message, Publisher, Topic
 from rft_ros.rft import POSE, POSITION, QUATERNION, TWIST, VELOCITY
 
 _RATE = 100.0
-_HASTE = 4  # the recorded motion takes 10 s
+# the recorded motion takes 10 s; faster, a message that is late on a busy machine leaves a gap of centimetres
+_HASTE = 2
 _FINE = 5_000.0  # [Hz], of the states: each message carries the state at its own time, however late it is sent
 
 
