@@ -25,7 +25,7 @@ _MIN_DELAY_ERRORS_FACTOR = 2.0
 """Standard errors of the delay: a smaller change of the configured delay is not significant."""
 
 _DELAY_RESOLUTION_S = 1e-3
-"""Delays of synthetic recordings are found up to 1.6 ms too early."""
+"""Delays of synthetic recordings are found 1.2 ms too early on average, and 2 ms with poses at 500 Hz."""
 
 
 def _part_of(recording: Recorded, turn: Turn) -> Part:

@@ -21,7 +21,7 @@ NOISES_AT_LIMIT = 4.0
 MAX_NOISE_SHARE = 0.02
 """Of the greatest reading: with more noise no limit is seen."""
 MIN_GROWTH = 1.3
-"""Of the model's force over that at the limit: that of grains unlike the model grows to 1.2 times where theirs ends."""
+"""Least growth of the model's force above the limit. In grains unlike the model it grows to 1.2 times without one."""
 
 
 def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:

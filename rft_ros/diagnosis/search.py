@@ -294,7 +294,7 @@ def undetermined(x: Explanation) -> list[str]:
 
 
 def _needs_nothing(problem: Problem, result: Fit) -> bool:
-    """Whether no number is so far off that a cause may be told; λ is none of the cell's, and differs between grains."""
+    """Whether the misfit is usual and no number far off; λ may be farther off, since it differs between grains."""
     off = deviations(problem, result)
     length_off = off.pop("length")
     is_near = max(off.values()) <= LIMITS.max_off and length_off <= LIMITS.told_off
@@ -344,7 +344,7 @@ def _gains(x: Explanation, as_given: Fit) -> bool:
 
 
 def _is_plausible(x: Explanation) -> bool:
-    """Whether a cell may be wrong by what a variant mends, and by no less than is told."""
+    """Whether a cell can be wrong in the way that a variant mends, and by enough to be told."""
     match x.cause:
         case Cause.TORQUE_UNIT:
             # in a smaller unit any torque nearly vanishes, and with it its misfit
