@@ -176,13 +176,15 @@ def read_by(parameters: dict[str, Any], rotation: Rotation, grains: Array) -> Ar
     weight = np.tile((0.0, 0.0, -GRAVITY_M_S2 * parameters["sensor.mass"]), (len(grains), 1))
     lever = rotation.apply(parameters["sensor.position"])
     center = to_world.apply(parameters["sensor.center_of_mass"])
-    force = grains[:, :3] + weight
+    force = to_world.inv().apply(grains[:, :3] + weight)
     torque = grains[:, 3:] - np.cross(lever, grains[:, :3]) + np.cross(center, weight)
-    if parameters["sensor.frame_source"] != "world":
-        force = to_world.inv().apply(force)
-        torque = to_world.inv().apply(torque)
+    torque = to_world.inv().apply(torque)
     on_tool = np.hstack([force, torque])
-    return np.asarray(parameters["sensor.sign"] * on_tool + parameters["sensor.bias"])
+    reading = parameters["sensor.sign"] * on_tool + parameters["sensor.bias"]
+    if parameters["sensor.frame_source"] != "world":
+        return np.asarray(reading)
+    # the driver turns the whole reading, with its bias
+    return np.hstack([to_world.apply(reading[:, :3]), to_world.apply(reading[:, 3:])])
 
 
 def interpolated(at: Array, time: Array, values: Array) -> Array:

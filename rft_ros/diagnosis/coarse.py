@@ -108,15 +108,15 @@ def _readings(problem: Problem, late: float, orientations: Array) -> Array:
     turns = np.einsum("ij,kjl,ml->kim", in_tool, orientations, in_tool)
     bias = problem.given()[rows_of("force_bias")]
     forces = (problem.reading(late)[:, FORCE] - bias) @ np.swapaxes(turns, 1, 2)
-    grains = forces - problem.setup.cell.mass * GRAVITY * problem.down
+    grains = forces - problem.setup.cell.mass * GRAVITY * problem.trial.down
     return np.asarray((_weight(problem)[:, None] * grains).reshape(len(turns), -1).T)
 
 
 def _columns(problem: Problem, height: float, length: float) -> Array:
     """What a unit of bias, mass and ζ adds to the weighted forces, shape [3 n, 5]."""
-    unit_forces = np.empty((len(problem.down), 3, 5))
+    unit_forces = np.empty((len(problem.trial.down), 3, 5))
     unit_forces[:, :, :3] = np.eye(3)
-    unit_forces[:, :, 3] = GRAVITY * problem.down
+    unit_forces[:, :, 3] = GRAVITY * problem.trial.down
     unit_forces[:, :, 4] = problem.basis(height, length).wrench[:, FORCE]
     return np.asarray((_weight(problem)[:, None, None] * unit_forces).reshape(-1, 5))
 
@@ -157,7 +157,7 @@ def _costs(columns: Array, readings: Array, priors: Array, zeta: float) -> Array
 def _aligned(problem: Problem, height: float, weight: Array) -> Rotation:
     """The turn of the readings that aligns them with the model's force and weight, with ζ in turns."""
     mass = problem.setup.cell.mass
-    gravity = GRAVITY * problem.down
+    gravity = GRAVITY * problem.trial.down
     reading = problem.reading(0.0)[:, FORCE] - problem.given()[rows_of("force_bias")]
     model_force = problem.basis(height, problem.setup.length).wrench[:, FORCE]
     zeta = problem.setup.law.zeta

@@ -116,6 +116,14 @@ def crossed(a: Array, b: Array) -> Array:
     return np.stack([y * w - z * v, z * u - x * w, x * v - y * u], axis=-1)
 
 
+def _beside(values: Array) -> Array:
+    """At each of n moments the mean of those before and after it, whose noise is not its own, shape [n, ...]."""
+    rows = np.arange(len(values))
+    before = values[np.maximum(rows - 1, 0)]
+    after = values[np.minimum(rows + 1, len(values) - 1)]
+    return np.asarray(0.5 * (before + after))
+
+
 def rows_of(name: str) -> slice:
     """Where the numbers of a name lie among all of them."""
     return _SLICES[name]
@@ -170,7 +178,7 @@ class Setup:
     def cell_axes(self, trial: Trial) -> Array:
         """The matrices that turn readings into tool axes at the moments of a trial, shape [n, 3, 3]."""
         if self.reads_in_world:
-            return np.asarray(self.cell.sign * np.swapaxes(trial.matrices, 1, 2))
+            return np.asarray(self.cell.sign * np.swapaxes(trial.half_way, 1, 2))
         return np.repeat(self.in_tool[None], len(trial), axis=0)
 
     @cached_property
@@ -208,7 +216,7 @@ class Model:
         states[:, VELOCITY] = displacement[:, POSITION] / span
         states[:, ANGULAR_VELOCITY] = turn / span
         self._states = states
-        self._into_tool = np.swapaxes(trial.matrices, 1, 2)
+        self._into_tool = np.swapaxes(trial.half_way, 1, 2)
         self._middle = np.array(self._tool.middle)
         self.low = self._tool.lowest_points(states)[0]
         going = displacement[:, POSITION] + crossed(turn, trial.matrices @ self._middle)
@@ -303,8 +311,6 @@ class Problem:
         self.tool = setup.tool
         self.time = trial.time
         self.model = model or Model(trial, setup)
-        # the model's force of a step is that half-way through it, and so must be weight and reading
-        self.down = trial.down - 0.5 * np.diff(trial.down, axis=0, prepend=trial.down[:1])
         self.count_of = stretches(trial.time, self.model.path)
         self.count = float(self.count_of.sum())
         self.middle = np.array(setup.tool.middle)
@@ -350,11 +356,7 @@ class Problem:
         scale = np.ones(NUMBERS)
         for name, tolerance in TOLERANCES.items():
             scale[_SLICES[name]] = tolerance.value
-        is_moving = np.diff(self.model.path, prepend=0.0) > REST_M
-        steps = np.diff(self.time, prepend=self.time[:1])[is_moving]
-        scale[_SLICES["delay"]] = max(
-            TOLERANCES["delay"].value, 0.5 * float(np.median(steps)) if len(steps) else 0.0
-        )
+        scale[_SLICES["delay"]] = max(TOLERANCES["delay"].value, 0.5 * self.trial.interval)
         if not self.setup.law.mobilization_length:
             scale[_SLICES["length"]] = UNKNOWN_LENGTH_TOLERANCE
         scale[_SLICES["turn"]] = np.radians(TOLERANCES["turn"].value)
@@ -416,7 +418,7 @@ class Problem:
         reading = self.reading(late)
         force = reading[:, FORCE] @ turn.T
         torque = reading[:, TORQUE] @ turn.T
-        weight = GRAVITY * self.down
+        weight = GRAVITY * self.trial.down
         mass = x[_SLICES["mass"]][0]
         grains = force - x[_SLICES["force_bias"]] - mass * weight
         couple = torque - x[_SLICES["torque_bias"]] - crossed(x[_SLICES["moment"]], weight)
@@ -529,9 +531,9 @@ def filtered(time: Array, values: Array, lag: float) -> Array:
 
 
 def _normal_equations(rows: Array, values: Array) -> tuple[Array, Array]:
-    """The normal matrix and the right side, by blocks so small that no library starts threads for them."""
+    """The normal matrix and the right sides, by blocks so small that no library starts threads for them."""
     normal = np.zeros((rows.shape[1], rows.shape[1]))
-    right = np.zeros(rows.shape[1])
+    right = np.zeros((rows.shape[1], values.shape[1]))
     for k in range(0, len(rows), BLOCK_COUNT):
         part = rows[k : k + BLOCK_COUNT]
         normal += part.T @ part
@@ -541,7 +543,7 @@ def _normal_equations(rows: Array, values: Array) -> tuple[Array, Array]:
 
 def _inverse(normal: Array) -> Array:
     """The inverse of a normal matrix whose numbers differ by up to 20 digits: each one counts by its own size."""
-    size = np.sqrt(np.diag(normal))
+    size = np.sqrt(np.abs(np.diag(normal)))
     scale = np.outer(size, size)
     return np.asarray(np.linalg.inv(normal / scale + MIN_EIGENVALUE * np.eye(len(size))) / scale)
 
@@ -573,6 +575,8 @@ def fit(
         return cost + float(prior @ (values_tried - given_values) ** 2), e, weight, model
 
     total, e, weight, model = cost_at(x)
+    lever = _SLICES["lever"]
+    lever_size = TOLERANCES["lever"].size
     covariance = np.zeros(NUMBERS)
     # the errors of freed numbers are those as if what is given were right
     told_rows = np.array(
@@ -587,13 +591,20 @@ def fit(
         assert J is not None
         _, weight = problem.misfit(e)
         root = np.sqrt(weight) * problem.sigma
-        normal, gradient = _normal_equations(
-            (root[:, :, None] * J).reshape(-1, NUMBERS), (root * e).reshape(-1)
+        lever_columns = J[:, :, lever].copy()
+        # a shorter lever makes the noise of the force smaller in the torque: what the noise of other moments does not
+        # show, too, is no evidence for it (instrumental variables)
+        J[:, :, lever] = _beside(lever_columns)
+        normal, right = _normal_equations(
+            (root[:, :, None] * J).reshape(-1, NUMBERS),
+            (root[:, :, None] * np.dstack([e, lever_columns])).reshape(-1, 1 + lever_size),
         )
+        gradient = right[:, 0] + prior * (x - given_values)
+        slopes = normal.copy()
+        slopes[:, lever] = right[:, 1:]
+        move = -_inverse(slopes + np.diag(prior)) @ gradient
         normal += np.diag(prior)
-        gradient += prior * (x - given_values)
         inverse = _inverse(normal)
-        move = -inverse @ gradient
         covariance = np.diag(inverse).copy()
         covariance[told_rows] = np.diag(_inverse(normal[np.ix_(told_rows, told_rows)]))
         # bounded steps of what is not linear

@@ -10,6 +10,7 @@ import numpy as np
 
 from rft_ros.diagnosis.finding import Finding
 from rft_ros.diagnosis.fit import FLOOR_SHARE, START_M, Problem, Setup
+from rft_ros.estimator import GRAVITY
 from rft_ros.rft import FORCE
 
 MIN_AT_LIMIT = 10
@@ -28,11 +29,13 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
     """Axes of the force at their limits, in both of their directions. `setup`: of the cell as it is mended."""
     trial = problem.trial
     readings = trial.readings.at(trial.time + setup.late)[:, FORCE]
+    axes = setup.cell_axes(trial)
+    weight = np.einsum("nji,nj->ni", axes, setup.cell.mass * GRAVITY * trial.down)
     low = problem.model.low
     is_high = low >= np.quantile(low, 0.9)
-    change = readings - np.median(readings[is_high], axis=0)
+    change = readings - np.median((readings - weight)[is_high], axis=0)
     world_force = problem.basis(setup.surface, setup.length).wrench[:, FORCE]
-    expected = np.einsum("nji,nj->ni", setup.cell_axes(trial), world_force)
+    expected = np.einsum("nji,nj->ni", axes, world_force)
     moves = np.array(problem.model.kinds) != "rest"
     if problem.model.low[0] < setup.surface:
         # of a recording that begins in the grains the force is not known at first
@@ -40,6 +43,7 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
     for axis, side in product(range(3), (1.0, -1.0)):
         reading = side * change[:, axis]
         force = side * expected[:, axis]
+        hanging = side * weight[:, axis]
         limit = float(np.quantile(reading, 0.995))
         band = NOISES_AT_LIMIT * float(trial.readings.noise[axis])
         at_limit = moves & (reading >= limit - max(band, 1e-6 * abs(limit)))
@@ -49,8 +53,9 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
         if not (is_seen and is_force):
             continue
         # the model's force in the unit of the readings
-        scale = (reading * force)[below].sum() / max((force[below] ** 2).sum(), 1e-12)
-        low_growth, high_growth = np.quantile(scale * force[at_limit] / limit, (0.2, 0.9))
+        scale = ((reading - hanging) * force)[below].sum() / max((force[below] ** 2).sum(), 1e-12)
+        growth = (scale * force + hanging)[at_limit] / limit
+        low_growth, high_growth = np.quantile(growth, (0.2, 0.9))
         if scale > 0.0 and low_growth > 0.9 and high_growth > MIN_GROWTH:
             stays = float(readings[at_limit, axis].mean())
             yield Finding(

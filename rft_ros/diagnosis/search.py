@@ -49,6 +49,8 @@ class Limits:
 
 
 LIMITS = Limits()
+MOVED_BY = {Cause.WORLD: ("surface",)}
+"""Numbers of the cell that a cause moves: they are no cause of their own beside it."""
 MAX_COARSE_DELAY_S = 0.015
 """Delay by the coarse search, one of its steps, that is none."""
 MAX_SINGLE_FACTOR = 1.5
@@ -169,11 +171,16 @@ def _several(problem: Problem, base: Coarse, result: Fit) -> Diagnosis | None:
     candidates = [
         x
         for x in explanations
-        if x.fit.per_stretch <= x.problem.usual and _is_plausible(x) and _gains(x, result)
+        if x.fit.per_stretch <= x.problem.usual
+        and _is_plausible(x)
+        and _gains(x, result)
+        and (x.cause is Cause.NUMBERS or _is_wrong(problem, result))
     ]
     if not candidates:
         return None
     best, numbers = _needed(candidates[0])
+    if best.fit.per_stretch > best.problem.usual:
+        return None
     found = []
     if best.cause is not Cause.NUMBERS:
         own = replace(best.hypothesis, free=_own_names(best))
@@ -212,7 +219,8 @@ def _with_deviating(x: Explanation) -> tuple[Explanation, list[Hypothesis]]:
 
 
 def _own_names(x: Explanation) -> tuple[str, ...]:
-    return tuple(name for name in x.hypothesis.free if name not in CELL_NUMBERS)
+    moved = MOVED_BY.get(x.cause, ())
+    return tuple(n for n in x.hypothesis.free if n not in CELL_NUMBERS or n in moved)
 
 
 def _needed(x: Explanation) -> tuple[Explanation, list[Hypothesis]]:
@@ -252,11 +260,9 @@ def _deviating(x: Explanation) -> Iterator[Hypothesis]:
                 is_needed = is_off and not is_other_weight
             case Cause.LEVER:
                 is_needed = _is_off("lever", x) and "lever" not in undetermined(x)
-            case Cause.SURFACE if x.cause is Cause.WORLD:
-                is_needed = False
             case _:
                 is_needed = any(_is_off(name, x) for name in hypothesis.free)
-        if is_needed:
+        if is_needed and not {*hypothesis.free} & {*MOVED_BY.get(x.cause, ())}:
             yield hypothesis
 
 
@@ -317,15 +323,13 @@ def deviations(problem: Problem, result: Fit) -> dict[str, float]:
 
 def _is_told(x: Explanation, as_given: Fit) -> bool:
     gain = as_given.misfit - x.cost
-    is_explained = x.fit.per_stretch <= max(
-        x.problem.usual, LIMITS.max_ratio * as_given.per_stretch
-    )
-    if not is_explained:
+    max_left = x.problem.usual
+    if not x.hypothesis.is_costly or _is_wrong(x.problem, as_given):
+        max_left = max(max_left, LIMITS.max_ratio * as_given.per_stretch)
+    if x.fit.per_stretch > max_left:
         return False
     free = [name for name in x.hypothesis.free if name not in NUISANCES]
     if x.cause is Cause.LEVER and undetermined(x) and gain < LIMITS.min_gain_undetermined:
-        return False
-    if x.cause is Cause.PAYLOAD and "mass" in undetermined(x):
         return False
     if x.cause in (Cause.WEIGHT, Cause.PAYLOAD):
         has_weight = float(x.fit.values["mass"][0]) >= -MIN_MASS_KG
@@ -340,7 +344,20 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
 
 def _gains(x: Explanation, as_given: Fit) -> bool:
     """Whether a cause other than numbers lowers the misfit by enough to be told."""
-    return as_given.misfit - x.cost >= x.hypothesis.min_gain
+    return as_given.misfit - x.cost >= x.hypothesis.min_gain * _unlikeness(x)
+
+
+def _is_wrong(problem: Problem, as_given: Fit) -> bool:
+    """Whether the misfit is one that no right cell has, in grains unlike the model, too.
+
+    Of a smaller one a cause with much freedom takes a part, and several causes take all.
+    """
+    return as_given.per_stretch > MAX_RIGHT_FACTOR * problem.usual
+
+
+def _unlikeness(x: Explanation) -> float:
+    """How many times the usual misfit an explanation leaves, at least 1: in grains unlike the model gains mean less."""
+    return max(x.fit.per_stretch / x.problem.usual, 1.0)
 
 
 def _is_plausible(x: Explanation) -> bool:

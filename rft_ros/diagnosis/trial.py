@@ -60,8 +60,8 @@ class Trial:
     """n moments of a cell in the order of time, and the readings of its load cell.
 
     `time` [s], shape [n], and `poses` of the tool frame in the world, position [m] and quaternion xyzw, shape [n, 7].
-    `path` of the tool so far [m], and `half_time`: when it was half-way from the moment before [s], both shape [n], of
-    a trial that is followed.
+    Of a trial that is followed: `path` of the tool so far [m], and `half_time`, when it was half-way from the moment
+    before [s], both shape [n]; `interval` between two poses as they were sent [s].
     """
 
     time: Array
@@ -69,6 +69,7 @@ class Trial:
     readings: Readings
     path: Array = field(default_factory=lambda: np.zeros(0))
     half_time: Array = field(default_factory=lambda: np.zeros(0))
+    interval: float = 0.0
 
     def __len__(self) -> int:
         return len(self.time)
@@ -89,9 +90,14 @@ class Trial:
         return np.asarray(self.rotation.as_matrix())
 
     @cached_property
+    def half_way(self) -> Array:
+        """As `matrices`, half-way from the moment before: of the model's force in a step, and of reading and weight."""
+        return self.matrices - 0.5 * np.diff(self.matrices, axis=0, prepend=self.matrices[:1])
+
+    @property
     def down(self) -> Array:
-        """The direction of gravity in the axes of the tool, shape [n, 3]."""
-        return -self.matrices[:, 2]
+        """The direction of gravity in the axes of the tool half-way from the moment before, shape [n, 3]."""
+        return -self.half_way[:, 2]
 
     def path_of(self, reach: float) -> Array:
         """How far the tool has gone, turns included, shape [n]; `reach` of its plates, all [m]."""
@@ -135,7 +141,7 @@ class Trial:
         displacement = displacements_followed(states, reach=reach, dead_band=band)
         poses = self.poses.copy()
         poses[:, POSITION] = self.position[0] + np.cumsum(displacement[:, :3], axis=0)
-        quiet = replace(self, poses=poses)
+        quiet = replace(self, poses=poses, interval=float(np.median(np.diff(self.time))))
         path = quiet.path_of(reach)
         rows = _rows_along((self.time, path, _changes(self.time, quiet.position)), count)
         return quiet._at(rows, path)
