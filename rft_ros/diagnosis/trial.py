@@ -23,6 +23,9 @@ STRETCH_S = 1.0
 """The same at rest: the time over which errors of a load cell are alike."""
 CHANGE_S = 0.03
 """Time before and after a moment in which a change of the motion is seen."""
+GAP_FACTOR = 3.0
+GAP_M = 0.001
+"""Times the usual interval between poses, and path, of a gap: nobody knows which way the tool went there."""
 NOISE_STEPS = (1, 2, 4, 8, 16)
 MAX_NOISE_STEP_S = 0.021
 """Samples, and the longest time, between the values of which differences are taken: load cells have 50 Hz or more."""
@@ -60,14 +63,16 @@ class Trial:
     """n moments of a cell in the order of time, and the readings of its load cell.
 
     `time` [s], shape [n], and `poses` of the tool frame in the world, position [m] and quaternion xyzw, shape [n, 7].
-    Of a trial that is followed: `path` of the tool so far [m], and `half_time`, when it was half-way from the moment
-    before [s], both shape [n]; `interval` between two poses as they were sent [s].
+    Of a trial that is followed: `path` of the tool so far [m], `seen` of it since the last gap in the poses [m], and
+    `half_time`, when it was half-way from the moment before [s], each shape [n]; `interval` between two poses as they
+    were sent [s].
     """
 
     time: Array
     poses: Array
     readings: Readings
     path: Array = field(default_factory=lambda: np.zeros(0))
+    seen: Array = field(default_factory=lambda: np.zeros(0))
     half_time: Array = field(default_factory=lambda: np.zeros(0))
     interval: float = 0.0
 
@@ -120,6 +125,7 @@ class Trial:
             time=self.time[rows],
             poses=self.poses[rows],
             path=ends,
+            seen=self.seen[rows],
             half_time=np.where(ends > begins, half_time, self.time[rows]),
         )
 
@@ -141,8 +147,12 @@ class Trial:
         displacement = displacements_followed(states, reach=reach, dead_band=band)
         poses = self.poses.copy()
         poses[:, POSITION] = self.position[0] + np.cumsum(displacement[:, :3], axis=0)
-        quiet = replace(self, poses=poses, interval=float(np.median(np.diff(self.time))))
+        quiet = replace(self, poses=poses)
         path = quiet.path_of(reach)
+        interval = float(np.median(np.diff(self.time)))
+        is_gap = (np.diff(self.time) > GAP_FACTOR * interval) & (np.diff(path) > GAP_M)
+        gap_ends = np.where(np.append(False, is_gap), path, -np.inf)
+        quiet = replace(quiet, seen=path - np.maximum.accumulate(gap_ends), interval=interval)
         rows = _rows_along((self.time, path, _changes(self.time, quiet.position)), count)
         return quiet._at(rows, path)
 
@@ -207,8 +217,11 @@ def _changes(time: Array, position: Array) -> Array:
     return np.asarray(np.cumsum(steps))
 
 
-def stretches(time: Array, path: Array) -> Array:
-    """How many independent stretches each moment stands for, shape [n]."""
+def stretches(trial: Trial, path: Array) -> Array:
+    """How many independent stretches each moment stands for, shape [n]: after a gap none, until the memory of it fades.
+
+    `path` of the tool's middle so far [m], shape [n].
+    """
     distance = np.gradient(path) / STRETCH_M
-    rest = np.gradient(time) / STRETCH_S
-    return np.asarray(np.minimum(distance + rest, 1.0))
+    rest = np.gradient(trial.time) / STRETCH_S
+    return np.asarray(np.minimum(distance + rest, 1.0) * (trial.seen > STRETCH_M))
