@@ -1,11 +1,13 @@
 """The random cells of `bench.doctor`: they repeat, they are right as they are, and each fault shows in its readings."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from bench.random_cells import FORCES, MOTIONS, TURNS, random_cell
 from bench.random_doctor import findings_of
-from bench.random_faults import FAULTS, faulty, fits, is_visible, right
+from bench.random_faults import FAULTS, Setup, faulty, fits, is_visible, right
 
 SEEDS = range(0, 24, 2)
 
@@ -55,6 +57,59 @@ def test_a_force_that_stays_while_the_tool_rests_is_no_limit_of_the_load_cell(se
 
 def test_a_force_that_grows_less_than_the_models_as_a_scoop_rolls_is_no_limit_of_the_load_cell():
     assert findings_of(right(random_cell(90002))) == []
+
+
+def test_a_limit_is_one_of_the_whole_reading_with_the_weight_that_hangs_on_the_load_cell():
+    assert findings_of(right(random_cell(120017))) == []
+
+
+def test_a_reading_in_world_axes_is_of_the_attitude_in_which_the_model_computes_the_force():
+    """The tool turns with 0.85 kg on its way down; its lever seemed to be 127 mm."""
+    assert findings_of(right(random_cell(110058))) == []
+
+
+@pytest.mark.parametrize("seed", [120137, 120161])
+def test_the_noise_of_the_force_does_not_shorten_the_lever(seed):
+    """A straight press does not tell how far off the load cell is along it."""
+    assert findings_of(right(random_cell(seed))) == []
+
+
+@pytest.mark.parametrize("seed", [120043, 120089, 120211])
+def test_drags_in_grains_of_the_second_law_do_not_tilt_the_world(seed):
+    assert findings_of(right(random_cell(seed))) == []
+
+
+def test_a_delay_is_told_where_its_poses_follow_each_other_fast_although_few_of_them_are_judged():
+    (found,) = findings_of(faulty(random_cell(110016), "delay 40 ms"))
+    assert found.remedy["sensor.delay"] == pytest.approx(0.04, abs=0.01)
+
+
+def hurried(cell, *, factor, gaps):
+    """A cell whose tool is faster by a factor, and which loses its poses some times, for up to 0.4 s."""
+    random = np.random.default_rng(cell.seed)
+    sent = cell.recording
+    time = sent.time / factor
+    kept = np.arange(len(time)) % factor == 0
+    for _ in range(gaps):
+        begin = random.uniform(time[0], time[-1])
+        kept &= (time <= begin) | (time >= begin + random.uniform(0.05, 0.4))
+    delay = cell.parameters["sensor.delay"]
+    recording = replace(
+        sent,
+        time=time[kept],
+        poses=sent.poses[kept],
+        twists=None,
+        wrench_time=((sent.wrench_time - delay) / factor + delay)[::factor],
+        wrenches=sent.wrenches[::factor],
+    )
+    parameters = {**cell.parameters, "twist_source": "pose_difference"}
+    return Setup(parameters=parameters, recording=recording)
+
+
+@pytest.mark.parametrize("seed", [151005, 151039, 151059])
+def test_a_fast_right_cell_that_loses_poses_is_not_blamed_for_a_filter(seed):
+    """Nobody knows which way the tool went in a gap; the grains remember it for millimetres."""
+    assert findings_of(hurried(random_cell(seed), factor=3, gaps=8)) == []
 
 
 def test_poses_that_do_not_turn_with_a_tool_that_rolls_are_named():
