@@ -178,7 +178,7 @@ class Setup:
     def cell_axes(self, trial: Trial) -> Array:
         """The matrices that turn readings into tool axes at the moments of a trial, shape [n, 3, 3]."""
         if self.reads_in_world:
-            return np.asarray(self.cell.sign * np.swapaxes(trial.half_way, 1, 2))
+            return np.asarray(self.cell.sign * np.swapaxes(trial.matrices, 1, 2))
         return np.repeat(self.in_tool[None], len(trial), axis=0)
 
     @cached_property
@@ -216,7 +216,7 @@ class Model:
         states[:, VELOCITY] = displacement[:, POSITION] / span
         states[:, ANGULAR_VELOCITY] = turn / span
         self._states = states
-        self._into_tool = np.swapaxes(trial.half_way, 1, 2)
+        self._into_tool = np.swapaxes(trial.matrices, 1, 2)
         self._middle = np.array(self._tool.middle)
         self.low = self._tool.lowest_points(states)[0]
         going = displacement[:, POSITION] + crossed(turn, trial.matrices @ self._middle)
@@ -378,7 +378,7 @@ class Problem:
         if late not in self._readings:
             if len(self._readings) > 100:
                 self._readings.clear()
-            raw = self.trial.readings.at(self.trial.half_time + self.setup.late + late)
+            raw = self.trial.readings.at(self.trial.time + self.setup.late + late)
             bias = np.array(self.setup.cell.bias)
             raw = bias + np.repeat(self.setup.units, 3) * (raw - bias)
             self._readings[late] = self.into_tool(raw)
@@ -497,7 +497,7 @@ class Problem:
         basis_by_values = self.model.at(surface, length)
         if self.setup.lag > 0.0:
             return Basis(
-                filtered(self.trial.half_time, basis_by_values.wrench, self.setup.lag),
+                filtered(self.trial.time, basis_by_values.wrench, self.setup.lag),
                 basis_by_values.depth,
             )
         return basis_by_values

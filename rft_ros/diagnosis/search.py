@@ -106,13 +106,23 @@ def diagnose(trial: Trial, setup: Setup, search: Search = "full") -> Diagnosis:
     problem = Problem(trial, setup)
     base = coarse(problem)
     result = fit(problem)
-    # stops show a delay; they are short, and hardly count in the whole misfit
-    if _needs_nothing(problem, result) and abs(base.delay) <= MAX_COARSE_DELAY_S:
+    if _needs_nothing(problem, result) and not _is_late(problem, base, result):
         return Diagnosis((), trial, setup, problem, result)
     is_right = result.per_stretch <= problem.usual
     if search == "numbers" or (search == "misfit" and is_right):
         return _by_numbers(problem, base, result)
     return _searched(problem, base, result)
+
+
+def _is_late(problem: Problem, base: Coarse, result: Fit) -> bool:
+    """Whether a delay would be told: stops show it, which are short and hardly count in the whole misfit."""
+    if abs(base.delay) <= MAX_COARSE_DELAY_S:
+        return False
+    free = ("delay",)
+    late = fit(problem, free, start={"delay": base.delay})
+    hypothesis = Hypothesis(cause=Cause.DELAY, free=free)
+    variant = Variant(trial=problem.trial, setup=problem.setup)
+    return _is_told(Explanation(hypothesis, variant, problem, late), result)
 
 
 def _by_numbers(problem: Problem, base: Coarse, result: Fit) -> Diagnosis:

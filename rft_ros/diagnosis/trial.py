@@ -63,9 +63,8 @@ class Trial:
     """n moments of a cell in the order of time, and the readings of its load cell.
 
     `time` [s], shape [n], and `poses` of the tool frame in the world, position [m] and quaternion xyzw, shape [n, 7].
-    Of a trial that is followed: `path` of the tool so far [m], `seen` of it since the last gap in the poses [m], and
-    `half_time`, when it was half-way from the moment before [s], each shape [n]; `interval` between two poses as they
-    were sent [s].
+    Of a trial that is followed: `path` of the tool so far [m], and `seen` of it since the last gap in the poses [m],
+    both shape [n]; `interval` between two poses as they were sent [s].
     """
 
     time: Array
@@ -73,7 +72,6 @@ class Trial:
     readings: Readings
     path: Array = field(default_factory=lambda: np.zeros(0))
     seen: Array = field(default_factory=lambda: np.zeros(0))
-    half_time: Array = field(default_factory=lambda: np.zeros(0))
     interval: float = 0.0
 
     def __len__(self) -> int:
@@ -94,15 +92,10 @@ class Trial:
         """The same as matrices, shape [n, 3, 3]."""
         return np.asarray(self.rotation.as_matrix())
 
-    @cached_property
-    def half_way(self) -> Array:
-        """As `matrices`, half-way from the moment before: of the model's force in a step, and of reading and weight."""
-        return self.matrices - 0.5 * np.diff(self.matrices, axis=0, prepend=self.matrices[:1])
-
     @property
     def down(self) -> Array:
-        """The direction of gravity in the axes of the tool half-way from the moment before, shape [n, 3]."""
-        return -self.half_way[:, 2]
+        """The direction of gravity in the axes of the tool, shape [n, 3]."""
+        return -self.matrices[:, 2]
 
     def path_of(self, reach: float) -> Array:
         """How far the tool has gone, turns included, shape [n]; `reach` of its plates, all [m]."""
@@ -113,20 +106,16 @@ class Trial:
 
     def thinned(self, count: int) -> "Trial":
         """At most `count` of its moments."""
-        return self._at(np.arange(len(self))[thin_rows(len(self), count)], self.path)
+        return self._at(np.arange(len(self))[thin_rows(len(self), count)])
 
-    def _at(self, rows: Indices, path: Array) -> "Trial":
-        """Some of its moments. `path` of all moments."""
-        ends = path[rows]
-        begins = np.append(ends[:1], ends[:-1])
-        half_time = np.interp(0.5 * (begins + ends), path, self.time)
+    def _at(self, rows: Indices) -> "Trial":
+        """Some of its moments."""
         return replace(
             self,
             time=self.time[rows],
             poses=self.poses[rows],
-            path=ends,
+            path=self.path[rows],
             seen=self.seen[rows],
-            half_time=np.where(ends > begins, half_time, self.time[rows]),
         )
 
     def posed(self, position: Array, rotation: Rotation) -> "Trial":
@@ -152,9 +141,10 @@ class Trial:
         interval = float(np.median(np.diff(self.time)))
         is_gap = (np.diff(self.time) > GAP_FACTOR * interval) & (np.diff(path) > GAP_M)
         gap_ends = np.where(np.append(False, is_gap), path, -np.inf)
-        quiet = replace(quiet, seen=path - np.maximum.accumulate(gap_ends), interval=interval)
+        seen = path - np.maximum.accumulate(gap_ends)
+        quiet = replace(quiet, path=path, seen=seen, interval=interval)
         rows = _rows_along((self.time, path, _changes(self.time, quiet.position)), count)
-        return quiet._at(rows, path)
+        return quiet._at(rows)
 
 
 def thin_rows(length: int, count: int) -> slice:
