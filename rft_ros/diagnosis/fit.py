@@ -119,9 +119,9 @@ def crossed(a: Array, b: Array) -> Array:
 def _beside(values: Array) -> Array:
     """At each of n moments the mean of those before and after it, whose noise is not its own, shape [n, ...]."""
     rows = np.arange(len(values))
-    before = values[np.maximum(rows - 1, 0)]
-    after = values[np.minimum(rows + 1, len(values) - 1)]
-    return np.asarray(0.5 * (before + after))
+    values_before = values[np.maximum(rows - 1, 0)]
+    values_after = values[np.minimum(rows + 1, len(values) - 1)]
+    return np.asarray(0.5 * (values_before + values_after))
 
 
 def rows_of(name: str) -> slice:
@@ -533,12 +533,12 @@ def filtered(time: Array, values: Array, lag: float) -> Array:
 def _normal_equations(rows: Array, values: Array) -> tuple[Array, Array]:
     """The normal matrix and the right sides, by blocks so small that no library starts threads for them."""
     normal = np.zeros((rows.shape[1], rows.shape[1]))
-    right = np.zeros((rows.shape[1], values.shape[1]))
+    right_sides = np.zeros((rows.shape[1], values.shape[1]))
     for k in range(0, len(rows), BLOCK_COUNT):
         part = rows[k : k + BLOCK_COUNT]
         normal += part.T @ part
-        right += part.T @ values[k : k + BLOCK_COUNT]
-    return normal, right
+        right_sides += part.T @ values[k : k + BLOCK_COUNT]
+    return normal, right_sides
 
 
 def _inverse(normal: Array) -> Array:
@@ -595,13 +595,13 @@ def fit(
         # a shorter lever makes the noise of the force smaller in the torque: what the noise of other moments does not
         # show, too, is no evidence for it (instrumental variables)
         J[:, :, lever] = _beside(lever_columns)
-        normal, right = _normal_equations(
+        normal, right_sides = _normal_equations(
             (root[:, :, None] * J).reshape(-1, NUMBERS),
             (root[:, :, None] * np.dstack([e, lever_columns])).reshape(-1, 1 + lever_size),
         )
-        gradient = right[:, 0] + prior * (x - given_values)
+        gradient = right_sides[:, 0] + prior * (x - given_values)
         slopes = normal.copy()
-        slopes[:, lever] = right[:, 1:]
+        slopes[:, lever] = right_sides[:, 1:]
         move = -_inverse(slopes + np.diag(prior)) @ gradient
         normal += np.diag(prior)
         inverse = _inverse(normal)

@@ -594,6 +594,13 @@ def explained(
     return sorted(results.values(), key=lambda one: one.cost)
 
 
+def explained_by_delay(problem: Problem, base: Coarse) -> Explanation:
+    """A delay, as it fits best."""
+    hypothesis = next(one for one in HYPOTHESES if one.cause is Cause.DELAY)
+    (candidate,) = (one for one in _promising(hypothesis, problem, base) if one.start)
+    return _fitted(candidate, problem, steps=FINAL_STEPS_COUNT)
+
+
 def _fitted(candidate: _Candidate, problem: Problem, *, steps: int) -> Explanation:
     """The candidate, fitted. `problem`: of the cell as given."""
     variant = candidate.again(problem.trial, problem.setup)

@@ -43,7 +43,7 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
     for axis, side in product(range(3), (1.0, -1.0)):
         reading = side * change[:, axis]
         force = side * expected[:, axis]
-        hanging = side * weight[:, axis]
+        hanging_force = side * weight[:, axis]
         limit = float(np.quantile(reading, 0.995))
         band = NOISES_AT_LIMIT * float(trial.readings.noise[axis])
         at_limit = moves & (reading >= limit - max(band, 1e-6 * abs(limit)))
@@ -53,8 +53,10 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
         if not (is_seen and is_force):
             continue
         # the model's force in the unit of the readings
-        scale = ((reading - hanging) * force)[below].sum() / max((force[below] ** 2).sum(), 1e-12)
-        growth = (scale * force + hanging)[at_limit] / limit
+        scale = ((reading - hanging_force) * force)[below].sum() / max(
+            (force[below] ** 2).sum(), 1e-12
+        )
+        growth = (scale * force + hanging_force)[at_limit] / limit
         low_growth, high_growth = np.quantile(growth, (0.2, 0.9))
         if scale > 0.0 and low_growth > 0.9 and high_growth > MIN_GROWTH:
             stays = float(readings[at_limit, axis].mean())

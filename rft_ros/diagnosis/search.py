@@ -19,6 +19,7 @@ from rft_ros.diagnosis.hypotheses import (
     Hypothesis,
     Variant,
     explained,
+    explained_by_delay,
     quaternion_of,
 )
 from rft_ros.diagnosis.trial import Trial
@@ -118,11 +119,7 @@ def _is_late(problem: Problem, base: Coarse, result: Fit) -> bool:
     """Whether a delay would be told: stops show it, which are short and hardly count in the whole misfit."""
     if abs(base.delay) <= MAX_COARSE_DELAY_S:
         return False
-    free = ("delay",)
-    late = fit(problem, free, start={"delay": base.delay})
-    hypothesis = Hypothesis(cause=Cause.DELAY, free=free)
-    variant = Variant(trial=problem.trial, setup=problem.setup)
-    return _is_told(Explanation(hypothesis, variant, problem, late), result)
+    return _is_told(explained_by_delay(problem, base), result)
 
 
 def _by_numbers(problem: Problem, base: Coarse, result: Fit) -> Diagnosis:
@@ -229,8 +226,8 @@ def _with_deviating(x: Explanation) -> tuple[Explanation, list[Hypothesis]]:
 
 
 def _own_names(x: Explanation) -> tuple[str, ...]:
-    moved = MOVED_BY.get(x.cause, ())
-    return tuple(n for n in x.hypothesis.free if n not in CELL_NUMBERS or n in moved)
+    moved_names = MOVED_BY.get(x.cause, ())
+    return tuple(n for n in x.hypothesis.free if n not in CELL_NUMBERS or n in moved_names)
 
 
 def _needed(x: Explanation) -> tuple[Explanation, list[Hypothesis]]:
@@ -333,10 +330,10 @@ def deviations(problem: Problem, result: Fit) -> dict[str, float]:
 
 def _is_told(x: Explanation, as_given: Fit) -> bool:
     gain = as_given.misfit - x.cost
-    max_left = x.problem.usual
+    max_misfit = x.problem.usual
     if not x.hypothesis.is_costly or _is_wrong(x.problem, as_given):
-        max_left = max(max_left, LIMITS.max_ratio * as_given.per_stretch)
-    if x.fit.per_stretch > max_left:
+        max_misfit = max(max_misfit, LIMITS.max_ratio * as_given.per_stretch)
+    if x.fit.per_stretch > max_misfit:
         return False
     free = [name for name in x.hypothesis.free if name not in NUISANCES]
     if x.cause is Cause.LEVER and undetermined(x) and gain < LIMITS.min_gain_undetermined:
@@ -375,7 +372,7 @@ def _is_plausible(x: Explanation) -> bool:
     match x.cause:
         case Cause.TORQUE_UNIT:
             # in a smaller unit any torque nearly vanishes, and with it its misfit
-            return x.fit.per_stretch <= x.problem.usual
+            return x.fit.per_stretch <= MAX_MISFIT_FACTOR * x.problem.usual
         case Cause.WORLD:
             return x.variant.number >= LIMITS.min_tilt_degrees
         case Cause.FILTER:
@@ -390,22 +387,19 @@ TURN_CAUSES = {Cause.TURN, Cause.SIGN_AND_TURN, Cause.MESH_TURNED}
 
 # causes of which the first contains the second: the rarer one is not told beside it
 _CONTAINS = {
-    (Cause.WEIGHT, Cause.BIAS),
     (Cause.PAYLOAD, Cause.BIAS),
     (Cause.BIAS, Cause.PAYLOAD),
-    (Cause.BIAS, Cause.WEIGHT),
     (Cause.BIAS, Cause.ZERO_MOVES),
     (Cause.ANGLE, Cause.TURN),
     (Cause.TURN, Cause.ANGLE),
     (Cause.SURFACE, Cause.WORLD),
-    (Cause.FILTER, Cause.DELAY),
-    (Cause.DELAY, Cause.FILTER),
+    (Cause.AXES_OF_READING, Cause.NOT_TURNING),
 }
 
 
 def _is_other(x: Explanation, best: Explanation) -> bool:
     """Whether an explanation is another one than the best, and not one that contains it."""
-    if x.cause is best.cause:
+    if x.cause.title == best.cause.title:
         return x.cause in TURN_CAUSES and x.variant.remedy != best.variant.remedy
     return (best.cause, x.cause) not in _CONTAINS
 

@@ -63,7 +63,7 @@ class Trial:
     """n moments of a cell in the order of time, and the readings of its load cell.
 
     `time` [s], shape [n], and `poses` of the tool frame in the world, position [m] and quaternion xyzw, shape [n, 7].
-    Of a trial that is followed: `path` of the tool so far [m], and `seen` of it since the last gap in the poses [m],
+    Of a trial that is followed: `path` of the tool so far [m], and `seen_path` since the last gap in the poses [m],
     both shape [n]; `interval` between two poses as they were sent [s].
     """
 
@@ -71,7 +71,7 @@ class Trial:
     poses: Array
     readings: Readings
     path: Array = field(default_factory=lambda: np.zeros(0))
-    seen: Array = field(default_factory=lambda: np.zeros(0))
+    seen_path: Array = field(default_factory=lambda: np.zeros(0))
     interval: float = 0.0
 
     def __len__(self) -> int:
@@ -115,7 +115,7 @@ class Trial:
             time=self.time[rows],
             poses=self.poses[rows],
             path=self.path[rows],
-            seen=self.seen[rows],
+            seen_path=self.seen_path[rows],
         )
 
     def posed(self, position: Array, rotation: Rotation) -> "Trial":
@@ -141,8 +141,8 @@ class Trial:
         interval = float(np.median(np.diff(self.time)))
         is_gap = (np.diff(self.time) > GAP_FACTOR * interval) & (np.diff(path) > GAP_M)
         gap_ends = np.where(np.append(False, is_gap), path, -np.inf)
-        seen = path - np.maximum.accumulate(gap_ends)
-        quiet = replace(quiet, path=path, seen=seen, interval=interval)
+        seen_path = path - np.maximum.accumulate(gap_ends)
+        quiet = replace(quiet, path=path, seen_path=seen_path, interval=interval)
         rows = _rows_along((self.time, path, _changes(self.time, quiet.position)), count)
         return quiet._at(rows)
 
@@ -214,4 +214,4 @@ def stretches(trial: Trial, path: Array) -> Array:
     """
     distance = np.gradient(path) / STRETCH_M
     rest = np.gradient(trial.time) / STRETCH_S
-    return np.asarray(np.minimum(distance + rest, 1.0) * (trial.seen > STRETCH_M))
+    return np.asarray(np.minimum(distance + rest, 1.0) * (trial.seen_path > STRETCH_M))
