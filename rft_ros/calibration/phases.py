@@ -8,7 +8,9 @@
 | whole way straight down | ζ (Treers et al. 2021, IV) | nothing |
 
 A value is fitted to its own phase alone: real grains do not follow the model's growth with depth, and would else shift
-the other values. A stop does not determine λ, as the force persists for any λ above 0.
+the other values. One fit of a whole recording to force and torque, as that of `rft_ros.diagnosis`, was tried on 20
+random recordings: ζ was 0.8 % off (median, here 1.0 %), λ 12 % (9 %), and delays up to 10 ms (5 ms), in five times the
+time. A stop does not determine λ, as the force persists for any λ above 0.
 """
 
 from collections.abc import Sequence
