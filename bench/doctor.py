@@ -100,7 +100,8 @@ FAULTS = {
     "frame of poses and twists": Fault(named="set world_frame: base", frame="base"),
     "sign": Fault(named="set sensor.sign: 1", parameters={"sensor.sign": -1.0}),
     "cell turned": Fault(
-        named="by 180 degrees; set sensor.quaternion", parameters={"sensor.quaternion": TURNED}
+        named="set sensor.quaternion: [0, 0, 0.7071, 0.7071]",
+        parameters={"sensor.quaternion": TURNED},
     ),
     "no twists": Fault(named="twist: nothing on", silent="twist"),
     "no load cell": Fault(named="wrench: nothing on", silent="wrench"),
