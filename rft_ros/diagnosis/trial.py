@@ -24,7 +24,7 @@ STRETCH_S = 1.0
 CHANGE_S = 0.03
 """Time before and after a moment in which a change of the motion is seen."""
 GAP_FACTOR = 3.0
-GAP_M = 0.001
+GAP_M = 0.003
 """Times the usual interval between poses, and path, of a gap: nobody knows which way the tool went there."""
 NOISE_STEPS = (1, 2, 4, 8, 16)
 MAX_NOISE_STEP_S = 0.021
@@ -142,6 +142,9 @@ class Trial:
         is_gap = (np.diff(self.time) > GAP_FACTOR * interval) & (np.diff(path) > GAP_M)
         gap_ends = np.where(np.append(False, is_gap), path, -np.inf)
         seen_path = path - np.maximum.accumulate(gap_ends)
+        # poses that come in bursts are judged as they are
+        if np.gradient(path) @ (seen_path > STRETCH_M) < 0.5 * path[-1]:
+            seen_path = np.full(len(path), np.inf)
         quiet = replace(quiet, path=path, seen_path=seen_path, interval=interval)
         rows = _rows_along((self.time, path, _changes(self.time, quiet.position)), count)
         return quiet._at(rows)
