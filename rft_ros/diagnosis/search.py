@@ -331,7 +331,9 @@ def deviations(problem: Problem, result: Fit) -> dict[str, float]:
 def _is_told(x: Explanation, as_given: Fit) -> bool:
     gain = as_given.misfit - x.cost
     max_misfit = x.problem.usual
-    if not x.hypothesis.is_costly or _is_wrong(x.problem, as_given):
+    # a zero that moves must show in the air, too
+    moves_the_tool = x.hypothesis.is_costly and x.cause is not Cause.ZERO_MOVES
+    if not moves_the_tool or _is_wrong(x.problem, as_given):
         max_misfit = max(max_misfit, LIMITS.max_ratio * as_given.per_stretch)
     if x.fit.per_stretch > max_misfit:
         return False
@@ -357,7 +359,7 @@ def _gains(x: Explanation, as_given: Fit) -> bool:
 def _is_wrong(problem: Problem, as_given: Fit) -> bool:
     """Whether the misfit is one that no right cell has, in grains unlike the model, too.
 
-    Of a smaller one a cause with much freedom takes a part, and several causes take all.
+    Of a smaller one a tool that lies elsewhere or turned takes a part, and several causes take all.
     """
     return as_given.per_stretch > MAX_RIGHT_FACTOR * problem.usual
 
