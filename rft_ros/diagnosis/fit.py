@@ -311,7 +311,7 @@ class Problem:
         self.tool = setup.tool
         self.time = trial.time
         self.model = model or Model(trial, setup)
-        self.count_of = stretches(trial, self.model.path)
+        self.count_of = stretches(trial.time, self.model.path)
         self.count = float(self.count_of.sum())
         self.middle = np.array(setup.tool.middle)
         self._slopes: _Slopes | None = None

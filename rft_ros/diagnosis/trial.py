@@ -23,9 +23,6 @@ STRETCH_S = 1.0
 """The same at rest: the time over which errors of a load cell are alike."""
 CHANGE_S = 0.03
 """Time before and after a moment in which a change of the motion is seen."""
-GAP_FACTOR = 3.0
-GAP_M = 0.003
-"""Times the usual interval between poses, and path, of a gap: nobody knows which way the tool went there."""
 NOISE_STEPS = (1, 2, 4, 8, 16)
 MAX_NOISE_STEP_S = 0.021
 """Samples, and the longest time, between the values of which differences are taken: load cells have 50 Hz or more."""
@@ -63,15 +60,14 @@ class Trial:
     """n moments of a cell in the order of time, and the readings of its load cell.
 
     `time` [s], shape [n], and `poses` of the tool frame in the world, position [m] and quaternion xyzw, shape [n, 7].
-    Of a trial that is followed: `path` of the tool so far [m], and `seen_path` since the last gap in the poses [m],
-    both shape [n]; `interval` between two poses as they were sent [s].
+    Of a trial that is followed: `path` of the tool so far [m], shape [n], and `interval` between two poses as they were
+    sent [s].
     """
 
     time: Array
     poses: Array
     readings: Readings
     path: Array = field(default_factory=lambda: np.zeros(0))
-    seen_path: Array = field(default_factory=lambda: np.zeros(0))
     interval: float = 0.0
 
     def __len__(self) -> int:
@@ -110,13 +106,7 @@ class Trial:
 
     def _at(self, rows: Indices) -> "Trial":
         """Some of its moments."""
-        return replace(
-            self,
-            time=self.time[rows],
-            poses=self.poses[rows],
-            path=self.path[rows],
-            seen_path=self.seen_path[rows],
-        )
+        return replace(self, time=self.time[rows], poses=self.poses[rows], path=self.path[rows])
 
     def posed(self, position: Array, rotation: Rotation) -> "Trial":
         """The same readings at other poses."""
@@ -139,13 +129,7 @@ class Trial:
         quiet = replace(self, poses=poses)
         path = quiet.path_of(reach)
         interval = float(np.median(np.diff(self.time)))
-        is_gap = (np.diff(self.time) > GAP_FACTOR * interval) & (np.diff(path) > GAP_M)
-        gap_ends = np.where(np.append(False, is_gap), path, -np.inf)
-        seen_path = path - np.maximum.accumulate(gap_ends)
-        # poses that come in bursts are judged as they are
-        if np.gradient(path) @ (seen_path > STRETCH_M) < 0.5 * path[-1]:
-            seen_path = np.full(len(path), np.inf)
-        quiet = replace(quiet, path=path, seen_path=seen_path, interval=interval)
+        quiet = replace(quiet, path=path, interval=interval)
         rows = _rows_along((self.time, path, _changes(self.time, quiet.position)), count)
         return quiet._at(rows)
 
@@ -210,11 +194,8 @@ def _changes(time: Array, position: Array) -> Array:
     return np.asarray(np.cumsum(steps))
 
 
-def stretches(trial: Trial, path: Array) -> Array:
-    """How many independent stretches each moment stands for, shape [n]: after a gap none, until the memory of it fades.
-
-    `path` of the tool's middle so far [m], shape [n].
-    """
+def stretches(time: Array, path: Array) -> Array:
+    """How many independent stretches each moment stands for, shape [n]."""
     distance = np.gradient(path) / STRETCH_M
-    rest = np.gradient(trial.time) / STRETCH_S
-    return np.asarray(np.minimum(distance + rest, 1.0) * (trial.seen_path > STRETCH_M))
+    rest = np.gradient(time) / STRETCH_S
+    return np.asarray(np.minimum(distance + rest, 1.0))

@@ -25,7 +25,7 @@ from rft_ros.diagnosis.fit import Problem
 from rft_ros.diagnosis.hypotheses import HYPOTHESES, Cause, explained
 from rft_ros.diagnosis.search import _is_told
 from rft_ros.diagnosis.sentences import remedy_of
-from rft_ros.diagnosis.trial import Readings, Trial, stretches
+from rft_ros.diagnosis.trial import Readings
 from rft_ros.doctor import checkup
 from rft_ros.doctor.checkup import Checkup
 from rft_ros.estimator import LoadCellFrame, TransformSample, WrenchSample
@@ -247,29 +247,6 @@ def test_the_noise_of_readings_is_known_although_they_are_interpolated_at_the_po
     time = np.arange(0.0, 19.9, 1.0 / rate)
     at_poses = np.column_stack([np.interp(time, sent, axis) for axis in readings.T])
     assert Readings(time=time, wrenches=at_poses).noise == pytest.approx(0.02, rel=0.3)
-
-
-def drag_at(time):
-    """A trial of a drag at 80 mm/s, with poses at these times [s]."""
-    poses = np.zeros((len(time), 7))
-    poses[:, 0] = 0.08 * time
-    poses[:, 6] = 1.0
-    return Trial(time=time, poses=poses, readings=Readings(time=time, wrenches=np.zeros((0, 6))))
-
-
-def test_the_path_after_a_gap_in_the_poses_does_not_count():
-    time = np.delete(np.arange(0.0, 5.0, 0.01), slice(200, 230))
-    trial = drag_at(time).followed(0.02, 1000)
-    count = stretches(trial, trial.path)
-    is_after = (time >= 2.3) & (time < 2.3 + 0.006 / 0.08)
-    assert not count[is_after].any()
-    assert count[~is_after].all()
-
-
-def test_poses_that_come_in_bursts_count_as_they_are():
-    time = np.array([0.2 * burst + 0.01 * k for burst in range(30) for k in range(5)])
-    trial = drag_at(time).followed(0.02, 1000)
-    assert stretches(trial, trial.path).all()
 
 
 def test_nothing_follows_a_fault_with_two_remedies():

@@ -68,14 +68,13 @@ def test_a_reading_in_world_axes_is_of_the_attitude_in_which_the_model_computes_
     assert findings_of(right(random_cell(110058))) == []
 
 
-@pytest.mark.parametrize("seed", [120137, 120161])
-def test_the_noise_of_the_force_does_not_shorten_the_lever(seed):
+def test_the_noise_of_the_force_does_not_shorten_the_lever():
     """A straight press does not tell how far off the load cell is along it."""
-    assert findings_of(right(random_cell(seed))) == []
+    assert findings_of(right(random_cell(120103))) == []
 
 
-@pytest.mark.parametrize("seed", [120043, 120089, 120211])
-def test_drags_in_grains_of_the_second_law_do_not_tilt_the_world(seed):
+@pytest.mark.parametrize("seed", [120043, 120075, 120089])
+def test_the_second_law_does_not_look_like_a_tilted_world_or_another_tcp(seed):
     assert findings_of(right(random_cell(seed))) == []
 
 
@@ -108,7 +107,7 @@ def hurried(cell, *, factor, gaps):
 
 @pytest.mark.parametrize("seed", [151005, 151039, 151059])
 def test_a_fast_right_cell_that_loses_poses_is_not_blamed_for_a_filter(seed):
-    """Nobody knows which way the tool went in a gap; the grains remember it for millimetres."""
+    """Half a step is long in a gap: a force of its middle, compared with that of its end, looked late."""
     assert findings_of(hurried(random_cell(seed), factor=3, gaps=8)) == []
 
 
