@@ -469,12 +469,20 @@ class Problem:
         slopes = self._slopes_at(surface, length)
         J[:, :, _SLICES["surface"]] = -(factor[:, None] * slopes.surface_slope)[:, :, None]
         J[:, :, _SLICES["length"]] = -(factor[:, None] * slopes.length_slope)[:, :, None]
-        span = 0.01
-        slope = (self.reading(late + span) - self.reading(late - span)) / (2.0 * span)
-        df = slope[:, FORCE] @ turn.T
-        dt = slope[:, TORQUE] @ turn.T + crossed(lever, df)
-        J[:, :, _SLICES["delay"]] = np.hstack([df, dt])[:, :, None]
+        modelled = np.hstack([force, torque + crossed(lever, force)]) - e
+        J[:, :, _SLICES["delay"]] = self._change_in_time(modelled)[:, :, None]
         return e, model, J
+
+    def _change_in_time(self, modelled: Array) -> Array:
+        """How fast a modelled reading in tool axes changes in the load cell's own, in tool axes, shape [n, 6].
+
+        The reading itself would show its noise, too, and a delay by it.
+        """
+        axes = self.setup.cell_axes(self.trial)
+        parts = modelled.reshape(-1, 2, 3)
+        in_cell = np.einsum("nji,nkj->nki", axes, parts)
+        change = np.gradient(in_cell, self.time, axis=0)
+        return np.asarray(np.einsum("nij,nkj->nki", axes, change).reshape(-1, 6))
 
     def _slopes_at(self, surface: float, length: float) -> "_Slopes":
         """The derivatives of the model's wrench, as they were computed last if that was near."""

@@ -14,7 +14,7 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from recordings import START, STEP
 from scipy.signal import lfilter
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 
 from rft_ros.calibration.cell_along import CellAlong
 from rft_ros.demo import virtual_arm
@@ -166,7 +166,7 @@ def test_a_parameter_that_is_wrong_beyond_its_tolerance_is_named_with_the_value_
 
 
 def air_and_push():
-    """States and wrenches: the tool at rest in six attitudes in the air, then the motion of `STATES`."""
+    """States and wrenches: the tool turns to six attitudes in the air and rests, then the motion of `STATES`."""
     turns = [
         (0, 0, 0),
         (0.9, 0, 0),
@@ -178,7 +178,12 @@ def air_and_push():
     ]
     rows = np.repeat(STATES[:1], 60 * len(turns), axis=0)
     rows[:, VELOCITY] = 0.0
-    rows[:, QUATERNION] = np.repeat(Rotation.from_rotvec(turns).as_quat(), 60, axis=0)
+    # 40 moments at rest, and 20 to turn to the next attitude
+    place = np.repeat(np.arange(len(turns)), 60) + np.tile(
+        np.arange(-39, 21).clip(0) / 20, len(turns)
+    )
+    attitudes = Slerp(range(len(turns) + 1), Rotation.from_rotvec([*turns, turns[-1]]))
+    rows[:, QUATERNION] = attitudes(place).as_quat()
     return np.vstack([rows, STATES]), np.vstack([np.zeros((len(rows), 6)), LOADS])
 
 

@@ -146,7 +146,7 @@ def test_of_several_remedies_that_fit_alike_none_is_written(examined, tmp_path):
     mended = tmp_path / "mended.yaml"
     wrong = {"sensor.sign": -1.0, "surface_height": SURFACE + 0.05}
     (of_sign, _) = faults(
-        examined(wrong, arguments=("--write", str(mended)), replayed={"end": 4.5})
+        examined(wrong, arguments=("--write", str(mended)), replayed={"end": 4.2})
     )
     assert "sensor.sign: 1, or set sensor.quaternion" in of_sign
     written = yaml.safe_load(mended.read_text())["/**"]["ros__parameters"]
