@@ -478,7 +478,7 @@ HYPOTHESES = (
     Hypothesis(cause=Cause.ZERO_MOVES, mend=_friction, free=("zero_change",), rarity=3.0),
     Hypothesis(cause=Cause.MESH_TURNED, mend=_mesh_turned, rarity=3.0),
     Hypothesis(cause=Cause.MESH_UNIT, mend=_mesh_unit),
-    Hypothesis(cause=Cause.TCP, family=_tcp, points=SHIFTS, step=0.01, rarity=4.0),
+    Hypothesis(cause=Cause.TCP, family=_tcp, points=SHIFTS, step=0.01, rarity=4.0, min_gain=25.0),
     Hypothesis(cause=Cause.QUATERNIONS, mend=_w_first, rarity=2.0),
     Hypothesis(
         cause=Cause.WORLD,
@@ -487,6 +487,7 @@ HYPOTHESES = (
         step=0.08,
         free=("surface",),
         rarity=3.0,
+        min_gain=25.0,
         searches_surface=True,
     ),
     *(

@@ -30,17 +30,16 @@ class Limits:
     """When a cause is told.
 
     `max_off`: greatest deviation in tolerances of a cell that needs no search. `min_gain` of the misfit by numbers;
-    `min_gain_undetermined` by a lever that a straight press does not determine. `max_ratio` of the misfit by another
-    cause. `told_off`: least deviation in tolerances of a number that is told, `told_ratio`: of ζ. `min_tilt_degrees`:
-    of a world that is tilted, since grains push plates up to 3° out of the model's direction. `tie` and `tie_share` of
-    the misfit: causes within this of the best one fit alike. `max_error` in tolerances of a number that is written to
-    a file: a straight press determines neither lever nor mass.
+    `min_gain_undetermined` by a lever that a straight press does not determine. `told_off`: least deviation in
+    tolerances of a number that is told, `told_ratio`: of ζ. `min_tilt_degrees`: of a world that is tilted, since grains
+    push plates up to 3° out of the model's direction. `tie` and `tie_share` of the misfit: causes within this of the
+    best one fit alike. `max_error` in tolerances of a number that is written to a file: a straight press determines
+    neither lever nor mass.
     """
 
     max_off: float = 1.0
     min_gain: float = 5.0
     min_gain_undetermined: float = 20.0
-    max_ratio: float = 0.7
     told_off: float = 2.0
     told_ratio: float = 2.1
     min_tilt_degrees: float = 6.0
@@ -329,31 +328,23 @@ def deviations(problem: Problem, result: Fit) -> dict[str, float]:
 
 
 def _is_told(x: Explanation, as_given: Fit) -> bool:
-    gain = as_given.misfit - x.cost
-    max_misfit = x.problem.usual
     # a zero that moves must show in the air, too
     moves_the_tool = x.hypothesis.is_costly and x.cause is not Cause.ZERO_MOVES
-    if not moves_the_tool or _is_wrong(x.problem, as_given):
-        max_misfit = max(max_misfit, LIMITS.max_ratio * as_given.per_stretch)
-    if x.fit.per_stretch > max_misfit:
+    is_usual = x.fit.per_stretch <= x.problem.usual
+    if moves_the_tool and not is_usual and not _is_wrong(x.problem, as_given):
         return False
-    free = [name for name in x.hypothesis.free if name not in NUISANCES]
-    if x.cause is Cause.LEVER and undetermined(x) and gain < LIMITS.min_gain_undetermined:
-        return False
-    if x.cause in (Cause.WEIGHT, Cause.PAYLOAD):
-        has_weight = float(x.fit.values["mass"][0]) >= -MIN_MASS_KG
-        if has_weight is not (x.cause is Cause.WEIGHT):
-            return False
     if x.cause is Cause.ZERO_MOVES and not _is_shown_in_air(x, as_given):
         return False
-    if x.hypothesis.is_of_numbers:
-        return any(_is_off(name, x) for name in free) and gain >= LIMITS.min_gain
     return _is_plausible(x) and _gains(x, as_given)
 
 
 def _gains(x: Explanation, as_given: Fit) -> bool:
-    """Whether a cause other than numbers lowers the misfit by enough to be told."""
-    return as_given.misfit - x.cost >= x.hypothesis.min_gain * _unlikeness(x)
+    """Whether a cause lowers the misfit by enough to be told."""
+    min_gain = x.hypothesis.min_gain
+    if x.hypothesis.is_of_numbers:
+        is_unsure = x.cause is Cause.LEVER and undetermined(x)
+        min_gain = LIMITS.min_gain_undetermined if is_unsure else LIMITS.min_gain
+    return as_given.misfit - x.cost >= min_gain * _unlikeness(x)
 
 
 def _is_wrong(problem: Problem, as_given: Fit) -> bool:
@@ -370,18 +361,28 @@ def _unlikeness(x: Explanation) -> float:
 
 
 def _is_plausible(x: Explanation) -> bool:
-    """Whether a cell can be wrong in the way that a variant mends, and by enough to be told."""
+    """Whether a cell can be wrong in the way that a cause mends, and by enough to be told."""
     match x.cause:
+        case Cause.WEIGHT | Cause.PAYLOAD:
+            has_weight = float(x.fit.values["mass"][0]) >= -MIN_MASS_KG
+            return has_weight is (x.cause is Cause.WEIGHT) and _is_any_off(x)
         case Cause.TORQUE_UNIT:
             # in a smaller unit any torque nearly vanishes, and with it its misfit
             return x.fit.per_stretch <= MAX_MISFIT_FACTOR * x.problem.usual
         case Cause.WORLD:
             return x.variant.number >= LIMITS.min_tilt_degrees
+        case Cause.TCP:
+            # it moves the place where the grains' force acts
+            return 1e-3 * x.variant.number >= LIMITS.told_off * TOLERANCES["lever"].value
         case Cause.FILTER:
             # it holds a reading back by its time constant, as a delay does; the longest one tried is a longer λ
             least_lag = LIMITS.told_off * float(x.problem.scale[rows_of("delay")][0])
             return least_lag <= x.variant.setup.lag < MAX_LAG_S
-    return True
+    return _is_any_off(x) if x.hypothesis.is_of_numbers else True
+
+
+def _is_any_off(x: Explanation) -> bool:
+    return any(_is_off(name, x) for name in x.hypothesis.free if name not in NUISANCES)
 
 
 TURN_CAUSES = {Cause.TURN, Cause.SIGN_AND_TURN, Cause.MESH_TURNED}

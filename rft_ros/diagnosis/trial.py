@@ -50,7 +50,7 @@ class Readings:
             np.column_stack([np.interp(time + shift, self.time, axis) for axis in self.wrenches.T])
             for shift in (-off, off)
         )
-        return 0.5 * (early + late)
+        return np.asarray(0.5 * (early + late))
 
     @cached_property
     def interval(self) -> float:
