@@ -246,10 +246,15 @@ def _shape(tool: Tool, turn: Rotation) -> Array:
 
 
 def _turns_of_mesh(tool: Tool) -> list[Rotation]:
-    """The turns of `GROUP` in which a tool looks different from how it is, and from how it is in another one."""
+    """The turns of `GROUP` about a mesh's own axes in which a tool looks different from how it is and from the others.
+
+    They are given in the axes of the tool.
+    """
+    of_mesh = Rotation.from_matrix(tool.frame.rotation)
     shapes = [_shape(tool, Rotation.identity())]
     turns = []
-    for turn in GROUP:
+    for turn_of_mesh in GROUP:
+        turn = of_mesh * turn_of_mesh * of_mesh.inv()
         shape = _shape(tool, turn)
         if min(np.abs(shape - other_shape).max() for other_shape in shapes) > SAME_SHAPE:
             shapes.append(shape)
@@ -584,8 +589,6 @@ def explained(
     candidates.sort(key=lambda one: one.cost)
     limit = KEPT_FACTOR * candidates[0].cost + KEPT_MISFIT_COUNT
     kept = [one for one in candidates[:FITTED_COUNT] if one.cost <= limit]
-    # few moments do not show stops
-    kept += [one for one in candidates[FITTED_COUNT:] if one.hypothesis.cause is Cause.DELAY]
     results: dict[tuple[Cause, str], Explanation] = {}
     for candidate in kept:
         explanation = _fitted(candidate, problem, steps=FINAL_STEPS_COUNT)
