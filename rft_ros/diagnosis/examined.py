@@ -38,12 +38,19 @@ def examine(e: Evidence, search: Search = "full") -> Iterator[Finding]:
 
     `search`: when causes other than numbers are searched, which takes seconds.
     """
-    for checks in (_of_lengths, _of_poses):
-        findings = list(checks(e))
-        yield from findings
-        if not all(finding.ok for finding in findings):
-            return
-    yield from repeated_poses(e)
+    length_findings = list(_of_lengths(e))
+    yield from length_findings
+    if not all(finding.ok for finding in length_findings):
+        return
+    # poses that are too coarse for a velocity and a depth, or too noisy
+    coarse_findings = list(rounded_poses(e))
+    if not coarse_findings:
+        repeated_findings = list(repeated_poses(e))
+        yield from repeated_findings
+        coarse_findings = [] if repeated_findings else list(noise_of_poses(e))
+    yield from coarse_findings
+    if coarse_findings:
+        return
     mount_findings = list(mount(e))
     yield from mount_findings
     yield from threshold(e)
@@ -66,14 +73,6 @@ def _of_lengths(e: Evidence) -> Iterator[Finding]:
     if not unit_findings:
         yield from jumps(e)
     yield from dead_axes(e)
-
-
-def _of_poses(e: Evidence) -> Iterator[Finding]:
-    """Poses that are too coarse for a velocity and a depth."""
-    rounded = list(rounded_poses(e))
-    yield from rounded
-    if not rounded and not list(repeated_poses(e)):
-        yield from noise_of_poses(e)
 
 
 def _of_default_surface(e: Evidence) -> Iterator[Finding]:

@@ -410,7 +410,7 @@ def _drift(trial: Trial, setup: Setup) -> Iterator[Variant]:
 def _friction(trial: Trial, setup: Setup) -> Iterator[Variant]:
     """The zero follows the direction of the motion along the vertical: a force there, or along axes of the tool."""
     sinking = np.gradient(trial.position[:, 2], trial.time)
-    limit = 0.2 * float(np.quantile(np.abs(sinking), 0.9))
+    limit = 0.1 * float(np.quantile(np.abs(sinking), 0.9))
     way = np.where(np.abs(sinking) > limit, np.sign(sinking), 0.0)
     for axes in (trial.down[:, :, None], np.repeat(np.eye(3)[None], len(trial), axis=0)):
         zero_columns = np.zeros((len(trial), 6, 6))

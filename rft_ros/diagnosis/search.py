@@ -49,8 +49,6 @@ class Limits:
 
 
 LIMITS = Limits()
-SHOWN_IN_AIR = {Cause.ZERO_MOVES, Cause.WEIGHT, Cause.PAYLOAD}
-"""Causes that lower the misfit in the air, too: in the grains the model's own errors look like them."""
 MOVED_BY = {Cause.WORLD: ("surface",)}
 """Numbers of the cell that a cause moves: they are no cause of their own beside it."""
 MAX_COARSE_DELAY_S = 0.015
@@ -275,7 +273,7 @@ def _deviating(x: Explanation) -> Iterator[Hypothesis]:
 
 
 def _is_shown_in_air(x: Explanation, as_given: Fit) -> bool:
-    """Whether the misfit in the air falls, too."""
+    """Whether the misfit in the air falls, too: in the grains the model's own errors look like a zero that moves."""
     problem = x.problem
     in_air = problem.model.low > float(x.fit.values["surface"][0])
     misfits = [
@@ -334,7 +332,7 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
     is_usual = x.fit.per_stretch <= x.problem.usual
     if moves_the_tool and not is_usual and not _is_wrong(x.problem, as_given):
         return False
-    if x.cause in SHOWN_IN_AIR and not _is_shown_in_air(x, as_given):
+    if x.cause is Cause.ZERO_MOVES and not _is_shown_in_air(x, as_given):
         return False
     return _is_plausible(x) and _gains(x, as_given)
 

@@ -21,7 +21,7 @@ from rft_ros.demo import virtual_arm
 from rft_ros.diagnosis import Finding, examine
 from rft_ros.diagnosis.coarse import coarse
 from rft_ros.diagnosis.examined import followed, setup_of
-from rft_ros.diagnosis.fit import Problem
+from rft_ros.diagnosis.fit import Problem, fit
 from rft_ros.diagnosis.hypotheses import HYPOTHESES, Cause, explained
 from rft_ros.diagnosis.search import _is_told
 from rft_ros.diagnosis.sentences import remedy_of
@@ -252,6 +252,24 @@ def test_the_noise_of_readings_is_known_although_they_are_interpolated_at_the_po
     time = np.arange(0.0, 19.9, 1.0 / rate)
     at_poses = np.column_stack([np.interp(time, sent, axis) for axis in readings.T])
     assert Readings(time=time, wrenches=at_poses).noise == pytest.approx(0.02, rel=0.3)
+
+
+@pytest.mark.parametrize("phase", [0.0, 0.1, 0.25, 0.4, 0.5])
+def test_the_noise_of_a_reading_is_the_same_at_a_sample_and_between_two(phase):
+    """Otherwise a delay by which all moments lie between two samples would fit better than any other."""
+    noise = np.random.default_rng(3).normal(0.0, 1.0, (20_000, 6))
+    readings = Readings(time=np.arange(20_000.0), wrenches=noise)
+    between = readings.at(np.arange(10.0, 19_990.0) + phase)
+    assert between.var(axis=0) == pytest.approx(0.5, rel=0.1)
+
+
+def test_noise_of_the_readings_does_not_make_a_delay_surer(evidence_of):
+    """The changes of a noisy reading from sample to sample were taken for those of the force."""
+    errors = [
+        float(fit(Problem(followed(e), setup_of(e)), ["delay"]).errors["delay"][0])
+        for e in (evidence_of(readings=LOADS + share * NOISE) for share in (0.01, 1.0, 5.0))
+    ]
+    assert errors == sorted(errors)
 
 
 def test_nothing_follows_a_fault_with_two_remedies():

@@ -4,6 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from scipy.spatial.transform import Rotation
 
 from bench.random_cells import FORCES, MOTIONS, TURNS, random_cell
 from bench.random_doctor import findings_of
@@ -73,7 +74,12 @@ def test_the_noise_of_the_force_does_not_shorten_the_lever():
     assert findings_of(right(random_cell(120103))) == []
 
 
-@pytest.mark.parametrize("seed", [120043, 120075, 120089])
+@pytest.mark.parametrize("seed", [310009, 310015])
+def test_no_delay_is_told_because_the_readings_have_less_noise_half_way_between_two_samples(seed):
+    assert findings_of(right(random_cell(seed))) == []
+
+
+@pytest.mark.parametrize("seed", [120043, 120075, 120089, 340059, 370009])
 def test_the_second_law_does_not_look_like_a_tilted_world_or_another_tcp(seed):
     assert findings_of(right(random_cell(seed))) == []
 
@@ -81,6 +87,14 @@ def test_the_second_law_does_not_look_like_a_tilted_world_or_another_tcp(seed):
 def test_a_delay_is_told_where_its_poses_follow_each_other_fast_although_few_of_them_are_judged():
     (found,) = findings_of(faulty(random_cell(110016), "delay 40 ms"))
     assert found.remedy["sensor.delay"] == pytest.approx(0.04, abs=0.01)
+
+
+def test_a_mesh_turned_about_its_own_axes_is_named_where_its_frame_is_turned_by_no_quarter():
+    cell = random_cell(390031)
+    (found,) = findings_of(faulty(cell, "mesh upside down"))
+    turn = Rotation.from_quat(found.remedy["mesh.quaternion"])
+    true_turn = Rotation.from_quat(cell.parameters["mesh.quaternion"])
+    assert (turn.inv() * true_turn).magnitude() < 1e-6
 
 
 def hurried(cell, *, factor, gaps):
