@@ -88,10 +88,11 @@ def _of_default_surface(e: Evidence) -> Iterator[Finding]:
 def _of_forces(e: Evidence, search: Search) -> Iterator[Finding]:
     """The causes of the misfit, or what shows that there is none."""
     diagnosis = diagnose(followed(e), setup_of(e), search)
-    limits = list(saturation(diagnosis.problem, diagnosis.setup))
-    if limits:
+    if diagnosis.fit.per_stretch > diagnosis.problem.usual:
+        limits = list(saturation(diagnosis.problem, diagnosis.setup))
         yield from limits
-        return
+        if limits:
+            return
     causes = diagnosis.causes
     surface = diagnosis.setup.surface
     # in the cell as it is mended, or as it was sent

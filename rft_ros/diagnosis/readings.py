@@ -69,17 +69,19 @@ def cut_off(e: Evidence) -> Iterator[Finding]:
     if len(e.time) < ENOUGH:
         return
     moves = np.append((np.diff(e.state[:, POSE], axis=0) != 0.0).any(axis=1), False)
+    rounding = MIN_NOISE_SHARE * float(np.abs(e.readings[:, FORCE]).max())
     for axis, side in product(range(FORCE.stop), (1.0, -1.0)):
         readings = side * e.readings[moves, axis]
         limit = readings.max(initial=-np.inf)
-        below = readings[readings < limit]
+        is_below = readings < limit - rounding
+        below = readings[is_below]
         # too few for second differences, or the limit is the zero
-        if len(below) <= 2 or side * e.readings[0, axis] == limit:
+        if len(below) <= 2 or side * e.readings[0, axis] >= limit - rounding:
             continue
-        at_limit = int((readings == limit).sum())
+        at_limit = int((~is_below).sum())
         noise = 1.48 * np.median(np.abs(np.diff(below, 2))) / 6.0**0.5
-        near = int((readings >= limit - MIN_NOISES_BELOW_LIMIT * noise).sum()) - at_limit
-        has_noise = noise > MIN_NOISE_SHARE * abs(limit) and _has_noise(below)
+        near = int((below >= limit - MIN_NOISES_BELOW_LIMIT * noise).sum())
+        has_noise = noise > rounding and _has_noise(below)
         if has_noise and at_limit >= MIN_AT_LIMIT and at_limit > near:
             yield Finding(
                 name="saturation",

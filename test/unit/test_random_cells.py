@@ -136,6 +136,20 @@ def test_a_press_with_few_moments_below_the_limit_of_the_load_cell_shows_it():
     assert found.name == "saturation"
 
 
+@pytest.mark.parametrize("seed", [430019, 430057])
+def test_a_limit_is_seen_although_its_readings_were_compensated_for_a_weight_that_turns(seed):
+    """They differ by rounding then."""
+    (found,) = findings_of(faulty(random_cell(seed), "saturated"))
+    assert found.name == "saturation"
+    assert "stops at" in found.said
+
+
+def test_a_cell_that_one_cause_explains_has_no_limit():
+    """Its force in kgf was called the limit of an axis."""
+    (found,) = findings_of(faulty(random_cell(320039), "kgf"))
+    assert found.name == "strength"
+
+
 def test_a_fault_that_changes_no_reading_is_left_out(drawn):
     cell = drawn[0]
     assert not is_visible(cell, right(cell))
