@@ -340,9 +340,10 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
 def _gains(x: Explanation, as_given: Fit) -> bool:
     """Whether a cause lowers the misfit by enough to be told."""
     min_gain = x.hypothesis.min_gain
-    if x.hypothesis.is_of_numbers:
-        is_unsure = x.cause is Cause.LEVER and undetermined(x)
-        min_gain = LIMITS.min_gain_undetermined if is_unsure else LIMITS.min_gain
+    if x.cause is Cause.LEVER and undetermined(x):
+        min_gain = LIMITS.min_gain_undetermined
+    elif x.hypothesis in HYPOTHESES_OF_NUMBERS:
+        min_gain = LIMITS.min_gain
     return as_given.misfit - x.cost >= min_gain * _unlikeness(x)
 
 
