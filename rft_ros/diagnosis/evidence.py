@@ -74,12 +74,6 @@ class Evidence:
             readings=Readings(time=self.time, wrenches=self.readings),
         )
 
-    def at(self, rows: NDArray[Any]) -> "Evidence":
-        """The same at some of the moments: their rows, or of each whether it is one."""
-        return replace(
-            self, time=self.time[rows], state=self.state[rows], readings=self.readings[rows]
-        )
-
     @property
     def place_parameter(self) -> str:
         """What places the load cell in the tool, other than a parameter: the transforms; "" if parameters do."""

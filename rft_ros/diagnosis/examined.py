@@ -59,10 +59,9 @@ def examine(e: Evidence, search: Search = "full") -> Iterator[Finding]:
     if cut_off_findings or len(e.time) < ENOUGH:
         yield from _of_default_surface(e)
         return
-    measured = e.at(rows_of_new_poses(e.time, e.state[:, POSE]))
     if e.place_on_tf and not all(finding.ok for finding in mount_findings):
-        measured = replace(measured, load_cell=e.load_cell.at(e.place_on_tf))
-    yield from _of_forces(measured, search)
+        e = replace(e, load_cell=e.load_cell.at(e.place_on_tf))
+    yield from _of_forces(e, search)
 
 
 def _of_lengths(e: Evidence) -> Iterator[Finding]:
@@ -156,8 +155,9 @@ def _is_pushed(e: Evidence, diagnosis: Diagnosis) -> bool:
 
 
 def followed(e: Evidence) -> Trial:
-    """The trial of a cell, without the noise of its poses, at `MOMENTS_COUNT`."""
-    return e.trial.followed(e.tool.plates.reach, MOMENTS_COUNT)
+    """The trial of a cell, without repeats and noise of its poses, at `MOMENTS_COUNT`, with all readings."""
+    trial = e.trial.at(rows_of_new_poses(e.time, e.state[:, POSE]))
+    return trial.followed(e.tool.plates.reach, MOMENTS_COUNT)
 
 
 def setup_of(e: Evidence) -> Setup:

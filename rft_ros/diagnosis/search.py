@@ -30,11 +30,11 @@ class Limits:
     """When a cause is told.
 
     `max_off`: greatest deviation in tolerances of a cell that needs no search. `min_gain` of the misfit by numbers;
-    `min_gain_undetermined` by a lever that a straight press does not determine. `told_off`: least deviation in
-    tolerances of a number that is told, `told_ratio`: of ζ. `min_tilt_degrees`: of a world that is tilted, since grains
-    push plates up to 3° out of the model's direction. `tie` and `tie_share` of the misfit: causes within this of the
-    best one fit alike. `max_error` in tolerances of a number that is written to a file: a straight press determines
-    neither lever nor mass.
+    `min_gain_undetermined` by numbers that the trial does not determine, as a straight press the lever. `told_off`:
+    least deviation in tolerances of a number that is told, `told_ratio`: of ζ. `min_tilt_degrees`: of a world that is
+    tilted, since grains push plates up to 3° out of the model's direction. `tie` and `tie_share` of the misfit: causes
+    within this of the best one fit alike. `max_error` in tolerances of a number that is written to a file: a straight
+    press determines neither lever nor mass.
     """
 
     max_off: float = 1.0
@@ -340,10 +340,8 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
 def _gains(x: Explanation, as_given: Fit) -> bool:
     """Whether a cause lowers the misfit by enough to be told."""
     min_gain = x.hypothesis.min_gain
-    if x.cause is Cause.LEVER and undetermined(x):
-        min_gain = LIMITS.min_gain_undetermined
-    elif x.hypothesis in HYPOTHESES_OF_NUMBERS:
-        min_gain = LIMITS.min_gain
+    if x.hypothesis.is_of_numbers and x.cause is not Cause.NUMBERS:
+        min_gain = LIMITS.min_gain_undetermined if undetermined(x) else LIMITS.min_gain
     return as_given.misfit - x.cost >= min_gain * _unlikeness(x)
 
 

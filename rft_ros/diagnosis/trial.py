@@ -115,11 +115,12 @@ class Trial:
 
     def thinned(self, count: int) -> "Trial":
         """At most `count` of its moments."""
-        return self._at(np.arange(len(self))[thin_rows(len(self), count)])
+        return self.at(np.arange(len(self))[thin_rows(len(self), count)])
 
-    def _at(self, rows: Indices) -> "Trial":
-        """Some of its moments."""
-        return replace(self, time=self.time[rows], poses=self.poses[rows], path=self.path[rows])
+    def at(self, rows: Indices) -> "Trial":
+        """Some of its moments, with all readings."""
+        path = self.path[rows] if len(self.path) else self.path
+        return replace(self, time=self.time[rows], poses=self.poses[rows], path=path)
 
     def posed(self, position: Array, rotation: Rotation) -> "Trial":
         """The same readings at other poses."""
@@ -144,7 +145,7 @@ class Trial:
         interval = float(np.median(np.diff(self.time)))
         quiet = replace(quiet, path=path, interval=interval)
         rows = _rows_along((self.time, path, _changes(self.time, quiet.position)), count)
-        return quiet._at(rows)
+        return quiet.at(rows)
 
 
 def thin_rows(length: int, count: int) -> slice:
