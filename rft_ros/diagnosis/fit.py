@@ -474,14 +474,15 @@ class Problem:
         return e, model, J
 
     def _change_in_time(self, modelled: Array) -> Array:
-        """How fast a modelled reading in tool axes changes in the load cell's own, in tool axes, shape [n, 6].
+        """How fast a modelled reading changes with time, in tool axes, shape [n, 6].
 
-        The reading itself would show its noise, too, and a delay by it.
+        The load cell's own axes count as fixed. The changes of the measured reading are those of its noise, too.
         """
         axes = self.setup.cell_axes(self.trial)
         parts = modelled.reshape(-1, 2, 3)
         in_cell = np.einsum("nji,nkj->nki", axes, parts)
-        change = np.gradient(in_cell, self.time, axis=0)
+        span = np.maximum(np.gradient(self.time), 1e-4)[:, None, None]
+        change = np.gradient(in_cell, axis=0) / span
         return np.asarray(np.einsum("nij,nkj->nki", axes, change).reshape(-1, 6))
 
     def _slopes_at(self, surface: float, length: float) -> "_Slopes":

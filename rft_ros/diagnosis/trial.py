@@ -63,7 +63,9 @@ class Readings:
 
         By fourth differences over several intervals: readings may be interpolated, and are smooth between samples then.
         """
-        steps = [s for s in NOISE_STEPS if s == 1 or s * self.interval <= MAX_NOISE_STEP_S]
+        steps = [
+            step for step in NOISE_STEPS if step == 1 or step * self.interval <= MAX_NOISE_STEP_S
+        ]
         noises = [_noise_by_fourth_differences(self.wrenches, step) for step in steps]
         return np.asarray(np.max([*noises, _resolutions(self.wrenches) / 12.0**0.5], axis=0))
 
