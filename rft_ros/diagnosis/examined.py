@@ -43,13 +43,13 @@ def examine(e: Evidence, search: Search = "full") -> Iterator[Finding]:
     if not all(finding.ok for finding in length_findings):
         return
     # poses that are too coarse for a velocity and a depth, or too noisy
-    coarse_findings = list(rounded_poses(e))
-    if not coarse_findings:
+    pose_findings = list(rounded_poses(e))
+    if not pose_findings:
         repeated_findings = list(repeated_poses(e))
         yield from repeated_findings
-        coarse_findings = [] if repeated_findings else list(noise_of_poses(e))
-    yield from coarse_findings
-    if coarse_findings:
+        pose_findings = [] if repeated_findings else list(noise_of_poses(e))
+    yield from pose_findings
+    if pose_findings:
         return
     mount_findings = list(mount(e))
     yield from mount_findings

@@ -246,10 +246,7 @@ def _shape(tool: Tool, turn: Rotation) -> Array:
 
 
 def _turns_of_mesh(tool: Tool) -> list[Rotation]:
-    """The turns of `GROUP` about a mesh's own axes in which a tool looks different from how it is and from the others.
-
-    They are given in the axes of the tool.
-    """
+    """The turns of `GROUP` about the mesh's own axes that give the tool different shapes, in the axes of the tool."""
     of_mesh = Rotation.from_matrix(tool.frame.rotation)
     shapes = [_shape(tool, Rotation.identity())]
     turns = []

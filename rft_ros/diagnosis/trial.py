@@ -42,8 +42,9 @@ class Readings:
     def at(self, time: Array) -> Array:
         """The readings about other times, shape [k, 6].
 
-        Each is the mean of two, interpolated a third of the interval before and after. It has half of the variance of
-        the noise at any time; one that is interpolated has half or all of it, and would favour some delays.
+        Each is the mean of two that are interpolated a third of the interval before and after. So the variance of its
+        noise is half of a sample's at any time. That of one interpolated reading is half between two samples and whole
+        at one: delays that put the moments between samples would fit better.
         """
         off = self.interval / 3.0
         early, late = (

@@ -492,6 +492,13 @@ def test_poses_that_are_sent_more_often_than_measured_are_the_only_fault(count, 
     assert not found.remedy  # no parameter makes them measured more often
 
 
+def test_where_poses_repeat_the_readings_between_them_are_judged_too(evidence_of):
+    evidence = evidence_of(poses=STATES[np.arange(len(STATES)) // 4 * 4, POSITION])
+    trial = followed(evidence)
+    assert len(trial) < 0.5 * len(evidence.time)
+    assert len(trial.readings.time) == len(evidence.time)
+
+
 @pytest.mark.parametrize("source", ["topic", "pose_difference"])
 def test_positions_with_three_decimals_are_named_as_rounded_and_those_with_four_are_none(source):
     turn = Rotation.from_euler("z", 25, degrees=True)  # so that no axis moves by whole steps
