@@ -481,8 +481,9 @@ class Problem:
         axes = self.setup.cell_axes(self.trial)
         parts = modelled.reshape(-1, 2, 3)
         in_cell = np.einsum("nji,nkj->nki", axes, parts)
-        span = np.maximum(np.gradient(self.time), 1e-4)[:, None, None]
-        change = np.gradient(in_cell, axis=0) / span
+        # a stamp may repeat
+        time = np.cumsum(np.maximum(np.diff(self.time, prepend=self.time[0]), 1e-4))
+        change = np.gradient(in_cell, time, axis=0)
         return np.asarray(np.einsum("nij,nkj->nki", axes, change).reshape(-1, 6))
 
     def _slopes_at(self, surface: float, length: float) -> "_Slopes":
