@@ -46,10 +46,11 @@ def law(zeta=1.0):
 
 
 def parameters(**given):
-    """The node's parameters for `TOOL`, without memory; names with __ for dots."""
+    """The node's parameters for `TOOL` and `law`, without memory; names with __ for dots."""
     named = {name.replace("__", "."): value for name, value in given.items()}
     of_tool = {"mesh.file": TOOL_FILE, "mesh.scale": 0.001, "tolerance": 0.0}
-    return {**Config().values, **of_tool, "medium.mobilization_length": 0.0, **named}
+    of_law = {"alpha_y.model": "constant", "medium.mobilization_length": 0.0}
+    return {**Config().values, **of_tool, **of_law, **named}
 
 
 class Path:
