@@ -197,15 +197,14 @@ def fit_grains(
         first_contact(recordings[c.number], c.rows, begin._replace(surface=c.surface))
         for c in contacts
     ]
-    bed = _settled(
-        _Bed(
-            contacts=at_contacts,
-            turns=turns,
-            values=begin,
-            given_values=given_values,
-            length_error=length_error,
-        )
+    bed = _Bed(
+        contacts=at_contacts,
+        turns=turns,
+        values=begin._replace(surface=_mean(at_contacts)) if at_contacts else begin,
+        given_values=given_values,
+        length_error=length_error,
     )
+    bed = _settled(bed, surface_of_turns=begin.surface)
     surface_error, log_error = np.linalg.norm(bed.changes, axis=1).tolist()
     if contacts:
         _add_surface(result, bed, contacts, surface_error)
@@ -258,13 +257,16 @@ def _length(turns: Sequence[Phase]) -> _Length:
     return _Length(float(weights @ values / weights.sum()), float(error), weights / weights.sum())
 
 
-def _settled(bed: _Bed) -> _Bed:
-    """Fit λ and the surface in turns, each with the result of the other, until they no longer change."""
+def _settled(bed: _Bed, surface_of_turns: float) -> _Bed:
+    """Fit λ and the surface in turns, each with the result of the other, until they no longer change.
+
+    `surface_of_turns`: the height with which the turns were fitted [m].
+    """
     for _ in range(_MAX_ROUNDS_COUNT):
-        surface_before = bed.values.surface
-        bed = bed.again()
-        if abs(bed.values.surface - surface_before) < _MAX_SURFACE_CHANGE_M:
+        if abs(bed.values.surface - surface_of_turns) < _MAX_SURFACE_CHANGE_M:
             break
+        surface_of_turns = bed.values.surface
+        bed = bed.again()
     return bed
 
 
