@@ -178,12 +178,7 @@ def _recordings(tracks: Sequence[Track], law: Law, surface: _Surface) -> list[Re
     """The tracks without the force of the grains' inertia."""
     slow = replace(law, density=0.0)
     return [
-        Recorded(
-            track=_without_inertia(track, law, surface.height),
-            law=slow,
-            states=track.states,
-            air=surface.air,
-        )
+        Recorded(track=_without_inertia(track, law, surface.height), law=slow, air=surface.air)
         for track in tracks
     ]
 

@@ -5,9 +5,8 @@ turn. Grains with memory resist fully only after a distance, so that the first c
 λ and ζ depend on the surface. The fits are therefore repeated with each other's results until those no longer change.
 
 The errors. Each fit has its own standard error, from the noise and its correlation. To first order, each fit follows a
-change of the model or of the data: of the others' values, of the load cell's zero, which all fits share, of the delay,
-and of the poses, to which noise is added (after Cook and Stefanski, Journal of the American Statistical Association 89,
-1994). The changes by the others' values make a linear system for the errors of all. A parametric bootstrap (the
+change of the model or of the data: of the others' values, of the load cell's zero, which all fits share, and of the
+delay. The changes by the others' values make a linear system for the errors of all. A parametric bootstrap (the
 fitted curves with noise of first order like the residuals, fitted again twenty times) covers as well on synthetic
 recordings. In real sand, where the misfit is no such noise, its error of λ is a thirtieth of this one, while two trials
 differ by 17 %; and calibration would take five to seven times as long.
@@ -39,7 +38,7 @@ from rft_ros.calibration.phases import (
     turn_for_length,
     way_down,
 )
-from rft_ros.calibration.recorded import NOISY_MOTIONS_COUNT, BedValues, Recorded
+from rft_ros.calibration.recorded import BedValues, Recorded
 from rft_ros.calibration.track import Track, down_strokes, turns_in_grains
 
 Array = NDArray[np.float64]
@@ -59,7 +58,7 @@ _MAX_SURFACE_CHANGE_M = 1e-6
 _UNKNOWN_LENGTH_ERROR_RATIO = 0.7
 """Standard deviation of log λ where the recordings do not determine it: half to double."""
 
-_SHARED_CAUSES_COUNT = 5 + NOISY_MOTIONS_COUNT
+_SHARED_CAUSES_COUNT = 5
 """Causes of errors that all fits share."""
 
 _MAX_ZETA_DIFFERENCE_RATIO = 0.25
@@ -152,17 +151,13 @@ class _Bed:
         """What each cause changes in a phase's value with the same surface and λ, shape [causes].
 
         None for the first two, which are the own errors of surface and log λ. Then a standard error of the load cell's
-        zero along each axis, and of its delay; friction; and noise of the poses, which is added
-        `NOISY_MOTIONS_COUNT` times.
+        zero along each axis, and of its delay; and friction.
         """
         recording = phase.recording
         zero_changes = [phase.by_force(self.given_values.zero_error * axis) for axis in np.eye(3)]
         delay_change = phase.by_force(recording.by_delay(self.given_values.delay_error))
         friction_change = phase.by_force(recording.friction)
-        noise_changes = [
-            phase.change(shaken) / NOISY_MOTIONS_COUNT**0.5 for shaken in recording.shaken
-        ]
-        return np.array([0.0, 0.0, *zero_changes, delay_change, friction_change, *noise_changes])
+        return np.array([0.0, 0.0, *zero_changes, delay_change, friction_change])
 
 
 def fit_grains(

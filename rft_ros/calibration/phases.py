@@ -218,14 +218,10 @@ class Phase:
         part_force = added_force[self.part.rows, self.part.axes]
         return float(np.sum(self.fit.influence * part_force))
 
-    def change(self, recording: Recorded | None = None, **changed_values: float) -> float:
-        """Change of the value with another motion of the recording, and with other values; to first order.
-
-        By the force on the reduced tool.
-        """
+    def change(self, **changed_values: float) -> float:
+        """Change of the value with other values; to first order, and by the force on the reduced tool."""
         part = replace(self.part, recording=self.recording.coarse)
-        changed_part = replace(part, recording=(recording or self.recording).coarse)
-        changed_columns = changed_part.columns(self.values._replace(**changed_values))
+        changed_columns = part.columns(self.values._replace(**changed_values))
         force = (changed_columns - part.columns(self.values)) @ self.fit.coefficients[
             len(self.free) :
         ]

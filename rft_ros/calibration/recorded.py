@@ -11,7 +11,6 @@ from rft_ros.calibration.smoothing import (
     CorneredMotion,
     cornered_motion,
     interpolated,
-    shaken_states,
     smoothed_states,
 )
 from rft_ros.calibration.track import Indices, Track
@@ -28,9 +27,6 @@ _COARSE_TOLERANCE_SHARE = 0.025
 
 In nine recordings the fitted delay moved by less than a fifth of its error.
 """
-
-NOISY_MOTIONS_COUNT = 2
-"""Number of motions with more noise, to which each fit is compared."""
 
 _DEAD_BAND_M = 5e-6
 """Path that an arm loses when it turns back, by backlash or in the dead band of noisy poses."""
@@ -58,14 +54,10 @@ class BedValues(NamedTuple):
 
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Recorded:
-    """One recording of n moments with these `states`, for `law` without memory and inertia, at ζ = 1.
-
-    What is above `air` [m] is in the air.
-    """
+    """One recording of n moments, for `law` without memory and inertia, at ζ = 1; above `air` [m] is the air."""
 
     track: Track
     law: Law
-    states: Array
     air: float
 
     @property
@@ -96,7 +88,7 @@ class Recorded:
     @cached_property
     def motion(self) -> CorneredMotion:
         """The motion without the noise of the poses, at rest with velocity 0."""
-        smooth = smoothed_states(self.track.time, self.states)
+        smooth = smoothed_states(self.track.time, self.track.states)
         smooth[np.add(*self.track.speeds(smooth)) < self.track.rest_speed, TWIST] = 0.0
         return cornered_motion(self.track.time, smooth)
 
@@ -125,13 +117,6 @@ class Recorded:
         early = interpolated(time + delay, time, self.track.forces)
         late = interpolated(time - delay, time, self.track.forces)
         return 0.5 * (early - late)
-
-    @cached_property
-    def shaken(self) -> list["Recorded"]:
-        """The recording with noise added in `NOISY_MOTIONS_COUNT` ways, so that its deviation doubles."""
-        time = self.track.time
-        shaken = [shaken_states(time, self.states, seed) for seed in range(NOISY_MOTIONS_COUNT)]
-        return [replace(self, states=states) for states in shaken]
 
 
 @lru_cache(maxsize=32)

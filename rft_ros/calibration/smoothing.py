@@ -166,16 +166,6 @@ def _longest_lines(time: Array, places: Array, noise: Array) -> _Line:
     return best
 
 
-def shaken_states(time: Array, states: Array, seed: int) -> Array:
-    """The states, shape [n, 13], with noise added to the poses, so that the deviation of their noise doubles."""
-    rng = np.random.default_rng(seed)
-    shaken = _without_jumps(states)
-    for rows, noise in _parts(time, shaken):
-        added_deviation = 3.0**0.5 * np.where(noise > _MIN_POSE_NOISE_M, noise, 0.0)
-        shaken[rows, POSE] += added_deviation * rng.normal(size=(len(rows), len(added_deviation)))
-    return _of_unit_length(shaken)
-
-
 def smoothed_states(time: Array, states: Array) -> Array:
     """The states with smoothed poses, and the velocities of these, shape [n, 13], columns `rft_ros.rft.STATE`.
 
