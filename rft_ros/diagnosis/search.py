@@ -45,12 +45,17 @@ class Limits:
     min_tilt_degrees: float = 6.0
     tie: float = 4.0
     tie_share: float = 0.15
-    max_error: float = 2.0
+    max_error: float = 1.0
 
 
 LIMITS = Limits()
 MOVED_BY = {Cause.WORLD: ("surface",)}
 """Numbers of the cell that a cause moves: they are no cause of their own beside it."""
+HIDDEN_IN = {Cause.BIAS: ("mass", "moment"), Cause.SURFACE: ("lever",)}
+"""Numbers whose error looks like a cause where the motion does not determine them.
+
+At one attitude a weight is a bias. Along a straight press another TCP is another surface; its lever tells them apart.
+"""
 MAX_COARSE_DELAY_S = 0.015
 """Delay by the coarse search, one of its steps, that is none."""
 MAX_SINGLE_FACTOR = 1.5
@@ -145,17 +150,17 @@ def _searched(problem: Problem, base: Coarse, result: Fit) -> Diagnosis:
     One cause may leave more than right cells do, as in grains unlike the model; several must not.
     """
     setup = problem.setup
-    candidates = [x for x in explained(problem, base) if _is_told(x, result)]
-    best = candidates[0] if candidates else None
+    candidates = [x for x in explained(problem, base) if _is_plausible(x)]
+    best = next((x for x in candidates if _is_told(x, result)), None)
     if best and best.fit.per_stretch <= MAX_SINGLE_FACTOR * best.problem.usual:
         whole, numbers = _with_deviating(best)
-        found = Found(best, _ties(candidates), setup, result)
+        found = Found(best, _ties(best, candidates), setup, result)
         return _mended_by(whole, (found, *_found_numbers(whole, numbers, setup, result)))
     several = _several(problem, base, result) if result.per_stretch > problem.usual else None
     if several:
         return several
     if best and best.fit.per_stretch <= MAX_MISFIT_FACTOR * best.problem.usual:
-        return _mended_by(best, (Found(best, _ties(candidates), setup, result),))
+        return _mended_by(best, (Found(best, _ties(best, candidates), setup, result),))
     return Diagnosis((), problem.trial, setup, problem, result)
 
 
@@ -163,9 +168,8 @@ def _mended_by(x: Explanation, causes: tuple[Found, ...]) -> Diagnosis:
     return Diagnosis(causes, x.variant.trial, mended(x), x.problem, x.fit)
 
 
-def _ties(candidates: Sequence[Explanation]) -> tuple[Explanation, ...]:
-    """Those that fit like the first one."""
-    best, *others = candidates
+def _ties(best: Explanation, others: Sequence[Explanation]) -> tuple[Explanation, ...]:
+    """Those that fit like the best one."""
     limit = best.cost + LIMITS.tie + LIMITS.tie_share * best.fit.misfit
     return tuple(x for x in others if x.cost <= limit and _is_other(x, best))
 
@@ -191,7 +195,7 @@ def _several(problem: Problem, base: Coarse, result: Fit) -> Diagnosis | None:
     if best.cause is not Cause.NUMBERS:
         own = replace(best.hypothesis, free=_own_names(best))
         others = [x for x in candidates if x.variant is not best.variant]
-        found.append(Found(replace(best, hypothesis=own), _ties([best, *others]), setup, result))
+        found.append(Found(replace(best, hypothesis=own), _ties(best, others), setup, result))
     found += _found_numbers(best, numbers, setup, result)
     return _mended_by(best, tuple(found)) if found else None
 
@@ -303,6 +307,24 @@ def undetermined(x: Explanation) -> list[str]:
         if np.any(x.fit.errors[name] > LIMITS.max_error * scale):
             names.append(name)
     return names
+
+
+def unsure_numbers(x: Explanation) -> list[str]:
+    """The numbers that keep a remedy out of the file: undetermined ones, and those that hide in the cause and are off.
+
+    Those that hide in it come first.
+    """
+    names = HIDDEN_IN.get(x.cause, ())
+    if not names:
+        return undetermined(x)
+    free = (*names, *x.hypothesis.free)
+    joint = replace(
+        x,
+        hypothesis=replace(x.hypothesis, free=free),
+        fit=fit(x.problem, {*CELL_NUMBERS, *free}, start=x.fit.values),
+    )
+    unsure = {*undetermined(joint), *(name for name in names if _is_off(name, joint))}
+    return [name for name in free if name in unsure]
 
 
 def _needs_nothing(problem: Problem, result: Fit) -> bool:
