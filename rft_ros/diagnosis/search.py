@@ -33,8 +33,8 @@ class Limits:
     `min_gain_undetermined` by numbers that the trial does not determine, as a straight press the lever. `told_off`:
     least deviation in tolerances of a number that is told, `told_ratio`: of ζ. `min_tilt_degrees`: of a world that is
     tilted, since grains push plates up to 3° out of the model's direction. `tie` and `tie_share` of the misfit: causes
-    within this of the best one fit alike. `max_error` in tolerances of a number that is written to a file: a straight
-    press determines neither lever nor mass.
+    within this of the best one fit alike. `max_error` in tolerances of a number that the trial determines: a straight
+    press determines neither lever nor mass; `max_error_written`: of one that is written to a file.
     """
 
     max_off: float = 1.0
@@ -45,7 +45,8 @@ class Limits:
     min_tilt_degrees: float = 6.0
     tie: float = 4.0
     tie_share: float = 0.15
-    max_error: float = 1.0
+    max_error: float = 2.0
+    max_error_written: float = 1.0
 
 
 LIMITS = Limits()
@@ -60,10 +61,8 @@ MAX_COARSE_DELAY_S = 0.015
 """Delay by the coarse search, one of its steps, that is none."""
 MAX_SINGLE_FACTOR = 1.5
 """Misfit over the usual one up to which one cause explains a cell, and several are not searched."""
-MAX_MISFIT_FACTOR = 3.0
-"""Misfit over the usual one that one cause may leave, in grains unlike the model."""
 MAX_RIGHT_FACTOR = 5.0
-"""Misfit over the usual one that no right cell has: presses of real plates have up to 3."""
+"""Misfit over the usual one that no right cell has, nor one that a single cause explains: real plates have up to 3."""
 MIN_MASS_KG = 0.02
 """A smaller negative mass is none."""
 
@@ -159,7 +158,7 @@ def _searched(problem: Problem, base: Coarse, result: Fit) -> Diagnosis:
     several = _several(problem, base, result) if result.per_stretch > problem.usual else None
     if several:
         return several
-    if best and best.fit.per_stretch <= MAX_MISFIT_FACTOR * best.problem.usual:
+    if best and best.fit.per_stretch <= MAX_RIGHT_FACTOR * best.problem.usual:
         return _mended_by(best, (Found(best, _ties(best, candidates), setup, result),))
     return Diagnosis((), problem.trial, setup, problem, result)
 
@@ -279,12 +278,10 @@ def _deviating(x: Explanation) -> Iterator[Hypothesis]:
 def _is_shown_in_air(x: Explanation, as_given: Fit) -> bool:
     """Whether the misfit in the air falls, too: in the grains the model's own errors look like a zero that moves."""
     problem = x.problem
-    in_air = problem.model.low > float(x.fit.values["surface"][0])
-    misfits = [
-        float(problem.count_of[in_air] @ ((e * problem.sigma)[in_air] ** 2).sum(axis=1)) / 3.0
-        for e in (as_given.residuals, x.fit.residuals)
-    ]
-    return misfits[0] - misfits[1] >= LIMITS.min_gain
+    in_air = (problem.model.low > float(x.fit.values["surface"][0]))[:, None]
+    misfit_before, _ = problem.misfit(in_air * as_given.residuals)
+    misfit_after, _ = problem.misfit(in_air * x.fit.residuals)
+    return misfit_before - misfit_after >= LIMITS.min_gain
 
 
 def _is_off(name: str, x: Explanation) -> bool:
@@ -297,14 +294,14 @@ def _is_off(name: str, x: Explanation) -> bool:
     return bool(np.any(np.abs(value - given) > LIMITS.told_off * x.problem.scale[rows]))
 
 
-def undetermined(x: Explanation) -> list[str]:
-    """The numbers that an explanation frees, and that the trial does not determine."""
+def undetermined(x: Explanation, max_error: float = LIMITS.max_error) -> list[str]:
+    """The numbers that an explanation frees, and that the trial does not determine to `max_error` tolerances."""
     names = []
     for name in x.hypothesis.free:
         if name in NUISANCES:
             continue
         scale = x.problem.scale[rows_of(name)]
-        if np.any(x.fit.errors[name] > LIMITS.max_error * scale):
+        if np.any(x.fit.errors[name] > max_error * scale):
             names.append(name)
     return names
 
@@ -316,14 +313,15 @@ def unsure_numbers(x: Explanation) -> list[str]:
     """
     names = HIDDEN_IN.get(x.cause, ())
     if not names:
-        return undetermined(x)
+        return undetermined(x, LIMITS.max_error_written)
     free = (*names, *x.hypothesis.free)
     joint = replace(
         x,
         hypothesis=replace(x.hypothesis, free=free),
         fit=fit(x.problem, {*CELL_NUMBERS, *free}, start=x.fit.values),
     )
-    unsure = {*undetermined(joint), *(name for name in names if _is_off(name, joint))}
+    unknown_names = undetermined(joint, LIMITS.max_error_written)
+    unsure = {*unknown_names, *(name for name in names if _is_off(name, joint))}
     return [name for name in free if name in unsure]
 
 
@@ -388,7 +386,7 @@ def _is_plausible(x: Explanation) -> bool:
             return has_weight is (x.cause is Cause.WEIGHT) and _is_any_off(x)
         case Cause.TORQUE_UNIT:
             # in a smaller unit any torque nearly vanishes, and with it its misfit
-            return x.fit.per_stretch <= MAX_MISFIT_FACTOR * x.problem.usual
+            return x.fit.per_stretch <= MAX_RIGHT_FACTOR * x.problem.usual
         case Cause.WORLD:
             return x.variant.number >= LIMITS.min_tilt_degrees
         case Cause.TCP:
