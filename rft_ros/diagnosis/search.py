@@ -34,7 +34,7 @@ class Limits:
     least deviation in tolerances of a number that is told, `told_ratio`: of ζ. `min_tilt_degrees`: of a world that is
     tilted, since grains push plates up to 3° out of the model's direction. `tie` and `tie_share` of the misfit: causes
     within this of the best one fit alike. `max_error` in tolerances of a number that the trial determines: a straight
-    press determines neither lever nor mass; `max_error_written`: of one that is written to a file.
+    press determines neither lever nor mass; `max_error_off`: of one that is off and written to a file.
     """
 
     max_off: float = 1.0
@@ -46,7 +46,7 @@ class Limits:
     tie: float = 4.0
     tie_share: float = 0.15
     max_error: float = 2.0
-    max_error_written: float = 1.0
+    max_error_off: float = 1.0
 
 
 LIMITS = Limits()
@@ -307,21 +307,22 @@ def undetermined(x: Explanation, max_error: float = LIMITS.max_error) -> list[st
 
 
 def unsure_numbers(x: Explanation) -> list[str]:
-    """The numbers that keep a remedy out of the file: undetermined ones, and those that hide in the cause and are off.
+    """The numbers that keep a remedy out of the file.
 
-    Those that hide in it come first.
+    They are undetermined ones, those that are off with an error above their tolerance, and those that hide in the
+    cause and are off. Those that hide in it come first.
     """
-    names = HIDDEN_IN.get(x.cause, ())
-    if not names:
-        return undetermined(x, LIMITS.max_error_written)
-    free = (*names, *x.hypothesis.free)
-    joint = replace(
-        x,
-        hypothesis=replace(x.hypothesis, free=free),
-        fit=fit(x.problem, {*CELL_NUMBERS, *free}, start=x.fit.values),
-    )
-    unknown_names = undetermined(joint, LIMITS.max_error_written)
-    unsure = {*unknown_names, *(name for name in names if _is_off(name, joint))}
+    hidden = HIDDEN_IN.get(x.cause, ())
+    free = (*hidden, *x.hypothesis.free)
+    joint = x
+    if hidden:
+        joint = replace(
+            x,
+            hypothesis=replace(x.hypothesis, free=free),
+            fit=fit(x.problem, {*CELL_NUMBERS, *free}, start=x.fit.values),
+        )
+    uncertain_names = {*hidden, *undetermined(joint, LIMITS.max_error_off)}
+    unsure = {*undetermined(joint), *(name for name in uncertain_names if _is_off(name, joint))}
     return [name for name in free if name in unsure]
 
 
