@@ -361,7 +361,7 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
 def _gains(x: Explanation, as_given: Fit) -> bool:
     """Whether a cause lowers the misfit by enough to be told."""
     min_gain = x.hypothesis.min_gain
-    if x.hypothesis.is_of_numbers and x.cause is not Cause.NUMBERS:
+    if x.hypothesis.is_of_numbers:
         min_gain = LIMITS.min_gain_undetermined if undetermined(x) else LIMITS.min_gain
     return as_given.misfit - x.cost >= min_gain * _unlikeness(x)
 
