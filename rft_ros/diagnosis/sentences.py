@@ -15,6 +15,7 @@ from rft_ros.rft import FORCE
 
 ADVICE = {
     Cause.PAYLOAD: "correct the payload in the driver",
+    Cause.SURFACE: "check mesh.origin and the arm's TCP if the height was measured",
     Cause.DELAY: "fit it with rft calibrate",
     Cause.FILTER: "raise the cut-off frequency in the load cell's driver",
     Cause.TORQUE_UNIT: "the driver must give N m, and not N mm or kN m",
