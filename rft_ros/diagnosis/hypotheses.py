@@ -7,6 +7,7 @@ to `HYPOTHESES`.
 from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from enum import Enum
+from itertools import product
 from typing import Any, Literal
 
 import numpy as np
@@ -404,12 +405,17 @@ def _drift(trial: Trial, setup: Setup) -> Iterator[Variant]:
     )
 
 
+SLIP_SHARES = (0.1, 0.25)
+"""Vertical speed, over the usual one, above which a seal slips and its friction is whole; below, it is none."""
+
+
 def _friction(trial: Trial, setup: Setup) -> Iterator[Variant]:
     """The zero follows the direction of the motion along the vertical: a force there, or along axes of the tool."""
     sinking = np.gradient(trial.position[:, 2], trial.time)
-    limit = 0.1 * float(np.quantile(np.abs(sinking), 0.9))
-    way = np.where(np.abs(sinking) > limit, np.sign(sinking), 0.0)
-    for axes in (trial.down[:, :, None], np.repeat(np.eye(3)[None], len(trial), axis=0)):
+    usual = float(np.quantile(np.abs(sinking), 0.9))
+    of_tool = np.repeat(np.eye(3)[None], len(trial), axis=0)
+    for axes, share in product((trial.down[:, :, None], of_tool), SLIP_SHARES):
+        way = np.where(np.abs(sinking) > share * usual, np.sign(sinking), 0.0)
         zero_columns = np.zeros((len(trial), 6, 6))
         zero_columns[:, FORCE, : axes.shape[2]] = -way[:, None, None] * axes
         yield Variant(

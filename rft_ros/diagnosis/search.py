@@ -33,8 +33,8 @@ class Limits:
     `min_gain_undetermined` by numbers that the trial does not determine, as a straight press the lever. `told_off`:
     least deviation in tolerances of a number that is told, `told_ratio`: of ζ. `min_tilt_degrees`: of a world that is
     tilted, since grains push plates up to 3° out of the model's direction. `tie` and `tie_share` of the misfit: causes
-    within this of the best one fit alike. `max_error` in tolerances of a number that is written to a file: a straight
-    press determines neither lever nor mass.
+    within this of the best one fit alike. `max_error` in tolerances of a number that the trial determines: a straight
+    press determines neither lever nor mass; `max_error_off`: of one that is off and written to a file.
     """
 
     max_off: float = 1.0
@@ -46,19 +46,23 @@ class Limits:
     tie: float = 4.0
     tie_share: float = 0.15
     max_error: float = 2.0
+    max_error_off: float = 1.0
 
 
 LIMITS = Limits()
 MOVED_BY = {Cause.WORLD: ("surface",)}
 """Numbers of the cell that a cause moves: they are no cause of their own beside it."""
+HIDDEN_IN = {Cause.BIAS: ("mass", "moment"), Cause.SURFACE: ("lever",)}
+"""Numbers whose error looks like a cause where the motion does not determine them.
+
+At one attitude a weight is a bias. Along a straight press another TCP is another surface; its lever tells them apart.
+"""
 MAX_COARSE_DELAY_S = 0.015
 """Delay by the coarse search, one of its steps, that is none."""
 MAX_SINGLE_FACTOR = 1.5
 """Misfit over the usual one up to which one cause explains a cell, and several are not searched."""
-MAX_MISFIT_FACTOR = 3.0
-"""Misfit over the usual one that one cause may leave, in grains unlike the model."""
 MAX_RIGHT_FACTOR = 5.0
-"""Misfit over the usual one that no right cell has: presses of real plates have up to 3."""
+"""Misfit over the usual one that no right cell has, nor one that a single cause explains: real plates have up to 3."""
 MIN_MASS_KG = 0.02
 """A smaller negative mass is none."""
 
@@ -145,17 +149,17 @@ def _searched(problem: Problem, base: Coarse, result: Fit) -> Diagnosis:
     One cause may leave more than right cells do, as in grains unlike the model; several must not.
     """
     setup = problem.setup
-    candidates = [x for x in explained(problem, base) if _is_told(x, result)]
-    best = candidates[0] if candidates else None
+    candidates = [x for x in explained(problem, base) if _is_plausible(x)]
+    best = next((x for x in candidates if _is_told(x, result)), None)
     if best and best.fit.per_stretch <= MAX_SINGLE_FACTOR * best.problem.usual:
         whole, numbers = _with_deviating(best)
-        found = Found(best, _ties(candidates), setup, result)
+        found = Found(best, _ties(best, candidates), setup, result)
         return _mended_by(whole, (found, *_found_numbers(whole, numbers, setup, result)))
     several = _several(problem, base, result) if result.per_stretch > problem.usual else None
     if several:
         return several
-    if best and best.fit.per_stretch <= MAX_MISFIT_FACTOR * best.problem.usual:
-        return _mended_by(best, (Found(best, _ties(candidates), setup, result),))
+    if best and best.fit.per_stretch <= MAX_RIGHT_FACTOR * best.problem.usual:
+        return _mended_by(best, (Found(best, _ties(best, candidates), setup, result),))
     return Diagnosis((), problem.trial, setup, problem, result)
 
 
@@ -163,9 +167,8 @@ def _mended_by(x: Explanation, causes: tuple[Found, ...]) -> Diagnosis:
     return Diagnosis(causes, x.variant.trial, mended(x), x.problem, x.fit)
 
 
-def _ties(candidates: Sequence[Explanation]) -> tuple[Explanation, ...]:
-    """Those that fit like the first one."""
-    best, *others = candidates
+def _ties(best: Explanation, others: Sequence[Explanation]) -> tuple[Explanation, ...]:
+    """Those that fit like the best one."""
     limit = best.cost + LIMITS.tie + LIMITS.tie_share * best.fit.misfit
     return tuple(x for x in others if x.cost <= limit and _is_other(x, best))
 
@@ -191,7 +194,7 @@ def _several(problem: Problem, base: Coarse, result: Fit) -> Diagnosis | None:
     if best.cause is not Cause.NUMBERS:
         own = replace(best.hypothesis, free=_own_names(best))
         others = [x for x in candidates if x.variant is not best.variant]
-        found.append(Found(replace(best, hypothesis=own), _ties([best, *others]), setup, result))
+        found.append(Found(replace(best, hypothesis=own), _ties(best, others), setup, result))
     found += _found_numbers(best, numbers, setup, result)
     return _mended_by(best, tuple(found)) if found else None
 
@@ -275,12 +278,10 @@ def _deviating(x: Explanation) -> Iterator[Hypothesis]:
 def _is_shown_in_air(x: Explanation, as_given: Fit) -> bool:
     """Whether the misfit in the air falls, too: in the grains the model's own errors look like a zero that moves."""
     problem = x.problem
-    in_air = problem.model.low > float(x.fit.values["surface"][0])
-    misfits = [
-        float(problem.count_of[in_air] @ ((e * problem.sigma)[in_air] ** 2).sum(axis=1)) / 3.0
-        for e in (as_given.residuals, x.fit.residuals)
-    ]
-    return misfits[0] - misfits[1] >= LIMITS.min_gain
+    in_air = (problem.model.low > float(x.fit.values["surface"][0]))[:, None]
+    misfit_before, _ = problem.misfit(in_air * as_given.residuals)
+    misfit_after, _ = problem.misfit(in_air * x.fit.residuals)
+    return misfit_before - misfit_after >= LIMITS.min_gain
 
 
 def _is_off(name: str, x: Explanation) -> bool:
@@ -293,16 +294,36 @@ def _is_off(name: str, x: Explanation) -> bool:
     return bool(np.any(np.abs(value - given) > LIMITS.told_off * x.problem.scale[rows]))
 
 
-def undetermined(x: Explanation) -> list[str]:
-    """The numbers that an explanation frees, and that the trial does not determine."""
+def undetermined(x: Explanation, max_error: float = LIMITS.max_error) -> list[str]:
+    """The numbers that an explanation frees, and that the trial does not determine to `max_error` tolerances."""
     names = []
     for name in x.hypothesis.free:
         if name in NUISANCES:
             continue
         scale = x.problem.scale[rows_of(name)]
-        if np.any(x.fit.errors[name] > LIMITS.max_error * scale):
+        if np.any(x.fit.errors[name] > max_error * scale):
             names.append(name)
     return names
+
+
+def unsure_numbers(x: Explanation) -> list[str]:
+    """The numbers that keep a remedy out of the file.
+
+    They are undetermined ones, those that are off with an error above their tolerance, and those that hide in the
+    cause and are off. Those that hide in it come first.
+    """
+    hidden = HIDDEN_IN.get(x.cause, ())
+    free = (*hidden, *x.hypothesis.free)
+    joint = x
+    if hidden:
+        joint = replace(
+            x,
+            hypothesis=replace(x.hypothesis, free=free),
+            fit=fit(x.problem, {*CELL_NUMBERS, *free}, start=x.fit.values),
+        )
+    uncertain_names = {*hidden, *undetermined(joint, LIMITS.max_error_off)}
+    unsure = {*undetermined(joint), *(name for name in uncertain_names if _is_off(name, joint))}
+    return [name for name in free if name in unsure]
 
 
 def _needs_nothing(problem: Problem, result: Fit) -> bool:
@@ -340,7 +361,7 @@ def _is_told(x: Explanation, as_given: Fit) -> bool:
 def _gains(x: Explanation, as_given: Fit) -> bool:
     """Whether a cause lowers the misfit by enough to be told."""
     min_gain = x.hypothesis.min_gain
-    if x.hypothesis.is_of_numbers and x.cause is not Cause.NUMBERS:
+    if x.hypothesis.is_of_numbers:
         min_gain = LIMITS.min_gain_undetermined if undetermined(x) else LIMITS.min_gain
     return as_given.misfit - x.cost >= min_gain * _unlikeness(x)
 
@@ -366,7 +387,7 @@ def _is_plausible(x: Explanation) -> bool:
             return has_weight is (x.cause is Cause.WEIGHT) and _is_any_off(x)
         case Cause.TORQUE_UNIT:
             # in a smaller unit any torque nearly vanishes, and with it its misfit
-            return x.fit.per_stretch <= MAX_MISFIT_FACTOR * x.problem.usual
+            return x.fit.per_stretch <= MAX_RIGHT_FACTOR * x.problem.usual
         case Cause.WORLD:
             return x.variant.number >= LIMITS.min_tilt_degrees
         case Cause.TCP:

@@ -9,12 +9,13 @@ from rft_ros.diagnosis.evidence import Evidence
 from rft_ros.diagnosis.finding import Finding, in_words
 from rft_ros.diagnosis.fit import MAX_USUAL_ZETA, MIN_USUAL_ZETA, rows_of
 from rft_ros.diagnosis.hypotheses import UNITS_N, Cause, Explanation
-from rft_ros.diagnosis.search import MAX_RIGHT_FACTOR, Diagnosis, Found, mended, undetermined
+from rft_ros.diagnosis.search import MAX_RIGHT_FACTOR, Diagnosis, Found, mended, unsure_numbers
 from rft_ros.parameters import Value
 from rft_ros.rft import FORCE
 
 ADVICE = {
     Cause.PAYLOAD: "correct the payload in the driver",
+    Cause.SURFACE: "check mesh.origin and the arm's TCP if the height was measured",
     Cause.DELAY: "fit it with rft calibrate",
     Cause.FILTER: "raise the cut-off frequency in the load cell's driver",
     Cause.TORQUE_UNIT: "the driver must give N m, and not N mm or kN m",
@@ -97,7 +98,7 @@ def remedy_of(e: Evidence, x: Explanation) -> dict[str, Value]:
     changes = dict(x.variant.remedy)
     setup = mended(x)
     cell = setup.cell
-    unknown_names = undetermined(x)
+    unknown_names = unsure_numbers(x)
     # beside a turned axis, what it determines is written; numbers alone are written together or not at all
     if unknown_names and not x.variant.remedy:
         return {}
@@ -132,7 +133,7 @@ def _of_cause(e: Evidence, cause_found: Found) -> Finding:
     sentence, evidence = _sentence(cause_found)
     remedy = remedy_of(e, x)
     advice = list(filter(None, [_advice(e, x)]))
-    motions = [MOTIONS_THAT_DETERMINE[name] for name in undetermined(x) if name != "zeta"]
+    motions = [MOTIONS_THAT_DETERMINE[name] for name in unsure_numbers(x) if name != "zeta"]
     if motions and not remedy:
         advice.append(f"{motions[0]}: the motion seen does not determine the value")
     name = cause.title

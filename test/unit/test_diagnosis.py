@@ -146,7 +146,12 @@ def test_a_parameter_that_is_wrong_beyond_its_tolerance_is_named_with_the_value_
     parameter, data
 ):
     value = data.draw(WRONG[parameter])
-    found = faults(readings=LOADS + NOISE, **{parameter.replace(".", "__"): value})
+    states = STATES
+    readings = LOADS + NOISE
+    if parameter == "sensor.bias":  # at one attitude it may be a weight
+        states, of_grains = air_and_push()
+        readings = of_grains + np.resize(NOISE, of_grains.shape)
+    found = faults(states=states, readings=readings, **{parameter.replace(".", "__"): value})
     remedies = [
         remedy
         for finding in found
@@ -298,6 +303,21 @@ def test_the_weight_in_several_attitudes_gives_bias_mass_and_centre_also_where_t
     assert remedy["sensor.mass"] == pytest.approx(mass, abs=0.01)
     assert remedy["sensor.center_of_mass"] == pytest.approx((0.0, 0.0, 0.06), abs=0.005)
     assert remedy["sensor.bias"] == pytest.approx(bias, abs=0.05)
+
+
+def test_a_weight_at_one_attitude_is_not_written_as_a_bias():
+    """It would be right at that attitude only; the driver can be tared there."""
+    (said,) = faults(readings=hung(STATES, LOADS + NOISE, 0.5))
+    assert said.name == "load cell" and "tare" in said.text
+    assert said.remedy == {}
+
+
+@pytest.mark.parametrize(("moments", "is_written"), [(450, False), (len(STATES), True)])
+def test_a_surface_is_written_where_a_drag_tells_it_from_another_tcp(moments, is_written):
+    """Along a straight press a tool that lies 20 mm lower in its frame looks the same, but for its lever."""
+    (said,) = wrong(STATES[:moments], (LOADS + NOISE)[:moments], surface_height=SURFACE + 0.02)
+    assert said.name == "surface_height"
+    assert ("surface_height" in said.remedy) is is_written
 
 
 def test_a_driver_that_subtracts_too_much_payload_and_one_of_another_unit_of_torque_are_named():

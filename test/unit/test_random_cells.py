@@ -60,6 +60,11 @@ def test_a_force_that_grows_less_than_the_models_as_a_scoop_rolls_is_no_limit_of
     assert findings_of(right(random_cell(90002))) == []
 
 
+def test_a_side_force_that_stays_within_the_error_of_the_whole_force_is_no_limit():
+    """It stays at 3.8 N beside 13 N along another axis, where the model's grows to 5 N."""
+    assert findings_of(right(random_cell(480075))) == []
+
+
 def test_a_limit_is_one_of_the_whole_reading_with_the_weight_that_hangs_on_the_load_cell():
     assert findings_of(right(random_cell(120017))) == []
 
@@ -128,6 +133,34 @@ def hurried(cell, *, factor, gaps):
 def test_a_fast_right_cell_that_loses_poses_is_not_blamed_for_a_filter(seed):
     """Half a step is long in a gap: a force of its middle, compared with that of its end, looked late."""
     assert findings_of(hurried(random_cell(seed), factor=3, gaps=8)) == []
+
+
+def test_a_tool_that_lies_elsewhere_in_its_frame_is_not_written_as_another_surface():
+    """A drag shows the lever that is off beside it."""
+    (found,) = findings_of(faulty(random_cell(470055), "TCP at the mesh's end"))
+    assert not found.remedy
+
+
+def test_what_fits_alike_is_told_beside_a_delay_although_its_own_gain_is_small():
+    (found,) = findings_of(faulty(random_cell(480009), "yielding arm"))
+    assert found.alike
+
+
+def test_a_delay_that_is_off_with_an_error_above_its_tolerance_is_not_written():
+    """A filter of 100 ms seemed a delay of 56 ± 12 ms."""
+    (found,) = findings_of(faulty(random_cell(480035), "filter 100 ms"))
+    assert found.name == "delay" and not found.remedy
+
+
+def test_a_delay_is_told_that_leaves_as_much_as_right_cells_in_grains_unlike_the_model():
+    (found,) = findings_of(faulty(random_cell(470013), "delay 350 ms"))
+    assert found.name == "delay"
+
+
+@pytest.mark.parametrize(("seed", "kind"), [(480033, "step of the zero"), (480009, "friction")])
+def test_a_zero_is_told_although_some_moments_lie_on_the_wrong_side_of_its_change(seed, kind):
+    (found,) = findings_of(faulty(random_cell(seed), kind))
+    assert found.name == "zero that moves"
 
 
 def test_poses_that_do_not_turn_with_a_tool_that_rolls_are_named():
