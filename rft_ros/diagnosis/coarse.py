@@ -36,26 +36,14 @@ ORIENTATIONS = np.array(
 
 @dataclass(frozen=True, eq=False)
 class Coarse:
-    """The misfit of the force over heights of the surface and delays, each with the other as given.
+    """The height of the surface [m] and the delay [s] that fit the force best, each with the other as given.
 
-    `surfaces` [m]: the given one first. `costs` of each with all orientations of the load cell, shape [surfaces, 48]:
-    the given one first, then `GROUP`, then the 24 with the other sign. `delay_costs`, shape [delays]. `best_turn`: of
-    the readings in tool axes, that fits best at the best surface.
+    `best_turn`: of the readings in tool axes, at the height that fits best with any orientation.
     """
 
-    surfaces: Array
-    costs: Array
-    delay_costs: Array
+    surface: float
+    delay: float
     best_turn: Rotation
-
-    def surface(self, orientation: int = 0) -> float:
-        """The height that fits best with an orientation [m]."""
-        return float(self.surfaces[self.costs[:, orientation].argmin()])
-
-    @property
-    def delay(self) -> float:
-        """The delay that fits best [s]."""
-        return DELAYS_S[int(self.delay_costs.argmin())]
 
 
 def coarse(problem: Problem) -> Coarse:
@@ -76,9 +64,8 @@ def coarse(problem: Problem) -> Coarse:
     best_surface = surfaces[int(costs.min(axis=1).argmin())]
     best_turn = _aligned(problem, float(best_surface), _weight(problem) ** 2)
     return Coarse(
-        surfaces=surfaces,
-        costs=costs,
-        delay_costs=np.array(delay_costs),
+        surface=float(surfaces[costs[:, 0].argmin()]),
+        delay=DELAYS_S[int(np.argmin(delay_costs))],
         best_turn=best_turn,
     )
 

@@ -645,22 +645,13 @@ def _promising(hypothesis: Hypothesis, problem: Problem, base: Coarse) -> Iterat
     if hypothesis.is_of_numbers:
         yield numbered(0, {})
         if "surface" in hypothesis.free:
-            yield numbered(0, {"surface": base.surface()})
+            yield numbered(0, {"surface": base.surface})
         if "delay" in hypothesis.free:
             yield numbered(0, {"delay": base.delay})
         if {"surface", "delay"} <= {*hypothesis.free}:
-            yield numbered(0, {"surface": base.surface(), "delay": base.delay})
+            yield numbered(0, {"surface": base.surface, "delay": base.delay})
         return
     variants = hypothesis.variants(trial, setup)
-    first = ORIENTATION_OF.get(hypothesis.cause)
-    if first is not None:
-        orientations = range(first, first + len(variants))
-        heights_tried = slice(None) if hypothesis.searches_surface else slice(1)
-        costs = base.costs[heights_tried, orientations].min(axis=0)
-        for k in np.argsort(costs)[:3].tolist():
-            height = base.surface(first + k)
-            yield numbered(k, {"surface": height} if hypothesis.searches_surface else {})
-        return
 
     def cost_of(variant: Variant) -> tuple[float, Mapping[str, Any]]:
         problem_of_variant = problem.beside(variant.trial, variant.setup)
@@ -672,7 +663,7 @@ def _promising(hypothesis: Hypothesis, problem: Problem, base: Coarse) -> Iterat
     if not variants:
         return
     results = [cost_of(variant) for variant in variants]
-    order = np.argsort([cost for cost, _ in results])[:2]
+    order = np.argsort([cost for cost, _ in results])[:3]
     family = hypothesis.family
     if family is None:
         for k in order:
@@ -693,7 +684,3 @@ def _promising(hypothesis: Hypothesis, problem: Problem, base: Coarse) -> Iterat
     )
     start = cost_of(family(trial, setup, best))[1]
     yield _Candidate(hypothesis, lambda t, s: family(t, s, best), start)
-
-
-ORIENTATION_OF = {Cause.SIGN: 24, Cause.TURN: 1, Cause.SIGN_AND_TURN: 25}
-"""The first of the orientations of `Coarse` that belong to a cause."""

@@ -127,7 +127,7 @@ def _is_late(problem: Problem, base: Coarse, result: Fit) -> bool:
 
 def _by_numbers(problem: Problem, base: Coarse, result: Fit) -> Diagnosis:
     """The numbers of the cell that are wrong, if nothing else is. `base`, `result`: of the cell as given."""
-    starts: list[Mapping[str, float]] = [{}, {"surface": base.surface(), "delay": base.delay}]
+    starts: list[Mapping[str, float]] = [{}, {"surface": base.surface, "delay": base.delay}]
     fits = [fit(problem, CELL_NUMBERS, start=start) for start in starts]
     x = Explanation(
         Hypothesis(cause=Cause.NUMBERS, free=CELL_NUMBERS),
