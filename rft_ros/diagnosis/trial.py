@@ -125,6 +125,11 @@ class Trial:
         path = self.path[rows] if len(self.path) else self.path
         return replace(self, time=self.time[rows], poses=self.poses[rows], path=path)
 
+    @property
+    def _backwards(self) -> "Trial":
+        """The same poses from the last one to the first."""
+        return replace(self, time=-self.time[::-1], poses=self.poses[::-1])
+
     def posed(self, position: Array, rotation: Rotation) -> "Trial":
         """The same readings at other poses."""
         return replace(self, poses=np.hstack([position, rotation.as_quat()]))
@@ -132,23 +137,31 @@ class Trial:
     def followed(self, reach: float, count: int) -> "Trial":
         """At most `count` moments of it, evenly over time and path, without the noise of the poses.
 
-        The tool is followed at the distance of a dead band, as by the estimator's memory; `reach` of its plates [m].
+        The tool is followed at the distance of a dead band, forwards and backwards in time: the mean of both starts and
+        stops with the tool. `reach` of its plates [m].
         """
         band = dead_band_of(float(noise_of(self.position).max()))
-        steps = np.maximum(np.diff(self.time), 1e-4)[:, None]
-        states = np.zeros((len(self), 13))
-        states[:, POSE] = self.poses
-        states[1:, 7:10] = np.diff(self.position, axis=0) / steps
-        states[1:, 10:] = (self.rotation[1:] * self.rotation[:-1].inv()).as_rotvec() / steps
-        displacement = displacements_followed(states, reach=reach, dead_band=band)
         poses = self.poses.copy()
-        poses[:, POSITION] = self.position[0] + np.cumsum(displacement[:, :3], axis=0)
+        forwards = _places_followed(self, reach, band)
+        backwards = _places_followed(self._backwards, reach, band)[::-1]
+        poses[:, POSITION] = 0.5 * (forwards + backwards)
         quiet = replace(self, poses=poses)
         path = quiet.path_of(reach)
         interval = float(np.median(np.diff(self.time)))
         quiet = replace(quiet, path=path, interval=interval)
         rows = _rows_along((self.time, path, _changes(self.time, quiet.position)), count)
         return quiet.at(rows)
+
+
+def _places_followed(trial: Trial, reach: float, band: float) -> Array:
+    """Places that follow the tool at the distance of a dead band [m], shape [n, 3]; `reach` of its plates [m]."""
+    steps = np.maximum(np.diff(trial.time), 1e-4)[:, None]
+    states = np.zeros((len(trial), 13))
+    states[:, POSE] = trial.poses
+    states[1:, 7:10] = np.diff(trial.position, axis=0) / steps
+    states[1:, 10:] = (trial.rotation[1:] * trial.rotation[:-1].inv()).as_rotvec() / steps
+    displacements = displacements_followed(states, reach=reach, dead_band=band)
+    return np.asarray(trial.position[0] + np.cumsum(displacements[:, :3], axis=0))
 
 
 def thin_rows(length: int, count: int) -> slice:
