@@ -22,6 +22,7 @@ from rft_ros.parameters import Value
 from rft_ros.rft import FORCE, POSITION, QUATERNION, TORQUE, Plates
 from rft_ros.rft.plates import AREA, FIRST_CORNER, NORMAL, SECOND_CORNER
 from rft_ros.tool import Tool
+from rft_ros.tool.check import MILLIMETRES_PER_INCH
 
 
 class Cause(Enum):
@@ -301,7 +302,7 @@ def _tcp(trial: Trial, setup: Setup, point: Array) -> Variant:
 
 
 def _mesh_unit(trial: Trial, setup: Setup) -> Iterator[Variant]:
-    for factor in (1e-3, 1.0 / 25.4, 25.4, 1e3):
+    for factor in (1e-3, 1.0 / MILLIMETRES_PER_INCH, MILLIMETRES_PER_INCH, 1e3):
         tool = setup.tool
         scale = tool.frame.scale * factor
         yield Variant(

@@ -10,12 +10,11 @@ from rft_ros.diagnosis.finding import Finding
 from rft_ros.diagnosis.trial import Array, Indices
 from rft_ros.estimator import FASTEST_M_S, NOISY, PoseNoise, PoseSample, sentence_on
 from rft_ros.rft import POSITION, VELOCITY
+from rft_ros.tool.check import missing_factor
 
 MAX_EXTENT_M = 10.0
 MAX_MEAN_SPEED_M_S = 1.0
 """No arm exceeds both this extent and this mean speed in grains."""
-USUAL_SIZE_M = 0.05
-"""Of a tool."""
 MIN_REST_S = 0.1
 """Time between two changes of the pose from which on the tool rests."""
 MIN_ROUNDING_M = 5e-4
@@ -90,8 +89,8 @@ def size_of_tool(e: Evidence) -> Iterator[Finding]:
     said = f"{e.tool.name}, {extents} mm"
     fault = e.tool.issues.get("size")
     if fault:
-        thousands = round(np.log10(USUAL_SIZE_M / max(e.tool.size, 1e-30)) / 3.0)
-        remedy = {"mesh.scale": float(e.tool.frame.scale * 1000.0**thousands)}
+        factor = missing_factor(float(np.ptp(e.tool.vertices, axis=0).max()))
+        remedy = {"mesh.scale": float(f"{e.tool.frame.scale * factor:.6g}")}
         yield Finding(name="mesh", said=f"{said}: {fault}", remedy=remedy, spoils_calibration=True)
         return
     deepest = 1e3 * e.depth.max(initial=0.0)

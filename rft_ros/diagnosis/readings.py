@@ -7,7 +7,7 @@ import numpy as np
 
 from rft_ros.diagnosis.evidence import ENOUGH, Evidence
 from rft_ros.diagnosis.finding import Finding, in_words
-from rft_ros.diagnosis.trial import Array
+from rft_ros.diagnosis.trial import Array, resolutions
 from rft_ros.rft import FORCE, POSE
 
 DEAD_SHARE = 1e-3
@@ -52,7 +52,9 @@ def threshold(e: Evidence) -> Iterator[Finding]:
     rest_force = force[(e.speed < e.config.inputs.rest_speed) & ~is_zero]
     if min(is_zero.sum(), len(rest_force)) < ENOUGH:
         return
-    if max(len(np.unique(axis)) for axis in rest_force.T) > ENOUGH // 2:
+    usual_steps = np.median(np.abs(np.diff(rest_force, axis=0)), axis=0)
+    # readings in coarse steps are 0 without a threshold
+    if (usual_steps > resolutions(rest_force)).any():
         yield Finding(
             name="threshold",
             said="the force in the air is exactly 0, with no noise",

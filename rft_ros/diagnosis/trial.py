@@ -68,7 +68,7 @@ class Readings:
             step for step in NOISE_STEPS if step == 1 or step * self.interval <= MAX_NOISE_STEP_S
         ]
         noises = [_noise_by_fourth_differences(self.wrenches, step) for step in steps]
-        return np.asarray(np.max([*noises, _resolutions(self.wrenches) / 12.0**0.5], axis=0))
+        return np.asarray(np.max([*noises, resolutions(self.wrenches) / 12.0**0.5], axis=0))
 
 
 @dataclass(frozen=True, kw_only=True, eq=False)
@@ -186,7 +186,7 @@ def _noise_by_fourth_differences(series: Array, step: int) -> Array:
     return np.asarray(1.48 * np.median(np.abs(differences), axis=0) / 70.0**0.5)
 
 
-def _resolutions(series: Array) -> Array:
+def resolutions(series: Array) -> Array:
     """The least difference of two values of series, shape [n, k]."""
     steps = [np.diff(np.unique(values)) for values in series.T]
     return np.array([step.min(initial=np.inf) if len(step) else 0.0 for step in steps])

@@ -18,6 +18,7 @@ MIN_TOOL_SIZE_M = 1e-3
 MAX_TOOL_SIZE_M = 10.0
 """Greatest plausible extent of a tool: more than the 7 m of a bulldozer's blade."""
 
+MILLIMETRES_PER_INCH = 25.4
 _MIN_USUAL_SIZE_M = 5e-3  # below, and above a thousand times as much, the check proposes a scale
 _ROUNDING = np.finfo(np.float64).eps  # of the farthest coordinate
 
@@ -154,12 +155,18 @@ def _repeated_facets(mesh: "trimesh.Trimesh") -> int:
     return len(sorted_faces) - len(np.unique(sorted_faces, axis=0))
 
 
+def missing_factor(extent: float) -> float:
+    """By what a tool of this largest extent [m] is probably too small: a unit of its mesh's lengths; 1 if usual."""
+    if MIN_TOOL_SIZE_M <= extent < _MIN_USUAL_SIZE_M:
+        return MILLIMETRES_PER_INCH
+    return float(1000.0 ** -np.floor(np.log10(extent / _MIN_USUAL_SIZE_M) / 3.0))
+
+
 def _unusual_size(extent: float, scale: float) -> str:
     """A sentence on a tool of an unusual largest extent [m], with the scale that is probably meant; or ""."""
-    thousands = np.floor(np.log10(extent / _MIN_USUAL_SIZE_M) / 3.0)
-    if thousands == 0.0:
+    factor = missing_factor(extent)
+    if factor == 1.0:
         return ""
-    factor = 1000.0**-thousands
     return (
         f"the largest extent is {extent:.3g} m at mesh.scale {scale:g}; "
         f"if {extent * factor:.3g} m is meant, set mesh.scale (--scale) to {scale * factor:g}"

@@ -23,6 +23,7 @@ from rft_ros.diagnosis.coarse import coarse
 from rft_ros.diagnosis.examined import followed, setup_of
 from rft_ros.diagnosis.fit import Problem, fit
 from rft_ros.diagnosis.hypotheses import HYPOTHESES, Cause, explained
+from rft_ros.diagnosis.readings import threshold
 from rft_ros.diagnosis.search import _is_told
 from rft_ros.diagnosis.sentences import remedy_of
 from rft_ros.diagnosis.trial import Readings
@@ -442,6 +443,22 @@ def test_a_threshold_of_the_driver_is_named():
     small = np.sign(noisy) * np.maximum(np.abs(noisy) - 0.15, 0.0)
     assert "threshold" in named(faults(readings=small, medium__mobilization_length=0.003))
     assert "threshold" not in named(faults(medium__mobilization_length=0.003))  # without any noise
+
+
+def test_a_load_cell_that_reads_in_steps_coarser_than_its_noise_has_no_threshold(evidence_of):
+    """It reads exactly 0 in the air, and relaxes through many of its steps at rest in the grains."""
+    moving = evidence_of()
+    count = len(moving.time)
+    still = moving.state.copy()
+    still[:, VELOCITY] = 0.0
+    still[:, ANGULAR_VELOCITY] = 0.0
+    noise = np.random.default_rng(4).normal(0.0, 0.02, (count, 6))
+    relaxing = noise + np.linspace(0.0, 2.0, count)[:, None]
+    for step, is_told in ((0.1, False), (1e-4, True)):
+        readings = np.round(relaxing / step) * step
+        readings[: count // 2] = 0.0
+        resting = replace(moving, readings=readings, state=still)
+        assert bool(list(threshold(resting))) is is_told
 
 
 @given(st.floats(0.15, 0.4), SOURCES)
