@@ -22,7 +22,7 @@ from rft_ros.parameters import Value
 from rft_ros.rft import FORCE, POSITION, QUATERNION, TORQUE, Plates
 from rft_ros.rft.plates import AREA, FIRST_CORNER, NORMAL, SECOND_CORNER
 from rft_ros.tool import Tool
-from rft_ros.tool.check import MILLIMETRES_PER_INCH
+from rft_ros.tool.check import INCH_MM
 
 
 class Cause(Enum):
@@ -302,7 +302,7 @@ def _tcp(trial: Trial, setup: Setup, point: Array) -> Variant:
 
 
 def _mesh_unit(trial: Trial, setup: Setup) -> Iterator[Variant]:
-    for factor in (1e-3, 1.0 / MILLIMETRES_PER_INCH, MILLIMETRES_PER_INCH, 1e3):
+    for factor in (1e-3, 1.0 / INCH_MM, INCH_MM, 1e3):
         tool = setup.tool
         scale = tool.frame.scale * factor
         yield Variant(
@@ -414,8 +414,8 @@ def _friction(trial: Trial, setup: Setup) -> Iterator[Variant]:
     """The zero follows the direction of the motion along the vertical: a force there, or along axes of the tool."""
     sinking = np.gradient(trial.position[:, 2], trial.time)
     usual = float(np.quantile(np.abs(sinking), 0.9))
-    of_tool = np.repeat(np.eye(3)[None], len(trial), axis=0)
-    for axes, share in product((trial.down[:, :, None], of_tool), SLIP_SHARES):
+    tool_axes = np.repeat(np.eye(3)[None], len(trial), axis=0)
+    for axes, share in product((trial.down[:, :, None], tool_axes), SLIP_SHARES):
         way = np.where(np.abs(sinking) > share * usual, np.sign(sinking), 0.0)
         zero_columns = np.zeros((len(trial), 6, 6))
         zero_columns[:, FORCE, : axes.shape[2]] = -way[:, None, None] * axes

@@ -21,7 +21,7 @@ NOISES_AT_LIMIT = 4.0
 """How near to the greatest reading others are at the limit, by the noise."""
 MAX_NOISE_SHARE = 0.02
 """Of the greatest reading: with more noise no limit is seen."""
-MIN_EXCESS = 5.0
+MIN_EXCESS_FACTOR = 5.0
 """How far the model's force grows above the limit, in standard errors of the whole force.
 
 A side force of a limit's size is within the error of the force that the grains push with along another axis.
@@ -59,11 +59,11 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
         scale = ((reading - hanging_force) * force)[below].sum() / max(
             (force[below] ** 2).sum(), 1e-12
         )
-        modelled = scale * force + hanging_force
-        growth = modelled[at_limit] / limit
+        modelled_force = scale * force + hanging_force
+        growth = modelled_force[at_limit] / limit
         low_growth, high_growth = np.quantile(growth, (0.2, 0.9))
-        excess = np.quantile(((modelled - limit) / problem.error[:, 0])[at_limit], 0.9)
-        if scale > 0.0 and low_growth > 0.9 and excess > MIN_EXCESS:
+        excess = np.quantile(((modelled_force - limit) / problem.error[:, 0])[at_limit], 0.9)
+        if scale > 0.0 and low_growth > 0.9 and excess > MIN_EXCESS_FACTOR:
             stays = float(readings[at_limit, axis].mean())
             yield Finding(
                 name="saturation",

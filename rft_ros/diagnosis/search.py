@@ -63,7 +63,7 @@ MAX_SINGLE_FACTOR = 1.5
 """Misfit over the usual one up to which one cause explains a cell, and several are not searched."""
 MAX_RIGHT_FACTOR = 5.0
 """Misfit over the usual one that no right cell has, nor one that a single cause explains: real plates have up to 3."""
-MAX_SHARE_LEFT = 0.4
+MAX_LEFT_SHARE = 0.4
 """Of a misfit, by a cause that is told although it leaves more than right cells have: a drift is not quite linear."""
 MIN_MASS_KG = 0.02
 """A smaller negative mass is none."""
@@ -171,7 +171,7 @@ def _searched(problem: Problem, base: Coarse, result: Fit) -> Diagnosis:
 def _explains_most(best: Explanation, others: Sequence[Explanation], as_given: Fit) -> bool:
     """Whether a cause leaves little of the misfit of the cell as given, and of what any other one leaves."""
     costs = [as_given.misfit, *(x.cost for x in others if _is_other(x, best))]
-    return best.cost <= MAX_SHARE_LEFT * min(costs)
+    return best.cost <= MAX_LEFT_SHARE * min(costs)
 
 
 def _mended_by(x: Explanation, causes: tuple[Found, ...]) -> Diagnosis:
@@ -204,8 +204,10 @@ def _several(problem: Problem, base: Coarse, result: Fit) -> Diagnosis | None:
     found = []
     if best.cause is not Cause.NUMBERS:
         own = replace(best.hypothesis, free=_own_names(best))
-        others = [x for x in candidates if x.variant is not best.variant]
-        found.append(Found(replace(best, hypothesis=own), _ties(best, others), setup, result))
+        other_causes = [x for x in candidates if x.variant is not best.variant]
+        found.append(
+            Found(replace(best, hypothesis=own), _ties(best, other_causes), setup, result)
+        )
     found += _found_numbers(best, numbers, setup, result)
     return _mended_by(best, tuple(found)) if found else None
 

@@ -18,7 +18,7 @@ MIN_TOOL_SIZE_M = 1e-3
 MAX_TOOL_SIZE_M = 10.0
 """Greatest plausible extent of a tool: more than the 7 m of a bulldozer's blade."""
 
-MILLIMETRES_PER_INCH = 25.4
+INCH_MM = 25.4
 _MIN_USUAL_SIZE_M = 5e-3  # below, and above a thousand times as much, the check proposes a scale
 _ROUNDING = np.finfo(np.float64).eps  # of the farthest coordinate
 
@@ -158,7 +158,7 @@ def _repeated_facets(mesh: "trimesh.Trimesh") -> int:
 def missing_factor(extent: float) -> float:
     """By what a tool of this largest extent [m] is probably too small: a unit of its mesh's lengths; 1 if usual."""
     if MIN_TOOL_SIZE_M <= extent < _MIN_USUAL_SIZE_M:
-        return MILLIMETRES_PER_INCH
+        return INCH_MM
     return float(1000.0 ** -np.floor(np.log10(extent / _MIN_USUAL_SIZE_M) / 3.0))
 
 
