@@ -63,8 +63,8 @@ MAX_SINGLE_FACTOR = 1.5
 """Misfit over the usual one up to which one cause explains a cell, and several are not searched."""
 MAX_RIGHT_FACTOR = 5.0
 """Misfit over the usual one that no right cell has, nor one that a single cause explains: real plates have up to 3."""
-MAX_LEFT_SHARE = 0.4
-"""Of a misfit, by a cause that is told although it leaves more than right cells have: a drift is not quite linear."""
+MAX_LEFT_SHARE = 0.3
+"""Of the misfit as given, by a cause that is told although it leaves more than right cells: few drifts are linear."""
 MIN_MASS_KG = 0.02
 """A smaller negative mass is none."""
 
@@ -162,16 +162,10 @@ def _searched(problem: Problem, base: Coarse, result: Fit) -> Diagnosis:
         return several
     if best and (
         best.fit.per_stretch <= MAX_RIGHT_FACTOR * best.problem.usual
-        or _explains_most(best, candidates, result)
+        or best.cost <= MAX_LEFT_SHARE * result.misfit
     ):
         return _mended_by(best, (Found(best, _ties(best, candidates), setup, result),))
     return Diagnosis((), problem.trial, setup, problem, result)
-
-
-def _explains_most(best: Explanation, others: Sequence[Explanation], as_given: Fit) -> bool:
-    """Whether a cause leaves little of the misfit of the cell as given, and of what any other one leaves."""
-    costs = [as_given.misfit, *(x.cost for x in others if _is_other(x, best))]
-    return best.cost <= MAX_LEFT_SHARE * min(costs)
 
 
 def _mended_by(x: Explanation, causes: tuple[Found, ...]) -> Diagnosis:

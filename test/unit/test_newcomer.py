@@ -75,7 +75,7 @@ LEARNING = {"learning.mode": "observe"}
 FAULTS = {
     "no tare": ("N more in the air than its bias and weight", {}, False),
     "tared at the wrong height": ("set surface_height: 0.1", {"surface_height": SURFACE - 0.03}),
-    "no tare, learning": ("or tare it there (~/tare, --tare)", LEARNING, False),
+    "no tare, learning": ("; tare it there (~/tare, --tare)", LEARNING, False),
     "sign": (" %: check the set-up with rft doctor", {"sensor.sign": -1.0}),
     "sign, learning": ("rft doctor --bag searches the cause", LEARNING | {"sensor.sign": -1.0}),
     "turned, learning": (
