@@ -34,7 +34,8 @@ class Limits:
     least deviation in tolerances of a number that is told, `told_ratio`: of ζ. `min_tilt_degrees`: of a world that is
     tilted, since grains push plates up to 3° out of the model's direction. `tie` and `tie_share` of the misfit: causes
     within this of the best one fit alike. `max_error` in tolerances of a number that the trial determines: a straight
-    press determines neither lever nor mass; `max_error_off`: of one that is off and written to a file.
+    press determines neither lever nor mass; `max_error_off`: of one that is off and written to a file, or, as a share
+    of what it is off, `max_error_share`: the error of a weight grows with it.
     """
 
     max_off: float = 1.0
@@ -47,6 +48,7 @@ class Limits:
     tie_share: float = 0.15
     max_error: float = 2.0
     max_error_off: float = 1.0
+    max_error_share: float = 0.025
 
 
 LIMITS = Limits()
@@ -328,9 +330,18 @@ def unsure_numbers(x: Explanation) -> list[str]:
             hypothesis=replace(x.hypothesis, free=free),
             fit=fit(x.problem, {*CELL_NUMBERS, *free}, start=x.fit.values),
         )
-    uncertain_names = {*hidden, *undetermined(joint, LIMITS.max_error_off)}
+    vague_names = [
+        name for name in undetermined(joint, LIMITS.max_error_off) if _is_vague(name, joint)
+    ]
+    uncertain_names = {*hidden, *vague_names}
     unsure = {*undetermined(joint), *(name for name in uncertain_names if _is_off(name, joint))}
     return [name for name in free if name in unsure]
+
+
+def _is_vague(name: str, x: Explanation) -> bool:
+    """Whether the error of a number is more than a small share of what it is off."""
+    off = np.abs(x.fit.values[name] - x.problem.given()[rows_of(name)])
+    return bool(x.fit.errors[name].max() > LIMITS.max_error_share * off.max())
 
 
 def _needs_nothing(problem: Problem, result: Fit) -> bool:

@@ -309,6 +309,7 @@ def test_nothing_follows_a_fault_with_two_remedies():
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 @given(mass=st.floats(0.05, 2.0), seed=seeds)
+@example(mass=2.0, seed=0)
 @few
 def test_the_weight_in_several_attitudes_gives_bias_mass_and_centre_also_where_the_sign_is_wrong(
     sign, mass, seed
