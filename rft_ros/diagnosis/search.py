@@ -318,8 +318,8 @@ def undetermined(x: Explanation, max_error: float = LIMITS.max_error) -> list[st
 def unsure_numbers(x: Explanation) -> list[str]:
     """The numbers that keep a remedy out of the file.
 
-    They are undetermined ones, those that are off with an error above their tolerance, and those that hide in the
-    cause and are off. Those that hide in it come first.
+    These are the undetermined ones, those that are off and not known well enough to be written (`Limits`), and those
+    that hide in the cause and are off. The last ones come first.
     """
     hidden = HIDDEN_IN.get(x.cause, ())
     free = (*hidden, *x.hypothesis.free)

@@ -133,8 +133,10 @@ def _of_cause(e: Evidence, cause_found: Found) -> Finding:
     sentence, evidence = _sentence(cause_found)
     remedy = remedy_of(e, x)
     advice = list(filter(None, [_advice(e, x)]))
-    motions = [MOTIONS_THAT_DETERMINE[name] for name in unsure_numbers(x) if name != "zeta"]
-    if motions and not remedy:
+    # a joint fit, and only needed where nothing is written
+    unsure_names = [] if remedy else unsure_numbers(x)
+    motions = [MOTIONS_THAT_DETERMINE[name] for name in unsure_names if name != "zeta"]
+    if motions:
         advice.append(f"{motions[0]}: the motion seen does not determine the value")
     name = cause.title
     if cause_found.ties:

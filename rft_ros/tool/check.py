@@ -156,7 +156,7 @@ def _repeated_facets(mesh: "trimesh.Trimesh") -> int:
 
 
 def missing_factor(extent: float) -> float:
-    """By what a tool of this largest extent [m] is probably too small: a unit of its mesh's lengths; 1 if usual."""
+    """The factor by which a tool of this largest extent [m] is too small if its mesh is in another unit; 1 if usual."""
     if MIN_TOOL_SIZE_M <= extent < _MIN_USUAL_SIZE_M:
         return INCH_MM
     return float(1000.0 ** -np.floor(np.log10(extent / _MIN_USUAL_SIZE_M) / 3.0))
