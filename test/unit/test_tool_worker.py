@@ -42,7 +42,10 @@ def worker():
 
 
 def loaded(worker, file, tolerance=0.0, is_wanted=lambda: True):
-    return worker.load({"tool": MeshConfig(file=file, tolerance=tolerance)}, is_wanted)["tool"]
+    try:
+        return worker.load({"tool": MeshConfig(file=file, tolerance=tolerance)}, is_wanted)["tool"]
+    finally:
+        wait_for_last_load(worker)
 
 
 def arrays(tool):
@@ -148,17 +151,30 @@ def test_a_worker_that_is_ended_while_it_loads_is_not_started_again(big):
     assert worker.process.poll() is not None
 
 
-def load_of(worker):
-    """The process of the load in progress, once it has begun."""
+def loads_of(worker):
+    """The processes of loads that have not ended."""
     pid = worker.process.pid
-    children = Path(f"/proc/{pid}/task/{pid}/children")
-    while True:
-        for child in children.read_text().split():
+    loads = []
+    with suppress(OSError):  # the worker has ended, or this process may open no file
+        for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split():
             with suppress(FileNotFoundError):
                 # one that has ended may not be reaped yet
                 if ") Z" not in Path(f"/proc/{child}/stat").read_text():
-                    return int(child)
+                    loads.append(int(child))
+    return loads
+
+
+def wait_for_last_load(worker):
+    """Its process may live a moment longer than its answer, and `load_of` would take it for the next."""
+    while loads_of(worker):
         time.sleep(0.001)
+
+
+def load_of(worker):
+    """The process of the load in progress, once it has begun."""
+    while not (loads := loads_of(worker)):
+        time.sleep(0.001)
+    return loads[0]
 
 
 def test_a_drive_that_gives_nothing_to_read_is_given_up_and_says_so(big):
@@ -208,6 +224,7 @@ def test_a_newer_request_takes_the_place_of_one_that_stalls_and_starts_no_other_
     pid = worker.process.pid
     with pytest.raises(InputError, match=r"mesh\.file '' is not a shipped mesh"):
         pending.prepare(config.changed({"mesh.file": ""}))
+    wait_for_last_load(worker)
     pending.want(pending.prepare(config.changed({"mesh.file": big})))
     os.kill(load_of(worker), signal.SIGSTOP)
     for name in ("ellipsoid", "sphere"):
