@@ -17,7 +17,6 @@ from rft_ros.calibration.fitting import FitResults, NotIdentifiable
 from rft_ros.calibration.grains import FILE_SURFACE_ERROR_M, Given, fit_grains
 from rft_ros.calibration.phases import Contact, find_contacts
 from rft_ros.calibration.recorded import BedValues, Recorded
-from rft_ros.calibration.smoothing import interpolated
 from rft_ros.calibration.suspicion import judge_fitted, refuse_implausible
 from rft_ros.calibration.tool_weight import fit_tool_weight
 from rft_ros.calibration.track import Track, thinned
@@ -230,7 +229,8 @@ def _without_inertia(track: Track, law: Law, surface: float) -> Track:
         wrenches(track.tool.plates, each, track.states, surface_height=surface)
         for each in (law, replace(law, density=0.0))
     )
-    force = rotate_vectors(track.cell_along.from_world_axes, (full - slow)[:, FORCE])
+    inertia = track.when_read((full - slow)[:, FORCE])
+    force = rotate_vectors(track.cell_along.from_world_axes, inertia)
     readings = track.readings.copy()
     readings[:, FORCE] -= track.cell.sign * force
     return replace(track, readings=readings)
@@ -244,7 +244,7 @@ def _aligned(
     *,
     configured_delay: float,
 ) -> tuple[list[Track], float]:
-    """The tracks with the readings of each pose's moment, and the standard error of the load cell's delay [s].
+    """The tracks with the delay of the load cell, and its standard error [s].
 
     `configured_delay`: the delay of the parameters [s]. Raises NotIdentifiable if no turn determines the delay.
     """
@@ -252,8 +252,4 @@ def _aligned(
     delay = fit_delay(recordings, surface.height, configured_delay=configured_delay)
     result.fitted_values.append(delay)
     late = delay.values[0] - configured_delay
-    tracks_aligned = [
-        replace(track, readings=interpolated(track.time + late, track.time, track.readings))
-        for track in tracks
-    ]
-    return tracks_aligned, delay.errors[0]
+    return [replace(track, late=late) for track in tracks], delay.errors[0]

@@ -31,7 +31,13 @@ from rft_ros.calibration.fitting import (
     fit_each,
     fit_linear,
 )
-from rft_ros.calibration.recorded import MAX_DELAY_S, BedValues, Recorded, course_of_force
+from rft_ros.calibration.recorded import (
+    MAX_DELAY_S,
+    BedValues,
+    Course,
+    Recorded,
+    course_of_force,
+)
 from rft_ros.calibration.smoothing import interpolated
 from rft_ros.calibration.track import MIN_SAMPLES_COUNT, Indices, Track, Turn, down_strokes
 from rft_ros.rft import FORCE, STATE, Law, wrenches
@@ -89,17 +95,20 @@ _MAX_ZETA_MISFIT_RATIO = 0.25
 
 
 @lru_cache(maxsize=1)
-def courses_over_length(recording: Recorded, surface: float, moments: range) -> CubicSpline:
-    """The model's force on the tool at successive moments over log λ, shape [m, 3] [N]."""
+def courses_over_length(
+    recording: Recorded, surface: float, moments: range
+) -> tuple[Array, CubicSpline]:
+    """The times of a course [s], shape [m], and the model's force on the tool over log λ, shape [m, 3] [N]."""
     values = [BedValues(surface, log_length) for log_length in LOG_LENGTHS.tolist()]
     courses = [course_of_force(recording, value, moments) for value in values]
-    return CubicSpline(LOG_LENGTHS, courses)
+    return courses[0].time, CubicSpline(LOG_LENGTHS, [course.force for course in courses])
 
 
 @lru_cache(maxsize=32)
-def course_between_lengths(recording: Recorded, values: BedValues, moments: range) -> Array:
+def course_between_lengths(recording: Recorded, values: BedValues, moments: range) -> Course:
     """As `course_of_force`, from the courses over λ: a fit of the delay tries many of one turn."""
-    return np.asarray(courses_over_length(recording, values.surface, moments)(values.log_length))
+    times, force_over_length = courses_over_length(recording, values.surface, moments)
+    return Course(times, np.asarray(force_over_length(values.log_length)))
 
 
 class TooShortToResolve(NotIdentifiable):
@@ -137,16 +146,20 @@ class Part:
     @property
     def observed(self) -> Array:
         """The measured force, shape [n, axes] [N]."""
-        return self.recording.track.forces[self.rows, self.axes]
+        return self.recording.track.forces[self.rows_read, self.axes]
+
+    @property
+    def rows_read(self) -> Indices:
+        """The rows of the readings that belong to the part's rows."""
+        return self.recording.track.rows_read(self.rows)
 
     def modelled(self, values: BedValues, delays: Array) -> Array:
-        """The model's force at k `delays` of the load cell [s], shape [k, n, axes] [N]."""
+        """The model's force as read at k `delays` beside that of the track [s], shape [k, n, axes] [N]."""
         course_of = course_between_lengths if self.between_lengths else course_of_force
         course = course_of(self.recording, values._replace(delay=0.0), self.moments)
-        time = self.recording.track.time
-        force_times = (time[self.rows] - delays[:, None]).ravel()
-        course_times = time[self.moments.start : self.moments.stop]
-        force = interpolated(force_times, course_times, course[:, self.axes])
+        track = self.recording.track
+        force_times = (track.time[self.rows_read] - track.late - delays[:, None]).ravel()
+        force = interpolated(force_times, course.time, course.force[:, self.axes])
         return np.asarray(force.reshape(len(delays), len(self.rows), -1))
 
     def columns(self, values: BedValues) -> Array:
@@ -215,7 +228,7 @@ class Phase:
     def by_force(self, force: Array) -> float:
         """Change of the value by a force that is added to the measured one: shape [3], or [n, 3] of the recording."""
         added_force = np.broadcast_to(force, self.recording.track.forces.shape)
-        part_force = added_force[self.part.rows, self.part.axes]
+        part_force = added_force[self.part.rows_read, self.part.axes]
         return float(np.sum(self.fit.influence * part_force))
 
     def change(self, **changed_values: float) -> float:
@@ -280,7 +293,7 @@ def _press_states(tool: Tool, state: Array, depths: Array) -> Array:
 
 def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Contact:
     """Find the contact of one stroke: fit the vertical force with a free scale and bias, without memory."""
-    force = track.forces[stroke, _VERTICAL]
+    force = track.forces[track.rows_read(stroke), _VERTICAL]
     height = track.heights[stroke]
     low = float(height.min())
     high = float(height.max())

@@ -94,12 +94,12 @@ class Recorded:
 
     @cached_property
     def friction(self) -> Array:
-        """What reverses with the motion in the air, beside bias and weight, at every moment, world axes [N], [n, 3]."""
+        """What reverses with the motion in the air, beside bias and weight, by readings, world axes [N], [n, 3]."""
         track = self.track
-        velocity = track.smooth[:, VELOCITY]
+        velocity = track.when_read(track.smooth[:, VELOCITY])
         speed = np.linalg.norm(velocity, axis=1)
         moving = speed >= track.rest_speed
-        in_air = track.heights > self.air + _MIN_AIR_CLEARANCE_M
+        in_air = track.when_read(track.heights[:, None])[:, 0] > self.air + _MIN_AIR_CLEARANCE_M
         way = np.zeros_like(velocity)
         way[moving] = velocity[moving] / speed[moving, None]
         if not way[in_air].any():
@@ -119,9 +119,16 @@ class Recorded:
         return 0.5 * (early - late)
 
 
+class Course(NamedTuple):
+    """The model's `force` on the tool along a motion, world axes [N], shape [m, 3], at `time` [s], shape [m]."""
+
+    time: Array
+    force: Array
+
+
 @lru_cache(maxsize=32)
-def course_of_force(recording: Recorded, values: BedValues, moments: range) -> Array:
-    """The model's force on the tool at successive moments, world axes [N], shape [m, 3].
+def course_of_force(recording: Recorded, values: BedValues, moments: range) -> Course:
+    """The model's force at successive moments and, with memory, at the corners of the path between them.
 
     The memory is empty at the first one. The delay of the `values` shifts nothing here.
     """
@@ -131,12 +138,13 @@ def course_of_force(recording: Recorded, values: BedValues, moments: range) -> A
         # smooth velocities: without memory there is no force at rest, and an arm guided by hand stops in between
         states = recording.track.smooth[moments.start : moments.stop]
         model_wrenches = wrenches(plates, recording.law, states, surface_height=surface, threads=1)
-        return model_wrenches[:, FORCE]
+        return Course(recording.track.time[moments.start : moments.stop], model_wrenches[:, FORCE])
     law = replace(recording.law, mobilization_length=values.length)
-    rows = recording.motion.rows[moments.start : moments.stop]
-    states = recording.motion.states[rows[0] : rows[-1] + 1]
+    first, last = recording.motion.rows[[moments.start, moments.stop - 1]]
+    part = slice(first, last + 1)
+    states = recording.motion.states[part]
     displacements = displacements_followed(states, reach=plates.reach, dead_band=_DEAD_BAND_M)
     model_wrenches = wrenches_in_time(
         plates, law, states, Memory(plates), displacements=displacements, surface_height=surface
     )
-    return np.asarray(model_wrenches[rows - rows[0], FORCE])
+    return Course(recording.motion.time[part], model_wrenches[:, FORCE])

@@ -53,11 +53,12 @@ _VELOCITY_DIGITS = 9
 
 
 class CorneredMotion(NamedTuple):
-    """A motion as `states`, shape [m, 13]. `rows`: those of the recording's moments, shape [n].
+    """A motion as `states`, shape [m, 13], at `time` [s], shape [m].
 
-    The other rows are the corners of the path between two moments.
+    `rows`: those of the recording's moments, shape [n]. The other rows are the corners of the path between two moments.
     """
 
+    time: Array
     states: Array
     rows: NDArray[np.int64]
 
@@ -89,7 +90,7 @@ def segments(mask: NDArray[np.bool_], time: Array) -> list[NDArray[np.int64]]:
     return [part for part in np.split(rows, ends + 1) if len(part)]
 
 
-def _without_jumps(states: Array) -> Array:
+def without_jumps(states: Array) -> Array:
     """The states, shape [n, 13], with such signs of the quaternions that these do not jump."""
     quaternions = states[:, QUATERNION]
     same_signs = np.sum(quaternions[1:] * quaternions[:-1], axis=1) >= 0.0
@@ -171,7 +172,7 @@ def smoothed_states(time: Array, states: Array) -> Array:
 
     `time` [s], shape [n]. Parts between gaps are smoothed on their own. Poses whose noise is rounding stay as they are.
     """
-    smooth_states = _without_jumps(states)
+    smooth_states = without_jumps(states)
     for rows, noise in _parts(time, smooth_states):
         poses = smooth_states[rows, POSE]
         middle = poses.mean(axis=0)
@@ -214,7 +215,10 @@ def cornered_motion(time: Array, states: Array) -> CorneredMotion:
     corners[:, TWIST] = states[corner_rows, TWIST]
     path = np.insert(states, corner_rows + 1, corners, axis=0)
     rows = np.arange(len(time)) + np.searchsorted(corner_rows, index)
-    return CorneredMotion(_of_unit_length(path), rows)
+    corner_times = time[corner_rows] + span
+    return CorneredMotion(
+        np.insert(time, corner_rows + 1, corner_times), _of_unit_length(path), rows
+    )
 
 
 def _corners(time: Array, states: Array) -> tuple[NDArray[np.int64], Array]:

@@ -246,8 +246,9 @@ def _poses_at_rest(tracks: Sequence[Track], air: float) -> _Poses:
         resolutions = [_resolution(readings) for readings in track.readings.T]
         for rows in still_intervals(track):
             if track.heights[rows].min() > air:
-                gravity = track.cell_along.gravity[rows].mean(axis=0)
-                poses.append((gravity, *_reading_at_rest(track, rows, resolutions)))
+                rows_read = track.rows_read(rows)
+                gravity = track.cell_along.gravity[rows_read].mean(axis=0)
+                poses.append((gravity, *_reading_at_rest(track, rows_read, resolutions)))
     if not poses:
         raise NotIdentifiable(
             "the tool never rests in the air for 0.5 s; the bias needs one such pose"

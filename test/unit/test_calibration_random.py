@@ -21,6 +21,7 @@ from synthetic_track import (
     grain_wrenches,
     known,
     law,
+    noisy,
     read_by,
     shaken,
     track_of,
@@ -60,8 +61,9 @@ def recording(seed):
 
     The load cell lags or leads, and sometimes reads a friction that resists the motion, such as of a cable.
 
-    The grains follow the motion at 1 kHz; of its poses and readings some are recorded, so that corners lie between
-    them. Under the centroid rule noise would decide whether walls along the motion lead, so its poses have none.
+    Grains and load cell follow the motion at 1 kHz; of the poses and readings some are recorded, so that corners lie
+    between them. Under the centroid rule noise would decide whether walls along the motion lead, so its poses have
+    none.
     """
     rng = np.random.default_rng(seed)
     name = str(rng.choice(["abb_plate", "scoop", "sphere", "cylinder", "wheel"]))
@@ -95,16 +97,15 @@ def recording(seed):
         tool.plates, grains, states, Memory(tool.plates), surface_height=surface
     )
     some = slice(int(rng.integers(every)), None, every)
-    time, states, force = time[some] - time[some][0], states[some].copy(), force[some]
-    readings = read_by(LOAD_CELL, states, force, rng, noise=(noise, noise / 50.0))
     friction, speeds = (
         rng.choice([0.0, 0.0, 0.05, 0.5, 2.0]),
         np.linalg.norm(states[:, 7:10], axis=1)[:, None],
     )
-    drag = friction * states[:, 7:10] / np.maximum(speeds, 1e-6)
-    readings[:, :3] -= Rotation.from_quat(states[:, 3:7]).inv().apply(drag)
+    force[:, :3] -= friction * states[:, 7:10] / np.maximum(speeds, 1e-6)
     delay = rng.uniform(-0.1, 0.1)
-    readings = interpolated(time - delay, time, readings)
+    late = interpolated(time - delay, time, read_by(LOAD_CELL, states, force))
+    readings = noisy(late[some], rng, (noise, noise / 50.0))
+    time, states = time[some] - time[some][0], states[some].copy()
     if shakes and integration == "refined":
         states = shaken(states, rng, 3e-6, 3e-5)
     if difference:
