@@ -14,8 +14,9 @@ from rft_ros.calibration.smoothing import (
     smoothed_states,
 )
 from rft_ros.calibration.track import Indices, Track
+from rft_ros.diagnosis.trial import places_followed
 from rft_ros.rft import FORCE, Law, Memory, displacements_followed, wrenches, wrenches_in_time
-from rft_ros.rft.frames import TWIST, VELOCITY
+from rft_ros.rft.frames import POSE, POSITION, TWIST, VELOCITY
 
 Array = NDArray[np.float64]
 
@@ -90,7 +91,12 @@ class Recorded:
         """The motion without the noise of the poses, at rest with velocity 0."""
         smooth = smoothed_states(self.track.time, self.track.states)
         smooth[np.add(*self.track.speeds(smooth)) < self.track.rest_speed, TWIST] = 0.0
-        return cornered_motion(self.track.time, smooth)
+        motion = cornered_motion(self.track.time, smooth)
+        reach = self.track.tool.plates.reach
+        motion.states[:, POSITION] = places_followed(
+            motion.time, motion.states[:, POSE], reach=reach, dead_band=_DEAD_BAND_M
+        )
+        return motion
 
     @cached_property
     def friction(self) -> Array:
@@ -143,7 +149,7 @@ def course_of_force(recording: Recorded, values: BedValues, moments: range) -> C
     first, last = recording.motion.rows[[moments.start, moments.stop - 1]]
     part = slice(first, last + 1)
     states = recording.motion.states[part]
-    displacements = displacements_followed(states, reach=plates.reach, dead_band=_DEAD_BAND_M)
+    displacements = displacements_followed(states, reach=plates.reach, dead_band=0.0)
     model_wrenches = wrenches_in_time(
         plates, law, states, Memory(plates), displacements=displacements, surface_height=surface
     )

@@ -125,11 +125,6 @@ class Trial:
         path = self.path[rows] if len(self.path) else self.path
         return replace(self, time=self.time[rows], poses=self.poses[rows], path=path)
 
-    @property
-    def _backwards(self) -> "Trial":
-        """The same poses from the last one to the first."""
-        return replace(self, time=-self.time[::-1], poses=self.poses[::-1])
-
     def posed(self, position: Array, rotation: Rotation) -> "Trial":
         """The same readings at other poses."""
         return replace(self, poses=np.hstack([position, rotation.as_quat()]))
@@ -137,14 +132,11 @@ class Trial:
     def followed(self, reach: float, count: int) -> "Trial":
         """At most `count` moments of it, evenly over time and path, without the noise of the poses.
 
-        The tool is followed at the distance of a dead band, forwards and backwards in time: the mean of both starts and
-        stops with the tool. `reach` of its plates [m].
+        `reach` of the tool's plates [m].
         """
         band = dead_band_of(float(noise_of(self.position).max()))
         poses = self.poses.copy()
-        forwards = _places_followed(self, reach, band)
-        backwards = _places_followed(self._backwards, reach, band)[::-1]
-        poses[:, POSITION] = 0.5 * (forwards + backwards)
+        poses[:, POSITION] = places_followed(self.time, poses, reach=reach, dead_band=band)
         quiet = replace(self, poses=poses)
         path = quiet.path_of(reach)
         interval = float(np.median(np.diff(self.time)))
@@ -153,15 +145,26 @@ class Trial:
         return quiet.at(rows)
 
 
-def _places_followed(trial: Trial, reach: float, band: float) -> Array:
-    """Places that follow the tool at the distance of a dead band [m], shape [n, 3]; `reach` of its plates [m]."""
-    steps = np.maximum(np.diff(trial.time), 1e-4)[:, None]
-    states = np.zeros((len(trial), 13))
-    states[:, POSE] = trial.poses
-    states[1:, 7:10] = np.diff(trial.position, axis=0) / steps
-    states[1:, 10:] = (trial.rotation[1:] * trial.rotation[:-1].inv()).as_rotvec() / steps
-    displacements = displacements_followed(states, reach=reach, dead_band=band)
-    return np.asarray(trial.position[0] + np.cumsum(displacements[:, :3], axis=0))
+def places_followed(time: Array, poses: Array, *, reach: float, dead_band: float) -> Array:
+    """Places that follow poses, shape [n, 7], at the distance of a dead band [m], shape [n, 3].
+
+    The mean of those that follow forwards and backwards in `time` [s], which starts and stops with the tool. `reach` of
+    its plates [m].
+    """
+    forwards = _places_behind(time, poses, reach, dead_band)
+    backwards = _places_behind(-time[::-1], poses[::-1], reach, dead_band)[::-1]
+    return 0.5 * (forwards + backwards)
+
+
+def _places_behind(time: Array, poses: Array, reach: float, dead_band: float) -> Array:
+    steps = np.maximum(np.diff(time), 1e-4)[:, None]
+    turns = Rotation.from_quat(poses[:, QUATERNION])
+    states = np.zeros((len(time), 13))
+    states[:, POSE] = poses
+    states[1:, 7:10] = np.diff(poses[:, POSITION], axis=0) / steps
+    states[1:, 10:] = (turns[1:] * turns[:-1].inv()).as_rotvec() / steps
+    displacements = displacements_followed(states, reach=reach, dead_band=dead_band)
+    return np.asarray(poses[0, POSITION] + np.cumsum(displacements[:, :3], axis=0))
 
 
 def thin_rows(length: int, count: int) -> slice:
