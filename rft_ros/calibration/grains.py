@@ -335,10 +335,10 @@ def _add_zeta(
     )
     if "medium.zeta" in result.not_identifiable:
         return
-    deepest = min(ways, key=lambda way: float(way.heights.min()))
+    deepest = min(ways, key=lambda way: way.recording.lowest(way.part.rows))
     result.add(
         "medium.calibrated_depth",
-        bed.values.surface - float(deepest.heights.min()),
+        bed.values.surface - deepest.recording.lowest(deepest.part.rows),
         surface_error,
         goodness="",
         source=f"deepest penetration, {deepest.recording.name}",

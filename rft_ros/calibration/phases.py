@@ -190,11 +190,6 @@ class Phase:
         return self.part.recording
 
     @property
-    def heights(self) -> Array:
-        """World z of the tool's lowest point at the phase's rows [m], shape [n]."""
-        return self.recording.track.heights[self.part.rows]
-
-    @property
     def time(self) -> float:
         """When the phase begins, since the beginning of its recording [s]."""
         return float(self.recording.track.time[self.part.rows[0]])

@@ -98,6 +98,12 @@ class Recorded:
         )
         return motion
 
+    def lowest(self, rows: Indices) -> float:
+        """World z of the tool's lowest point at some rows or at a corner of the path after them [m]."""
+        last = min(rows[-1] + 1, len(self.motion.rows) - 1)
+        states = self.motion.states[self.motion.rows[rows[0]] : self.motion.rows[last] + 1]
+        return float(self.track.tool.lowest_points(states)[0].min())
+
     @cached_property
     def friction(self) -> Array:
         """What reverses with the motion in the air, beside bias and weight, by readings, world axes [N], [n, 3]."""
