@@ -35,11 +35,11 @@ TURNS: tuple[Turns, ...] = get_args(Turns)
 FORCES: tuple[Forces, ...] = get_args(Forces)
 
 GRAVITY_M_S2 = 9.80665
-FORCE_RATE_HZ = 100.0
-"""Rate at which the force of the grains is computed; it is interpolated between."""
-RAMP_S = 0.08
-DEAD_BAND_M = 2e-5
-"""Smaller movements are noise of the poses."""
+FORCE_RATE_HZ = 1000.0
+"""Rate at which the force of the grains is computed; it is interpolated between. At 100 Hz it was late by 5 ms."""
+MIN_RAMP_S = 0.05
+MAX_RAMP_S = 0.5
+"""Time in which a movement starts or stops: of industrial arms, and of slow smooth ones."""
 MIN_PEAK_N = 3.0
 MAX_PEAK_N = 400.0
 
@@ -104,11 +104,15 @@ class RandomCell:
 
 @dataclass(frozen=True)
 class Leg:
-    """A straight movement from rest to rest: how far the tool's centre goes [m], and how it turns meanwhile [rad]."""
+    """A straight movement from rest to rest: how far the tool's centre goes [m], and how it turns meanwhile [rad].
+
+    `ramp`: the time in which it starts, and in which it stops [s].
+    """
 
     seconds: float
     move: tuple[float, float, float] = (0.0, 0.0, 0.0)
     turn: tuple[float, float, float] = (0.0, 0.0, 0.0)
+    ramp: float = MIN_RAMP_S
 
 
 def random_cell(seed: int) -> RandomCell:
@@ -155,17 +159,26 @@ def _states(time: Array, position: Array, rotation: Rotation) -> Array:
 
 
 def grains_on(
-    tool: Tool, time: Array, position: Array, rotation: Rotation, law: Law, *, surface: float
+    tool: Tool,
+    time: Array,
+    position: Array,
+    rotation: Rotation,
+    law: Law,
+    *,
+    surface: float,
+    dead_band: float = 0.0,
 ) -> Array:
-    """The wrench of the grains about the tool frame's origin in world axes, shape [n, 6]."""
+    """The wrench of the grains about the tool frame's origin in world axes, shape [n, 6].
+
+    `dead_band`: movements below it are noise of the poses [m]; a true path has none.
+    """
     states = _states(time, position, rotation)
-    moved = displacements_followed(states, reach=tool.plates.reach, dead_band=DEAD_BAND_M)
     return wrenches_in_time(
         tool.plates,
         law,
         states,
         Memory(tool.plates),
-        displacements=moved,
+        displacements=displacements_followed(states, reach=tool.plates.reach, dead_band=dead_band),
         surface_height=surface,
     )[:, :6].copy()
 
@@ -200,9 +213,9 @@ def attitudes_at(at: Array, time: Array, rotation: Rotation) -> Rotation:
     return rotation[index] * Rotation.from_rotvec(share[:, None] * step)
 
 
-def _course(share: Array, seconds: float) -> Array:
-    """How much of a leg is done at shares of its time: it starts and ends at rest over `RAMP_S`."""
-    ramp = min(RAMP_S / seconds, 0.4)
+def _course(share: Array, leg: Leg) -> Array:
+    """How much of a leg is done at shares of its time."""
+    ramp = min(leg.ramp / leg.seconds, 0.4)
     up = share**2 / (2.0 * ramp)
     down = 1.0 - ramp - (1.0 - share) ** 2 / (2.0 * ramp)
     even = np.where(share < ramp, up, np.where(share > 1.0 - ramp, down, share - 0.5 * ramp))
@@ -220,7 +233,7 @@ def along(
     for leg, end in zip(legs, ends, strict=True):
         rows = (time >= begin) & (time <= end + 1e-9) if leg is not legs[-1] else time >= begin
         share = np.clip((time[rows] - begin) / leg.seconds, 0.0, 1.0)
-        done = _course(share, leg.seconds)[:, None]
+        done = _course(share, leg)[:, None]
         places[rows] = position + done * leg.move
         if rows.any():
             turns[rows] = (Rotation.from_rotvec(done * leg.turn) * rotation).as_quat()
@@ -379,16 +392,20 @@ def _legs(
     ahead = np.array((np.cos(yaw), np.sin(yaw), 0.0))
     aside = np.array((-np.sin(yaw), np.cos(yaw), 0.0))
 
+    def ramp() -> float:
+        return float(random.uniform(MIN_RAMP_S, MAX_RAMP_S))
+
     def going(*move: float) -> Leg:
         x, y, z = move
-        return Leg(max(float(np.linalg.norm(move)) / speed, 0.2), (x, y, z))
+        seconds = max(float(np.linalg.norm(move)) / speed, 0.2)
+        return Leg(seconds, (x, y, z), ramp=ramp())
 
     def turning(turn: Array, move: Array | None = None) -> Leg:
         x, y, z = turn.tolist()
         far = np.zeros(3) if move is None else move
         slowest = max(np.linalg.norm(turn) / spin, np.linalg.norm(far) / speed, 0.2)
         a, b, c = far.tolist()
-        return Leg(float(slowest), (a, b, c), (x, y, z))
+        return Leg(float(slowest), (a, b, c), (x, y, z), ramp=ramp())
 
     def rest() -> list[Leg]:
         return [Leg(float(random.uniform(0.4, 1.2)))] if random.random() < 0.7 else []

@@ -27,6 +27,10 @@ from bench.random_cells import (
 MIN_EFFECT = 0.06
 """A fault that changes the expected readings by a smaller share of them is one that nobody could see."""
 CHECK_RATE_HZ = 40.0
+DEAD_BAND_M = 2e-5
+"""Of measured poses, whose noise would release the force that is held at rest."""
+MIN_LIFT_S = 0.2
+"""Time in the air between two pushes in which another TCP can be chosen."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -72,6 +76,7 @@ def fits(setup: Setup) -> float:
         rotation,
         law,
         surface=parameters["surface_height"],
+        dead_band=DEAD_BAND_M,
     )
     lever = 0.05 + float(np.linalg.norm(parameters["sensor.position"]))
     scale = np.repeat((1.0, 1.0 / lever), 3)
@@ -360,10 +365,14 @@ def _jumped(cell: RandomCell, random: np.random.Generator) -> Setup | None:
     """Another TCP is chosen on the arm between two pushes."""
     pushed = np.flatnonzero(np.abs(cell.grains[:, :3]).max(axis=1) > 0.0)
     gaps = np.diff(pushed)
-    if len(gaps) == 0 or gaps.max() < 20:
+    if len(gaps) == 0:
         return None
     last = pushed[gaps.argmax()]
-    at = 0.5 * (cell.force_time[last] + cell.force_time[last + gaps.max()])
+    leaves = cell.force_time[last]
+    returns = cell.force_time[last + gaps.max()]
+    if returns - leaves < MIN_LIFT_S:
+        return None
+    at = 0.5 * (leaves + returns)
     sent = cell.recording
     far = sent.rotations.apply(0.06 * _direction(random))
     position = sent.poses[:, :3] + np.where(sent.time > at, 1.0, 0.0)[:, None] * far

@@ -20,7 +20,14 @@ from rft_ros.diagnosis.poses import (
 )
 from rft_ros.diagnosis.readings import cut_off, dead_axes, mount, threshold
 from rft_ros.diagnosis.saturation import saturation
-from rft_ros.diagnosis.search import LIMITS, MAX_RIGHT_FACTOR, Diagnosis, Search, diagnose
+from rft_ros.diagnosis.search import (
+    LIMITS,
+    MAX_RIGHT_FACTOR,
+    MAX_SINGLE_FACTOR,
+    Diagnosis,
+    Search,
+    diagnose,
+)
 from rft_ros.diagnosis.sentences import of_diagnosis, of_right_cell
 from rft_ros.diagnosis.trial import Trial
 from rft_ros.rft import FORCE, POSE
@@ -87,7 +94,8 @@ def _of_default_surface(e: Evidence) -> Iterator[Finding]:
 def _of_forces(e: Evidence, search: Search) -> Iterator[Finding]:
     """The causes of the misfit, or what shows that there is none."""
     diagnosis = diagnose(followed(e), setup_of(e), search)
-    if diagnosis.fit.per_stretch > diagnosis.problem.usual:
+    max_factor = MAX_SINGLE_FACTOR if diagnosis.causes else 1.0
+    if diagnosis.fit.per_stretch > max_factor * diagnosis.problem.usual:
         limits = list(saturation(diagnosis.problem, diagnosis.setup))
         yield from limits
         if limits:

@@ -64,12 +64,11 @@ TOLERANCES = {
     "kinds": Tolerance(
         0.2, 4, "of ζ", "ζ of rest, drag, turn and withdrawal over that of a press"
     ),
-    "start": Tolerance(0.3, 6, "of the greatest force", "force held in the grains at the start"),
     "zero_change": Tolerance(0.02, 6, "of the greatest force", "a zero that moves"),
 }
-"""Tolerances of the given values; the last four are of what no parameter describes."""
+"""Tolerances of the given values; the last three are of what no parameter describes."""
 
-NUISANCES = ("power", "kinds", "start", "zero_change")
+NUISANCES = ("power", "kinds", "zero_change")
 
 MODEL_ERROR_SHARE = 0.06
 """Error of the model's force over the force, where all parameters are right."""
@@ -89,8 +88,8 @@ MAX_USUAL_ZETA = 3.0
 """Range of ζ of dry grains: with others, forces in another unit or a wrong mesh are likelier."""
 REST_M = 1e-6
 """Path between two moments below which the tool rests."""
-START_M = 0.004
-"""Path over which a force fades that the grains held before the first moment."""
+START_M = 0.01
+"""Path over which a force of the grains depends on what the tool did before the first moment."""
 BLOCK_COUNT = 100
 MOMENTS_COUNT = 600
 TOOL_TOLERANCE_SHARE = 0.02
@@ -347,9 +346,10 @@ class Problem:
         noise_share = (force_noise / error) ** 2 + (
             (lever * force_noise) ** 2 + torque_noise**2
         ) / twist**2
-        self.usual = USUAL_MISFIT_RATIO + float(self.count_of @ noise_share) / max(
-            self.count, 1e-9
-        )
+        misfit_of_noise = float(self.count_of @ noise_share)
+        self.usual = USUAL_MISFIT_RATIO + misfit_of_noise / max(self.count, 1e-9)
+        # `Readings.at` has half of the variance of a reading, and a lever turns two of three components into torque
+        self.misfit_of_noise = misfit_of_noise / 3.0
         self.sigma = np.repeat(1.0 / self.error, 3, axis=1)
         if not self.setup.has_torque:
             self.sigma[:, TORQUE] = 0.0
@@ -366,8 +366,6 @@ class Problem:
             + lever * scale[_SLICES["force_bias"]][0],
             torque_noise,
         )
-        scale[_SLICES["start"]] = TOLERANCES["start"].value * self.peak
-        scale[_SLICES["start"]][3:] *= half
         scale[_SLICES["zero_change"]] = np.repeat(
             (scale[_SLICES["force_bias"]][0], scale[_SLICES["torque_bias"]][0]), 3
         )
@@ -429,18 +427,14 @@ class Problem:
         growth = 1.0 + x[_SLICES["power"]][0] * deep + kinds @ x[_SLICES["kinds"]]
         factor = zeta * growth
         model = factor[:, None] * g
-        fading = np.zeros(n)
-        if basis.depth[0] > 0.0:
-            leaves = np.flatnonzero(basis.depth <= 0.0)
-            end = leaves[0] if len(leaves) else n
-            fading[:end] = np.exp(-self.model.path[:end] / START_M)
-        start_wrench = fading[:, None] * x[_SLICES["start"]]
-        e = np.hstack([grains, about]) - model - start_wrench
+        e = np.hstack([grains, about]) - model
         zero_columns = self.setup.zero_columns
         if zero_columns is not None:
             zero_change = zero_columns @ x[_SLICES["zero_change"]]
             e[:, FORCE] -= zero_change[:, FORCE]
             e[:, TORQUE] -= zero_change[:, TORQUE] + crossed(lever, zero_change[:, FORCE])
+        unknown_rows = self.unknown_rows(surface)
+        e[unknown_rows] = 0.0
         if not jacobian:
             return e, model, None
         J = np.zeros((n, 6, NUMBERS))
@@ -460,7 +454,6 @@ class Problem:
         J[:, 3:, _SLICES["lever"]] = cross_matrices(grains)
         J[:, :, _SLICES["power"]] = -(zeta * deep[:, None] * g)[:, :, None]
         J[:, :, _SLICES["kinds"]] = -zeta * g[:, :, None] * kinds[:, None, :]
-        J[:, :, _SLICES["start"]] = -np.eye(6) * fading[:, None, None]
         if zero_columns is not None:
             J[:, FORCE, _SLICES["zero_change"]] = -zero_columns[:, FORCE]
             J[:, TORQUE, _SLICES["zero_change"]] = (
@@ -471,7 +464,14 @@ class Problem:
         J[:, :, _SLICES["length"]] = -(factor[:, None] * slopes.length_slope)[:, :, None]
         modelled = np.hstack([force, torque + crossed(lever, force)]) - e
         J[:, :, _SLICES["delay"]] = self._change_in_time(modelled)[:, :, None]
+        J[unknown_rows] = 0.0
         return e, model, J
+
+    def unknown_rows(self, surface: float) -> slice:
+        """The first moments of a trial that begins in the grains: their force depends on what was before."""
+        if self.model.low[0] >= surface:
+            return slice(0)
+        return slice(int(np.searchsorted(self.model.path, START_M)))
 
     def _change_in_time(self, modelled: Array) -> Array:
         """How fast a modelled reading changes with time, in tool axes, shape [n, 6].

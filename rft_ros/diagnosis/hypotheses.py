@@ -59,17 +59,6 @@ class Cause(Enum):
         return str(self.value).partition(":")[0]
 
 
-COSTLY = {
-    Cause.MESH_TURNED,
-    Cause.WORLD,
-    Cause.TCP,
-    Cause.QUATERNIONS,
-    Cause.NOT_TURNING,
-    Cause.ZERO_MOVES,
-}
-"""Causes that are tried only where no other fits well: they have many variants, and those of a zero much freedom."""
-
-
 @dataclass(frozen=True, kw_only=True, eq=False)
 class Variant:
     """A trial and its set-up as a hypothesis mends them, and the values of parameters that do.
@@ -97,8 +86,8 @@ class Hypothesis:
     """A cause: how it mends a trial, the numbers that it frees, and how much rarer it is, in units of the misfit.
 
     A `family` has a variant for each point of a continuous parameter: it is tried at `points`, and from the best one on
-    by a `step`. `min_gain`: of the misfit, from which on a cause is told that is not of numbers. `searches_surface`:
-    each variant begins at the height that fits it best. `is_possible`: of a trial, whether it may have the cause.
+    by a `step`. `searches_surface`: each variant begins at the height that fits it best. `is_possible`: of a trial,
+    whether it may have the cause.
     """
 
     cause: Cause
@@ -108,14 +97,8 @@ class Hypothesis:
     family: Family | None = None
     points: tuple[tuple[float, ...], ...] = ()
     step: float = 0.0
-    min_gain: float = 12.0
     searches_surface: bool = False
     is_possible: Callable[[Trial], bool] = lambda _: True
-
-    @property
-    def is_costly(self) -> bool:
-        """Whether it is tried only where no other cause fits well."""
-        return self.cause in COSTLY
 
     @property
     def is_of_numbers(self) -> bool:
@@ -473,7 +456,6 @@ HYPOTHESES = (
         points=tuple((float(np.log(lag)),) for lag in (0.02, 0.06, 0.15)),
         step=0.4,
         rarity=2.0,
-        min_gain=5.0,
     ),
     Hypothesis(
         cause=Cause.ZERO_MOVES,
@@ -487,7 +469,7 @@ HYPOTHESES = (
     Hypothesis(cause=Cause.ZERO_MOVES, mend=_friction, free=("zero_change",), rarity=3.0),
     Hypothesis(cause=Cause.MESH_TURNED, mend=_mesh_turned, rarity=3.0),
     Hypothesis(cause=Cause.MESH_UNIT, mend=_mesh_unit),
-    Hypothesis(cause=Cause.TCP, family=_tcp, points=SHIFTS, step=0.01, rarity=4.0, min_gain=25.0),
+    Hypothesis(cause=Cause.TCP, family=_tcp, points=SHIFTS, step=0.01, rarity=4.0),
     Hypothesis(cause=Cause.QUATERNIONS, mend=_w_first, rarity=2.0),
     Hypothesis(
         cause=Cause.WORLD,
@@ -496,7 +478,6 @@ HYPOTHESES = (
         step=0.08,
         free=("surface",),
         rarity=3.0,
-        min_gain=25.0,
         searches_surface=True,
     ),
     *(
@@ -580,16 +561,11 @@ def explained(
     few_setup = problem.setup.thinned(COARSE_MOMENTS_COUNT)
     coarse_problem = Problem(few_moments, few_setup)
     candidates: list[_Candidate] = []
-    enough = ENOUGH_SHARE * coarse_problem.usual * coarse_problem.count
-    for is_costly in (False, True):
-        if is_costly and min(one.cost for one in candidates) < enough:
-            break
-        for hypothesis in hypotheses:
-            if hypothesis.is_costly is is_costly:
-                for candidate in _promising(hypothesis, coarse_problem, base):
-                    result = _fitted(candidate, coarse_problem, steps=COARSE_STEPS_COUNT).fit
-                    cost = result.misfit + hypothesis.rarity
-                    candidates.append(replace(candidate, start=result.values, cost=cost))
+    for hypothesis in hypotheses:
+        for candidate in _promising(hypothesis, coarse_problem, base):
+            result = _fitted(candidate, coarse_problem, steps=COARSE_STEPS_COUNT).fit
+            cost = result.misfit + hypothesis.rarity
+            candidates.append(replace(candidate, start=result.values, cost=cost))
     candidates.sort(key=lambda one: one.cost)
     limit = KEPT_FACTOR * candidates[0].cost + KEPT_MISFIT_COUNT
     kept = [one for one in candidates[:FITTED_COUNT] if one.cost <= limit]
@@ -623,8 +599,6 @@ def _fitted(candidate: _Candidate, problem: Problem, *, steps: int) -> Explanati
     return Explanation(candidate.hypothesis, variant, problem, result)
 
 
-ENOUGH_SHARE = 0.6
-"""Of the usual misfit: if a simple cause leaves less, none that costs much time is tried."""
 COARSE_STEPS_COUNT = 6
 FINAL_STEPS_COUNT = 12
 DELAY_STEPS_S = (-0.02, -0.01, 0.01, 0.02)

@@ -9,7 +9,7 @@ from itertools import product
 import numpy as np
 
 from rft_ros.diagnosis.finding import Finding
-from rft_ros.diagnosis.fit import FLOOR_SHARE, START_M, Problem, Setup
+from rft_ros.diagnosis.fit import FLOOR_SHARE, Problem, Setup
 from rft_ros.estimator import GRAVITY
 from rft_ros.rft import FORCE
 
@@ -19,8 +19,6 @@ MIN_BELOW_LIMIT = 6
 """Moments below it that show how much the model's force is in the unit of the readings."""
 NOISES_AT_LIMIT = 4.0
 """How near to the greatest reading others are at the limit, by the noise."""
-MAX_NOISE_SHARE = 0.02
-"""Of the greatest reading: with more noise no limit is seen."""
 MIN_EXCESS_FACTOR = 5.0
 """How far the model's force grows above the limit, in standard errors of the whole force.
 
@@ -40,9 +38,7 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
     world_force = problem.basis(setup.surface, setup.length).wrench[:, FORCE]
     expected = np.einsum("nji,nj->ni", axes, world_force)
     moves = np.array(problem.model.kinds) != "rest"
-    if problem.model.low[0] < setup.surface:
-        # of a recording that begins in the grains the force is not known at first
-        moves &= problem.model.path > 3.0 * START_M
+    moves[problem.unknown_rows(setup.surface)] = False
     for axis, side in product(range(3), (1.0, -1.0)):
         reading = side * change[:, axis]
         force = side * expected[:, axis]
@@ -52,7 +48,7 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
         at_limit = moves & (reading >= limit - max(band, 1e-6 * abs(limit)))
         below = (reading > 0.2 * limit) & (reading < 0.9 * limit)
         is_seen = at_limit.sum() >= MIN_AT_LIMIT and below.sum() >= MIN_BELOW_LIMIT
-        is_force = limit > max(band / MAX_NOISE_SHARE, FLOOR_SHARE * np.abs(change).max())
+        is_force = limit > max(band, FLOOR_SHARE * np.abs(change).max())
         if not (is_seen and is_force):
             continue
         # the model's force in the unit of the readings

@@ -10,6 +10,7 @@ from scipy.spatial.transform import Rotation
 from rft_ros.diagnosis.coarse import Coarse, coarse
 from rft_ros.diagnosis.fit import NUISANCES, TOLERANCES, Fit, Problem, Setup, fit, rows_of
 from rft_ros.diagnosis.hypotheses import (
+    ALONE,
     CELL_NUMBERS,
     HYPOTHESES_OF_NUMBERS,
     MAX_LAG_S,
@@ -29,21 +30,19 @@ from rft_ros.diagnosis.trial import Trial
 class Limits:
     """When a cause is told.
 
-    `max_off`: greatest deviation in tolerances of a cell that needs no search. `min_gain` of the misfit by numbers;
-    `min_gain_undetermined` by numbers that the trial does not determine, as a straight press the lever. `told_off`:
-    least deviation in tolerances of a number that is told, `told_ratio`: of ζ. `min_tilt_degrees`: of a world that is
-    tilted, since grains push plates up to 3° out of the model's direction. `tie` and `tie_share` of the misfit: causes
-    within this of the best one fit alike. `max_error` in tolerances of a number that the trial determines: a straight
-    press determines neither lever nor mass; `max_error_off`: of one that is off and written to a file, or, as a share
-    of what it is off, `max_error_share`: the error of a weight grows with it.
+    `max_off`: greatest deviation in tolerances of a cell that needs no search. `min_gain` of the misfit, and
+    `min_gain_share` of the misfit beyond noise: the model's errors are alike along a motion, so that a wrong cause can
+    take up to half of it. `told_off`: least deviation in tolerances of a number, or of a tilted world, that is told.
+    `tie` and `tie_share` of the misfit: causes within this of the best one fit alike. `max_error` in tolerances of a
+    number that the trial determines: a straight press determines neither lever nor mass; `max_error_off`: of one that
+    is off and written to a file, or, as a share of what it is off, `max_error_share`: the error of a weight grows with
+    it.
     """
 
     max_off: float = 1.0
     min_gain: float = 5.0
-    min_gain_undetermined: float = 20.0
+    min_gain_share: float = 0.5
     told_off: float = 2.0
-    told_ratio: float = 2.1
-    min_tilt_degrees: float = 6.0
     tie: float = 4.0
     tie_share: float = 0.15
     max_error: float = 2.0
@@ -59,6 +58,8 @@ HIDDEN_IN = {Cause.BIAS: ("mass", "moment"), Cause.SURFACE: ("lever",)}
 
 At one attitude a weight is a bias. Along a straight press another TCP is another surface; its lever tells them apart.
 """
+NUMBERS_SEEN_IN_AIR = {"mass", "moment", "force_bias", "torque_bias"}
+"""Numbers that need no grains, whose force the model may have wrong."""
 MAX_COARSE_DELAY_S = 0.015
 """Delay by the coarse search, one of its steps, that is none."""
 MAX_SINGLE_FACTOR = 1.5
@@ -67,8 +68,6 @@ MAX_RIGHT_FACTOR = 5.0
 """Misfit over the usual one that no right cell has, nor one that a single cause explains: real plates have up to 3."""
 MAX_LEFT_SHARE = 0.3
 """Of the misfit as given, by a cause that is told although it leaves more than right cells: few drifts are linear."""
-MIN_MASS_KG = 0.02
-"""A smaller negative mass is none."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,9 +139,8 @@ def _by_numbers(problem: Problem, base: Coarse, result: Fit) -> Diagnosis:
         min(fits, key=lambda one: one.misfit),
     )
     best, numbers = _needed(x)
-    gain = result.misfit - best.fit.misfit
     is_explained = best.fit.per_stretch <= MAX_SINGLE_FACTOR * problem.usual
-    if numbers and is_explained and gain >= LIMITS.min_gain * len(numbers):
+    if numbers and is_explained and _is_told(best, result):
         return _mended_by(best, tuple(_found_numbers(best, numbers, problem.setup, result)))
     return Diagnosis((), problem.trial, problem.setup, problem, result)
 
@@ -185,17 +183,12 @@ def _several(problem: Problem, base: Coarse, result: Fit) -> Diagnosis | None:
     setup = problem.setup
     explanations = explained(problem, base, SEVERAL_CAUSES)
     candidates = [
-        x
-        for x in explanations
-        if x.fit.per_stretch <= x.problem.usual
-        and _is_plausible(x)
-        and _gains(x, result)
-        and (x.cause is Cause.NUMBERS or _is_wrong(problem, result))
+        x for x in explanations if x.fit.per_stretch <= x.problem.usual and _is_plausible(x)
     ]
     if not candidates:
         return None
     best, numbers = _needed(candidates[0])
-    if best.fit.per_stretch > best.problem.usual:
+    if best.fit.per_stretch > best.problem.usual or not _is_told(best, result):
         return None
     found = []
     if best.cause is not Cause.NUMBERS:
@@ -224,7 +217,7 @@ def _with_deviating(x: Explanation) -> tuple[Explanation, list[Hypothesis]]:
         for hypothesis in _deviating(x)
         if not {*hypothesis.free} & {*x.hypothesis.free} and hypothesis.cause is not Cause.LEVER
     ]
-    if not numbers:
+    if not numbers or x.cause in ALONE:
         return x, []
     free = (*x.hypothesis.free, *(name for hypothesis in numbers for name in hypothesis.free))
     whole = replace(
@@ -271,8 +264,7 @@ def _deviating(x: Explanation) -> Iterator[Hypothesis]:
     for hypothesis in HYPOTHESES_OF_NUMBERS:
         match hypothesis.cause:
             case Cause.WEIGHT | Cause.PAYLOAD:
-                has_weight = float(x.fit.values["mass"][0]) >= -MIN_MASS_KG
-                is_needed = is_other_weight and has_weight is (hypothesis.cause is Cause.WEIGHT)
+                is_needed = is_other_weight and _weighs_like(hypothesis.cause, x)
             case Cause.BIAS:
                 is_off = _is_off("force_bias", x) or _is_off("torque_bias", x)
                 is_needed = is_off and not is_other_weight
@@ -284,13 +276,22 @@ def _deviating(x: Explanation) -> Iterator[Hypothesis]:
             yield hypothesis
 
 
-def _is_shown_in_air(x: Explanation, as_given: Fit) -> bool:
-    """Whether the misfit in the air falls, too: in the grains the model's own errors look like a zero that moves."""
+def _gain_in_air(x: Explanation, as_given: Fit) -> float:
+    """How much of the misfit in the air a cause takes: there the model is not wrong.
+
+    What the numbers that are seen there were off counts, too.
+    """
     problem = x.problem
     in_air = (problem.model.low > float(x.fit.values["surface"][0]))[:, None]
     misfit_before, _ = problem.misfit(in_air * as_given.residuals)
     misfit_after, _ = problem.misfit(in_air * x.fit.residuals)
-    return misfit_before - misfit_after >= LIMITS.min_gain
+    numbers_off = sum(
+        float(np.sum(((as_given.values[name] - problem.given()[rows]) / problem.scale[rows]) ** 2))
+        for name in x.hypothesis.free
+        if name in NUMBERS_SEEN_IN_AIR
+        for rows in [rows_of(name)]
+    )
+    return misfit_before - misfit_after + numbers_off
 
 
 def _is_off(name: str, x: Explanation) -> bool:
@@ -298,8 +299,6 @@ def _is_off(name: str, x: Explanation) -> bool:
     rows = rows_of(name)
     value = x.fit.values[name]
     given = x.problem.given()[rows]
-    if name == "zeta":
-        return bool(np.abs(value - given)[0] > np.log(LIMITS.told_ratio))
     return bool(np.any(np.abs(value - given) > LIMITS.told_off * x.problem.scale[rows]))
 
 
@@ -367,47 +366,28 @@ def deviations(problem: Problem, result: Fit) -> dict[str, float]:
 
 
 def _is_told(x: Explanation, as_given: Fit) -> bool:
-    moves_the_tool = x.hypothesis.is_costly and x.cause is not Cause.ZERO_MOVES
-    is_usual = x.fit.per_stretch <= x.problem.usual
-    if moves_the_tool and not is_usual and not _is_wrong(x.problem, as_given):
-        return False
-    if x.cause is Cause.ZERO_MOVES and not _is_shown_in_air(x, as_given):
-        return False
-    return _is_plausible(x) and _gains(x, as_given)
+    """Whether a cause is plausible, and explains what the model cannot be wrong about.
 
-
-def _gains(x: Explanation, as_given: Fit) -> bool:
-    """Whether a cause lowers the misfit by enough to be told."""
-    min_gain = x.hypothesis.min_gain
-    if x.hypothesis.is_of_numbers:
-        min_gain = LIMITS.min_gain_undetermined if undetermined(x) else LIMITS.min_gain
-    return as_given.misfit - x.cost >= min_gain * _unlikeness(x)
-
-
-def _is_wrong(problem: Problem, as_given: Fit) -> bool:
-    """Whether the misfit is one that no right cell has, in grains unlike the model, too.
-
-    Of a smaller one a tool that lies elsewhere or turned takes a part, and several causes take all.
+    That is the force in the air, or most of the misfit. A zero that moves does so in the air, too.
     """
-    return as_given.per_stretch > MAX_RIGHT_FACTOR * problem.usual
-
-
-def _unlikeness(x: Explanation) -> float:
-    """How many times the usual misfit an explanation leaves, at least 1: in grains unlike the model gains mean less."""
-    return max(x.fit.per_stretch / x.problem.usual, 1.0)
+    gain = as_given.misfit - x.cost
+    if not _is_plausible(x) or gain < LIMITS.min_gain:
+        return False
+    takes_most = gain >= LIMITS.min_gain_share * (as_given.misfit - x.problem.misfit_of_noise)
+    is_shown_in_air = _gain_in_air(x, as_given) >= LIMITS.min_gain
+    return is_shown_in_air or (takes_most and x.cause is not Cause.ZERO_MOVES)
 
 
 def _is_plausible(x: Explanation) -> bool:
     """Whether a cell can be wrong in the way that a cause mends, and by enough to be told."""
     match x.cause:
         case Cause.WEIGHT | Cause.PAYLOAD:
-            has_weight = float(x.fit.values["mass"][0]) >= -MIN_MASS_KG
-            return has_weight is (x.cause is Cause.WEIGHT) and _is_any_off(x)
+            return _weighs_like(x.cause, x) and _is_any_off(x)
         case Cause.TORQUE_UNIT:
             # in a smaller unit any torque nearly vanishes, and with it its misfit
             return x.fit.per_stretch <= MAX_RIGHT_FACTOR * x.problem.usual
         case Cause.WORLD:
-            return x.variant.number >= LIMITS.min_tilt_degrees
+            return x.variant.number >= LIMITS.told_off * TOLERANCES["turn"].value
         case Cause.TCP:
             # it moves the place where the grains' force acts
             return 1e-3 * x.variant.number >= LIMITS.told_off * TOLERANCES["lever"].value
@@ -416,6 +396,12 @@ def _is_plausible(x: Explanation) -> bool:
             least_lag = LIMITS.told_off * float(x.problem.scale[rows_of("delay")][0])
             return least_lag <= x.variant.setup.lag < MAX_LAG_S
     return _is_any_off(x) if x.hypothesis.is_of_numbers else True
+
+
+def _weighs_like(cause: Cause, x: Explanation) -> bool:
+    """Whether the fitted mass is one of a weight that hangs there, or, of a payload, below 0."""
+    has_weight = float(x.fit.values["mass"][0]) >= -TOLERANCES["mass"].value
+    return has_weight is (cause is Cause.WEIGHT)
 
 
 def _is_any_off(x: Explanation) -> bool:

@@ -1,6 +1,6 @@
 """What is told of a cell: the findings of its diagnosis, each with a sentence, a remedy and what to do."""
 
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterable, Iterator, Mapping
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -91,14 +91,13 @@ def of_right_cell(e: Evidence, diagnosis: Diagnosis) -> Iterator[Finding]:
     yield Finding(name="strength", ok=True, said=said, evidence={"ratio": ratio})
 
 
-def remedy_of(e: Evidence, x: Explanation) -> dict[str, Value]:
-    """The values of parameters that mend a cause."""
+def remedy_of(e: Evidence, x: Explanation, unknown_names: Collection[str]) -> dict[str, Value]:
+    """The values of parameters that mend a cause. `unknown_names`: of `unsure_numbers`."""
     if x.cause is Cause.PAYLOAD:
         return {}
     changes = dict(x.variant.remedy)
     setup = mended(x)
     cell = setup.cell
-    unknown_names = unsure_numbers(x)
     # beside a turned axis, what it determines is written; numbers alone are written together or not at all
     if unknown_names and not x.variant.remedy:
         return {}
@@ -131,12 +130,11 @@ def _of_cause(e: Evidence, cause_found: Found) -> Finding:
     x = cause_found.best
     cause = x.cause
     sentence, evidence = _sentence(cause_found)
-    remedy = remedy_of(e, x)
+    unsure_names = unsure_numbers(x)
+    remedy = remedy_of(e, x, unsure_names)
     advice = list(filter(None, [_advice(e, x)]))
-    # a joint fit, and only needed where nothing is written
-    unsure_names = [] if remedy else unsure_numbers(x)
     motions = [MOTIONS_THAT_DETERMINE[name] for name in unsure_names if name != "zeta"]
-    if motions:
+    if motions and not remedy:
         advice.append(f"{motions[0]}: the motion seen does not determine the value")
     name = cause.title
     if cause_found.ties:
@@ -147,7 +145,7 @@ def _of_cause(e: Evidence, cause_found: Found) -> Finding:
         said=sentence,
         evidence=evidence,
         remedy=remedy,
-        alike=tuple(remedy_of(e, other_cause) for other_cause in cause_found.ties),
+        alike=tuple(remedy_of(e, other, unsure_numbers(other)) for other in cause_found.ties),
         advice=", or ".join(dict.fromkeys(advice)),
         spoils_calibration=cause not in HARMLESS,
     )
