@@ -17,6 +17,7 @@ from rft_ros.bags.playback import played, reasons
 from rft_ros.bags.reading import bag_name, opened_recording
 from rft_ros.calibration.cell_along import CellAlong
 from rft_ros.calibration.smoothing import interpolated, segments, without_jumps
+from rft_ros.diagnosis.fit import START_M
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimator
 from rft_ros.parameters import Config, LoadCell, Values
@@ -307,7 +308,10 @@ def turns_in_grains(track: Track, surface: float) -> list[Turn]:
         steps = np.linalg.norm(np.diff(places[rows], axis=0), axis=1)
         path = np.append(0.0, steps.cumsum())
         turns = _sharp_turns(path, places[rows])
-        if segment[0] == 0 and not track.moving[0]:
+        if segment[0] == 0 and track.moving[0]:
+            # what the tool did before is not known
+            turns = [turn for turn in turns if path[turn] > START_M]
+        elif segment[0] == 0:
             turns.insert(0, 0)
         for turn, turn_before, turn_after in zip(
             turns, [0, *turns], [*turns[1:], -1], strict=False

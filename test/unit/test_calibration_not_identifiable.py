@@ -493,6 +493,26 @@ def test_a_press_that_begins_in_the_grains_is_no_contact():
     assert found["medium.zeta"] == pytest.approx((0.8,), rel=0.02)
 
 
+def from_second(track, second):
+    """The recording from there on."""
+    rows = track.time >= second
+    return replace(
+        track,
+        time=track.time[rows] - second,
+        states=track.states[rows],
+        readings=track.readings[rows],
+    )
+
+
+def test_a_turn_soon_after_a_recording_begins_in_the_grains_tells_no_length():
+    """The grains hold a force from the way down before: λ was 1.0 ± 0.5 mm for 3."""
+    path = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.06), 0.01).move((0.03, 0, 0), 0.01)
+    track = recorded(path, length=0.003)
+    assert fitted(calibrate([track], known(), parts=("mobilization",)))
+    late = calibrate([from_second(track, 6.8)], known(), parts=("mobilization",))
+    assert "never turns" in why(late, "medium.mobilization_length")
+
+
 def test_poses_that_are_repeated_are_left_out_and_said():
     """A topic of 500 Hz with poses of 90 Hz gave a ζ of 1.18 for 1."""
     track = pressed(500.0)
