@@ -62,7 +62,7 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
         excess = np.quantile(((modelled_force - limit) / problem.error[:, 0])[at_limit], 0.9)
         if scale > 0.0 and low_growth > 0.9 and excess > MIN_EXCESS_FACTOR:
             stays = float(readings[at_limit, axis].mean())
-            said = (
+            sentence = (
                 f"stays at {stays:.3g} N where the model's grows on, to {high_growth:.2g} times it"
             )
-            yield saturated(axis, said, stays)
+            yield saturated(axis, sentence, stays)
