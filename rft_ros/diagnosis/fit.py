@@ -579,12 +579,11 @@ def fit(
     low = np.log(MIN_LENGTH_M)
     high = np.log(MAX_LENGTH_M)
 
-    def cost_at(values_tried: Array) -> tuple[float, Array, Array, Array]:
-        e, model, _ = problem.residual(values_tried)
-        cost, weight = problem.misfit(e)
-        return cost + float(prior @ (values_tried - given_values) ** 2), e, weight, model
+    def cost_at(values_tried: Array) -> float:
+        cost, _ = problem.misfit(problem.residual(values_tried)[0])
+        return cost + float(prior @ (values_tried - given_values) ** 2)
 
-    total, e, weight, model = cost_at(x)
+    total = cost_at(x)
     lever = _SLICES["lever"]
     lever_size = TOLERANCES["lever"].size
     covariance = np.zeros(NUMBERS)
@@ -597,7 +596,7 @@ def fit(
         ]
     )
     for _ in range(steps):
-        e, model, J = problem.residual(x, jacobian=True)
+        e, _, J = problem.residual(x, jacobian=True)
         assert J is not None
         _, weight = problem.misfit(e)
         root = np.sqrt(weight) * problem.sigma
@@ -629,7 +628,7 @@ def fit(
         for _ in range(5):
             new = x + share * move
             new[_SLICES["length"]] = np.clip(new[_SLICES["length"]], low, high)
-            trial_cost, *_ = cost_at(new)
+            trial_cost = cost_at(new)
             if trial_cost < total:
                 has_gain = True
                 break
@@ -641,7 +640,7 @@ def fit(
         total = trial_cost
         if gain < 1e-3 * total + 1e-3:
             break
-    total, e, _, model = cost_at(x)
+    e, model, _ = problem.residual(x)
     data, _ = problem.misfit(e)
     spread = max(data / (2.0 * problem.count), 1.0)
     errors = np.sqrt(covariance * spread)

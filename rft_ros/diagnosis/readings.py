@@ -85,13 +85,18 @@ def cut_off(e: Evidence) -> Iterator[Finding]:
         near = int((below >= limit - MIN_NOISES_BELOW_LIMIT * noise).sum())
         has_noise = noise > rounding and _has_noise(below)
         if has_noise and at_limit >= MIN_AT_LIMIT and at_limit > near:
-            yield Finding(
-                name="saturation",
-                said=f"the force along {'xyz'[axis]} stops at {side * limit:.4g} N, {at_limit} times",
-                evidence={"limit": side * limit},
-                advice="set a larger range in the load cell or its driver, or press less",
-                spoils_calibration=True,
-            )
+            yield saturated(axis, f"stops at {side * limit:.4g} N, {at_limit} times", side * limit)
+
+
+def saturated(axis: int, said: str, limit: float) -> Finding:
+    """The finding on an axis of the force that is at a limit [N]."""
+    return Finding(
+        name="saturation",
+        said=f"the force along {'xyz'[axis]} {said}",
+        evidence={"limit": limit},
+        advice="set a larger range in the load cell or its driver, or press less",
+        spoils_calibration=True,
+    )
 
 
 def mount(e: Evidence) -> Iterator[Finding]:

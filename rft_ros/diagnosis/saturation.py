@@ -10,6 +10,7 @@ import numpy as np
 
 from rft_ros.diagnosis.finding import Finding
 from rft_ros.diagnosis.fit import FLOOR_SHARE, Problem, Setup
+from rft_ros.diagnosis.readings import saturated
 from rft_ros.estimator import GRAVITY
 from rft_ros.rft import FORCE
 
@@ -61,11 +62,7 @@ def saturation(problem: Problem, setup: Setup) -> Iterator[Finding]:
         excess = np.quantile(((modelled_force - limit) / problem.error[:, 0])[at_limit], 0.9)
         if scale > 0.0 and low_growth > 0.9 and excess > MIN_EXCESS_FACTOR:
             stays = float(readings[at_limit, axis].mean())
-            yield Finding(
-                name="saturation",
-                said=f"the force along {'xyz'[axis]} stays at {stays:.3g} N where the model's grows on,"
-                f" to {high_growth:.2g} times it",
-                evidence={"limit": stays},
-                advice="set a larger range in the load cell or its driver, or press less",
-                spoils_calibration=True,
+            sentence = (
+                f"stays at {stays:.3g} N where the model's grows on, to {high_growth:.2g} times it"
             )
+            yield saturated(axis, sentence, stays)

@@ -661,6 +661,18 @@ def test_a_load_cell_without_torque_is_judged_by_its_force(sign):
     assert remedies == ({} if sign > 0.0 else {"sensor.sign": 1.0})
 
 
+def test_turns_of_the_load_cell_are_ranked_by_the_torque_too():
+    """By the force of a straight press four turns about its direction are alike, of which three are kept."""
+    turned = OF_CELL * Rotation.from_euler("x", 90.0, degrees=True)
+    (found,) = faults(
+        states=STATES[:450],
+        readings=(LOADS + 0.1 * NOISE)[:450],
+        sensor__quaternion=turned.as_quat().tolist(),
+    )
+    told_turns = [Rotation.from_quat(remedy["sensor.quaternion"]) for remedy in found.alike]
+    assert min((turn * OF_CELL.inv()).magnitude() for turn in told_turns) < 0.05
+
+
 @pytest.mark.parametrize(("motions", "is_known"), [(450, False), (len(STATES), True)])
 def test_the_fit_writes_a_lever_that_a_drag_determines_and_none_of_a_straight_press(
     evidence_of, motions, is_known
