@@ -1,7 +1,7 @@
 """Fit the load cell, the surface, ζ and λ to recordings: each with its error, or why it is not identifiable.
 
 The tracks go through steps, each a function, and are named by the last one: as sent; placed, with the place of the
-load cell and without repeated poses; aligned, by its delay; weighed, with the bias of the load cell and the weight of
+load cell and without repeated poses; timed, with its delay; weighed, with the bias of the load cell and the weight of
 the tool. Then the grains are fitted to them, without the force of the grains' inertia.
 """
 
@@ -85,22 +85,22 @@ def calibrate(
     )
 
     length = config.medium.mobilization_length
-    tracks_aligned = tracks_placed
+    tracks_timed = tracks_placed
     delay_error = 0.0
     if "sensor" in parts:
         with result.or_reason("sensor.delay"):
-            tracks_aligned, delay_error = _aligned(
+            tracks_timed, delay_error = _timed(
                 result, tracks_placed, law, surface_placed, configured_delay=config.sensor.delay
             )
-    surface = _surface(result, tracks_aligned, law, parts, configured_height=config.surface_height)
-    tracks_weighed = tracks_aligned
+    surface = _surface(result, tracks_timed, law, parts, configured_height=config.surface_height)
+    tracks_weighed = tracks_timed
     zero_error = 0.0
     if "sensor" in parts:
         with result.or_reason("sensor.bias"):
             weighed_cell, zero_error = fit_tool_weight(
-                result, tracks_aligned, air=surface.air + _MIN_AIR_CLEARANCE_M
+                result, tracks_timed, air=surface.air + _MIN_AIR_CLEARANCE_M
             )
-            tracks_weighed = [replace(track, cell=weighed_cell) for track in tracks_aligned]
+            tracks_weighed = [replace(track, cell=weighed_cell) for track in tracks_timed]
 
     given_values = Given(
         values=BedValues(surface.height, math.log(length) if length > 0.0 else -math.inf),
@@ -236,7 +236,7 @@ def _without_inertia(track: Track, law: Law, surface: float) -> Track:
     return replace(track, readings=readings)
 
 
-def _aligned(
+def _timed(
     result: FitResults,
     tracks: Sequence[Track],
     law: Law,
