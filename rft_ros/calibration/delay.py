@@ -22,7 +22,7 @@ _MAX_DELAY_ERROR_S = 0.05
 """Greatest accepted standard error of the delay of one turn."""
 
 _DELAY_RESOLUTION_S = 1e-3
-"""Delays of synthetic recordings are found 1.6 ms too early on average, with poses at 500 Hz 0.8 ms."""
+"""Delays of synthetic recordings are found 1.4 ms too early on average, with poses at 500 Hz 0.4 ms."""
 
 
 def _part_of(recording: Recorded, turn: Turn) -> Part:

@@ -144,8 +144,7 @@ class Track:
     @cached_property
     def cell_along(self) -> CellAlong:
         """The load cell when it felt what each reading says."""
-        states = without_jumps(self.states)
-        states = self.when_read(states)
+        states = self.when_read(without_jumps(self.states))
         states[:, QUATERNION] /= np.linalg.norm(states[:, QUATERNION], axis=1, keepdims=True)
         return CellAlong(self.cell, states)
 

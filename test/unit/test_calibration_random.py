@@ -11,6 +11,7 @@ from pathlib import Path as File
 from tempfile import TemporaryDirectory
 
 import numpy as np
+import pytest
 import trimesh
 from scipy.spatial.transform import Rotation
 from synthetic_track import (
@@ -169,6 +170,51 @@ def test_a_turn_between_two_poses_does_not_shift_lambda():
         (length,) = (f for f in result.fitted_values if f.name == "medium.mobilization_length")
         assert abs(length.values[0] - 0.003) <= 3.0 * length.errors[0]
         assert abs(length.values[0] - 0.003) < 0.03 * 0.003
+
+
+def late_by(delay, time, states, force, *, seed):
+    """The recording of a load cell that is late, with poses and readings of every eighth moment."""
+    readings = interpolated(time - delay, time, read_by(LOAD_CELL, states, force))[3::8]
+    noise = np.random.default_rng(seed)
+    return track_of(
+        time[3::8] - time[3],
+        states[3::8],
+        noisy(readings, noise, (0.02, 0.0004)),
+        tool=tool_of("abb_plate", "refined"),
+    )
+
+
+def found_in(track):
+    return {f.name: f for f in calibrate([track], known()).fitted_values}
+
+
+@pytest.mark.parametrize("delay", [0.003, 0.021, 0.2, -0.1])
+def test_an_unknown_delay_does_not_shift_lambda_or_the_depth(delay):
+    """A delay within two errors was not used, and the model was straight between two poses across a corner."""
+    path = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.065), 0.0115)
+    time, states = path.move((0.0, 0.0, 0.03), 0.0115).wait(0.5).states(1000.0)
+    grains = replace(law(0.8), mobilization_length=0.003)
+    plates = tool_of("abb_plate", "refined").plates
+    force = wrenches_in_time(plates, grains, states, Memory(plates), surface_height=0.0)
+    found = found_in(late_by(delay, time, states, force, seed=1))
+    assert found["sensor.delay"].values[0] == pytest.approx(delay, abs=0.001)
+    assert found["medium.mobilization_length"].values[0] == pytest.approx(0.003, rel=0.07)
+    depth = -float(tool_of("abb_plate", "refined").lowest_points(states)[0].min())
+    assert found["medium.calibrated_depth"].values[0] == pytest.approx(depth, abs=2e-5)
+
+
+def test_a_slow_start_is_no_delay():
+    """Poses that follow behind a dead band start late: the delay was -9 ms."""
+    path = Path((0.0, 0.0, 0.03)).wait(1.0).move((0.0, 0.0, -0.065), 0.0115).wait(1.0)
+    time, states = path.wait(8.0).states(1000.0)
+    share = np.clip((time - (time[-1] - 8.0)) / 8.0, 0.0, 1.0)
+    states[:, 0] += 0.03 * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+    states[:, 7] = np.gradient(states[:, 0], time)
+    grains = replace(law(0.8), mobilization_length=0.003)
+    plates = tool_of("abb_plate", "refined").plates
+    force = wrenches_in_time(plates, grains, states, Memory(plates), surface_height=0.0)
+    found = found_in(late_by(0.0, time, states, force, seed=1))
+    assert found["sensor.delay"].values[0] == pytest.approx(0.0, abs=0.005)
 
 
 def test_the_error_of_zeta_has_that_of_a_surface_that_no_contact_shows():

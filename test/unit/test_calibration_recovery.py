@@ -1,5 +1,7 @@
 """Known parameters come back from noisy synthetic recordings: within three standard errors in 38 of 40 trials."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 import trimesh
@@ -22,6 +24,7 @@ from synthetic_track import (
 from rft_ros.calibration.calibrate import calibrate
 from rft_ros.calibration.fitting import Measurement
 from rft_ros.calibration.grains import difference, spread_of
+from rft_ros.calibration.smoothing import interpolated
 from rft_ros.calibration.track import turns_in_grains
 from rft_ros.rft import Agarwal2023, treers2021
 from rft_ros.tool import load_tool
@@ -62,6 +65,15 @@ def test_the_mobilization_length_is_recovered_from_a_start_from_rest(tmp_path):
     assert_recovered(
         fit, read_by(LOAD_CELL, states, grains), {"medium.mobilization_length": (LENGTH,)}
     )
+
+
+def test_a_late_force_has_the_attitude_in_which_it_was_felt():
+    turn = Rotation.from_euler("z", 90, degrees=True)
+    time, states = Path((0.0, 0.0, 0.0)).turn_to(turn, seconds=2.0).states(1000.0)
+    along_x = np.tile((5.0, 0.0, 0.0, 0.0, 0.0, 0.0), (len(time), 1))
+    readings = interpolated(time - 0.1, time, read_by(LOAD_CELL, states, along_x))
+    track = replace(track_of(time, states, readings), cell=LOAD_CELL, late=0.1)
+    np.testing.assert_allclose(track.forces[100:], along_x[100:, :3], atol=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -144,7 +144,10 @@ def test_a_fast_right_cell_that_loses_poses_is_not_blamed_for_a_filter(seed):
 def test_a_tool_that_lies_elsewhere_in_its_frame_is_not_written_as_another_surface():
     """A drag shows the lever that is off beside it."""
     (found,) = findings_of(faulty(random_cell(470055), "TCP at the mesh's end"))
-    assert found.name == "TCP" and found.alike
+    assert found.name == "TCP"
+    # what fits alike is told and not written
+    assert found.alike
+    assert "surface_height" not in found.remedy
 
 
 def test_what_fits_alike_is_told_beside_a_delay_although_its_own_gain_is_small():
