@@ -229,8 +229,7 @@ def _without_inertia(track: Track, law: Law, surface: float) -> Track:
         wrenches(track.tool.plates, each, track.states, surface_height=surface)
         for each in (law, replace(law, density=0.0))
     )
-    inertia = track.when_read((full - slow)[:, FORCE])
-    force = rotate_vectors(track.cell_along.from_world_axes, inertia)
+    force = rotate_vectors(track.cell_along.from_world_axes, (full - slow)[:, FORCE])
     readings = track.readings.copy()
     readings[:, FORCE] -= track.cell.sign * force
     return replace(track, readings=readings)
@@ -252,4 +251,4 @@ def _timed(
     delay = fit_delay(recordings, surface.height, configured_delay=configured_delay)
     result.fitted_values.append(delay)
     late = delay.values[0] - configured_delay
-    return [replace(track, late=late) for track in tracks], delay.errors[0]
+    return [track.of_late_cell(late) for track in tracks], delay.errors[0]

@@ -147,19 +147,13 @@ class Part:
     @property
     def observed(self) -> Array:
         """The measured force, shape [n, axes] [N]."""
-        return self.recording.track.forces[self.rows_read, self.axes]
-
-    @property
-    def rows_read(self) -> Indices:
-        """The rows of the readings that belong to the part's rows."""
-        return self.recording.track.rows_read(self.rows)
+        return self.recording.track.forces[self.rows, self.axes]
 
     def modelled(self, values: BedValues, delays: Array) -> Array:
         """The model's force as read at k `delays` beside that of the track [s], shape [k, n, axes] [N]."""
         course_of = course_between_lengths if self.between_lengths else course_of_force
         course = course_of(self.recording, values._replace(delay=0.0), self.moments)
-        track = self.recording.track
-        force_times = (track.time[self.rows_read] - track.late - delays[:, None]).ravel()
+        force_times = (self.recording.track.time[self.rows] - delays[:, None]).ravel()
         force = interpolated(force_times, course.time, course.force[:, self.axes])
         return np.asarray(force.reshape(len(delays), len(self.rows), -1))
 
@@ -224,7 +218,7 @@ class Phase:
     def by_force(self, force: Array) -> float:
         """Change of the value by a force that is added to the measured one: shape [3], or [n, 3] of the recording."""
         added_force = np.broadcast_to(force, self.recording.track.forces.shape)
-        part_force = added_force[self.part.rows_read, self.part.axes]
+        part_force = added_force[self.part.rows, self.part.axes]
         return float(np.sum(self.fit.influence * part_force))
 
     def change(self, **changed_values: float) -> float:
@@ -289,7 +283,7 @@ def _press_states(tool: Tool, state: Array, depths: Array) -> Array:
 
 def _found_contact(number: int, track: Track, stroke: Indices, law: Law) -> Contact:
     """Find the contact of one stroke: fit the vertical force with a free scale and bias, without memory."""
-    force = track.forces[track.rows_read(stroke), _VERTICAL]
+    force = track.forces[stroke, _VERTICAL]
     height = track.heights[stroke]
     low = float(height.min())
     high = float(height.max())

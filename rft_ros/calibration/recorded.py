@@ -106,12 +106,12 @@ class Recorded:
 
     @cached_property
     def friction(self) -> Array:
-        """What reverses with the motion in the air, beside bias and weight, by readings, world axes [N], [n, 3]."""
+        """What reverses with the motion in the air, beside bias and weight, world axes [N], [n, 3]."""
         track = self.track
-        velocity = track.when_read(track.smooth[:, VELOCITY])
+        velocity = track.smooth[:, VELOCITY]
         speed = np.linalg.norm(velocity, axis=1)
         moving = speed >= track.rest_speed
-        in_air = track.when_read(track.heights[:, None])[:, 0] > self.air + _MIN_AIR_CLEARANCE_M
+        in_air = track.heights > self.air + _MIN_AIR_CLEARANCE_M
         way = np.zeros_like(velocity)
         way[moving] = velocity[moving] / speed[moving, None]
         if not way[in_air].any():

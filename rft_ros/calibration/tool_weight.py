@@ -300,9 +300,8 @@ def _poses_at_rest(tracks: Sequence[Track], air: float) -> _Poses:
         steps = resolutions(track.readings)
         for rows in still_intervals(track):
             if track.heights[rows].min() > air:
-                rows_read = track.rows_read(rows)
-                gravity = track.cell_along.gravity[rows_read].mean(axis=0)
-                poses.append((gravity, *_reading_at_rest(track, rows_read, steps)))
+                gravity = track.cell_along.gravity[rows].mean(axis=0)
+                poses.append((gravity, *_reading_at_rest(track, rows, steps)))
     if not poses:
         raise NotIdentifiable(
             "the tool never rests in the air for 0.5 s; the bias needs one such pose"

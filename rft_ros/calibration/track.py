@@ -16,7 +16,7 @@ from rft_ros.bags.options import ReplayOptions
 from rft_ros.bags.playback import played, reasons
 from rft_ros.bags.reading import bag_name, opened_recording
 from rft_ros.calibration.cell_along import CellAlong
-from rft_ros.calibration.smoothing import interpolated, segments, without_jumps
+from rft_ros.calibration.smoothing import interpolated, segments
 from rft_ros.diagnosis.fit import START_M
 from rft_ros.errors import InputError
 from rft_ros.estimator import Estimator
@@ -82,8 +82,7 @@ class Track:
 
     `begin`: header stamp of the first moment [ns]; `time`: since then [s], shape [n]. `states`: shape [n, 13].
     `readings` of the load `cell`, raw sign, sensor axes [N], [N m], shape [n, 6]. `rest_speed` [m/s]: the tool's.
-    `mount`: the sensor frame in the tool frame, if fixed transforms link the two. `late`: how much later the load cell
-    reads than the poses say, beside the delay with which the bag was read [s].
+    `mount`: the sensor frame in the tool frame, if fixed transforms link the two.
     """
 
     name: str
@@ -96,17 +95,10 @@ class Track:
     rest_speed: float
     damage: str | None = None
     mount: Placement | None = None
-    late: float = 0.0
 
-    def rows_read(self, rows: Indices) -> Indices:
-        """The rows of the readings that follow some moments by `late`, or of the last one."""
-        return np.minimum(
-            np.searchsorted(self.time, self.time[rows] + self.late), len(self.time) - 1
-        )
-
-    def when_read(self, columns: Array) -> Array:
-        """Columns that are known at the moments, shape [n, k], when the load cell felt what each reading says."""
-        return interpolated(self.time - self.late, self.time, columns) if self.late else columns
+    def of_late_cell(self, late: float) -> "Track":
+        """The same of a load cell that gives each reading `late` [s]: each moment gets the one that it gave for it."""
+        return replace(self, readings=interpolated(self.time + late, self.time, self.readings))
 
     @cached_property
     def rotations(self) -> Array:
@@ -143,10 +135,8 @@ class Track:
 
     @cached_property
     def cell_along(self) -> CellAlong:
-        """The load cell when it felt what each reading says."""
-        states = self.when_read(without_jumps(self.states))
-        states[:, QUATERNION] /= np.linalg.norm(states[:, QUATERNION], axis=1, keepdims=True)
-        return CellAlong(self.cell, states)
+        """The load cell at each moment."""
+        return CellAlong(self.cell, self.states)
 
     @property
     def compensated(self) -> Array:
@@ -156,7 +146,7 @@ class Track:
 
     @cached_property
     def forces(self) -> Array:
-        """Measured force of the grains on the tool, by readings, world axes [N], shape [n, 3]."""
+        """Measured force of the grains on the tool, world axes [N], shape [n, 3]."""
         return rotate_vectors(self.cell_along.to_world, self.compensated[:, FORCE])
 
 

@@ -72,8 +72,8 @@ def test_a_late_force_has_the_attitude_in_which_it_was_felt():
     time, states = Path((0.0, 0.0, 0.0)).turn_to(turn, seconds=2.0).states(1000.0)
     along_x = np.tile((5.0, 0.0, 0.0, 0.0, 0.0, 0.0), (len(time), 1))
     readings = interpolated(time - 0.1, time, read_by(LOAD_CELL, states, along_x))
-    track = replace(track_of(time, states, readings), cell=LOAD_CELL, late=0.1)
-    np.testing.assert_allclose(track.forces[100:], along_x[100:, :3], atol=1e-3)
+    track = replace(track_of(time, states, readings), cell=LOAD_CELL).of_late_cell(0.1)
+    np.testing.assert_allclose(track.forces[:-100], along_x[:-100, :3], atol=1e-3)
 
 
 @pytest.mark.parametrize(
