@@ -15,7 +15,7 @@ from rft_ros.bags.options import (
 from rft_ros.bags.replay import replay
 from rft_ros.commands import options
 from rft_ros.commands.machine_code import load_code
-from rft_ros.diagnosis import Finding
+from rft_ros.diagnosis import TOOL_TOLERANCE_SHARE, Finding
 from rft_ros.doctor.checkup import Cell, examine_bag
 from rft_ros.errors import InputError
 from rft_ros.installation import program, share_directory
@@ -51,7 +51,8 @@ def doctor(arguments: argparse.Namespace) -> int:
     topics = topics_of(config, chosen.remap, chosen.node)
     named = node_parameters(arguments.params, chosen.node)
     with busy("preparing the tool"):
-        model = config.changed({"tolerance": 0.0}).model()
+        # the judge's own, for any parameter: its errors are far greater
+        model = config.changed({"tolerance": TOOL_TOLERANCE_SHARE}).model()
     load_code()  # of the node, too, so that its start is quick
     cell = Cell(file=arguments.params, config=config, named=named, model=model, topics=topics)
     if arguments.bag:

@@ -8,9 +8,11 @@ named together.
 from rft_ros.diagnosis.evidence import Evidence, evidence_of, readings_of
 from rft_ros.diagnosis.examined import examine
 from rft_ros.diagnosis.finding import Finding
+from rft_ros.diagnosis.fit import TOOL_TOLERANCE_SHARE
 from rft_ros.diagnosis.poses import rows_of_new_poses
 
 __all__ = [
+    "TOOL_TOLERANCE_SHARE",
     "Evidence",
     "Finding",
     "evidence_of",

@@ -37,7 +37,7 @@ class Cell:
     """A robot cell as the parameter file `file` describes it.
 
     `config`: all parameters. `named`: the names of the parameters that the file sets. `model`: made from them,
-    with the tool not reduced. `topics`: the topic of each role that is needed.
+    with a tool reduced for the judge. `topics`: the topic of each role that is needed.
     """
 
     file: Path

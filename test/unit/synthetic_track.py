@@ -14,10 +14,8 @@ from rft_ros.estimator import LoadCellFrame, PoseDifference, PoseSample
 from rft_ros.parameters import Config, LoadCell
 from rft_ros.rft import (
     MEDIA,
-    SLACK,
     Memory,
     alpha_y_model,
-    displacements_followed,
     treers2021,
     wrenches_in_time,
 )
@@ -103,12 +101,8 @@ class Path:
 def grain_wrenches(_time, states, law, *, surface, length=1e-9, tool=TOOL):
     """Wrench of the grains on the tool, world axes, shape [n, 6]; by default the memory matters only at rest."""
     plates = tool.plates
-    # a dead band as in the estimator: without it λ of a reversal is found 7 % short
-    moved = displacements_followed(states, reach=plates.reach, dead_band=SLACK)
     grains = replace(law, mobilization_length=length)
-    return wrenches_in_time(
-        plates, grains, states, Memory(plates), displacements=moved, surface_height=surface
-    )
+    return wrenches_in_time(plates, grains, states, Memory(plates), surface_height=surface)
 
 
 def read_by(cell, states, wrench_rows, rng=None, *, noise=(0.0, 0.0)):

@@ -40,8 +40,10 @@ def cell(tmp_path_factory):
         .move((0, 0, 0.09), 0.02),
     }
     for name, path in paths.items():
-        time, states = path.states()
-        grains = grain_wrenches(time, states, law(0.8), surface=0.0, length=0.003)
+        time, states = path.states(1000.0)
+        force = grain_wrenches(time, states, law(0.8), surface=0.0, length=0.003)
+        some = slice(None, None, 10)
+        time, states, grains = time[some], states[some], force[some]
         readings = read_by(LOAD_CELL, states, grains, np.random.default_rng(1), noise=(0.1, 0.002))
         write_run(folder / name, time, states, readings)
     given = {
