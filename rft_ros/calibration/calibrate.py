@@ -94,10 +94,9 @@ def calibrate(
             )
     surface = _surface(result, tracks_timed, law, parts, configured_height=config.surface_height)
     tracks_weighed = tracks_timed
-    zero_error = 0.0
     if "sensor" in parts:
         with result.or_reason("sensor.bias"):
-            weighed_cell, zero_error = fit_tool_weight(
+            weighed_cell = fit_tool_weight(
                 result, tracks_timed, air=surface.air + _MIN_AIR_CLEARANCE_M
             )
             tracks_weighed = [replace(track, cell=weighed_cell) for track in tracks_timed]
@@ -105,7 +104,6 @@ def calibrate(
     given_values = Given(
         values=BedValues(surface.height, math.log(length) if length > 0.0 else -math.inf),
         surface_error=0.0 if surface.contacts or "surface" not in parts else FILE_SURFACE_ERROR_M,
-        zero_error=zero_error,
         delay_error=delay_error,
     )
     fit_grains(

@@ -5,8 +5,8 @@ turn. Grains with memory resist fully only after a distance, so that the first c
 λ and ζ depend on the surface. The fits are therefore repeated with each other's results until those no longer change.
 
 The errors. Each fit has its own standard error, from the noise and its correlation. To first order, each fit follows a
-change of the model or of the data: of the others' values, of the load cell's zero, which all fits share, and of the
-delay. The changes by the others' values make a linear system for the errors of all. A parametric bootstrap (the
+change of the model or of the data: of the others' values, of the delay of the load cell, which all fits share, and of
+friction. The changes by the others' values make a linear system for the errors of all. A parametric bootstrap (the
 fitted curves with noise of first order like the residuals, fitted again twenty times) covers as well on synthetic
 recordings. In real sand, where the misfit is no such noise, its error of λ is a thirtieth of this one, while two trials
 differ by 17 %; and calibration would take five to seven times as long.
@@ -58,7 +58,7 @@ _MAX_SURFACE_CHANGE_M = 1e-6
 _UNKNOWN_LENGTH_ERROR_RATIO = 0.7
 """Standard deviation of log λ where the recordings do not determine it: half to double."""
 
-_SHARED_CAUSES_COUNT = 5
+_SHARED_CAUSES_COUNT = 2
 """Causes of errors that all fits share."""
 
 _MAX_ZETA_DIFFERENCE_RATIO = 0.25
@@ -77,12 +77,11 @@ Smaller steps would find no change, since a fit moves from pose to pose.
 class Given(NamedTuple):
     """Values that the fits of the grains begin with, and standard errors of what they take as given; 0 for exact.
 
-    Errors of the surface height [m], of the load cell's zero along each axis [N], and of its delay [s].
+    Errors of the surface height [m], and of the delay of the load cell [s].
     """
 
     values: BedValues
     surface_error: float
-    zero_error: float
     delay_error: float
 
 
@@ -151,13 +150,12 @@ class _Bed:
         """What each cause changes in a phase's value with the same surface and λ, shape [causes].
 
         None for the first two, which are the own errors of surface and log λ. Then a standard error of the load cell's
-        zero along each axis, and of its delay; and friction.
+        delay, and friction.
         """
         recording = phase.recording
-        zero_changes = [phase.by_force(self.given_values.zero_error * axis) for axis in np.eye(3)]
         delay_change = phase.by_force(recording.by_delay(self.given_values.delay_error))
         friction_change = phase.by_force(recording.friction)
-        return np.array([0.0, 0.0, *zero_changes, delay_change, friction_change])
+        return np.array([0.0, 0.0, delay_change, friction_change])
 
 
 def fit_grains(
@@ -292,6 +290,13 @@ def _add_surface(result: FitResults, bed: _Bed, contacts: Sequence[Contact], err
 
 
 def _add_length(result: FitResults, bed: _Bed, log_error: float) -> None:
+    if log_error >= 1.0:
+        delay_error = f"{1e3 * bed.given_values.delay_error:.2g} ms of the delay of the load cell"
+        result.not_identifiable["medium.mobilization_length"] = (
+            f"λ is {1e3 * bed.values.length:.3g} mm ± {100 * log_error:.0f} %, with {delay_error}, and must exceed its"
+            " error: record poses and readings at a higher rate, or more turns"
+        )
+        return
     misfit = np.mean([turn.misfit for turn in bed.turns])
     lengths = [
         turn.measurement()._replace(

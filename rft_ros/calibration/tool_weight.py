@@ -163,14 +163,11 @@ def _mass_of(poses: _Poses) -> _Mass:
     return _Mass(value, error, poses.explained(fit.residuals, FORCE), is_negative)
 
 
-def fit_tool_weight(
-    result: FitResults, tracks: Sequence[Track], *, air: float
-) -> tuple[LoadCell, float]:
+def fit_tool_weight(result: FitResults, tracks: Sequence[Track], *, air: float) -> LoadCell:
     """Fit bias, mass and centre of mass, as far as the poses above z = `air` [m] determine them, into `result`.
 
-    Returns the load cell, and the standard error of its compensated force along any axis [N].
-
-    With a negative mass, the bias is that of the attitude in the grains: what is subtracted there is constant.
+    Returns the load cell. With a negative mass, the bias is that of the attitude in the grains: what is subtracted
+    there is constant.
 
     Raises NotIdentifiable if the tool never rests in the air, or with a negative mass not in that attitude, or if a
     parameter does not take a fitted value; then nothing is fitted. Raises InputError for torques in N mm.
@@ -241,8 +238,7 @@ def fit_tool_weight(
         )
     result.fitted_values += fitted_values
     result.not_identifiable |= reasons
-    weight_error = GRAVITY * mass.error if is_mass_known else 0.0
-    return cell, float(np.hypot(fit.errors[FORCE].max(), weight_error))
+    return cell
 
 
 def _reasons(poses: _Poses, mass: _Mass, cell: LoadCell) -> dict[str, str]:
