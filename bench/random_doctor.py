@@ -18,7 +18,7 @@ from rich.table import Table
 from bench.random_cells import RandomCell, Recording, random_cell
 from bench.random_faults import FAULTS, Setup, faulty, fits, right
 from rft_ros.bags.options import ReplayOptions, topics_of
-from rft_ros.diagnosis import Finding
+from rft_ros.diagnosis import TOOL_TOLERANCE_SHARE, Finding
 from rft_ros.doctor.checkup import Cell, Checkup, examine_bag
 from rft_ros.estimator import PoseSample, Sample, TwistSample, WrenchSample
 from rft_ros.parameters import Config, Value
@@ -86,7 +86,7 @@ def _cell(setup: Setup) -> Cell:
         file=Path("cell.yaml"),
         config=config,
         named=setup.parameters,
-        model=config.changed({"tolerance": 0.0}).model(),
+        model=config.changed({"tolerance": TOOL_TOLERANCE_SHARE}).model(),
         topics=topics_of(config),
     )
 

@@ -28,8 +28,8 @@ _MASS = 6
 _MOMENT = slice(7, 10)
 """The ten numbers: the bias [N], [N m], the mass [kg], and the mass times its centre [kg m]."""
 
-_MIN_GRAVITY_SPREAD_RATIO = 0.15
-"""Least `_spread` of gravity's direction in the load cell that tells bias, mass and centre apart."""
+_MAX_CENTER_ERROR_M = 0.01
+"""Greatest accepted error of the centre of mass."""
 
 _MIN_EIGENVALUE_RATIO = 1e-10
 """Least eigenvalue of the normal matrix, relative to its greatest one, whose direction the readings determine."""
@@ -103,12 +103,6 @@ def _fit_in_air(columns: Array, readings: Array, errors: Array | float = 0.0) ->
     return _FitInAir(values, np.sqrt(inverse**2 @ variance), residuals, inverse)
 
 
-def _spread(directions: Array) -> float:
-    """RMS spread of unit vectors, shape [n, 3], in the second of their main directions."""
-    sizes = np.linalg.svd(directions - directions.mean(axis=0), compute_uv=False)
-    return float(sizes[1] / np.sqrt(len(directions))) if len(sizes) > 1 else 0.0
-
-
 class _Poses(NamedTuple):
     """The poses at rest in the air, m of them, in sensor axes.
 
@@ -141,12 +135,14 @@ class _Poses(NamedTuple):
 class _Mass(NamedTuple):
     """The mass that the poses show: `value` [kg] and standard `error`; `share`: its R².
 
+    `center_error`: greatest standard error of a coordinate of its centre [m]; before it is known to `_USUAL_LEVER_M`.
     `is_negative`: by more than its errors, as of a driver that subtracts too much.
     """
 
     value: float
     error: float
     share: float
+    center_error: float
     is_negative: bool
 
     def __str__(self) -> str:
@@ -154,13 +150,28 @@ class _Mass(NamedTuple):
 
 
 def _mass_of(poses: _Poses) -> _Mass:
-    fit = _fit_in_air(_columns_in_air(poses.gravity), poses.readings, poses.errors)
+    columns = _columns_in_air(poses.gravity)
+    fit = _fit_in_air(columns, poses.readings, poses.errors)
     value = float(fit.values[_MASS])
     error = float(fit.errors[_MASS])
     is_negative = poses.turned >= _MIN_GRAVITY_TURN_DEG and value < -max(
         _MIN_MASS_ERRORS_FACTOR * error, _MIN_MASS_KG
     )
-    return _Mass(value, error, poses.explained(fit.residuals, FORCE), is_negative)
+    # a fit tells no error of what it does not determine
+    noise = np.sqrt(np.mean(fit.residuals**2, axis=0) + np.mean(poses.errors**2, axis=0))
+    rows = (columns / np.maximum(noise, 1e-9)[:, None]).reshape(-1, 10)
+    moment_error = _USUAL_LEVER_M * max(abs(value), _MIN_MASS_KG)
+    known_before = np.zeros(10)
+    known_before[_MOMENT] = moment_error**-2.0
+    covariance = np.linalg.pinv(rows.T @ rows + np.diag(known_before), hermitian=True)
+    center_errors = np.sqrt(np.diag(covariance)[_MOMENT]) / max(abs(value), _MIN_MASS_KG)
+    return _Mass(
+        value=value,
+        error=error,
+        share=poses.explained(fit.residuals, FORCE),
+        center_error=float(center_errors.max()),
+        is_negative=is_negative,
+    )
 
 
 def fit_tool_weight(result: FitResults, tracks: Sequence[Track], *, air: float) -> LoadCell:
@@ -266,19 +277,17 @@ def _reasons(poses: _Poses, mass: _Mass, cell: LoadCell) -> dict[str, str]:
             "sensor.mass": f"{unknown} (kept: {cell.mass:g} kg)",
             "sensor.center_of_mass": "mass unknown",
         }
-    spread_of_all = _spread(poses.directions)
-    if spread_of_all >= _MIN_GRAVITY_SPREAD_RATIO and mass.value > max(
-        _MIN_MASS_ERRORS_FACTOR * mass.error, _MIN_MASS_KG
-    ):
+    is_mass_sure = mass.value > max(_MIN_MASS_ERRORS_FACTOR * mass.error, _MIN_MASS_KG)
+    if is_mass_sure and mass.center_error <= _MAX_CENTER_ERROR_M:
         return {}
-    directions = (
-        f"{count} directions of gravity spread by {spread_of_all:.3f} in a second direction"
+    center = (
+        f"its centre is known to {1e3 * mass.center_error:.2g} mm by {count} directions of gravity"
     )
     needs = (
-        f"it needs a mass over {_MIN_MASS_ERRORS_FACTOR:g} times its error and a spread of"
-        f" {_MIN_GRAVITY_SPREAD_RATIO:g}"
+        f"it needs a mass over {_MIN_MASS_ERRORS_FACTOR:g} times its error, and {1e3 * _MAX_CENTER_ERROR_M:g} mm:"
+        " turn the tool in a second direction"
     )
-    return {"sensor.center_of_mass": f"{mass}, and {directions}; {needs}"}
+    return {"sensor.center_of_mass": f"{mass}, and {center}; {needs}"}
 
 
 def _turned_as_in_grains(poses: _Poses, tracks: Sequence[Track], air: float) -> _Poses:

@@ -449,7 +449,8 @@ HYPOTHESES = (
     Hypothesis(cause=Cause.ANGLE, mend=_angle, free=("turn",), rarity=8.0),
     Hypothesis(cause=Cause.AXES_OF_READING, mend=_axes_of_reading, rarity=1.0),
     Hypothesis(cause=Cause.TORQUE_UNIT, mend=_torque_unit),
-    Hypothesis(cause=Cause.UNIT, mend=_unit, rarity=2.0),
+    # the bias of the file may be in either unit
+    Hypothesis(cause=Cause.UNIT, mend=_unit, free=("force_bias", "torque_bias"), rarity=2.0),
     Hypothesis(
         cause=Cause.FILTER,
         family=_filter,

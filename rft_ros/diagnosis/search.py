@@ -32,7 +32,8 @@ class Limits:
 
     `max_off`: greatest deviation in tolerances of a cell that needs no search. `min_gain` of the misfit, and
     `min_gain_share` of the misfit beyond noise: the model's errors are alike along a motion, so that a wrong cause can
-    take up to half of it. `told_off`: least deviation in tolerances of a number, or of a tilted world, that is told.
+    take up to half of it. `told_off`: least deviation in tolerances of a number, or of a tilted world, that is told;
+    `far_off`: of a number that is told whatever its share, since the model's errors move none so far.
     `tie` and `tie_share` of the misfit: causes within this of the best one fit alike. `max_error` in tolerances of a
     number that the trial determines: a straight press determines neither lever nor mass; `max_error_off`: of one that
     is off and written to a file, or, as a share of what it is off, `max_error_share`: the error of a weight grows with
@@ -43,6 +44,7 @@ class Limits:
     min_gain: float = 5.0
     min_gain_share: float = 0.5
     told_off: float = 2.0
+    far_off: float = 3.0
     tie: float = 4.0
     tie_share: float = 0.15
     max_error: float = 2.0
@@ -295,11 +297,17 @@ def _gain_in_air(x: Explanation, as_given: Fit) -> float:
 
 
 def _is_off(name: str, x: Explanation) -> bool:
-    """Whether a number differs from the given one by more than its tolerance."""
+    """Whether a number differs from the given one by `told_off` tolerances, where the trial determines it."""
+    return _deviates(name, x, LIMITS.told_off, LIMITS.max_error)
+
+
+def _deviates(name: str, x: Explanation, least_off: float, max_error: float) -> bool:
+    """Whether a component with at most an error differs from the given one by more, both in tolerances."""
     rows = rows_of(name)
-    value = x.fit.values[name]
-    given = x.problem.given()[rows]
-    return bool(np.any(np.abs(value - given) > LIMITS.told_off * x.problem.scale[rows]))
+    scale = x.problem.scale[rows]
+    off = np.abs(x.fit.values[name] - x.problem.given()[rows])
+    is_determined = x.fit.errors[name] <= max_error * scale
+    return bool(np.any(is_determined & (off > least_off * scale)))
 
 
 def undetermined(x: Explanation, max_error: float = LIMITS.max_error) -> list[str]:
@@ -368,14 +376,29 @@ def deviations(problem: Problem, result: Fit) -> dict[str, float]:
 def _is_told(x: Explanation, as_given: Fit) -> bool:
     """Whether a cause is plausible, and explains what the model cannot be wrong about.
 
-    That is the force in the air, or most of the misfit. A zero that moves does so in the air, too.
+    That is the force in the air, or most of the misfit. A zero that moves does so in the air, too; a lever needs the
+    force of the grains, and there it only changes the noise.
     """
     gain = as_given.misfit - x.cost
     if not _is_plausible(x) or gain < LIMITS.min_gain:
         return False
     takes_most = gain >= LIMITS.min_gain_share * (as_given.misfit - x.problem.misfit_of_noise)
+    takes_most |= _is_far_off(x)
     is_shown_in_air = _gain_in_air(x, as_given) >= LIMITS.min_gain
+    if x.cause is Cause.LEVER:
+        return takes_most
     return is_shown_in_air or (takes_most and x.cause is not Cause.ZERO_MOVES)
+
+
+def _is_far_off(x: Explanation) -> bool:
+    """Whether numbers that explain a cell are farther off than the errors of the model move them."""
+    is_right = x.fit.per_stretch <= x.problem.usual
+    names = [name for name in x.hypothesis.free if name not in NUISANCES]
+    return (
+        x.hypothesis.is_of_numbers
+        and is_right
+        and any(_deviates(name, x, LIMITS.far_off, LIMITS.max_error_off) for name in names)
+    )
 
 
 def _is_plausible(x: Explanation) -> bool:

@@ -1,6 +1,7 @@
 """What is told of a cell: the findings of its diagnosis, each with a sentence, a remedy and what to do."""
 
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import replace
 
 import numpy as np
 from scipy.spatial.transform import Rotation
@@ -56,10 +57,14 @@ APART = "drag it along x and y, and push at another attitude, to see which"
 """The motion that tells causes apart that fit alike."""
 
 
-def of_diagnosis(e: Evidence, causes: Iterable[Found]) -> Iterator[Finding]:
+def of_diagnosis(e: Evidence, causes: Sequence[Found]) -> Iterator[Finding]:
     """The causes of a cell's misfit, that of the greatest one first."""
+    explanations = [x for cause_found in causes for x in (cause_found.best, *cause_found.ties)]
+    is_unit_wrong = any(x.cause is Cause.UNIT for x in explanations)
     for cause_found in causes:
-        yield _of_cause(e, cause_found)
+        finding = _of_cause(e, cause_found)
+        # values that fit readings in another unit are wrong once the driver is mended
+        yield replace(finding, remedy={}) if is_unit_wrong else finding
 
 
 def of_right_cell(e: Evidence, diagnosis: Diagnosis) -> Iterator[Finding]:
@@ -93,7 +98,7 @@ def of_right_cell(e: Evidence, diagnosis: Diagnosis) -> Iterator[Finding]:
 
 def remedy_of(e: Evidence, x: Explanation, unknown_names: Collection[str]) -> dict[str, Value]:
     """The values of parameters that mend a cause. `unknown_names`: of `unsure_numbers`."""
-    if x.cause is Cause.PAYLOAD:
+    if x.cause in (Cause.PAYLOAD, Cause.UNIT):
         return {}
     changes = dict(x.variant.remedy)
     setup = mended(x)
