@@ -349,6 +349,28 @@ def test_a_driver_that_subtracts_too_much_payload_and_one_of_another_unit_of_tor
     assert set(named(others)) <= {"load cell"}
 
 
+def test_a_force_in_pounds_beside_a_bias_in_newtons_is_one_finding_and_no_value_is_written():
+    """A weight 4.4 times too small and a ζ of 0.2 were written, and all was right then."""
+    states, readings = turned_high_up()
+    bias = np.array((3.0, -5.0, 4.0, 0.1, 0.0, -0.2))
+    of_cell = {**OF_HEAVY_TOOL, "sensor.bias": bias.tolist()}
+    found = faults(states=states, readings=(readings + bias) / 4.44822, **of_cell)
+    assert named(found) == ["strength"]
+    assert "as if it were lbf" in found[0].text
+    assert not found[0].remedy
+
+
+def test_a_surface_four_tolerances_off_is_told_in_grains_unlike_the_model():
+    depth = np.maximum(SURFACE + 0.02 - STATES[:, 2], 1e-3)
+    readings = LOADS * ((depth / 0.03) ** 0.3)[:, None] + NOISE
+    assert named(faults(readings=readings, surface_height=SURFACE - 0.013)) == ["surface_height"]
+
+
+def test_a_recording_of_a_few_moments_is_not_called_right():
+    found = faults(states=STATES[:5], readings=LOADS[:5])
+    assert "5 poses" in next(one.text for one in found if one.name == "sign")
+
+
 def in_world(states, turn):
     """States in a world frame that is turned about the surface."""
     moved = states.copy()
