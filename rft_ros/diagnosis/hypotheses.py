@@ -450,7 +450,7 @@ HYPOTHESES = (
     Hypothesis(cause=Cause.AXES_OF_READING, mend=_axes_of_reading, rarity=1.0),
     Hypothesis(cause=Cause.TORQUE_UNIT, mend=_torque_unit),
     # the bias of the file may be in either unit
-    Hypothesis(cause=Cause.UNIT, mend=_unit, free=("force_bias", "torque_bias"), rarity=2.0),
+    Hypothesis(cause=Cause.UNIT, mend=_unit, free=("force_bias", "torque_bias"), rarity=4.0),
     Hypothesis(
         cause=Cause.FILTER,
         family=_filter,
