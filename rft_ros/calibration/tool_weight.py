@@ -161,15 +161,17 @@ def _mass_of(poses: _Poses) -> _Mass:
     noise = np.sqrt(np.mean(fit.residuals**2, axis=0) + np.mean(poses.errors**2, axis=0))
     rows = (columns / np.maximum(noise, 1e-9)[:, None]).reshape(-1, 10)
     moment_error = _USUAL_LEVER_M * max(abs(value), _MIN_MASS_KG)
-    known_before = np.zeros(10)
-    known_before[_MOMENT] = moment_error**-2.0
-    covariance = np.linalg.pinv(rows.T @ rows + np.diag(known_before), hermitian=True)
+    prior_precision = np.zeros(10)
+    prior_precision[_MOMENT] = moment_error**-2.0
+    covariance = np.linalg.pinv(rows.T @ rows + np.diag(prior_precision), hermitian=True)
     center_errors = np.sqrt(np.diag(covariance)[_MOMENT]) / max(abs(value), _MIN_MASS_KG)
+    # of a torque in another unit the error is in that unit, too
+    distance = float(np.linalg.norm(fit.values[_MOMENT])) / max(abs(value), _MIN_MASS_KG)
     return _Mass(
         value=value,
         error=error,
         share=poses.explained(fit.residuals, FORCE),
-        center_error=float(center_errors.max()),
+        center_error=float(center_errors.max()) / max(1.0, distance / _MAX_CENTER_DISTANCE_M),
         is_negative=is_negative,
     )
 

@@ -64,11 +64,11 @@ def examine(e: Evidence, search: Search = "full") -> Iterator[Finding]:
     cut_off_findings = list(cut_off(e))
     yield from cut_off_findings
     if 0 < len(e.time) < ENOUGH:
-        said = f"{len(e.time)} poses have a reading of the load cell, and {ENOUGH} are needed to judge"
+        sentence = f"{len(e.time)} poses have a reading of the load cell, and {ENOUGH} are needed to judge"
         yield Finding(
             name="sign",
             ok=not e.complete,
-            said=said,
+            said=sentence,
             advice="record the tool in the air, pushed down, and dragged along x and y",
         )
     if cut_off_findings or len(e.time) < ENOUGH:
