@@ -249,4 +249,4 @@ def _timed(
     delay = fit_delay(recordings, surface.height, configured_delay=configured_delay)
     result.fitted_values.append(delay)
     late = delay.values[0] - configured_delay
-    return [track.of_late_cell(late) for track in tracks], delay.errors[0]
+    return [track.without_delay(late) for track in tracks], delay.errors[0]

@@ -96,8 +96,8 @@ class Track:
     damage: str | None = None
     mount: Placement | None = None
 
-    def of_late_cell(self, late: float) -> "Track":
-        """The same of a load cell that gives each reading `late` [s]: each moment gets the one that it gave for it."""
+    def without_delay(self, late: float) -> "Track":
+        """The recording with each reading moved to when the load cell felt it, `late` [s] earlier."""
         return replace(self, readings=interpolated(self.time + late, self.time, self.readings))
 
     @cached_property

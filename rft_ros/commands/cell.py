@@ -51,7 +51,7 @@ def doctor(arguments: argparse.Namespace) -> int:
     topics = topics_of(config, chosen.remap, chosen.node)
     named = node_parameters(arguments.params, chosen.node)
     with busy("preparing the tool"):
-        # the judge's own, for any parameter: its errors are far greater
+        # as coarse as the judge makes it for its fits: no estimate is printed
         model = config.changed({"tolerance": TOOL_TOLERANCE_SHARE}).model()
     load_code()  # of the node, too, so that its start is quick
     cell = Cell(file=arguments.params, config=config, named=named, model=model, topics=topics)

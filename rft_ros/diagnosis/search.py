@@ -297,17 +297,11 @@ def _gain_in_air(x: Explanation, as_given: Fit) -> float:
 
 
 def _is_off(name: str, x: Explanation) -> bool:
-    """Whether a number differs from the given one by `told_off` tolerances, where the trial determines it."""
-    return _deviates(name, x, LIMITS.told_off, LIMITS.max_error)
-
-
-def _deviates(name: str, x: Explanation, least_off: float, max_error: float) -> bool:
-    """Whether a component with at most an error differs from the given one by more, both in tolerances."""
+    """Whether a number differs from the given one by more than its tolerance."""
     rows = rows_of(name)
     scale = x.problem.scale[rows]
     off = np.abs(x.fit.values[name] - x.problem.given()[rows])
-    is_determined = x.fit.errors[name] <= max_error * scale
-    return bool(np.any(is_determined & (off > least_off * scale)))
+    return bool(np.any(off > LIMITS.told_off * scale))
 
 
 def undetermined(x: Explanation, max_error: float = LIMITS.max_error) -> list[str]:
@@ -376,29 +370,30 @@ def deviations(problem: Problem, result: Fit) -> dict[str, float]:
 def _is_told(x: Explanation, as_given: Fit) -> bool:
     """Whether a cause is plausible, and explains what the model cannot be wrong about.
 
-    That is the force in the air, or most of the misfit. A zero that moves does so in the air, too; a lever needs the
-    force of the grains, and there it only changes the noise.
+    That is the force in the air, or most of the misfit. A zero that moves does so in the air, too. A number that the
+    trial does not determine gains in the air by the noise: another delay meets other noise, a shorter lever has less.
     """
     gain = as_given.misfit - x.cost
     if not _is_plausible(x) or gain < LIMITS.min_gain:
         return False
     takes_most = gain >= LIMITS.min_gain_share * (as_given.misfit - x.problem.misfit_of_noise)
     takes_most |= _is_far_off(x)
-    is_shown_in_air = _gain_in_air(x, as_given) >= LIMITS.min_gain
-    if x.cause is Cause.LEVER:
-        return takes_most
+    is_vague = x.hypothesis.is_of_numbers and bool(undetermined(x))
+    is_shown_in_air = not is_vague and _gain_in_air(x, as_given) >= LIMITS.min_gain
     return is_shown_in_air or (takes_most and x.cause is not Cause.ZERO_MOVES)
 
 
 def _is_far_off(x: Explanation) -> bool:
-    """Whether numbers that explain a cell are farther off than the errors of the model move them."""
-    is_right = x.fit.per_stretch <= x.problem.usual
-    names = [name for name in x.hypothesis.free if name not in NUISANCES]
-    return (
-        x.hypothesis.is_of_numbers
-        and is_right
-        and any(_deviates(name, x, LIMITS.far_off, LIMITS.max_error_off) for name in names)
-    )
+    """Whether numbers explain a cell that are farther off than the errors of the model move them."""
+    is_explained = x.hypothesis.is_of_numbers and x.fit.per_stretch <= x.problem.usual
+    given_values = x.problem.given()
+    for name in x.hypothesis.free:
+        rows = rows_of(name)
+        off = np.abs(x.fit.values[name] - given_values[rows]) / x.problem.scale[rows]
+        is_known = x.fit.errors[name] <= LIMITS.max_error_off * x.problem.scale[rows]
+        if is_explained and np.any(is_known & (off > LIMITS.far_off)):
+            return True
+    return False
 
 
 def _is_plausible(x: Explanation) -> bool:

@@ -157,8 +157,8 @@ def test_what_fits_alike_is_told_beside_a_delay_although_its_own_gain_is_small()
 
 def test_a_delay_that_is_off_with_an_error_above_its_tolerance_is_not_written():
     """A filter of 100 ms seemed a delay of 56 ± 12 ms."""
-    found = findings_of(faulty(random_cell(480035), "filter 100 ms"))
-    assert not any(one.remedy for one in found)
+    (found,) = findings_of(faulty(random_cell(480035), "filter 100 ms"))
+    assert found.name == "delay" and not found.remedy
 
 
 def test_a_delay_is_told_that_leaves_as_much_as_right_cells_in_grains_unlike_the_model():
